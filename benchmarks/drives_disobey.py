@@ -9,7 +9,7 @@ counted, what the log's events tell, and after how many seconds it was said.
 Then (alone: `scale`) what shaft and scale say of each other: faults of the scale, of the
 shaft's reading, an outlet. Printed: what the ground got of what was wanted, by the plant, and
 when which alarm was said. The operator acknowledges what holds the work, and starts again after
-`AGAIN_S`. `healthy SEED HOURS`: how many alarms a sound machine has.
+`RETRY_S`. `healthy SEED HOURS`: how many alarms a sound machine has.
 """
 
 from __future__ import annotations

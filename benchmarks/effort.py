@@ -25,7 +25,7 @@ from verdict import exit_code
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
-from topdress.console.reports.diagnosis_wording import sentence  # noqa: E402
+from topdress.console.reports.diagnosis_wording import format_verdict_line  # noqa: E402
 from topdress.control.diagnosis import diagnose_run  # noqa: E402
 from topdress.control.loop.tick import Tick  # noqa: E402
 from topdress.control.machine.fault_injection import parse_planted  # noqa: E402
@@ -235,7 +235,8 @@ def actuator() -> dict[str, object]:
         print(
             f"{one.recording:16s} {one.load_kgf:4d} kgf  expected {one.cause or 'none':8s} "
             f"{one.percent or '':4}  "
-            f"found {words or sentence(found)}{'; what this load hides is said' if hidden else ''}"
+            f"found {words or format_verdict_line(found)}"
+            f"{'; what this load hides is said' if hidden else ''}"
         )
         holds = [id for id, _ in causes] == (["effort.gate_friction"] if one.cause else []) and all(
             size.low < one.percent < size.high for _, size in causes

@@ -21,7 +21,7 @@ from rig import DT_S, Rig
 from terminals import wait
 from topdress.console.worker.assemble import SimulatedBench
 from topdress.console.worker.host import Host
-from topdress.console.worker.parts import Assembly, Names
+from topdress.console.worker.parts import Assembly, RunNames
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.files.atomic import NewFile
@@ -95,7 +95,7 @@ class Hosted(Rig):
             sync_s=0.0,
         )
         self.host = Host(
-            Assembly(SimulatedBench(self.cab, self.virtual), self.loop, self.writer, Names()),
+            Assembly(SimulatedBench(self.cab, self.virtual), self.loop, self.writer, RunNames()),
             self.clock,
             lambda s: None,
         )
@@ -104,8 +104,8 @@ class Hosted(Rig):
     def tick(self, each: Callable[[], object] = lambda: None) -> None:
         self.now_s += DT_S
         if self.console:
-            self.host.console_heard()
-        self.host.tick(self.now_s)
+            self.host.note_console_heard()
+        self.host.run_one_tick(self.now_s)
         assert self.host.newest is not None
         self.row = self.host.newest.row
 
@@ -124,7 +124,7 @@ class Hosted(Rig):
 
     def ask(self, do: Do, value: Any = None) -> Answer:
         said: list[Answer] = []
-        self.host.ask(Order(do, value), lambda answer, _: said.append(answer))
+        self.host.queue_request(Order(do, value), lambda answer, _: said.append(answer))
         self.tick()
         return said[0]
 
@@ -500,7 +500,7 @@ def log_failed(rig: Hosted) -> Found:
     rig.ask(Do.ACKNOWLEDGE, "log_failed")
     rig.go(1.5)
     whole, ticks = not rig.alarms, round(rig.now_s / DT_S)
-    rig.host.close("done")
+    rig.host.close_run("done")
     from topdress.drivers.files.read_log import read_log
 
     rows = sum(1 for _ in read_log(rig.writer.path).rows())
@@ -571,7 +571,7 @@ def provoke(row: Callable[[Hosted], Found]) -> Found:
         try:
             return row(rig.at_work(seconds))
         finally:
-            rig.host.close("done")
+            rig.host.close_run("done")
 
 
 def run() -> None:

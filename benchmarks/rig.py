@@ -133,9 +133,9 @@ class Rig:
             )
         self.virtual.advance(self.now_s)
         each()
-        m = self.cab.measure(self.now_s)
+        m = self.cab.read_measurements(self.now_s)
         tick = self.loop.tick(m._replace(work_switch=False) if self.switch_up else m, 0.0, True)
-        self.cab.command(self.now_s, tick.command, tick.enabled)
+        self.cab.send_command(self.now_s, tick.command, tick.enabled)
         self.ticks.append(tick)
 
     def run(self, seconds: float, each: Callable[[], object] = lambda: None) -> Tick:

@@ -27,9 +27,9 @@ from topdress.console.app.app import TopdressApp
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.frame import DeviceDo, Frame
-from topdress.console.locale import ENGLISH, use
-from topdress.console.services.field import field_picture
-from topdress.console.worker.assemble import PARKED
+from topdress.console.locale import ENGLISH, use_language
+from topdress.console.services.field import make_field_picture
+from topdress.console.worker.assemble import PARKED_STATES
 from topdress.control.orders import Answer, Order
 
 SIZE = (120, 40)
@@ -72,7 +72,7 @@ class Field(Hosted):
         self.width_m = self.setup.machine.geometry.working_width_m
 
     def tick(self, each: Callable[[], object] = lambda: None) -> None:
-        self.plant.parked = self.loop.safety.state in PARKED
+        self.plant.parked = self.loop.safety.state in PARKED_STATES
         before_m = self.truth.driven_m if self.plant.truth is not None else 0.0
         super().tick(each)
         kg = self.truth.flow_kg_s * DT_S
@@ -96,16 +96,16 @@ class FieldSource:
     def newest(self) -> Frame | None:
         return self._field.host.newest
 
-    async def run(self) -> None:
+    async def run_connection(self) -> None:
         await asyncio.get_running_loop().create_future()
 
-    async def order(self, order: Order) -> Answer:
+    async def send_order(self, order: Order) -> Answer:
         return self._field.ask(order.do, order.value)
 
-    async def device(self, name: str, do: DeviceDo) -> Answer:
+    async def send_device_order(self, name: str, do: DeviceDo) -> Answer:
         return Answer(False, "not_known")
 
-    async def lag_test(self, begin: bool) -> Answer:
+    async def send_lag_test_order(self, begin: bool) -> Answer:
         return Answer(False, "not_known")
 
 
@@ -452,7 +452,7 @@ async def play(
             utc_offset_s=0.0,
             language=ENGLISH,
             units=METRIC,
-            services=Services(field=field_picture),
+            services=Services(field=make_field_picture),
         )
         got: list[Ground] = []
 
@@ -471,9 +471,9 @@ async def play(
                 async with app.run_test(size=size) as pilot:
                     await in_the_cab(pilot)
         finally:
-            field.host.close("done")
+            field.host.close_run("done")
             # of the whole process: a story may have changed it
-            use(ENGLISH)
+            use_language(ENGLISH)
         return got[0]
 
 

@@ -601,10 +601,10 @@ def loop(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
 async def stats_of(where: WorkerAddress) -> dict[str, float]:
     """What the worker says of its own punctuality."""
     link = Link(where)
-    run = asyncio.create_task(link.run())
+    run = asyncio.create_task(link.run_connection())
     try:
         await asyncio.wait_for(link.attached.wait(), 5.0)
-        return await link.stats(5.0)
+        return await link.request_stats(5.0)
     finally:
         run.cancel()
         with suppress(asyncio.CancelledError, WorkerGone):

@@ -27,7 +27,7 @@ from pathlib import Path
 import yaml
 from topdress.console.frame import Frame
 from topdress.console.link import Link, WorkerGone
-from topdress.console.running import WorkerAddress, WorkerFailed, find_running
+from topdress.console.running import WorkerAddress, WorkerFailed, find_running_worker
 
 SIZE = (120, 40)
 TAKES_ITS_TERMINAL = (
@@ -168,7 +168,7 @@ class Watcher:
     def __init__(self, where: WorkerAddress) -> None:
         self.frames: list[tuple[float, Frame]] = []
         self.gone_at_s: float | None = None
-        self._link = Link(where.looking_only())
+        self._link = Link(where.drop_token())
         self._stop = False
         threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True).start()
 
@@ -187,7 +187,7 @@ class Watcher:
         self._stop = True
 
     async def _run(self) -> None:
-        task = asyncio.create_task(self._link.run())
+        task = asyncio.create_task(self._link.run_connection())
         seen = -1
         while not task.done() and not self._stop:
             frame = self._link.newest
@@ -246,7 +246,7 @@ class Console:
 
         def there() -> bool:
             with suppress(WorkerFailed):
-                where = find_running(self.run_file)
+                where = find_running_worker(self.run_file)
                 found.extend([where] if where else [])
             return bool(found)
 
@@ -255,7 +255,7 @@ class Console:
 
     def end_worker(self) -> None:
         with suppress(WorkerFailed, ProcessLookupError):
-            where = find_running(self.run_file)
+            where = find_running_worker(self.run_file)
             if where:
                 os.kill(where.pid, signal.SIGTERM)
                 wait(lambda: not self.run_file.exists(), 10.0, "the worker's end")

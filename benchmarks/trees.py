@@ -40,23 +40,25 @@ def worked(
     arguments : of `python -m topdress.console.worker`. clock, wait : its time. An operator makes it
     ready and starts it; at `until_s` it is asked to end. options : of the host.
     """
-    from topdress.console.worker.assemble import assemble
+    from topdress.console.worker.assemble import assemble_run
     from topdress.console.worker.host import Host
     from topdress.console.worker.options import parse_options
-    from topdress.console.worker.requests import Ask
+    from topdress.console.worker.requests import Question
     from topdress.control.orders import Do, Order
 
-    parts = assemble(parse_options([*arguments, "--run-file", "none.json"]), clock)
+    parts = assemble_run(parse_options([*arguments, "--run-file", "none.json"]), clock)
 
     def sleep(seconds: float) -> None:
         wait(max(seconds, 1e-9))
-        host.console_heard()
+        host.note_console_heard()
         state = host.newest.row.state if host.newest is not None else ""
         if clock() > 3.0 and state in ("off", "ready"):
-            host.ask(Order(Do.READY if state == "off" else Do.START), lambda answer, _: None)
+            host.queue_request(
+                Order(Do.READY if state == "off" else Do.START), lambda answer, _: None
+            )
         if clock() > until_s:
-            host.ask(Ask.QUIT, lambda answer, _: None)
+            host.queue_request(Question.QUIT, lambda answer, _: None)
 
     host = Host(parts, clock, sleep, **options)
-    host.run()
+    host.run_until_stopped()
     return host

@@ -20,11 +20,11 @@ from topdress.control.readings import NO_EFFORT, EffortSays
 from topdress.control.safety import Allowances, BenchRun
 from topdress.drivers.device_status import DeviceStatus
 
-LEAST_HA = 1e-4  # 1 m2: less ground has no mean rate
+LEAST_AREA_HA = 1e-4  # 1 m2: less ground has no mean rate
 
 
 class DeviceDo(StrEnum):
-    """What may be ordered of one device (`Link.device`)."""
+    """Lists the orders for a single device (`Link.send_device_order`)."""
 
     CONNECT = "connect"
     # refused while the state is working or calibrating
@@ -35,7 +35,7 @@ class DeviceDo(StrEnum):
 
 
 class DeviceTest(NamedTuple):
-    """What listening to a device has found so far."""
+    """Holds the findings of listening to a device so far."""
 
     running: bool
     protocol: str = ""  # empty: nothing known speaks there
@@ -48,7 +48,8 @@ class DeviceTest(NamedTuple):
 
 
 class LagTestView(NamedTuple):
-    """The lag test under way (`Link.lag_test`): it goes on while the state is calibrating."""
+    """Holds the lag test under way (`Link.send_lag_test_order`): it goes on while the state is
+    calibrating."""
 
     phase: str  # settling, arming, running, done
     shaft_rpm: float  # of the run under way
@@ -62,7 +63,7 @@ class LagTestView(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """What is counted over a job along with its totals, its parts before a power cut included."""
+    """Holds counts of a job, its parts before a power cut included."""
 
     held_s: float = 0.0
     moves: int = 0  # of the opening's set-point, while working
@@ -80,7 +81,7 @@ class Tally(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DeviceView(DeviceStatus):
-    """One device as the Devices screen lists it."""
+    """Holds one device as the Devices screen lists it."""
 
     plugged: bool = True  # False: disconnected by order
     # the file that is being written; empty: no capture
@@ -90,6 +91,8 @@ class DeviceView(DeviceStatus):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
+    """Holds all that the worker tells its consoles at one moment."""
+
     seq: int
     at_s: float  # the worker's monotonic clock
     row: LogRow
@@ -146,35 +149,42 @@ class Frame:
 
     @property
     def mean_rate_kg_ha(self) -> float | None:
-        """Of the worked area; what was released while commanded to stop lies on none."""
+        """Mean rate on the worked area, kg/ha; mass released while commanded to stop lies on none.
+        None below `LEAST_AREA_HA`."""
         stopped_kg = 0.0 if self.totals is None else self.totals.stopped_kg
-        return (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > LEAST_HA else None
+        return (
+            (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > LEAST_AREA_HA else None
+        )
 
 
-_NAMED = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips", "effort")
+_NAMED_TUPLES = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips", "effort")
 
 
-def to_json(frame: Frame) -> bytes:
+def format_frame_json(frame: Frame) -> bytes:
+    """The frame as one line of JSON. Raises ValueError for a number that is not finite."""
     tuples: dict[str, Any] = {
-        name: part._asdict() for name in _NAMED if (part := getattr(frame, name)) is not None
+        name: part._asdict() for name in _NAMED_TUPLES if (part := getattr(frame, name)) is not None
     }
     for name in ("alarms", "attached", "ordered"):
         tuples[name] = [one._asdict() for one in getattr(frame, name)]
     tuples["devices"] = [
-        _plain(one) | {"test": one.test and one.test._asdict()} for one in frame.devices
+        _list_field_values(one) | {"test": one.test and one.test._asdict()} for one in frame.devices
     ]
     return (
-        json.dumps(_plain(frame) | tuples, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+        json.dumps(
+            _list_field_values(frame) | tuples, separators=(",", ":"), allow_nan=False
+        ).encode()
+        + b"\n"
     )
 
 
-def _plain(one: Frame | DeviceView) -> dict[str, Any]:
+def _list_field_values(one: Frame | DeviceView) -> dict[str, Any]:
     return {name: getattr(one, name) for name in one.__dataclass_fields__}
 
 
-def from_json(message: dict[str, Any]) -> Frame:
-    """Unknown keys are ignored, so that an older console can look at a newer worker. Raises
-    ValueError, one line."""
+def parse_frame(message: dict[str, Any]) -> Frame:
+    """The frame of a worker's message. Unknown keys are ignored, so that an older console can show
+    a newer worker. Raises ValueError, one line."""
     # pydantic: the worker, which writes frames, starts without it
     from topdress.drivers.files.plain import typed
 

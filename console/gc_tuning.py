@@ -14,28 +14,30 @@ from __future__ import annotations
 import gc
 
 # objects that are worth it: some 20 ms of a sweep
-LIVES = 20_000
+LEAST_OBJECTS = 20_000
 # in all: once for each page, and some; each leaves 2 MB behind at most
-TIMES = 12
+MOST_FREEZES = 12
 
 
-class Sweeps:
-    """Of one console. Call `tick` often: between a sweep and the tick after it little can have
-    become garbage."""
+class FreezeSchedule:
+    """Freezes the long-lived objects of a console. Call `freeze_after_sweep` often: between a sweep
+    and the next call little can have become garbage."""
 
-    def __init__(self, lives: int = LIVES) -> None:
-        self.left, self._lives = TIMES, lives
-        self._seen = _swept()
+    def __init__(self, lives: int = LEAST_OBJECTS) -> None:
+        self.left, self._lives = MOST_FREEZES, lives
+        self._seen = _count_full_sweeps()
 
-    def tick(self) -> None:
-        if self.left == 0 or self._seen == _swept():
+    def freeze_after_sweep(self) -> None:
+        """Set apart all objects that are left, if a full sweep has run since the last call and
+        enough live."""
+        if self.left == 0 or self._seen == _count_full_sweeps():
             return
-        self._seen = _swept()
+        self._seen = _count_full_sweeps()
         if len(gc.get_objects(generation=2)) > self._lives:
             self.left -= 1
             gc.freeze()
 
 
-def _swept() -> int:
-    """How often everything was swept."""
+def _count_full_sweeps() -> int:
+    """Number of full sweeps since the process began."""
     return int(gc.get_stats()[2]["collections"])

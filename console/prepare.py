@@ -18,27 +18,42 @@ from pathlib import Path
 
 from topdress.drivers.files.extras import MissingExtra, need
 
-PACKAGES = Path(__file__).resolve().parents[1]
-PROGRAM = (sys.executable, "-c", "from topdress.console.cli import main; main()")
+PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+CONSOLE_COMMAND = (sys.executable, "-c", "from topdress.console.cli import main; main()")
 # A short run with what a diagnosis looks for: an effect that begins in mid-run and a term, so
 # that the searches for both are gone through.
-PLANTED = ("--effect", "flow.gain=8@60", "--term", "flow_percent bend speed_mps bend=-4.4 at=1.2")
+PLANTED_OPTIONS = (
+    "--effect",
+    "flow.gain=8@60",
+    "--term",
+    "flow_percent bend speed_mps bend=-4.4 at=1.2",
+)
 # as long as `simulate` asks of a run before it takes compiled steps
-SECONDS = 600
+SIMULATED_S = 600
 
 
-def prepare() -> None:
-    """Raises OSError where there is no room, CalledProcessError where a command fails."""
+def compile_packages() -> None:
+    """Compile all modules, and the machine model's steps by a short run and its diagnosis. Raises
+    OSError where there is no room, CalledProcessError where a command fails."""
     for name in ("control", "drivers", "console"):
-        compileall.compile_dir(str(PACKAGES / name), quiet=2)
+        compileall.compile_dir(str(PACKAGE_FOLDER / name), quiet=2)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         log = str(Path(folder) / "log.csv")
         for words in (
-            ("simulate", "--seconds", str(SECONDS), "--seed", "1", *PLANTED, "--out", log),
+            (
+                "simulate",
+                "--seconds",
+                str(SIMULATED_S),
+                "--seed",
+                "1",
+                *PLANTED_OPTIONS,
+                "--out",
+                log,
+            ),
             ("diagnose", log),
         ):
             subprocess.run(
-                [*PROGRAM, *words],
+                [*CONSOLE_COMMAND, *words],
                 check=True,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -47,12 +62,13 @@ def prepare() -> None:
             )
 
 
-def main() -> int:
+def run_warm_up() -> int:
+    """Run as a command; returns the exit code."""
     print("topdress: compiling the machine model for this computer, once: some 30 s", flush=True)
     started_s = time.monotonic()
     try:
         need("a diagnosis", "diagnosis")
-        prepare()
+        compile_packages()
     except (MissingExtra, OSError, subprocess.SubprocessError) as error:
         said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip().splitlines()
         print(
@@ -65,4 +81,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_warm_up())

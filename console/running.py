@@ -17,15 +17,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from topdress.console.locale import _
-from topdress.console.worker_handshake import GREETING, KNOCK_S, LINE_BYTES, is_still_running, knock
+from topdress.console.worker_handshake import (
+    GREETING,
+    GREETING_TIMEOUT_S,
+    LINE_BYTES,
+    is_still_running,
+    read_greeting,
+)
 from topdress.drivers.files.lock import take_lock
 
 # a run file that is not there yet is looked for this often
-AGAIN_S = 0.02
-START_S = 20.0  # opening devices may take its time
-SESSIONS = Path("/run/user")  # pam_systemd(8)
-OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-WORKER = ("-P", "-m", "topdress.console.worker")
+POLL_S = 0.02
+START_TIMEOUT_S = 20.0  # opening devices may take its time
+SESSION_FOLDERS = Path("/run/user")  # pam_systemd(8)
+OTHERS_WRITE_BITS = stat.S_IWGRP | stat.S_IWOTH
+WORKER_ARGUMENTS = ("-P", "-m", "topdress.console.worker")
 
 
 class WorkerFailed(RuntimeError):
@@ -34,7 +40,7 @@ class WorkerFailed(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class WorkerAddress:
-    """Where a worker listens. Without the token the console only looks."""
+    """Holds where a worker listens. Without the token the console only looks."""
 
     port: int
     token: str | None
@@ -43,50 +49,54 @@ class WorkerAddress:
     log_path: str = ""
     parent: int = 0  # the process that started it
 
-    def looking_only(self) -> WorkerAddress:
+    def drop_token(self) -> WorkerAddress:
+        """The address without the token."""
         return replace(self, token=None)
 
 
-def default_run_file() -> Path:
-    """Returns the file in the user's runtime folder in which a running worker says where it
-    listens. Raises WorkerFailed where that folder is open to other users."""
+def find_default_run_file() -> Path:
+    """The file in the user's runtime folder in which a running worker says where it listens. Raises
+    WorkerFailed where that folder is open to other users."""
     import platformdirs
 
     if os.name != "posix" or sys.platform == "darwin":
         folder = Path(platformdirs.user_runtime_dir("topdress", appauthor=False))
     else:
-        session = _session_folder()
+        session = _find_session_folder()
         # no folder of a session: the user's own, which goes by HOME
         folder = (
             Path(platformdirs.user_state_dir("topdress", appauthor=False)) / "run"
             if session is None
             else session / "topdress"
         )
-    _refuse_open(folder)
+    _refuse_open_folder(folder)
     return folder / "worker.json"
 
 
-def _session_folder() -> Path | None:
+def _find_session_folder() -> Path | None:
     """The folder of this user's session, where there is one: as XDG_RUNTIME_DIR names it, else
-    where systemd keeps it. Raises WorkerFailed where the one that is named is somebody else's,
-    as after `su` or `sudo`: no other user's machine is joined by mistake."""
+    where systemd keeps it.
+
+    Raises WorkerFailed where the named one is another user's, as after `su` or `sudo`: no other
+    user's machine is joined by mistake.
+    """
     named = os.environ.get("XDG_RUNTIME_DIR", "")
     if named:
-        _refuse_open(Path(named))
+        _refuse_open_folder(Path(named))
         return Path(named) if Path(named).is_dir() else None
-    usual = SESSIONS / str(os.getuid())
-    return usual if usual.is_dir() and not _is_open(usual) else None
+    usual = SESSION_FOLDERS / str(os.getuid())
+    return usual if usual.is_dir() and not _is_open_to_others(usual) else None
 
 
-def _is_open(folder: Path) -> bool:
+def _is_open_to_others(folder: Path) -> bool:
     """Whether another user owns the folder, or may put files there."""
     found = folder.stat()
-    return found.st_uid != os.getuid() or bool(found.st_mode & OTHERS_WRITE)
+    return found.st_uid != os.getuid() or bool(found.st_mode & OTHERS_WRITE_BITS)
 
 
-def _refuse_open(folder: Path) -> None:
+def _refuse_open_folder(folder: Path) -> None:
     """Raises WorkerFailed where the folder is there and open to other users."""
-    if os.name == "posix" and folder.is_dir() and _is_open(folder):
+    if os.name == "posix" and folder.is_dir() and _is_open_to_others(folder):
         raise WorkerFailed(
             _(
                 "{path}: a runtime folder that another user owns or may write to: allowed is one "
@@ -95,37 +105,36 @@ def _refuse_open(folder: Path) -> None:
         )
 
 
-def find_running(run_file: Path | None = None) -> WorkerAddress | None:
-    """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s
-    at most.
+def find_running_worker(run_file: Path | None = None) -> WorkerAddress | None:
+    """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at
+    most.
 
     A run file is removed only where no worker holds the lock next to it. One that is missing or
-    wrong while a worker runs is written anew by that worker, and waited for. Raises
-    WorkerFailed where a worker runs and its file stays wrong, or where it does not greet in
-    time.
+    wrong while a worker runs is written anew by that worker, and waited for. Raises WorkerFailed
+    where a worker runs and its file stays wrong, or where it does not greet in time.
     """
-    path = run_file or default_run_file()
-    until_s = time.monotonic() + KNOCK_S
+    path = run_file or find_default_run_file()
+    until_s = time.monotonic() + GREETING_TIMEOUT_S
     while True:
         wrong: WorkerFailed | None = None
         try:
-            if _nobody_holds(path):
+            if _is_lock_free(path):
                 return None
-            return _greeted(_read(path), until_s)
+            return _confirm_greeting(_read_run_file(path), until_s)
         except FileNotFoundError:
             pass
         except WorkerFailed as error:
             wrong = error
-        if time.monotonic() + AGAIN_S > until_s:
+        if time.monotonic() + POLL_S > until_s:
             if wrong is not None:
                 raise wrong
             return None
-        time.sleep(AGAIN_S)
+        time.sleep(POLL_S)
 
 
-def _greeted(where: WorkerAddress, until_s: float) -> WorkerAddress:
-    """The same, once it has greeted. Raises WorkerFailed."""
-    greeting = knock(where.port, until_s)
+def _confirm_greeting(where: WorkerAddress, until_s: float) -> WorkerAddress:
+    """The same address, once the worker there has greeted. Raises WorkerFailed."""
+    greeting = read_greeting(where.port, until_s)
     if greeting is None:
         raise WorkerFailed(
             _(
@@ -145,7 +154,7 @@ def _greeted(where: WorkerAddress, until_s: float) -> WorkerAddress:
     return where
 
 
-def _nobody_holds(path: Path) -> bool:
+def _is_lock_free(path: Path) -> bool:
     """Whether no worker runs; the file that one left is then removed, while none can start."""
     try:
         if path.stat().st_uid != getattr(os, "getuid", int)():  # Windows: 0 on both sides
@@ -166,7 +175,7 @@ def _nobody_holds(path: Path) -> bool:
     return True
 
 
-def _read(path: Path) -> WorkerAddress:
+def _read_run_file(path: Path) -> WorkerAddress:
     try:
         said = json.loads(path.read_bytes()[:LINE_BYTES])
         port, pid, parent = said["port"], said["pid"], said.get("parent", 0)
@@ -195,18 +204,22 @@ def start_worker(
     trouble_path: str | Path,
     *,
     run_file: Path | None = None,
-    timeout_s: float = START_S,
-    program: Sequence[str] = WORKER,
+    timeout_s: float = START_TIMEOUT_S,
+    program: Sequence[str] = WORKER_ARGUMENTS,
 ) -> WorkerAddress:
     """Start a worker in a session of its own and wait until it says where it listens.
 
-    What it writes on stderr is appended to `trouble_path`, because the console draws on stderr.
-    `program` are the interpreter's arguments. Blocks: call it before the console starts, or in
-    a thread of its own. Raises WorkerFailed where one runs already, where it ends at once, or
-    where it says nothing for `timeout_s`.
+    Blocks: call it before the console starts, or in a thread of its own. Raises WorkerFailed where
+    one runs already, where it ends at once, or where it says nothing for `timeout_s`.
+
+    Parameters
+    ----------
+    args: the worker's own arguments.
+    trouble_path: the worker's stderr is appended there, because the console draws on stderr.
+    program: the interpreter's arguments.
     """
-    path = run_file or default_run_file()
-    running = find_running(path)
+    path = run_file or find_default_run_file()
+    running = find_running_worker(path)
     if running:
         raise WorkerFailed(
             _("a machine runs already on this computer (program {pid}): join it").format(
@@ -229,17 +242,17 @@ def start_worker(
     until = time.monotonic() + timeout_s
     while time.monotonic() < until:
         if child.poll() is not None:
-            last = _last_line(Path(trouble_path), heard_before) or _(
+            last = _read_last_line(Path(trouble_path), heard_before) or _(
                 "ended at once, code {code}"
             ).format(code=child.returncode)
             raise WorkerFailed(_("the machine did not start: {last}").format(last=last))
         where = None
         with contextlib.suppress(WorkerFailed):  # it has the lock, and does not greet yet
-            where = find_running(path)
+            where = find_running_worker(path)
         # Windows: the environment's own program starts it
         if where and child.pid in (where.pid, where.parent):
             return where
-        time.sleep(AGAIN_S)
+        time.sleep(POLL_S)
     child.terminate()
     raise WorkerFailed(
         _("the machine said nothing for {limit_s:g} s; see {path}").format(
@@ -248,7 +261,7 @@ def start_worker(
     )
 
 
-def _last_line(path: Path, start: int) -> str:
+def _read_last_line(path: Path, start: int) -> str:
     with open(path, "rb") as file:
         file.seek(start)
         lines = file.read().decode(errors="replace").split("\n")

@@ -17,15 +17,15 @@ from math import ceil, floor
 Rgb = tuple[int, int, int]
 Lab = tuple[float, float, float]
 
-_LOW: Lab = (0.38, -0.015, -0.135)
-_MIDDLE: Lab = (0.62, -0.105, 0.030)
-_HIGH: Lab = (0.86, -0.020, 0.165)
-_UNDER: Lab = (0.42, -0.02, -0.16)
-_RIGHT: Lab = (0.88, 0.0, 0.0)
-_OVER: Lab = (0.58, 0.12, 0.12)
+_LOW_RATE: Lab = (0.38, -0.015, -0.135)
+_MIDDLE_RATE: Lab = (0.62, -0.105, 0.030)
+_HIGH_RATE: Lab = (0.86, -0.020, 0.165)
+_TOO_LITTLE: Lab = (0.42, -0.02, -0.16)
+_RIGHT_RATE: Lab = (0.88, 0.0, 0.0)
+_TOO_MUCH: Lab = (0.58, 0.12, 0.12)
 
 
-def _to_srgb(lab: Lab) -> Rgb:
+def _convert_to_srgb(lab: Lab) -> Rgb:
     lightness, a, b = lab
     long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
     medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
@@ -36,63 +36,66 @@ def _to_srgb(lab: Lab) -> Rgb:
         -0.0041960863 * long - 0.7034186147 * medium + 1.7076147010 * short,
     )
 
-    def channel(value: float) -> int:
+    def encode_channel(value: float) -> int:
         value = min(1.0, max(0.0, value))
         value = 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
         return round(255 * value)
 
-    red, green, blue = (channel(value) for value in linear)
+    red, green, blue = (encode_channel(value) for value in linear)
     return red, green, blue
 
 
 @cache
-def _colour(step: int, steps: int) -> Rgb:
+def _calc_rate_colour(step: int, steps: int) -> Rgb:
     share = 2.0 * step / (steps - 1)
-    return _to_srgb(
-        _between(_LOW, _MIDDLE, share) if share < 1.0 else _between(_MIDDLE, _HIGH, share - 1.0)
+    return _convert_to_srgb(
+        _interpolate_lab(_LOW_RATE, _MIDDLE_RATE, share)
+        if share < 1.0
+        else _interpolate_lab(_MIDDLE_RATE, _HIGH_RATE, share - 1.0)
     )
 
 
 @cache
-def _either_side(step: int, steps: int) -> Rgb:
+def _calc_error_colour(step: int, steps: int) -> Rgb:
     share = 2.0 * step / (steps - 1) - 1.0
-    return _to_srgb(_between(_RIGHT, _OVER if share > 0.0 else _UNDER, abs(share)))
+    return _convert_to_srgb(
+        _interpolate_lab(_RIGHT_RATE, _TOO_MUCH if share > 0.0 else _TOO_LITTLE, abs(share))
+    )
 
 
-def _between(begin: Lab, end: Lab, share: float) -> Lab:
+def _interpolate_lab(begin: Lab, end: Lab, share: float) -> Lab:
     lightness, a, b = (low + share * (high - low) for low, high in zip(begin, end, strict=True))
     return lightness, a, b
 
 
 @cache
-def _apart(step: int, steps: int) -> Rgb:
-    return _to_srgb(_between(_UNDER, _OVER, step / (steps - 1)))
+def _calc_passes_colour(step: int, steps: int) -> Rgb:
+    return _convert_to_srgb(_interpolate_lab(_TOO_LITTLE, _TOO_MUCH, step / (steps - 1)))
 
 
-STEPS = 32
+COLOUR_STEPS = 32
 
 
-def colour(share: float) -> Rgb:
-    """sRGB at a place of the scale; share 0 is the low end, 1 the high end, outside is held at
-    the ends."""
-    return _colour(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
+def find_rate_colour(share: float) -> Rgb:
+    """sRGB (0 to 255 each) at a place of the scale; share 0 is the low end, 1 the high end; a share
+    outside is clamped."""
+    return _calc_rate_colour(round(min(1.0, max(0.0, share)) * (COLOUR_STEPS - 1)), COLOUR_STEPS)
 
 
 def find_error_colour(share: float) -> Rgb:
-    """sRGB of an error; share 0 is the most that is too little, 0.5 is right, 1 the most that
-    is too much."""
-    return _either_side(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
+    """sRGB of an error; share 0 is the largest shortfall, 0.5 is right, 1 the largest excess."""
+    return _calc_error_colour(round(min(1.0, max(0.0, share)) * (COLOUR_STEPS - 1)), COLOUR_STEPS)
 
 
-def passes_colour(share: float) -> Rgb:
-    """sRGB of how often ground was spread on; share 0 is once, 1 twice or more."""
-    return _apart(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
+def find_passes_colour(share: float) -> Rgb:
+    """sRGB of the number of passes over the ground; share 0 is once, 1 twice or more."""
+    return _calc_passes_colour(round(min(1.0, max(0.0, share)) * (COLOUR_STEPS - 1)), COLOUR_STEPS)
 
 
 def round_calm_ends(
     values: Iterable[float], step: float = 50.0, least: float = 100.0
 ) -> tuple[float, float]:
-    """Round ends of a scale that holds all values and does not move with every sample.
+    """Round ends of a scale that contains all values and does not move with every sample.
 
     Ends are multiples of `step`, `least` apart or more; below `least` the scale begins at 0; no
     values: 0 ... least.

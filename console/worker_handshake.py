@@ -1,5 +1,4 @@
-"""Who listens where a run file says: the greeting of a control worker, asked for without its
-key."""
+"""Who listens where a run file says? Reads the greeting of a control worker, without its key."""
 
 from __future__ import annotations
 
@@ -13,16 +12,19 @@ from typing import Any
 HOST = "127.0.0.1"
 GREETING = "topdress-worker/1"
 # a worker greets at once, and mends its run file within half of that
-KNOCK_S = 0.5
+GREETING_TIMEOUT_S = 0.5
 LINE_BYTES = 1 << 20  # longest frame accepted
 
 
-def knock(port: int, until_s: float) -> dict[str, Any] | None:
-    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None:
-    accepted, and no whole line by `until_s` (time.monotonic), however often a byte of it came."""
+def read_greeting(port: int, until_s: float) -> dict[str, Any] | None:
+    """The greeting of whoever listens at a port.
+
+    Returns {} where nobody does or it is no greeting; None: accepted, and no whole line by
+    `until_s` (time.monotonic), however often a byte came.
+    """
     heard = b""
     try:
-        with socket.create_connection((HOST, port), timeout=KNOCK_S) as connection:
+        with socket.create_connection((HOST, port), timeout=GREETING_TIMEOUT_S) as connection:
             while b"\n" not in heard and len(heard) < LINE_BYTES:
                 connection.settimeout(max(0.001, until_s - time.monotonic()))
                 got = connection.recv(4096)
@@ -40,9 +42,12 @@ def knock(port: int, until_s: float) -> dict[str, Any] | None:
 
 
 def is_still_running(run_file: Path) -> bool:
-    """Whether the worker that a run file names, another than this process, greets there: it
-    runs, whatever became of its lock. A file that is missing or wrong, a port that is closed or
-    somebody else's: no. Takes 0.5 s at most."""
+    """Whether the worker that a run file names, another than this process, greets there: it runs,
+    whatever became of its lock.
+
+    A file that is missing or wrong, a port that is closed or another program's: no. Takes 0.5 s at
+    most.
+    """
     try:
         said = json.loads(run_file.read_bytes()[:LINE_BYTES])
         port, pid = said["port"], said["pid"]
@@ -55,5 +60,5 @@ def is_still_running(run_file: Path) -> bool:
         or pid == os.getpid()
     ):
         return False
-    greeting = knock(port, time.monotonic() + KNOCK_S)
+    greeting = read_greeting(port, time.monotonic() + GREETING_TIMEOUT_S)
     return greeting is not None and greeting.get("hello") == GREETING and greeting.get("pid") == pid

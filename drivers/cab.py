@@ -88,7 +88,7 @@ class Cab:
         self.dropped_doses = 0
         self._dose_waits: tuple[float, DoseOrder] | None = None
         self.board: BoardReadings | None = None  # the newest status line, flags included
-        self.rig: RigReadings | None = None  # the newest line of the lag rig
+        self.rig_readings: RigReadings | None = None  # the newest line of the lag rig
         self._board_connects = 0
         # since when the board has been sent enable 1
         self._enabled_since_s: float | None = None
@@ -181,7 +181,7 @@ class Cab:
             )
         self._listening = self._listeners()
 
-    def measure(self, now_s: float) -> Measurements:
+    def read_measurements(self, now_s: float) -> Measurements:
         """Read what has arrived and give the newest accepted value of everything, however old.
 
         Bytes are stamped `now_s`, the tick at which they are read: late by less than one tick.
@@ -212,7 +212,7 @@ class Cab:
             put_aside=tuple(line.blamed for line, _ in self._listening if line.aside),
         )
 
-    def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
+    def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
         """Send the set-points of this tick, which are also the heartbeat; without a drive
         nothing happens.
 
@@ -274,24 +274,24 @@ class Cab:
             line.write(self._clock(), ASK_TURNED)
         return board.turned
 
-    def order_rig(self, run: int, arm: bool) -> None:
+    def send_rig_order(self, run: int, arm: bool) -> None:
         """Arm the lag rig for a run, or let it idle; without a rig nothing happens."""
         if self._rig is not None:
             line, rig = self._rig
             line.write(self._clock(), rig.order(run, arm))
 
-    def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
+    def list_device_status(self, now_s: float) -> tuple[DeviceStatus, ...]:
         """Every device, in the order gnss, heads, board, rate module, lag rig, tractor, rate
         line."""
         return tuple(line.status(now_s) for line in self._lines())
 
-    def line(self, name: str) -> DeviceLine | None:
+    def find_device_line(self, name: str) -> DeviceLine | None:
         """The line of a device by the name that `status` gives it."""
         return next((line for line in self._lines() if line.name == name), None)
 
-    def close(self) -> None:
+    def close_devices(self) -> None:
         """Stop the drives and give the ports back."""
-        self.command(self._clock(), None, False)
+        self.send_command(self._clock(), None, False)
         for line in self._lines():
             line.port.close()
         if self._gnss is not None:
@@ -429,7 +429,7 @@ class Cab:
     def _read_rig(self, line: DeviceLine, rig: LagRig, now_s: float) -> None:
         data = line.read(now_s)
         accepted = rig.feed(data, now_s) if data else []
-        self.rig = accepted[-1] if accepted else self.rig
+        self.rig_readings = accepted[-1] if accepted else self.rig_readings
         line.note(readings.time_s for readings in accepted)
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 import typer.testing
 from click.testing import Result
-from topdress.console.threads import few_for_matrices
+from topdress.console.threads import limit_matrix_threads
 
-few_for_matrices()
+limit_matrix_threads()
 # Python looks for garbage after 700 new objects, and through all 10^6 of a session after some
 # 70,000: a third of what a test of the console costs (127 tests of its number fields: 11.0 s of
 # processor, 7.0 s with these).

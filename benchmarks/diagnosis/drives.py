@@ -444,7 +444,7 @@ class Ran(NamedTuple):
 
 def run(case: Case, folder: Path) -> Ran:
     """Import, diagnosis, adoption, by the functions behind the commands."""
-    from topdress.console.reports.diagnosis_wording import undecided
+    from topdress.console.reports.diagnosis_wording import is_undecided
     from topdress.control.diagnosis.extend import extend
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.control.diagnosis.runs.diagnose import diagnose_run
@@ -499,7 +499,7 @@ def run(case: Case, folder: Path) -> Ran:
         "cpu_s": round(time.process_time() - started, 1),
     }
     # as `diagnose --adopt` does
-    taken = select_adoptable(found, [one.id for one in found.causes if not undecided(one)])
+    taken = select_adoptable(found, [one.id for one in found.causes if not is_undecided(one)])
     there = bool(taken.found.causes or taken.found.terms or taken.found.fitted)
     said |= {
         "taken": [one.id for one in taken.found.causes],

@@ -17,9 +17,9 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
-from topdress.console.threads import few_for_matrices  # noqa: E402
+from topdress.console.threads import limit_matrix_threads  # noqa: E402
 
-few_for_matrices()  # here and in the processes that it starts
+limit_matrix_threads()  # here and in the processes that it starts
 
 # They neither make a case nor answer it.
 AFTERWARDS = ("score.py", "report.py", "class_report.py", "make.py", "write.py")

@@ -60,9 +60,9 @@ def read(
     where: str, options: Mapping[str, str], machine: Mapping[str, Any], *more: Any
 ) -> dict[str, Any]:
     """In the place of a diagnosis, on a worker: the record that lies there."""
-    from topdress.console.services.fleet_job import local
+    from topdress.console.services.fleet_job import open_local_copy
 
-    with local(where, options, *more) as path:
+    with open_local_copy(where, options, *more) as path:
         return {**json.loads(path.read_bytes()), "path": where}
 
 
@@ -188,15 +188,15 @@ def command(words: list[str], model: bool, together: int) -> None:
         return wrapped
 
     fleet.find_logs = timed("listing", fleet.find_logs)
-    fleet.diagnosed = timed("logs", functools.partial(fleet.diagnosed, record=many.read))
-    twice = fleet._Work.twice
-    fleet._Work.twice = lambda its, work, todo, several=1: twice(  # type: ignore[method-assign]
+    fleet.diagnose_fleet = timed("logs", functools.partial(fleet.diagnose_fleet, record=many.read))
+    twice = fleet._FleetTasks.run_with_retry
+    fleet._FleetTasks.run_with_retry = lambda its, work, todo, several=1: twice(  # type: ignore[method-assign]
         its, work, todo, max(together, several)
     )
     if not model:
         fleet_season.fitted = lambda logs: SeasonFit((), (), (), ())
     fleet_season.fitted = timed("model", fleet_season.fitted)
-    fleet_season.season = timed("season, the model in it", fleet_season.season)
+    fleet_season.make_season = timed("season, the model in it", fleet_season.make_season)
     fleet_tables.write_tables = timed("tables", fleet_tables.write_tables)
     app(["fleet", *words])
 

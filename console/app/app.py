@@ -61,11 +61,11 @@ from topdress.console.app.units import METRIC, Units
 from topdress.console.app.view import format_local_time
 from topdress.console.app.widgets.key_bar import URGENT, KeyBar
 from topdress.console.frame import Frame
-from topdress.console.gc_tuning import Sweeps
+from topdress.console.gc_tuning import FreezeSchedule
 from topdress.console.link import Link, WorkerGone
-from topdress.console.locale import N_, _, use
+from topdress.console.locale import N_, _, use_language
 from topdress.console.running import WorkerFailed
-from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.control.orders import Answer, Do, Order, State
 from topdress.drivers import day_clock
 from topdress.drivers.files.settings import Rates
@@ -97,7 +97,7 @@ Connect = Callable[[], Awaitable[FrameSource]]
 
 
 def _ordered(order: Order, source: FrameSource) -> Awaitable[Answer]:
-    return source.order(order)
+    return source.send_order(order)
 
 
 class TopdressApp(App[None], inherit_bindings=False):
@@ -157,12 +157,12 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.sound = live
         # strokes of the bell -> the command in their place
         self.sounds: dict[int, str] = {}
-        self.alarm_book, self.ring = AlarmBook(), Bell()
+        self.alarm_book, self.ring = AlarmHistory(), Bell()
         self.live = live
         self.services = services or Services()
         self.fields = FieldPictures(self, self.services.field)
         self.tour = Tour() if tour else None
-        self.sweeps = Sweeps()
+        self.sweeps = FreezeSchedule()
         self.joined = joined
         self._to_say = joined  # with the first frame, before all else
         self.ask_job = ask_job
@@ -193,7 +193,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if units is not None:
             self.units = units
         if language is not None:
-            use(language)
+            use_language(language)
         if theme is not None:
             self.theme = theme
         if keymap is not None:
@@ -271,7 +271,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.live:
             self._until_first = self.set_interval(FIRST_S, self._first)
             self.set_interval(NUMBERS_S, self.tick)
-            self.call_after_refresh(import_hooks.done)
+            self.call_after_refresh(import_hooks.end_imports)
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
@@ -395,7 +395,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page.is_mounted:
             self.page.tick(now_s)
         if self.live:
-            self.sweeps.tick()
+            self.sweeps.freeze_after_sweep()
 
     def _first(self) -> None:
         """The first frames are shown when they come, not with the next of the ticks, until one
@@ -428,7 +428,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         for module in LATE_MODULES:
             await asyncio.to_thread(import_module, module)
         await asyncio.to_thread(cell_len, WIDE)
-        import_hooks.done()
+        import_hooks.end_imports()
 
     @property
     def own_name(self) -> str:
@@ -517,7 +517,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                     exit_on_error=False,
                 )
             )
-        self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
+        self.alarm_book.add_row_alarms(frame.row.time_s, frame.row.utc, frame.alarms)
         strokes = self.ring.due(now_s, frame.alarms)
         command, play = self.sounds.get(strokes, ""), self.services.play
         if strokes and self.sound and command and play is not None:
@@ -546,11 +546,11 @@ class TopdressApp(App[None], inherit_bindings=False):
             await self._learn_limits(self.services.at_work, log_path)
         earlier = await asyncio.to_thread(look_back, log_path) if look_back is not None else None
         if earlier is not None:
-            self.alarm_book.add_before(earlier.alarms)
+            self.alarm_book.add_earlier_records(earlier.alarms)
             self.history.add_before(earlier.track)
             self.page.hurry()
         if self.services.lines is not None:
-            self._take_lines(await asyncio.to_thread(self.services.lines.read, log_path))
+            self._take_lines(await asyncio.to_thread(self.services.lines.read_lines, log_path))
 
     async def _learn_limits(self, at_work: Callable[[str], AtWork | None], log_path: str) -> None:
         limits = await asyncio.to_thread(at_work, log_path)
@@ -565,7 +565,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         it too."""
         frame, files = self.arrival.frame, self.services.lines
         if files is not None and frame is not None and frame.log_path:
-            files.append(frame.log_path, record)
+            files.append_record(frame.log_path, record)
 
     def _take_lines(self, kept: KeptLines) -> None:
         """Those of the console before; a log that has none has this console's from now on."""
@@ -682,7 +682,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if isinstance(source, Link) and not self.is_headless:
             source.shows = Takes(find_terminal())
         try:
-            await source.run()
+            await source.run_connection()
         except WorkerFailed as error:
             self.not_started = str(error)
             self.exit()
@@ -730,7 +730,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def ask_to_go_on(self, service: JobService) -> None:
         """Go on with the job that was cut off, or begin anew: asked. Without such a job: begin."""
-        self.with_files(service.offer, lambda offer: self._ask_to_go_on(service, offer))
+        self.with_files(service.find_offer, lambda offer: self._ask_to_go_on(service, offer))
 
     def _ask_to_go_on(self, service: JobService, offer: Offer | None) -> None:
         if offer is None:
@@ -740,9 +740,9 @@ class TopdressApp(App[None], inherit_bindings=False):
 
         def answer(value: str | None) -> None:
             if value == "resume":
-                self.connect(lambda: service.resume(cut_off))
+                self.connect(lambda: service.resume_job(cut_off))
             elif value == "anew":
-                self.connect(lambda: service.anew(cut_off))
+                self.connect(lambda: service.start_anew(cut_off))
             else:
                 self.notice(why_no_machine(self))
 
@@ -814,7 +814,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.gone = ""
         if isinstance(self.screen, GoneScreen):
             self.screen.dismiss(None)
-        self.arrival, self.alarm_book = FrameArrival(), AlarmBook()
+        self.arrival, self.alarm_book = FrameArrival(), AlarmHistory()
         self.history = History()
         self._earlier_of = ""
         self._frame_before = None

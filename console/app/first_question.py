@@ -39,7 +39,7 @@ def ask_first_question(app: TopdressApp, service: JobService) -> None:
                 lambda number: restart_worker(app, service, found[int(number)]),
             )
 
-    app.list_files(lambda: service.recent(), listed)  # made in the thread
+    app.list_files(lambda: service.list_recent(), listed)  # made in the thread
 
 
 def restart_worker(app: TopdressApp, service: JobService, files: Recent) -> None:
@@ -48,12 +48,12 @@ def restart_worker(app: TopdressApp, service: JobService, files: Recent) -> None
     def begin() -> None:
         frame = app.arrival.frame
         if frame is not None and not app.gone and frame.row.state not in MAY_CHANGE:
-            service.drop()
+            service.drop_choices()
             app.notice(_("the machine works: stop it first, then choose again to start with it"))
         else:
-            app.with_files(service.offer, lambda left: _start(app, service, left), app.notice)
+            app.with_files(service.find_offer, lambda left: _start(app, service, left), app.notice)
 
-    app.with_files(lambda: service.take_recent(files), lambda _nothing: begin(), app.notice)
+    app.with_files(lambda: service.choose_recent(files), lambda _nothing: begin(), app.notice)
 
 
 def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:
@@ -61,12 +61,12 @@ def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:
 
     def answer(how: str | None) -> None:
         if how is None:
-            service.drop()
+            service.drop_choices()
         else:
-            app.restart(lambda: service.restart(how == "anew"))
+            app.restart(lambda: service.restart_worker(how == "anew"))
 
     if left is None:
-        app.restart(service.restart)
+        app.restart(service.restart_worker)
     else:
         app.push_screen(app.pass_question(left, _("A job was left on this field")), answer)
 

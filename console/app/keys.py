@@ -35,7 +35,7 @@ from topdress.console.app.screens.help import HelpScreen
 from topdress.console.app.screens.jump import JumpScreen, find_places, labels, letters, press
 from topdress.console.app.tour import Tour
 from topdress.console.app.units import UNITS
-from topdress.console.locale import N_, _, in_use, list_languages, use
+from topdress.console.locale import N_, _, find_language_code, list_languages, use_language
 from topdress.console.worker.resume_alarms import AlarmRecord
 from topdress.control.orders import Do, Severity, State
 
@@ -124,7 +124,7 @@ def next_units(app: TopdressApp) -> None:
 def next_language(app: TopdressApp) -> None:
     def change() -> None:
         codes = list_languages()
-        use(codes[(codes.index(in_use()) + 1) % len(codes)])
+        use_language(codes[(codes.index(find_language_code()) + 1) % len(codes)])
         app.page.redraw()
         app.tick()
 

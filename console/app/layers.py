@@ -10,7 +10,13 @@ from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.units import Units
 from topdress.console.app.view import ERROR_SPAN
 from topdress.console.locale import N_
-from topdress.console.scale import Rgb, colour, find_error_colour, passes_colour, round_calm_ends
+from topdress.console.scale import (
+    Rgb,
+    find_error_colour,
+    find_passes_colour,
+    find_rate_colour,
+    round_calm_ends,
+)
 
 
 class MapLayer(StrEnum):
@@ -59,8 +65,8 @@ class LayerScale(NamedTuple):
         return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
 
     def colour(self, share: float) -> Rgb:
-        return {MapLayer.ERROR: find_error_colour, MapLayer.PASSES: passes_colour}.get(
-            self.layer, colour
+        return {MapLayer.ERROR: find_error_colour, MapLayer.PASSES: find_passes_colour}.get(
+            self.layer, find_rate_colour
         )(share)
 
 

@@ -16,7 +16,7 @@ from topdress.console.app.field_picture import FieldPicture, Ring
 from topdress.console.app.layers import KINDS_OF, RATES, LayerScale, MapLayer
 from topdress.console.app.overlay_file import LaidView
 from topdress.console.app.view import RATE_FLOOR_KG_HA
-from topdress.console.scale import STEPS
+from topdress.console.scale import COLOUR_STEPS
 
 Image = npt.NDArray[np.uint8]  # (rows, columns), from the north-west
 Codes = npt.NDArray[np.int32]  # (rows, columns) of the terminal
@@ -25,11 +25,11 @@ _BITS = np.array(BITS, dtype=np.uint8)
 
 EMPTY, PASSAGE = 0, 1
 DONE = 2  # DONE + step: worked ground
-PLAN = DONE + STEPS  # PLAN + step: planned ground
-LAID = PLAN + STEPS  # LAID + step: ground of a laid file
+PLAN = DONE + COLOUR_STEPS  # PLAN + step: planned ground
+LAID = PLAN + COLOUR_STEPS  # LAID + step: ground of a laid file
 # GLOW + step: worked ground of the pass behind the machine
-GLOW = LAID + STEPS
-ENTRIES = GLOW + STEPS
+GLOW = LAID + COLOUR_STEPS
+ENTRIES = GLOW + COLOUR_STEPS
 # of a pixel's height, that a cell under it has at most
 CELL_SHARE = 0.75
 STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0  # a pass: so long, and so straight
@@ -236,7 +236,7 @@ def _nothing(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
 def _colour(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
     known = np.isfinite(values)
     share = np.clip((values[known] - scale.low) / (scale.high - scale.low), 0.0, 1.0)
-    seen[known] = first + np.rint(share * (STEPS - 1)).astype(np.uint8)
+    seen[known] = first + np.rint(share * (COLOUR_STEPS - 1)).astype(np.uint8)
 
 
 class _PixelAxis(NamedTuple):

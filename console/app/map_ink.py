@@ -34,7 +34,7 @@ from topdress.console.app.map_image import (
 from topdress.console.app.overlay_file import LaidView
 from topdress.console.app.terminal import has_few_colours
 from topdress.console.app.units import METRIC, Units
-from topdress.console.scale import STEPS, Rgb
+from topdress.console.scale import COLOUR_STEPS, Rgb
 
 _NOSES = "▴▸▾◂"
 # by which of a cell's quarters have the first colour: bit 0 the north-western
@@ -145,7 +145,7 @@ class MapInk:
             {DONE: scale.layer, PLAN: scale.layer, LAID: (laid or scale).layer},
         )
         steps, of_laid = (
-            [one.colour(step / (STEPS - 1)) for step in range(STEPS)]
+            [one.colour(step / (COLOUR_STEPS - 1)) for step in range(COLOUR_STEPS)]
             for one in (scale, laid or scale)
         )
         self._palette = (
@@ -198,7 +198,7 @@ class MapInk:
             if entry >= first
         )
         levels = LEVELS_ERROR if self._layers[first] is MapLayer.ERROR else levels
-        return levels[(entry - first) * len(levels) // STEPS]
+        return levels[(entry - first) * len(levels) // COLOUR_STEPS]
 
 
 _NOTHING = Worked()

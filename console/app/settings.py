@@ -13,7 +13,7 @@ from topdress.console.app.action import ANYWHERE
 from topdress.console.app.alarms import STROKES
 from topdress.console.app.key_normaliser import ALWAYS_STOP
 from topdress.console.app.units import UNITS
-from topdress.console.locale import _, find_preferred_language, use
+from topdress.console.locale import _, find_preferred_language, use_language
 from topdress.control.orders import Severity
 from topdress.drivers.files.settings import ManualRate, Settings
 from topdress.drivers.files.settings_theme import ThemeData
@@ -98,7 +98,7 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     can."""
     trouble = keymap_problem(settings.keymap)
     app.units = UNITS[settings.units]
-    use(find_preferred_language() if settings.language == "auto" else settings.language)
+    use_language(find_preferred_language() if settings.language == "auto" else settings.language)
     if settings.theme in app.available_themes:
         app.theme = settings.theme
     else:

@@ -15,17 +15,17 @@ class FrameSource(Protocol):
     def newest(self) -> Frame | None:
         """The last frame that arrived; None before the first."""
 
-    async def run(self) -> None:
+    async def run_connection(self) -> None:
         """Keeps `newest` new. Raises `console.link.WorkerGone` when the other end is gone."""
 
-    async def order(self, order: Order) -> Answer:
+    async def send_order(self, order: Order) -> Answer:
         """Sends one order and waits for its answer. Raises `console.link.WorkerGone`."""
 
-    async def device(self, name: str, do: DeviceDo) -> Answer:
+    async def send_device_order(self, name: str, do: DeviceDo) -> Answer:
         """Asks something of one device, by its name in the frame. Raises
         `console.link.WorkerGone`."""
 
-    async def lag_test(self, begin: bool) -> Answer:
+    async def send_lag_test_order(self, begin: bool) -> Answer:
         """Begins or ends the lag test, which measures while the state is calibrating. Raises as
         `order`."""
 

@@ -51,12 +51,12 @@ class Waits(Protocol):
     """How long to wait after wrong keys: seconds, and until when on the clock. One for all tabs
     of an address."""
 
-    def taken(self) -> AbstractContextManager[Waits | None]:
+    def take_lock(self) -> AbstractContextManager[Waits | None]:
         """For this tab alone while it is judged; None: another tab has it just now."""
         ...
 
-    def read(self) -> tuple[float, float]: ...
-    def write(self, wait_s: float, until_s: float) -> None: ...
+    def read_wait(self) -> tuple[float, float]: ...
+    def write_wait(self, wait_s: float, until_s: float) -> None: ...
 
 
 class OwnWaits:
@@ -65,13 +65,13 @@ class OwnWaits:
     def __init__(self) -> None:
         self._announced = 0.0, float("-inf")
 
-    def taken(self) -> AbstractContextManager[Waits | None]:
+    def take_lock(self) -> AbstractContextManager[Waits | None]:
         return nullcontext(self)
 
-    def read(self) -> tuple[float, float]:
+    def read_wait(self) -> tuple[float, float]:
         return self._announced
 
-    def write(self, wait_s: float, until_s: float) -> None:
+    def write_wait(self, wait_s: float, until_s: float) -> None:
         self._announced = wait_s, until_s
 
 
@@ -102,7 +102,7 @@ class Key:
         """Why this does not open the machine, in one line; empty where it does."""
         if self._text is None:
             return _("There is no key: this server was started for viewing only.")
-        with self._waits.taken() as waits:
+        with self._waits.take_lock() as waits:
             if waits is None:  # another tab's is judged just now
                 self._judged_s = self._clock()
                 return _("The last key was wrong: wait {seconds} s.").format(seconds=1)
@@ -110,7 +110,7 @@ class Key:
 
     def _judged(self, typed: str, text: str, waits: Waits) -> str:
         now_s = self._clock()
-        wait_s, until_s = waits.read()
+        wait_s, until_s = waits.read_wait()
         # more was reported by the clock of another day
         if self._judged_s is None and until_s - now_s <= MOST_WAIT_S:
             self._judged_s = until_s
@@ -120,10 +120,10 @@ class Key:
             )
         self._judged_s = None
         if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
-            waits.write(0.0, now_s)
+            waits.write_wait(0.0, now_s)
             return ""
         wait_s = min(MOST_WAIT_S, 2.0 * wait_s or WAIT_S)
-        waits.write(wait_s, now_s + wait_s)
+        waits.write_wait(wait_s, now_s + wait_s)
         return _("This is not the tablet's key.")
 
 

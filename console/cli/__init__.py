@@ -56,8 +56,8 @@ from typing import Annotated, Any
 
 import typer
 from topdress.console.cli.plain_errors import guard_command
-from topdress.console.cli.plain_output import take_outputs
-from topdress.console.threads import few_for_matrices
+from topdress.console.cli.plain_output import replace_streams
+from topdress.console.threads import limit_matrix_threads
 from typer.core import TyperCommand
 
 # Examples that stand under each command's help. A test parses every one of them.
@@ -147,29 +147,29 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "serve": ("topdress serve",),
     "serve-machine": ("topdress serve-machine --port 4100",),
 }
-ENDS = """Exit codes: 0 done; 1 a disk, port or line failed; 2 what was given is wrong;
+HELP_END = """Exit codes: 0 done; 1 a disk, port or line failed; 2 what was given is wrong;
 3 nothing of the data could be judged; 70 a fault of topdress itself; 130 cancelled.
 Words are completed by the tab key after: topdress --install-completion."""
 
 
-def under(name: str) -> str:
-    """What stands below a command's help; each example on a line of its own."""
+def format_examples(name: str) -> str:
+    """Text below a command's help; each example on a line of its own."""
     return "\b\nExamples:\n" + "\n".join(f"  {line}" for line in EXAMPLES[name])
 
 
 # Help in words: an argument's name says what it is, ranges are written out, no types and signs
 # of Python.
-_TYPES = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
-_NUMBER = r"-?[\d.]+(?:e[-+]?\d+)?"
-_RANGE = re.compile(
-    rf"(?P<low>{_NUMBER})<=x<=(?P<high>{_NUMBER})|x>=(?P<least>{_NUMBER})|x<=(?P<most>{_NUMBER})"
+_TYPE_PATTERN = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
+_NUMBER_PATTERN = r"-?[\d.]+(?:e[-+]?\d+)?"
+_RANGE_PATTERN = re.compile(
+    rf"(?P<low>{_NUMBER_PATTERN})<=x<=(?P<high>{_NUMBER_PATTERN})|x>=(?P<least>{_NUMBER_PATTERN})|x<=(?P<most>{_NUMBER_PATTERN})"
 )
 
 
-def ranges_in_words(text: str) -> str:
+def describe_ranges(text: str) -> str:
     """`1<=x<=100` as from 1 to 100, `x>=0.0` as 0 or more, `x<=9` as at most 9."""
 
-    def words(found: re.Match[str]) -> str:
+    def describe_range(found: re.Match[str]) -> str:
         number = {
             name: value.removesuffix(".0")
             for name, value in found.groupdict().items()
@@ -179,63 +179,66 @@ def ranges_in_words(text: str) -> str:
             return f"from {number['low']} to {number['high']}"
         return f"{number['least']} or more" if "least" in number else f"at most {number['most']}"
 
-    return _RANGE.sub(words, text)
+    return _RANGE_PATTERN.sub(describe_range, text)
 
 
 class PlainCommand(TyperCommand):
+    """Prints its help in words: no types, ranges as words."""
+
     def get_help(self, ctx: Any) -> str:
-        """What is left out leaves its room: the texts behind stay in their column."""
-        said = _TYPES.sub(
+        """The help; removed types leave their room, so the texts behind stay in their column."""
+        said = _TYPE_PATTERN.sub(
             lambda found: found[1] + " " * len(found[2]) + found[3] if found[3] else found[1],
             super().get_help(ctx),
         )
-        return ranges_in_words(said)
+        return describe_ranges(said)
 
 
-def _app() -> typer.Typer:
+def _make_typer_app() -> typer.Typer:
     return typer.Typer(
         name="topdress",
         no_args_is_help=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
-        epilog=ENDS,
+        epilog=HELP_END,
         context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
     )
 
 
 # by name: the file next to this one, and its function
-COMMANDS = {
-    "run": "run.run",
-    "replay": "replay.replay",
-    "simulate": "simulate.simulate",
-    "diagnose": "diagnose.diagnose",
-    "compare": "compare.compare",
-    "watch": "watch.watch",
-    "fleet": "fleet.fleet",
-    "history": "history.history",
-    "machine": "machine.machine",
-    "effects": "effects.effects",
-    "decode": "decode.decode",
-    "import": "import_log.import_log",
-    "map": "map.map_files",
-    "field": "field.field",
-    "record": "record.record",
-    "trial": "trial.trial",
-    "reproduce": "reproduce.reproduce",
-    "check": "check.check",
-    "devices": "devices.devices",
-    "serve": "serve.serve",
-    "serve-machine": "serve_machine.serve_machine",
-    "live": "live.live",
-    "info": "info.info",
-    "extras": "info.extras",
+COMMAND_FUNCTIONS = {
+    "run": "run.run_console",
+    "replay": "replay.replay_log",
+    "simulate": "simulate.run_simulation",
+    "diagnose": "diagnose.run_diagnose",
+    "compare": "compare.compare_machines",
+    "watch": "watch.watch_log",
+    "fleet": "fleet.run_fleet",
+    "history": "history.print_history",
+    "machine": "machine.make_machine_file",
+    "effects": "effects.list_effects",
+    "decode": "decode.decode_capture",
+    "import": "import_log.run_import",
+    "map": "map.convert_map",
+    "field": "field.convert_field",
+    "record": "record.record_passes",
+    "trial": "trial.run_trial",
+    "reproduce": "reproduce.reproduce_papers",
+    "check": "check.check_files",
+    "devices": "devices.list_devices",
+    "serve": "serve.serve_tablets",
+    "serve-machine": "serve_machine.serve_virtual_machine",
+    "live": "live.publish_live",
+    "info": "info.print_info",
+    "extras": "info.list_extras",
 }
-CALIBRATIONS = {
-    name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort", "encoder")
+CALIBRATION_FUNCTIONS = {
+    name: f"calibrate.calibrate_{name}"
+    for name in ("catch", "lag", "wheel", "heads", "effort", "encoder")
 }
 
 
-def console(
+def run_main_command(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
@@ -247,62 +250,64 @@ def console(
         typer.echo(f"topdress {software_version()}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        guard_command(_function(COMMANDS["run"]))()
+        guard_command(_import_function(COMMAND_FUNCTIONS["run"]))()
 
 
-def _function(place: str) -> Callable[..., None]:
+def _import_function(place: str) -> Callable[..., None]:
     file, _, name = place.partition(".")
     found: Callable[..., None] = getattr(import_module(f"topdress.console.cli.{file}"), name)
     return found
 
 
-def _with(commands: Mapping[str, str], to: typer.Typer, of: str = "") -> typer.Typer:
+def _add_commands(commands: Mapping[str, str], to: typer.Typer, of: str = "") -> typer.Typer:
     for name, place in commands.items():
-        to.command(name, cls=PlainCommand, epilog=under(f"{of} {name}".strip()))(
-            guard_command(_function(place))
+        to.command(name, cls=PlainCommand, epilog=format_examples(f"{of} {name}".strip()))(
+            guard_command(_import_function(place))
         )
     return to
 
 
-def _started() -> typer.Typer:
-    app = _app()
-    app.callback(invoke_without_command=True)(console)
+def _make_main_app() -> typer.Typer:
+    app = _make_typer_app()
+    app.callback(invoke_without_command=True)(run_main_command)
     return app
 
 
 @cache
-def whole() -> typer.Typer:
+def make_whole_app() -> typer.Typer:
     """The app with every command; `console.cli.app` is the same."""
-    app = _with(COMMANDS, _started())
+    app = _add_commands(COMMAND_FUNCTIONS, _make_main_app())
     calibrations = typer.Typer(
         rich_markup_mode=None,
         help="Fit flow or lag to a bench table, or wheel or heads to a run log; count a turn of "
         "the shaft.",
     )
     app.add_typer(
-        _with(CALIBRATIONS, calibrations, "calibrate"), name="calibrate", no_args_is_help=True
+        _add_commands(CALIBRATION_FUNCTIONS, calibrations, "calibrate"),
+        name="calibrate",
+        no_args_is_help=True,
     )
     return app
 
 
 def __getattr__(name: str) -> Any:
     if name == "app":
-        return whole()
+        return make_whole_app()
     raise AttributeError(name)
 
 
-def asked(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
-    """The app with the one command that is asked for, where one is: to import all of them and
-    to make them ready takes a tenth of the time to the first picture. Help of all, completion
-    and unknown commands load the full app."""
+def make_asked_app(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
+    """The app with the single command that is asked for, where one is: importing and preparing all
+    of them takes a tenth of the time to the first picture. Help of all, completion and unknown
+    commands load the full app."""
     name = words[0] if words else "run"
-    if name not in COMMANDS or any(key.endswith("_COMPLETE") for key in environment):
-        return whole()
-    return _with({name: COMMANDS[name]}, _started())
+    if name not in COMMAND_FUNCTIONS or any(key.endswith("_COMPLETE") for key in environment):
+        return make_whole_app()
+    return _add_commands({name: COMMAND_FUNCTIONS[name]}, _make_main_app())
 
 
 def main() -> None:
-    """The entry point `topdress`."""
-    few_for_matrices()
-    take_outputs()
-    asked(sys.argv[1:], os.environ)()
+    """Run the entry point `topdress`."""
+    limit_matrix_threads()
+    replace_streams()
+    make_asked_app(sys.argv[1:], os.environ)()

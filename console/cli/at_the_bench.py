@@ -27,14 +27,18 @@ if TYPE_CHECKING:
 
 
 # Keys of the terminal as they are pressed, without waiting for a line; POSIX and Windows.
-class Keys:
-    """`pressed`: what was typed since the last call, as text. Nothing where standard input is
-    no terminal; raises KeyboardInterrupt where that terminal has hung up."""
+class Keyboard:
+    """Reads keys without waiting for a line.
+
+    `read_pressed` gives the text typed since the last call. Nothing where standard input is no
+    terminal; raises KeyboardInterrupt where that terminal has hung up.
+    """
 
     def __init__(self, there: bool) -> None:
         self.there = there
 
-    def pressed(self) -> str:
+    def read_pressed(self) -> str:
+        """Text typed since the last call."""
         if not self.there:
             return ""
         if sys.platform == "win32":
@@ -54,13 +58,13 @@ class Keys:
 
 
 @contextlib.contextmanager
-def keys() -> Iterator[Keys]:
-    """The keyboard until the end of the block; Ctrl+C still interrupts."""
+def open_keyboard() -> Iterator[Keyboard]:
+    """Open the keyboard until the end of the block; Ctrl+C still interrupts."""
     if not sys.stdin.isatty():
-        yield Keys(False)
+        yield Keyboard(False)
         return
     if sys.platform == "win32":
-        yield Keys(True)
+        yield Keyboard(True)
         return
     import termios
     import tty
@@ -68,7 +72,7 @@ def keys() -> Iterator[Keys]:
     before = termios.tcgetattr(sys.stdin)
     try:
         tty.setcbreak(sys.stdin)
-        yield Keys(True)
+        yield Keyboard(True)
     finally:
         # one that has hung up has nothing to get back
         with contextlib.suppress(termios.error):
@@ -79,13 +83,12 @@ ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 
 @contextlib.contextmanager
-def stopped_by_signals() -> Iterator[None]:
-    """Whatever ends a command at the bench ends it as Ctrl+C does, by an exception: the last
-    command to the drives is a stop. A second signal does not interrupt that stop. Raises
-    KeyboardInterrupt."""
+def end_on_signals() -> Iterator[None]:
+    """End a command at the bench on any signal as Ctrl+C does, by an exception: the last command to
+    the drives is a stop. A second signal does not interrupt that stop. Raises KeyboardInterrupt."""
     is_ending = False
 
-    def end(*_: object) -> None:
+    def raise_interrupt(*_: object) -> None:
         nonlocal is_ending
         if not is_ending:
             is_ending = True
@@ -93,7 +96,7 @@ def stopped_by_signals() -> Iterator[None]:
 
     numbers = [getattr(signal, name) for name in ENDING_SIGNALS if hasattr(signal, name)]
     before = {
-        number: signal.signal(number, end)
+        number: signal.signal(number, raise_interrupt)
         for number in numbers
         if signal.getsignal(number) != signal.SIG_IGN
     }
@@ -105,22 +108,22 @@ def stopped_by_signals() -> Iterator[None]:
 
 
 def run_attended(host: Host) -> None:
-    """Runs the control loop to its end; however that comes, the drives are stopped by a command
-    and not by their own second of silence. Raises KeyboardInterrupt."""
-    with stopped_by_signals():
-        host.run()
+    """Run the control loop to its end; however that comes, the drives are stopped by a command and
+    not by their own second of silence. Raises KeyboardInterrupt."""
+    with end_on_signals():
+        host.run_until_stopped()
 
 
-HZ = 50.0
+BENCH_HZ = 50.0
 HEARD_WITHIN_S = 10.0  # every device must have been heard by then
-REPEAT_S = 0.2  # the held button is confirmed this often
+CONFIRM_PERIOD_S = 0.2  # the held button is confirmed this often
 # without a key: a refusal that lasts ends the test
 PATIENCE_S = 5.0
-KEY = " "
+HOLD_KEY = " "
 
 
-class Unlogged:
-    """A log writer that keeps nothing: the table is the record of this test."""
+class NullLogWriter:
+    """Keeps no log: the table is the record of this test."""
 
     ok = True
     trouble = ""
@@ -139,10 +142,10 @@ def make_host(
     clock: Callable[[], float],
     between: Callable[[float], None],
 ) -> tuple[Host, Cab]:
-    """The control loop with every interlock on the devices of a cab file that are there (`urls`
-    by name), its board with the machine's limits; and the cab that it has. Nothing is logged."""
+    """The control loop with every interlock on the devices of a cab file that are there (`urls` by
+    name), its board with the machine's limits; and its cab. Nothing is logged."""
     from topdress.console.worker.host import Host
-    from topdress.console.worker.parts import Assembly, Names
+    from topdress.console.worker.parts import Assembly, RunNames
     from topdress.control.loop import ControlLoop
     from topdress.control.safety import SafetyLimits
     from topdress.drivers.cab import Cab, CabConfig
@@ -167,32 +170,35 @@ def make_host(
         safety_limits=SafetyLimits(both_speeds_to_start="gnss" in devices),
     )
     cab = Cab(CabConfig.model_validate(devices), clock)
-    return Host(Assembly(cab, loop, Unlogged(), Names()), clock, between, hz=HZ), cab
+    return Host(Assembly(cab, loop, NullLogWriter(), RunNames()), clock, between, hz=BENCH_HZ), cab
 
 
-def show(text: str) -> None:
-    """On stderr, in place of what was shown before where somebody looks on; else not at all."""
+def show_progress(text: str) -> None:
+    """Show a text on stderr in place of the one before, if it is a terminal; else nothing."""
     if sys.stderr.isatty():
         sys.stderr.write(f"\r\x1b[K{text}")
         sys.stderr.flush()
 
 
-def say(text: str) -> None:
-    """On stderr, a line that stays, in place of what was shown."""
-    show("")
+def print_stderr_line(text: str) -> None:
+    """Print a line on stderr that stays, in place of the progress shown."""
+    show_progress("")
     typer.echo(text, err=True)
 
 
-class AtTheBench:
-    """Stands for the person at the bench: between ticks it holds the button down while the
-    space bar is. `trouble`: why it was given up; `refusal`: why the held key turns nothing. Who
-    inherits says in `go_on` what is done once the machine is ready."""
+class BenchOperator:
+    """Stands for the person at the bench: between ticks it holds the button down while the space
+    bar is.
+
+    `trouble`: why it was given up; `refusal`: why the held key turns nothing. A subclass says in
+    `follow_frame` what is done once the machine is ready.
+    """
 
     host: Host
 
     def __init__(
         self,
-        keyboard: Keys,
+        keyboard: Keyboard,
         no_key: bool,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -206,40 +212,40 @@ class AtTheBench:
         self.refusal = ""
         self._was_down = self._calibrated = False
 
-    def go_on(self, frame: Frame, now_s: float, pressed: str) -> None:
-        """Every tick in which the machine is neither off nor in fault; `pressed`: keys since
-        the last one."""
+    def follow_frame(self, frame: Frame, now_s: float, pressed: str) -> None:
+        """Act on a tick in which the machine is neither off nor in fault; `pressed`: keys since the
+        last tick."""
         raise NotImplementedError
 
-    def settings(self) -> Sequence[Order]:
-        """Ordered whenever the shaft is about to turn."""
+    def list_set_points(self) -> Sequence[Order]:
+        """Orders given whenever the shaft is about to turn."""
         return ()
 
-    def between(self, seconds: float) -> None:
-        """The host's pause between two ticks."""
+    def pause_between_ticks(self, seconds: float) -> None:
+        """Wait in the host's pause between two ticks, then act on the newest frame."""
         self._sleep(seconds)
         frame = self.host.newest
-        self.host.console_heard()
-        pressed = self._keyboard.pressed()
-        if KEY in pressed:
+        self.host.note_console_heard()
+        pressed = self._keyboard.read_pressed()
+        if HOLD_KEY in pressed:
             self._held.key(self._clock())
         if frame is None:
             return
         now_s = frame.at_s
         if frame.row.state == State.OFF:
-            self._make_ready(frame, now_s)
+            self._order_ready(frame, now_s)
         elif frame.row.state == State.FAULT:
             words = (
                 "; ".join(describe_alarm(alarm).text for alarm in frame.alarms) or frame.why_state
             )
             self.give_up(words)
         else:
-            self.go_on(frame, now_s, pressed)
+            self.follow_frame(frame, now_s, pressed)
 
-    def _make_ready(self, frame: Frame, now_s: float) -> None:
+    def _order_ready(self, frame: Frame, now_s: float) -> None:
         silent = [one.name for one in frame.devices if not one.accepted]
         if not silent:
-            self.order(Order(Do.READY))
+            self.send_order(Order(Do.READY))
         elif now_s > HEARD_WITHIN_S:
             said = next(one for one in frame.devices if one.name == silent[0])
             self.give_up(
@@ -247,24 +253,26 @@ class AtTheBench:
                 f"{said.last_error or said.last_raw or 'no byte'}"
             )
 
-    def hold(self, frame: Frame, now_s: float) -> None:
-        """The button, as the key is now."""
+    def hold_button(self, frame: Frame, now_s: float) -> None:
+        """Press or release the button, as the key is now."""
         calibrating = frame.row.state == State.CALIBRATING
-        for order in self.settings() if calibrating and not self._calibrated else ():
-            self.order(order)
+        for order in self.list_set_points() if calibrating and not self._calibrated else ():
+            self.send_order(order)
         self._calibrated = calibrating
         down = self._no_key or self._held.down(self._clock())
         if self._was_down and not down:
-            self.order(Order(Do.RELEASE))
+            self.send_order(Order(Do.RELEASE))
         self._was_down = down
-        if not down or now_s - self._confirmed_s < REPEAT_S:
+        if not down or now_s - self._confirmed_s < CONFIRM_PERIOD_S:
             return
         self._confirmed_s = now_s
         if self._no_key and frame.why_state == "calibration_time":  # the next two minutes
-            self.order(Order(Do.RELEASE))
-        self.host.ask(Order(Do.CALIBRATE), lambda answer, _: self._heard(answer, now_s))
+            self.send_order(Order(Do.RELEASE))
+        self.host.queue_request(
+            Order(Do.CALIBRATE), lambda answer, _: self._take_answer(answer, now_s)
+        )
 
-    def _heard(self, answer: Answer, now_s: float) -> None:
+    def _take_answer(self, answer: Answer, now_s: float) -> None:
         self.refusal = "" if answer.accepted else describe_refusal(answer.why)
         if answer.accepted:
             self._refused_since_s = None
@@ -275,11 +283,11 @@ class AtTheBench:
         if self._no_key and now_s - self._refused_since_s > PATIENCE_S:
             self.give_up(self.refusal)
 
-    def order(self, order: Order) -> None:
-        """Whatever is answered."""
-        self.host.ask(order, lambda answer, _: None)
+    def send_order(self, order: Order) -> None:
+        """Give an order, whatever the answer."""
+        self.host.queue_request(order, lambda answer, _: None)
 
     def give_up(self, why: str) -> None:
-        """The first reason counts."""
+        """End the test; the first reason counts."""
         self.trouble = self.trouble or why
-        self.host.stop("trouble")
+        self.host.request_stop("trouble")

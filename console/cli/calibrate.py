@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from topdress.console.cli.inputs import (
-    RUN_LOG,
-    TABLE,
-    machine_of,
+    RUN_LOG_KINDS,
+    TABLE_FILE_KINDS,
+    load_machine,
     need_ending,
     refuse_bench_table,
-    refuse_other,
+    refuse_other_kinds,
     refuse_run_log,
 )
 from topdress.console.cli.outputs import (
     Force,
     Output,
+    find_machine_file,
     list_log_files,
-    machine_file,
     refuse_collisions,
 )
 from topdress.console.cli.plain_errors import CommandError
@@ -41,20 +41,20 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
 
 
-Table = Annotated[Path, typer.Argument(metavar="TABLE.csv", help="The bench table.")]
-Log = Annotated[Path, typer.Argument(metavar="LOG.csv", help="A run log.")]
-Out = Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file.")]
-From = Annotated[
+TableArgument = Annotated[Path, typer.Argument(metavar="TABLE.csv", help="The bench table.")]
+LogArgument = Annotated[Path, typer.Argument(metavar="LOG.csv", help="A run log.")]
+OutOption = Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file.")]
+FromOption = Annotated[
     str,
     typer.Option(metavar="MACHINE", help="Machine file to begin with, or name of a shipped one."),
 ]
-Date = Annotated[
+DateOption = Annotated[
     str | None, typer.Option(metavar="YYYY-MM-DD", help="Of the test; default: today.")
 ]
 
 
-def catch(
-    data: Table,
+def calibrate_catch(
+    data: TableArgument,
     *,
     out: Annotated[
         Path,
@@ -62,7 +62,7 @@ def catch(
             metavar="NEW.yaml", help="The new machine file; with --product the new product file."
         ),
     ],
-    machine: From = "huanghai",
+    machine: FromOption = "huanghai",
     product: Annotated[
         str | None,
         typer.Option(
@@ -71,7 +71,7 @@ def catch(
             "date, to this product file instead of the machine's.",
         ),
     ] = None,
-    date: Date = None,
+    date: DateOption = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -80,25 +80,25 @@ def catch(
     from topdress.control.calibration.flow_fit import fit_flow
     from topdress.drivers.files.bench_table import read_bench_table
 
-    _table(data, out, "calibrate catch")
-    loaded = _started(data, out, machine, force)
-    day = _day(date)
+    _refuse_no_table(data, out, "calibrate catch")
+    loaded = _load_first_machine(data, out, machine, force)
+    day = _parse_date(date)
     fitted, flow = fit_flow(read_bench_table(data, "catch"), loaded, date=day.isoformat())
-    _say(flow, lambda: _tell_flow(flow, loaded), as_json)
+    _print_fit(flow, lambda: _print_flow_fit(flow, loaded), as_json)
     if product is None:
-        _save(fitted, data, out, as_json)
+        _save_machine(fitted, data, out, as_json)
     else:
-        _save_test(product, loaded, flow, day, data, out, as_json)
+        _save_product_test(product, loaded, flow, day, data, out, as_json)
 
 
-def _day(text: str | None) -> dt.date:
+def _parse_date(text: str | None) -> dt.date:
     try:
         return day_clock.today() if text is None else dt.date.fromisoformat(text)
     except ValueError:
         raise CommandError(f"--date {text}: allowed is a day such as 2026-03-18") from None
 
 
-def _save_test(
+def _save_product_test(
     product: str,
     machine: Machine,
     flow: FlowFit,
@@ -107,7 +107,7 @@ def _save_test(
     out: Path,
     as_json: bool,
 ) -> None:
-    """The product with this test added to its earlier ones."""
+    """Write the product with this test added to its earlier ones."""
     from topdress.control.calibration.flow_fit import make_catch_test
     from topdress.drivers.files.config import load, save, sha256_of
     from topdress.drivers.files.kinds import PRODUCT
@@ -123,7 +123,7 @@ def _save_test(
     typer.echo(f"product file: {out}", err=as_json)
 
 
-def lag(
+def calibrate_lag(
     data: Annotated[
         Path | None, typer.Argument(metavar="[TABLE.csv]", help="The bench table; none with --rig.")
     ] = None,
@@ -135,7 +135,7 @@ def lag(
             help="The new machine file; with --rig the new bench table.",
         ),
     ],
-    machine: From = "huanghai",
+    machine: FromOption = "huanghai",
     label: Annotated[
         str | None,
         typer.Option(metavar="WORD", help="Only the rows with this label (e.g. detected)."),
@@ -180,7 +180,7 @@ def lag(
             help="--rig: turn without a held key; somebody stands at the hard-wired stop.",
         ),
     ] = False,
-    date: Date = None,
+    date: DateOption = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -190,7 +190,7 @@ def lag(
         from topdress.console.cli.lag_rig import measure_lag
 
         need_ending("--out", out, ".csv")
-        _refuse((), out, machine, force)
+        _refuse_overwriting((), out, machine, force)
         measure_lag(
             rig,
             board,
@@ -209,8 +209,8 @@ def lag(
     from topdress.control.calibration.tube_fit import settle_tube
     from topdress.drivers.files.bench_table import read_bench_table
 
-    _table(data, out, "calibrate lag")
-    fitted, day = _started(data, out, machine, force), _day(date).isoformat()
+    _refuse_no_table(data, out, "calibrate lag")
+    fitted, day = _load_first_machine(data, out, machine, force), _parse_date(date).isoformat()
     table = read_bench_table(data, "lag")
     running = table.running()
     line, tube = None, None
@@ -220,18 +220,20 @@ def lag(
         )
     if running.any():
         fitted, tube = settle_tube(table, fitted, date=day)
-    _say(
-        {"lag": line, "tube": tube}, lambda: _tell_lag(line, tube, fitted.tube_is_settled), as_json
+    _print_fit(
+        {"lag": line, "tube": tube},
+        lambda: _print_lag_fit(line, tube, fitted.tube_is_settled),
+        as_json,
     )
-    _save(fitted, data, out, as_json)
+    _save_machine(fitted, data, out, as_json)
 
 
-def wheel(
-    data: Log,
+def calibrate_wheel(
+    data: LogArgument,
     *,
-    out: Out,
-    machine: From = "huanghai",
-    date: Date = None,
+    out: OutOption,
+    machine: FromOption = "huanghai",
+    date: DateOption = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -240,21 +242,25 @@ def wheel(
     from topdress.drivers.files.calibration_log import counted_by, wheel_columns
     from topdress.drivers.files.read_log import read_rows
 
-    _log(data, out, "calibrate wheel")
-    loaded, log = _started(data, out, machine, force), read_rows(data)
+    _refuse_no_log(data, out, "calibrate wheel")
+    loaded, log = _load_first_machine(data, out, machine, force), read_rows(data)
     fitted, found = fit_wheel(
-        wheel_columns(log), loaded, counted_by(log, loaded), str(data), date=_day(date).isoformat()
+        wheel_columns(log),
+        loaded,
+        counted_by(log, loaded),
+        str(data),
+        date=_parse_date(date).isoformat(),
     )
-    _say(found, lambda: _tell_wheel(found), as_json)
-    _save(fitted, data, out, as_json)
+    _print_fit(found, lambda: _print_wheel_fit(found), as_json)
+    _save_machine(fitted, data, out, as_json)
 
 
-def heads(
-    data: Log,
+def calibrate_heads(
+    data: LogArgument,
     *,
-    out: Out,
-    machine: From = "huanghai",
-    date: Date = None,
+    out: OutOption,
+    machine: FromOption = "huanghai",
+    date: DateOption = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -263,32 +269,32 @@ def heads(
     from topdress.drivers.files.calibration_log import heads_columns
     from topdress.drivers.files.read_log import read_rows
 
-    _log(data, out, "calibrate heads")
-    loaded, log = _started(data, out, machine, force), read_rows(data)
+    _refuse_no_log(data, out, "calibrate heads")
+    loaded, log = _load_first_machine(data, out, machine, force), read_rows(data)
     fitted, found = check_heads(
-        log.time_s, heads_columns(log), loaded, str(data), date=_day(date).isoformat()
+        log.time_s, heads_columns(log), loaded, str(data), date=_parse_date(date).isoformat()
     )
-    _say(found, lambda: _tell_heads(found), as_json)
-    _save(fitted, data, out, as_json)
+    _print_fit(found, lambda: _print_heads_fit(found), as_json)
+    _save_machine(fitted, data, out, as_json)
 
 
 class EffortUnit(StrEnum):
-    """Of `effort_unit` in the machine file."""
+    """Lists the units of `effort_unit` in the machine file."""
 
     DUTY = "%"
     CURRENT = "A"
     TORQUE = "N m"
 
 
-def effort(
-    data: Log,
+def calibrate_effort(
+    data: LogArgument,
     *,
-    out: Out,
-    machine: From = "huanghai",
+    out: OutOption,
+    machine: FromOption = "huanghai",
     unit: Annotated[
         EffortUnit | None, typer.Option(help="What the drives tell; default: the machine file's.")
     ] = None,
-    date: Date = None,
+    date: DateOption = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -297,20 +303,20 @@ def effort(
     from topdress.control.diagnosis.runs.effort_reference import fit_effort
     from topdress.drivers.files.any_log import open_log
 
-    _log(data, out, "calibrate effort")
-    loaded = _started(data, out, machine, force)
+    _refuse_no_log(data, out, "calibrate effort")
+    loaded = _load_first_machine(data, out, machine, force)
     fitted, found = fit_effort(
         dict(open_log(data).columns),
         loaded,
         str(data),
-        date=_day(date).isoformat(),
+        date=_parse_date(date).isoformat(),
         unit=None if unit is None else unit.value,
     )
-    _say(found, lambda: _tell_effort(found), as_json)
-    _save(fitted, data, out, as_json)
+    _print_fit(found, lambda: _print_effort_fits(found), as_json)
+    _save_machine(fitted, data, out, as_json)
 
 
-def encoder(
+def calibrate_encoder(
     *,
     board: Annotated[str, typer.Option(metavar="URL", help="The slave board.")],
     out: Annotated[
@@ -342,69 +348,69 @@ def encoder(
 ) -> None:
     """Count the encoder's pulses over whole turns of the metering shaft, for the board's
     settings."""
-    from topdress.console.cli.encoder import calibrate_encoder
+    from topdress.console.cli.encoder import count_encoder
 
     need_ending("--out", out, ".py")
-    _refuse((), out, machine, force)
-    limits = machine_of(machine).limits
+    _refuse_overwriting((), out, machine, force)
+    limits = load_machine(machine).limits
     if rpm is not None and not limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm:
         raise CommandError(
             f"--rpm {rpm:g}: allowed is {limits.shaft_low_rpm:g} to {limits.shaft_high_rpm:g}, the "
             f"limits of {machine}"
         )
-    calibrate_encoder(board, turns=turns, repeats=repeats, rpm=rpm, machine=machine, out=out)
+    count_encoder(board, turns=turns, repeats=repeats, rpm=rpm, machine=machine, out=out)
 
 
-def _table(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKind, CommandError: what is no bench table, and an ending that is none of a
-    machine file."""
-    refuse_other([data], TABLE)
+def _refuse_no_table(data: Path, out: Path, command: str) -> None:
+    """Raises WrongKind, CommandError: a file that is no bench table, or an output that does not end
+    as a machine file."""
+    refuse_other_kinds([data], TABLE_FILE_KINDS)
     refuse_run_log(data, command)
     need_ending("--out", out, ".yaml", ".yml")
 
 
-def _log(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKind, CommandError: what is no run log, and an ending that is none of a
-    machine file."""
-    refuse_other([data], RUN_LOG)
+def _refuse_no_log(data: Path, out: Path, command: str) -> None:
+    """Raises WrongKind, CommandError: a file that is no run log, or an output that does not end as
+    a machine file."""
+    refuse_other_kinds([data], RUN_LOG_KINDS)
     refuse_bench_table(data, command)
     need_ending("--out", out, ".yaml", ".yml")
 
 
-def _refuse(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None:
-    refuse_collisions((*reads, machine_file(machine)), [Output((out,))], force)
+def _refuse_overwriting(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None:
+    refuse_collisions((*reads, find_machine_file(machine)), [Output((out,))], force)
 
 
-def _started(data: Path, out: Path, machine: str, force: bool) -> Machine:
-    _refuse(list_log_files(data), out, machine, force)
-    return machine_of(machine)
+def _load_first_machine(data: Path, out: Path, machine: str, force: bool) -> Machine:
+    _refuse_overwriting(list_log_files(data), out, machine, force)
+    return load_machine(machine)
 
 
-def _save(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
+def _save_machine(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
     from topdress.drivers.files.config import save
     from topdress.drivers.files.kinds import MACHINE
 
-    save(out, _signed(fitted, data), MACHINE)
+    save(out, _sign_records(fitted, data), MACHINE)
     typer.echo(f"machine file: {out}", err=as_json)
 
 
-def _say(found: object, tell: Callable[[], None], as_json: bool) -> None:
-    """A fit, as data or in lines."""
+def _print_fit(found: object, tell: Callable[[], None], as_json: bool) -> None:
+    """Print a fit, as data or in lines."""
     if as_json:
         print_json(found)
     else:
         tell()
 
 
-UNSETTLED = (
+TUBE_UNSETTLED = (
     "starts do not show whether the stream in the tube carries what falls; a step from 40 "
     "to 80 r/min at the "
     "rig, ten times, does (before_rpm in the table): docs/field-work.md"
 )
 
 
-def _signed(machine: Machine, data: Path) -> Machine:
-    """The records of this calibration with the checksum of the file that they come from."""
+def _sign_records(machine: Machine, data: Path) -> Machine:
+    """The machine with the checksum of the data in the records of this calibration."""
     from topdress.drivers.files.config import sha256_of
 
     checksum = sha256_of(data)
@@ -420,68 +426,74 @@ def _signed(machine: Machine, data: Path) -> Machine:
     )
 
 
-def _tell_wheel(fit: WheelFit) -> None:
+def _print_wheel_fit(fit: WheelFit) -> None:
     typer.echo(
         f"{fit.stretches} straight stretches, {fit.way_m:.0f} m "
         f"{'at work' if fit.at_work else 'without flow'}"
     )
-    typer.echo(f"wheel circumference, m  {_span(fit.circumference_m)}")
+    typer.echo(f"wheel circumference, m  {_format_interval(fit.circumference_m)}")
     if fit.slip_percent is not None:
-        typer.echo(f"slip at work, %  {_span(fit.slip_percent)}")
-    _tell_notes(fit.notes)
+        typer.echo(f"slip at work, %  {_format_interval(fit.slip_percent)}")
+    _print_notes(fit.notes)
 
 
-def _tell_heads(fit: HeadsFit) -> None:
+def _print_heads_fit(fit: HeadsFit) -> None:
     for head in fit.heads:
         line = "" if head.slope is None else f", line {head.slope:.3f} x others {head.offset:+.3f}"
         typer.echo(
-            f"head {head.number}  off by {_span(head.gain_percent)} "
+            f"head {head.number}  off by {_format_interval(head.gain_percent)} "
             f"%{line}{'  FOULED' if head.fouled else ''}"
         )
-    _tell_notes(fit.notes)
+    _print_notes(fit.notes)
 
 
-def _tell_effort(found: Iterable[EffortFit]) -> None:
+def _print_effort_fits(found: Iterable[EffortFit]) -> None:
     for fit in found:
         typer.echo(
             f"{fit.bins} half seconds of moving, {fit.mean:.4g} {fit.unit} on the mean, scatter "
             f"{fit.scatter:.3g} {fit.unit}"
         )
         for place, interval, unit in fit.numbers:
-            typer.echo(f"{place}, {unit}  {_span(interval)}")
-        _tell_notes(fit.notes)
+            typer.echo(f"{place}, {unit}  {_format_interval(interval)}")
+        _print_notes(fit.notes)
 
 
-def _tell_flow(fit: FlowFit, machine: Machine) -> None:
+def _print_flow_fit(fit: FlowFit, machine: Machine) -> None:
     typer.echo(
         f"{fit.rows_used} catches, {fit.shaft_rpm[0]:g}-{fit.shaft_rpm[1]:g} r/min, "
         f"{fit.opening_mm[0]:g}-{fit.opening_mm[1]:g} mm, scatter {fit.residual_sd_percent:.2f} %"
     )
-    typer.echo(f"grams per revolution and mm  {_span(fit.grams_per_rev_mm)}")
+    typer.echo(f"grams per revolution and mm  {_format_interval(fit.grams_per_rev_mm)}")
     if fit.zero_offset_g_rev is not None:
-        typer.echo(f"grams per revolution at zero opening  {_span(fit.zero_offset_g_rev)}")
+        typer.echo(
+            f"grams per revolution at zero opening  {_format_interval(fit.zero_offset_g_rev)}"
+        )
     if fit.fill_falloff_percent is not None:
-        typer.echo(f"lost at {machine.flow.full_rpm:g} r/min, %  {_span(fit.fill_falloff_percent)}")
-    _tell_notes(fit.notes)
+        typer.echo(
+            f"lost at {machine.flow.full_rpm:g} r/min, %  "
+            f"{_format_interval(fit.fill_falloff_percent)}"
+        )
+    _print_notes(fit.notes)
 
 
-def _tell_lag(line: LagFit | None, tube: TubeFit | None, tube_is_settled: bool) -> None:
+def _print_lag_fit(line: LagFit | None, tube: TubeFit | None, tube_is_settled: bool) -> None:
     if line is not None:
         typer.echo(
             f"{line.measured}: {line.rows_used} rows, {line.from_rpm:g}-{line.to_rpm:g} "
             "r/min, scatter "
             f"{line.residual_sd_s:.4f} s, correlation {line.correlation:.3f}"
         )
-        typer.echo(f"slope, s per r/min  {_span(line.slope_s_per_rpm)}")
-        typer.echo(f"intercept, s        {_span(line.intercept_s)}")
-        _tell_notes(line.notes)
+        typer.echo(f"slope, s per r/min  {_format_interval(line.slope_s_per_rpm)}")
+        typer.echo(f"intercept, s        {_format_interval(line.intercept_s)}")
+        _print_notes(line.notes)
     if tube is not None:
         typer.echo(
             f"tube: {tube.rows_used} changes between two rates, scatter {tube.scatter_s:.4f} s, "
             f"{tube.off_s:+.3f} s off the nearest tube"
         )
         typer.echo(
-            f"share that the stream carries  {_span(tube.carried_share)}, s.d. {tube.sd:.2f}"
+            f"share that the stream carries  {_format_interval(tube.carried_share)}, s.d. "
+            f"{tube.sd:.2f}"
         )
         if not tube.settles:
             typer.echo(
@@ -489,13 +501,13 @@ def _tell_lag(line: LagFit | None, tube: TubeFit | None, tube_is_settled: bool) 
                 "counts on the tube"
             )
     elif not tube_is_settled:
-        typer.echo(f"note: {UNSETTLED}")
+        typer.echo(f"note: {TUBE_UNSETTLED}")
 
 
-def _tell_notes(notes: Iterable[str]) -> None:
+def _print_notes(notes: Iterable[str]) -> None:
     for note in notes:
         typer.echo(f"note: {note}")
 
 
-def _span(one: FittedInterval) -> str:
+def _format_interval(one: FittedInterval) -> str:
     return f"{one.value:.5g} (90 %: {one.low:.5g} to {one.high:.5g})"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from topdress.console.cli.outputs import Force, marked, refuse_collisions
+from topdress.console.cli.outputs import Force, make_marked_output, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 
-def check(
+def check_files(
     files: Annotated[
         list[str] | None,
         typer.Argument(
@@ -49,12 +49,15 @@ def check(
 ) -> None:
     """Check configuration files of any kind; one plain line for each thing that is wrong."""
     if write_schemas is not None:
-        outputs = [marked(write_schemas / f"{name}.json", b'"$schema"') for name in kinds_by_name()]
+        outputs = [
+            make_marked_output(write_schemas / f"{name}.json", b'"$schema"')
+            for name in list_kinds_by_name()
+        ]
         refuse_collisions(map(Path, files or ()), outputs, force)
     if schema is not None:
         typer.echo(format_schema(schema), nl=False)
     if write_schemas is not None:
-        write_all(write_schemas)
+        write_all_schemas(write_schemas)
     if not files and schema is None and write_schemas is None:
         raise CommandError(
             "check: no file given: allowed are configuration files, --schema KIND or "
@@ -62,10 +65,10 @@ def check(
             "FOLDER"
         )
     if files:
-        _check(files, as_json)
+        _check_named_files(files, as_json)
 
 
-def kinds_by_name() -> dict[str, Any]:
+def list_kinds_by_name() -> dict[str, Any]:
     """The kinds of configuration files by the short name of their format."""
     from topdress.drivers.files.kinds import KINDS
 
@@ -76,24 +79,24 @@ def format_schema(name: str) -> str:
     """The JSON schema of a kind, by its short name or its format. Raises CommandError."""
     from topdress.drivers.files.config import schema
 
-    kinds = kinds_by_name()
+    kinds = list_kinds_by_name()
     short = name.removeprefix("topdress-").partition("/")[0]
     if short not in kinds:
         raise CommandError(f"--schema {name}: allowed is one of {', '.join(kinds)}")
     return json.dumps(schema(kinds[short]), indent=1, ensure_ascii=False) + "\n"
 
 
-def write_all(folder: Path) -> None:
-    """`<kind>.json` for every kind, whole or not at all. Raises OSError."""
+def write_all_schemas(folder: Path) -> None:
+    """Write `<kind>.json` for every kind, whole or not at all. Raises OSError."""
     from topdress.drivers.files.atomic import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in kinds_by_name():
+    for name in list_kinds_by_name():
         write_atomically(folder / f"{name}.json", format_schema(name))
         typer.echo(folder / f"{name}.json")
 
 
-def _check(files: list[str], as_json: bool) -> None:
+def _check_named_files(files: list[str], as_json: bool) -> None:
     from topdress.drivers.files.kinds import CAB, JOB, MACHINE
     from topdress.drivers.files.setup import disagreements
 
@@ -103,11 +106,13 @@ def _check(files: list[str], as_json: bool) -> None:
     jobs, cabs, machines = (
         [one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE)
     )
-    wrong += [line for job in jobs for line in _heads_of(job, cabs)]
+    wrong += [line for job in jobs for line in _check_cab_heads(job, cabs)]
     machine_files = [str(machine.path) for machine in machines] or [SHIPPED_MACHINE]
-    notes += [line for job in jobs for file in machine_files for line in _ranges_of(job, file)]
+    notes += [
+        line for job in jobs for file in machine_files for line in _check_job_rates(job, file)
+    ]
     for machine in machines:
-        notes += _products_on(machine.model, jobs)
+        notes += _check_products(machine.model, jobs)
         wrong += [
             line for cab in cabs for line in disagreements(cab, machine.model, str(machine.path))
         ]
@@ -123,12 +128,12 @@ def _check(files: list[str], as_json: bool) -> None:
 
 def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any] | None:
     """The kind and the content of one configuration file; None for a task file, or where it is
-    wrong. Adds a line to `notes` or `wrong` for each thing that there is to say of it."""
+    wrong. Adds a line to `notes` or `wrong` for each finding."""
     from topdress.drivers.files.config import load_any
     from topdress.drivers.files.kinds import JOB, KINDS
 
-    _refuse_other(Path(file))
-    if (lines := _of_task(Path(file))) is not None:
+    _refuse_no_configuration(Path(file))
+    if (lines := _list_task_content(Path(file))) is not None:
         notes += lines
         return None
     try:
@@ -136,33 +141,33 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
     except ConfigError as error:
         wrong += error.lines
         return None
-    if trouble := _of_keymap(loaded.model):
+    if trouble := _find_keymap_fault(loaded.model):
         wrong.append(f"{loaded.path}: {trouble}")
         return None
     own = list(getattr(loaded.model, "warnings", ()))
     if kind is JOB:
-        own = [*_notes_of(loaded), *own]
-        wrong += _files_of(loaded, own)
+        own = [*_find_job_notes(loaded), *own]
+        wrong += _check_job_files(loaded, own)
     notes += [f"{loaded.path}: note: {line}" for line in own]
     return kind, loaded
 
 
-def _refuse_other(path: Path) -> None:
-    """What is there and no configuration, and what is not there and no shipped name either.
-    Raises WrongKind."""
-    from topdress.console.cli.inputs import CHECKED, refuse_other
+def _refuse_no_configuration(path: Path) -> None:
+    """Raises WrongKind for a file that is no configuration, and for a name that is neither a file
+    nor shipped."""
+    from topdress.console.cli.inputs import CHECKED_KINDS, refuse_other_kinds
 
     if path.exists() or path.suffix.lower() not in ("", ".yaml", ".yml") or len(path.parts) > 1:
-        refuse_other([path], CHECKED)
+        refuse_other_kinds([path], CHECKED_KINDS)
     if path.suffix.lower() in (".csv", ".tsv", ".xlsx"):
         raise CommandError(
             f"{path}: this is a table (topdress import and diagnose read it): allowed here is "
-            f"{CHECKED.words}"
+            f"{CHECKED_KINDS.words}"
         )
 
 
-def _of_task(path: Path) -> list[str] | None:
-    """What a task file, its folder or a zip of it holds, a line each; None for any other file."""
+def _list_task_content(path: Path) -> list[str] | None:
+    """Content of a task file, its folder or its zip, a line each; None for any other file."""
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
         return None
     from topdress.drivers.files.imports.task_log import task_words
@@ -170,9 +175,9 @@ def _of_task(path: Path) -> list[str] | None:
     return task_words(path)
 
 
-def _files_of(loaded: Any, notes: list[str]) -> list[str]:
-    """Notes what of a job's map will not be applied as it stands, under its ceiling too.
-    Returns what is wrong with the files that the job names, a line each."""
+def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
+    """Note the parts of a job's map that will not be applied as they stand, under its ceiling too.
+    Returns the faults of the files that the job names, a line each."""
     from topdress.console.app.pages.job.map_words import map_words
     from topdress.console.app.units import METRIC
     from topdress.drivers.files.config import load
@@ -183,7 +188,7 @@ def _files_of(loaded: Any, notes: list[str]) -> list[str]:
 
     folder = loaded.path.parent
 
-    def look_at_map() -> None:
+    def check_job_map() -> None:
         crop = load(loaded.model.crop, CROP, base=folder).model
         n_year = year_n(loaded, crop, day_clock.today())
         limited = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
@@ -192,7 +197,7 @@ def _files_of(loaded: Any, notes: list[str]) -> list[str]:
 
     wrong: list[str] = []
     looks: tuple[Callable[[], object], ...] = (
-        look_at_map,
+        check_job_map,
         lambda: plants_of_job(loaded.model, folder),
         lambda: product_of(loaded.model, folder),
     )
@@ -208,9 +213,8 @@ def _files_of(loaded: Any, notes: list[str]) -> list[str]:
     return wrong
 
 
-def _notes_of(loaded: Any) -> list[str]:
-    """What is to be known of a job before work: strips that are missing or doubtful, the crop's
-    stage."""
+def _find_job_notes(loaded: Any) -> list[str]:
+    """Notes on a job before work: strips that are missing or doubtful, the crop's stage."""
     from topdress.control.agronomy.strips import doubt, measured_index
     from topdress.drivers.files.setup import growth_note, load_setup
 
@@ -252,8 +256,8 @@ def _notes_of(loaded: Any) -> list[str]:
     return [line for line in found if line]
 
 
-def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
-    """Whether the heads of each cab, or where none is given the simulated ones, give what the
+def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
+    """Notes whether the heads of each cab, or where none is given the simulated ones, give what the
     job's crop needs."""
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import CROP
@@ -266,8 +270,8 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
 
 
-def _ranges_of(job: Any, machine_file: str) -> list[str]:
-    """Notes which rates of a job the machine of a file cannot give."""
+def _check_job_rates(job: Any, machine_file: str) -> list[str]:
+    """Notes on the rates of a job that the machine of a file cannot give."""
     from topdress.console.cli.check_range import find_range_notes
     from topdress.drivers.files.setup import load_setup
 
@@ -278,8 +282,8 @@ def _ranges_of(job: Any, machine_file: str) -> list[str]:
     return []
 
 
-def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
-    """What is to be known of the jobs' products on this machine."""
+def _check_products(machine: Any, jobs: list[Any]) -> list[str]:
+    """Notes on the jobs' products on this machine."""
     from topdress.drivers.files.setup import product_note, product_of
 
     found = []
@@ -291,8 +295,8 @@ def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
     return found
 
 
-def _of_keymap(model: BaseModel) -> str:
-    """What is wrong with the keys of a settings file, one line; empty for files of other kinds."""
+def _find_keymap_fault(model: BaseModel) -> str:
+    """The fault of the keys of a settings file, one line; empty for files of other kinds."""
     from topdress.drivers.files.settings import Settings
 
     if not isinstance(model, Settings) or not model.keymap:

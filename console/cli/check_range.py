@@ -22,9 +22,9 @@ def find_range_notes(setup: Setup) -> list[str]:
         return []
     machine, width_m = setup.machine, setup.machine.geometry.working_width_m
     notes = []
-    for kmh in _speeds_kmh(setup.job):
+    for kmh in _list_speeds_kmh(setup.job):
         low, high = find_rate_range(machine, kmh * MPS_PER_KMH, width_m)
-        for what, rate_kg_ha in _extreme_rates(setup):
+        for what, rate_kg_ha in _find_extreme_rates(setup):
             if low <= rate_kg_ha <= high:
                 continue
             slowest, fastest = find_speed_range(machine, rate_kg_ha, width_m)
@@ -39,7 +39,7 @@ def find_range_notes(setup: Setup) -> list[str]:
     return notes
 
 
-def _speeds_kmh(job: Job) -> list[float]:
+def _list_speeds_kmh(job: Job) -> list[float]:
     """The planned speeds of the passes; where none is planned, the simulated one."""
     planned = job.planned_speed_kmh
     if planned is None:
@@ -47,7 +47,7 @@ def _speeds_kmh(job: Job) -> list[float]:
     return [planned] if isinstance(planned, int | float) else sorted({min(planned), max(planned)})
 
 
-def _extreme_rates(setup: Setup) -> list[tuple[str, float]]:
+def _find_extreme_rates(setup: Setup) -> list[tuple[str, float]]:
     """The lowest and the highest rate above 0 of each source of the job, with its name."""
     job, crop = setup.job, setup.crop
     target = job.target

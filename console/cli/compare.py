@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import machine_of
+from topdress.console.cli.inputs import load_machine
 from topdress.console.cli.outputs import (
     Force,
+    find_machine_file,
     list_log_files,
-    machine_file,
-    marked,
+    make_marked_output,
     refuse_collisions,
 )
-from topdress.console.cli.plain_errors import NOT_JUDGED, say_notes
+from topdress.console.cli.plain_errors import NOT_JUDGED, print_note_lines
 from topdress.console.cli.progress import ProgressLine
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
 
 
-def compare(
+def compare_machines(
     old: Annotated[
         str, typer.Argument(metavar="OLD.yaml", help="Machine file, or name of a shipped one.")
     ],
@@ -49,21 +49,25 @@ def compare(
 
     Exit code 3: no channel of any log could be held against both.
     """
-    from topdress.console.reports.html import GENERATOR
+    from topdress.console.reports.html import GENERATOR_META
 
-    machines = [machine_of(name) for name in (old, new)]
+    machines = [load_machine(name) for name in (old, new)]
     reads = [
         *(file for log in logs for file in list_log_files(log)),
-        *map(machine_file, (old, new)),
+        *map(find_machine_file, (old, new)),
     ]
-    refuse_collisions(reads, [] if report is None else [marked(report, GENERATOR.encode())], force)
-    found = _compared(logs, machines[0], machines[1], new)
-    _write(found, old, new, as_json, report)
+    refuse_collisions(
+        reads,
+        [] if report is None else [make_marked_output(report, GENERATOR_META.encode())],
+        force,
+    )
+    found = _compare_on_logs(logs, machines[0], machines[1], new)
+    _write_result(found, old, new, as_json, report)
     if not any(one.channels for _, one in found):
         raise typer.Exit(NOT_JUDGED)
 
 
-def _compared(
+def _compare_on_logs(
     logs: list[Path], old: Machine, new: Machine, name: str
 ) -> list[tuple[str, Compared]]:
     from topdress.control.diagnosis.runs.compared import compared
@@ -73,31 +77,31 @@ def _compared(
     try:
         for number, path in enumerate(logs):
 
-            def step(share: float, word: str, number: int = number, path: Path = path) -> None:
+            def show_step(share: float, word: str, number: int = number, path: Path = path) -> None:
                 done = 100.0 * (number + share) / len(logs)
-                line.tell(f"{done:3.0f} % {path.name} {word} (Ctrl-C cancels)")
+                line.show_text(f"{done:3.0f} % {path.name} {word} (Ctrl-C cancels)")
 
             log = open_log(path)
             one = compared(
-                dict(log.columns), old, new, step if line.shown else lambda share, word: None
+                dict(log.columns), old, new, show_step if line.shown else lambda share, word: None
             )
-            line.end()
+            line.clear_line()
             odd = [
                 str(one)
                 for one in log.findings
                 if one.id != "missing" or not (old.stages and new.stages)
             ]
-            notes = [*odd, *one.findings, *_fitted_to(path, old, new)]
+            notes = [*odd, *one.findings, *_note_fitted_logs(path, old, new)]
             notes += [] if one.channels else [f"no channel of it could be held against {name}"]
-            say_notes(dict.fromkeys(notes), f"{path}: ")
+            print_note_lines(dict.fromkeys(notes), f"{path}: ")
             found.append((str(path), one))
     finally:
-        line.end()
+        line.clear_line()
     return found
 
 
-def _fitted_to(path: Path, *machines: Machine) -> list[str]:
-    """Said of a log that one of the files was made from: its own error there says nothing about
+def _note_fitted_logs(path: Path, *machines: Machine) -> list[str]:
+    """A note for a log from which one of the files was made: its own error there says nothing about
     other logs."""
     from topdress.drivers.files.config import sha256_of
 
@@ -119,19 +123,19 @@ def _fitted_to(path: Path, *machines: Machine) -> list[str]:
     return []
 
 
-def _write(
+def _write_result(
     found: list[tuple[str, Compared]], old: str, new: str, as_json: bool, report: Path | None
 ) -> None:
-    from topdress.console.reports.compare_page import plain, summary
+    from topdress.console.reports.compare_page import list_plain_data, summarise_terminal
 
     if as_json:
-        typer.echo(json.dumps(plain(found), indent=1))
+        typer.echo(json.dumps(list_plain_data(found), indent=1))
     else:
-        for line in summary(found, old, new):
+        for line in summarise_terminal(found, old, new):
             typer.echo(line)
     if report is not None:
-        from topdress.console.reports.compare_page import compare_page
+        from topdress.console.reports.compare_page import make_compare_page
         from topdress.drivers.files.atomic import write_atomically
 
-        write_atomically(report, compare_page(found, old, new))
+        write_atomically(report, make_compare_page(found, old, new))
         typer.echo(f"report: {report}", err=True)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from topdress.console.cli.inputs import CAPTURED, refuse_other
+from topdress.console.cli.inputs import CAPTURE_KINDS, refuse_other_kinds
 from topdress.console.cli.plain_errors import CommandError
 
 
-def decode(
+def decode_capture(
     protocol: Annotated[
         str, typer.Argument(metavar="PROTOCOL", help="gnss, greenseeker, board, ...")
     ],
@@ -22,12 +22,14 @@ def decode(
     """Read a raw capture of one device: a line for each accepted measurement, then the counts."""
     from topdress.drivers.devices.decode import decode as through_driver
 
-    refuse_other([file], CAPTURED)
+    refuse_other_kinds([file], CAPTURE_KINDS)
     records, counts = through_driver(protocol, file.read_bytes())
     for record in records:
         known = {name: value for name, value in record.items() if value is not None}
         typer.echo(
-            json.dumps(known) if as_json else "  ".join(f"{k}={_text(v)}" for k, v in known.items())
+            json.dumps(known)
+            if as_json
+            else "  ".join(f"{k}={_format_value(v)}" for k, v in known.items())
         )
     if as_json:
         typer.echo(
@@ -44,8 +46,9 @@ def decode(
         )
     else:
         typer.echo(
-            f"read {counts.read}, accepted {counts.accepted}, rejected {_kinds(counts.rejected)}, "
-            f"ignored {_kinds(counts.ignored)}"
+            f"read {counts.read}, accepted {counts.accepted}, rejected "
+            f"{_format_counts(counts.rejected)}, "
+            f"ignored {_format_counts(counts.ignored)}"
         )
     of_the_device = {kind for kind in counts.ignored if kind not in ("comment", "partial_first")}
     if not counts.accepted and not of_the_device:
@@ -55,10 +58,10 @@ def decode(
         )
 
 
-def _kinds(counted: Mapping[str, int]) -> str:
+def _format_counts(counted: Mapping[str, int]) -> str:
     kinds = ", ".join(f"{kind} {count}" for kind, count in sorted(counted.items()))
     return f"{sum(counted.values())} ({kinds})" if kinds else "0"
 
 
-def _text(value: float | int | str) -> str:
+def _format_value(value: float | int | str) -> str:
     return f"{value:.10g}" if isinstance(value, float) else str(value)

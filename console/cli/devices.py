@@ -10,7 +10,7 @@ from topdress.console.cli.plain_errors import FAILED
 from topdress.console.cli.plain_output import AsJson, print_json
 
 
-def devices(
+def list_devices(
     ports: Annotated[
         list[str] | None,
         typer.Argument(
@@ -48,9 +48,9 @@ def devices(
         said, opened = (
             ("", True)
             if no_probe
-            else _modules(url, seconds)
+            else _probe_modules(url, seconds)
             if url.startswith("udp://")
-            else _line(
+            else _probe_port(
                 url,
                 [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS),
                 seconds,
@@ -68,8 +68,8 @@ def devices(
         raise typer.Exit(FAILED)
 
 
-def _line(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
-    """What speaks there, and whether the port could be opened."""
+def _probe_port(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
+    """Describes what speaks at a port; and whether it could be opened."""
     from topdress.drivers.devices.probe import probe
     from topdress.drivers.ports import open_port
 
@@ -87,7 +87,7 @@ def _line(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
     return said, True
 
 
-def _modules(url: str, seconds: float) -> tuple[str, bool]:
+def _probe_modules(url: str, seconds: float) -> tuple[str, bool]:
     from topdress.drivers.datagrams import UdpPort
     from topdress.drivers.devices.probe import recognise_modules
 

@@ -12,16 +12,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from topdress.console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse_other
+from topdress.console.cli.inputs import (
+    LOG_KINDS,
+    MachineName,
+    load_machine,
+    need_ending,
+    refuse_other_kinds,
+)
 from topdress.console.cli.outputs import (
     Force,
     Output,
+    find_machine_file,
     list_log_files,
-    machine_file,
-    marked,
+    make_marked_output,
     refuse_collisions,
 )
-from topdress.console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
+from topdress.console.cli.plain_errors import NOT_JUDGED, CommandError, print_note_lines
 from topdress.console.cli.progress import ProgressLine
 from topdress.console.import_hooks import collect_seldom
 from topdress.drivers import day_clock
@@ -36,7 +42,7 @@ if TYPE_CHECKING:
 # What `diagnose --adopt` writes: all that is decided, and of what is undecided only what is
 # picked by its name.
 def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
-    """Before minutes of work. Raises CommandError for names that no diagnosis could say."""
+    """Raises CommandError, before minutes of work, for names that no diagnosis could give."""
     from topdress.control.machine.machine import CATALOGUE
 
     for name in picked:
@@ -48,27 +54,27 @@ def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
             )
 
 
-def adopted(
+def try_adoption(
     found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()
 ) -> tuple[Diagnosis, Exception | None]:
-    """The diagnosis with the machine file that was written, or how the command ends where none
-    was."""
+    """The diagnosis with the machine file that was written; and, where none was, the exception with
+    which the command ends."""
     try:
-        return adopt(found, machine, data, out, picked), None
+        return adopt_findings(found, machine, data, out, picked), None
     except (ValueError, OSError, CommandError, typer.Exit) as why:
         return found, why
 
 
-def adopt(
+def adopt_findings(
     found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()
 ) -> Diagnosis:
-    """Writes the machine file and says on stderr what it takes up, what not and why, and how to
-    take it back.
+    """Write the machine file and print on stderr what it adopts, what not and why, and how to undo
+    it.
 
-    Raises ValueError for what holds in a part of the data only, CommandError for a name that
-    cannot be picked, typer.Exit where nothing is left to adopt.
+    Raises ValueError for a finding that holds in a part of the data only, CommandError for a name
+    that cannot be picked, typer.Exit where nothing is left to adopt.
     """
-    from topdress.console.reports.diagnosis_wording import describe_whole_gain, whole
+    from topdress.console.reports.diagnosis_wording import describe_whole, describe_whole_gain
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.diagnosis.extend import extend, refuse_to_adopt
     from topdress.control.diagnosis.runs.adoption import select_adoptable
@@ -84,20 +90,22 @@ def adopt(
         found = dataclasses.replace(
             found, fitted=None, terms=tuple(one for one in found.terms if not one.predicts_best)
         )
-    chosen = [cause.id for cause in found.causes if _taken_up(cause, picked, found)]
+    chosen = [cause.id for cause in found.causes if _is_adopted(cause, picked, found)]
     taken = select_adoptable(found, chosen)
     for name, why in taken.refused:
         typer.echo(f"note: {name} is not adopted: {why}", err=True)
     kept = taken.found.causes
     if taken.found.fitted is not None:
-        say_notes([whole(taken.found.fitted), describe_whole_gain(taken.found.fitted)])
-    _say_terms(found)
+        print_note_lines(
+            [describe_whole(taken.found.fitted), describe_whole_gain(taken.found.fitted)]
+        )
+    _print_term_notes(found)
     if not kept and not taken.found.terms and taken.found.fitted is None:
-        raise _nothing(found, out, bool(taken.refused))
+        raise _make_empty_exit(found, out, bool(taken.refused))
     extended = extend(
         machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.today().isoformat()
     )
-    save(out, extended, MACHINE, _said(kept, picked))
+    save(out, extended, MACHINE, _format_pick_comment(kept, picked))
     typer.echo(
         f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
         "it back):",
@@ -107,10 +115,9 @@ def adopt(
     return dataclasses.replace(found, extended_machine=str(out))
 
 
-def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
-    """Whether a cause goes into the file; says why where it does not, and of what was picked
-    that it was."""
-    from topdress.console.reports.diagnosis_wording import undecided
+def _is_adopted(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
+    """Whether a cause goes into the file; prints why where it does not, and that it was picked."""
+    from topdress.console.reports.diagnosis_wording import is_undecided
     from topdress.control.diagnosis.extend import is_taken_whole, not_adoptable
 
     if is_taken_whole(found, cause):
@@ -118,36 +125,41 @@ def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
     if why := not_adoptable(cause):
         typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
         return False
-    if not undecided(cause):
+    if not is_undecided(cause):
         return True
     if cause.id in picked:
-        typer.echo(f"note: {cause.id} is adopted as picked, though {_doubt(cause)}", err=True)
+        typer.echo(
+            f"note: {cause.id} is adopted as picked, though {_describe_doubt(cause)}", err=True
+        )
         return True
     typer.echo(
-        f"note: {cause.id} is not adopted: {_doubt(cause)}; --pick {cause.id} adopts it all "
+        f"note: {cause.id} is not adopted: {_describe_doubt(cause)}; --pick {cause.id} adopts "
+        f"it all "
         "the same",
         err=True,
     )
     return False
 
 
-def _doubt(cause: Cause) -> str:
-    from topdress.console.reports.diagnosis_wording import name_of, others
+def _describe_doubt(cause: Cause) -> str:
+    from topdress.console.reports.diagnosis_wording import find_effect_name, list_rivals
 
-    rivals = ", ".join(name_of(one) for one, _share in others(cause))
+    rivals = ", ".join(find_effect_name(one) for one, _share in list_rivals(cause))
     return f"this data cannot tell it from {rivals}" if rivals else "it is only suspected"
 
 
 def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     """Raises CommandError."""
-    from topdress.console.reports.diagnosis_wording import undecided
+    from topdress.console.reports.diagnosis_wording import is_undecided
     from topdress.control.diagnosis.extend import not_adoptable
 
     own = [cause for cause in found.causes if cause.id == name]
     if any(not not_adoptable(cause) for cause in own):
         return
     offered = ", ".join(
-        dict.fromkeys(one.id for one in found.causes if undecided(one) and not not_adoptable(one))
+        dict.fromkeys(
+            one.id for one in found.causes if is_undecided(one) and not not_adoptable(one)
+        )
     )
     why = f"not found in this data; undecided: {offered or 'nothing'}"
     if own:
@@ -157,7 +169,7 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     raise CommandError(f"{out}: not written: --pick {name}: {why}")
 
 
-def _say_terms(found: Diagnosis) -> None:
+def _print_term_notes(found: Diagnosis) -> None:
     from topdress.console.reports.term_words import describe_compensation
     from topdress.control.diagnosis.extend import term_not_adoptable
 
@@ -167,7 +179,7 @@ def _say_terms(found: Diagnosis) -> None:
         typer.echo(f"note: term {one.term['id']} {word}", err=True)
 
 
-def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
+def _make_empty_exit(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
     from topdress.control.diagnosis.extend import adoptable
 
     why = "no effect and no term was found that a machine file could take up"
@@ -179,21 +191,21 @@ def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
     return typer.Exit(NOT_JUDGED)
 
 
-def _said(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
-    """For the file: what was picked against the data's silence."""
-    from topdress.console.reports.diagnosis_wording import undecided
+def _format_pick_comment(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
+    """The file's comment on causes that were picked although the data does not decide."""
+    from topdress.console.reports.diagnosis_wording import is_undecided
 
     return "\n".join(
-        f"{cause.id}: picked by name (diagnose --pick), though {_doubt(cause)}."
+        f"{cause.id}: picked by name (diagnose --pick), though {_describe_doubt(cause)}."
         for cause in kept
-        if undecided(cause) and cause.id in picked
+        if is_undecided(cause) and cause.id in picked
     )
 
 
-TOGETHER = 2  # groups of channels judged at the same time
+PARALLEL_GROUPS = 2  # groups of channels judged at the same time
 
 
-def diagnose(
+def run_diagnose(
     data: Annotated[
         list[Path],
         typer.Argument(
@@ -260,28 +272,30 @@ def diagnose(
     Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
     collect_seldom()
-    refuse_other(data, LOG)
+    refuse_other_kinds(data, LOG_KINDS)
     need_ending("--report", report, ".html")
     need_ending("--adopt", adopt, ".yaml", ".yml")
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
     picked = tuple(pick or ())
     refuse_picks(picked, adopt)
-    loaded = machine_of(machine)
-    setup = None if closed_loop is None else _setup(machine, job or "demo")
-    reads = [*(file for path in data for file in list_log_files(path)), machine_file(machine)]
+    loaded = load_machine(machine)
+    setup = None if closed_loop is None else _load_job_setup(machine, job or "demo")
+    reads = [*(file for path in data for file in list_log_files(path)), find_machine_file(machine)]
     refuse_collisions(
-        [*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force
+        [*reads, *(() if setup is None else setup.files)],
+        _list_outputs(as_json, report, adopt),
+        force,
     )
     several: Several | None = None
-    if kind == "run" or (kind is None and _is_run(data)):
+    if kind == "run" or (kind is None and _is_run_data(data)):
         if len(data) > 1:
-            several, tools = _several(data, loaded)
+            several, tools = _diagnose_several_logs(data, loaded)
             found = several.together
         else:
-            found, tools = _run(data[0], loaded, seed)
+            found, tools = _diagnose_run_log(data[0], loaded, seed)
     else:
-        found, tools = _tables(data, loaded, kind, seed)
+        found, tools = _diagnose_bench_tables(data, loaded, kind, seed)
     refused: Exception | None = None
     if several is not None and several.of_a_kind and adopt is not None:
         refused = CommandError(
@@ -289,10 +303,10 @@ def diagnose(
             "allowed is one log, or logs of one machine"
         )
     elif adopt is not None:
-        found, refused = adopted(found, loaded, data, adopt, picked)
-    _write(found, several, as_json, report, tools)  # whatever became of the adoption
+        found, refused = try_adoption(found, loaded, data, adopt, picked)
+    _write_result(found, several, as_json, report, tools)  # whatever became of the adoption
     if setup is not None and closed_loop is not None:
-        for line in _closed_loop(found, setup, job or "demo", closed_loop):
+        for line in _simulate_findings(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
     if refused is not None:
         raise refused
@@ -300,30 +314,30 @@ def diagnose(
         raise typer.Exit(NOT_JUDGED)
 
 
-def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
-    from topdress.console.reports.html import GENERATOR
+def _list_outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
+    from topdress.console.reports.html import GENERATOR_META
 
     outputs = []
     if as_json is not None and str(as_json) != "-":
-        outputs.append(marked(as_json, b'"format": "topdress-diagnosis/1"'))
+        outputs.append(make_marked_output(as_json, b'"format": "topdress-diagnosis/1"'))
     if report is not None:
-        outputs.append(marked(report, GENERATOR.encode()))
+        outputs.append(make_marked_output(report, GENERATOR_META.encode()))
     if adopt is not None:
         outputs.append(Output((adopt,)))
     return outputs
 
 
-def _is_run(data: list[Path]) -> bool:
-    """A run log of any program, by the import where its columns have no names; else a bench
-    table."""
+def _is_run_data(data: list[Path]) -> bool:
+    """Whether the data is a run log of any program, by the import where its columns have no names;
+    else a bench table."""
     from topdress.drivers.files.opened import Opened
 
     file = Opened(data[0])
     return not file.is_table or not file.names or file.holds == "log"
 
 
-def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
-    """A log's columns that a diagnosis reads, and what was odd about the log."""
+def _read_log_columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
+    """A log's columns that a diagnosis reads, and notes on odd data."""
     from topdress.control.diagnosis.runs.log import UNREAD
     from topdress.control.log_row import TEXT_COLUMNS
     from topdress.drivers.files.any_log import open_log
@@ -339,24 +353,29 @@ def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
     return {name: array for name, array in log.columns.items() if name not in UNREAD}, odd
 
 
-def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
+def _diagnose_run_log(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
     from topdress.control.diagnosis.runs.diagnose import diagnose_run
 
-    columns, odd = _columns(data, machine)
+    columns, odd = _read_log_columns(data, machine)
     said: tuple[str, ...] = ()
     try:
-        with ThreadPoolExecutor(TOGETHER) as pool:
+        with ThreadPoolExecutor(PARALLEL_GROUPS) as pool:
             found = diagnose_run(
-                columns, machine, path=str(data), progress=_progress(), seed=seed, each=pool.map
+                columns,
+                machine,
+                path=str(data),
+                progress=_make_progress(),
+                seed=seed,
+                each=pool.map,
             )
         said = found.findings
     finally:  # what the report says itself is said once
-        say_notes(one for one in odd if one not in said)
+        print_note_lines(one for one in odd if one not in said)
     return found, {"columns": columns, "machine": machine}
 
 
-def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
-    """What logs of one machine share, and what each has of its own."""
+def _diagnose_several_logs(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
+    """Diagnose logs of one machine: effects that they share, and each log's own."""
     from topdress.control.diagnosis.runs.several import diagnose_runs, joined
 
     twice = next(
@@ -371,47 +390,47 @@ def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any
         raise CommandError(
             f"{twice}: named twice: allowed is each log once, for its rows would count twice"
         )
-    other = next((path for path in data if not _is_run([path])), None)
+    other = next((path for path in data if not _is_run_data([path])), None)
     if other is not None:
         raise CommandError(
             f"{other}: a bench table among run logs: allowed are logs together, or tables together"
         )
     logs, names = [], [str(path) for path in data]
     for path in data:
-        columns, odd = _columns(path, machine)
-        say_notes(odd, f"{path}: ")
+        columns, odd = _read_log_columns(path, machine)
+        print_note_lines(odd, f"{path}: ")
         logs.append(columns)
-    with ThreadPoolExecutor(TOGETHER) as pool:
-        found = diagnose_runs(logs, machine, paths=names, progress=_progress(), each=pool.map)
+    with ThreadPoolExecutor(PARALLEL_GROUPS) as pool:
+        found = diagnose_runs(logs, machine, paths=names, progress=_make_progress(), each=pool.map)
     return found, {"columns": joined(logs, names, machine), "machine": machine}
 
 
-def _tables(
+def _diagnose_bench_tables(
     data: list[Path], machine: Machine, kind: str | None, seed: int
 ) -> tuple[Diagnosis, dict[str, Any]]:
     from topdress.control.diagnosis.tables.diagnose import diagnose_tables
     from topdress.drivers.files.bench_table import read_bench_table
 
     tables = [read_bench_table(path, kind) for path in data]
-    return diagnose_tables(tables, machine, seed=seed, progress=_progress()), {
+    return diagnose_tables(tables, machine, seed=seed, progress=_make_progress()), {
         "tables": tables,
         "machine": machine,
     }
 
 
-def _progress() -> Any:
+def _make_progress() -> Any:
     line = ProgressLine()
 
-    def tell(share: float, word: str) -> None:
+    def show_share(share: float, word: str) -> None:
         if share >= 1.0:
-            line.end()
+            line.clear_line()
         else:
-            line.tell(f"{100 * share:3.0f} % {word} (Ctrl-C cancels)")
+            line.show_text(f"{100 * share:3.0f} % {word} (Ctrl-C cancels)")
 
-    return tell if line.shown else None
+    return show_share if line.shown else None
 
 
-def _setup(machine: str, job: str) -> Setup:
+def _load_job_setup(machine: str, job: str) -> Setup:
     from topdress.control.orders import TargetSource
     from topdress.drivers.files.setup import load_setup
 
@@ -424,9 +443,9 @@ def _setup(machine: str, job: str) -> Setup:
     return setup
 
 
-def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
-    """The sizes found are taken for true, so this says what knowing them is worth, not whether
-    they are right."""
+def _simulate_findings(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
+    """Simulate control with and without knowing the effects. The sizes found are taken for true, so
+    the result is the worth of knowing them, not whether they are right."""
     from topdress.control.diagnosis.extend import extend, planted
     from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
 
@@ -455,22 +474,26 @@ def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> li
     return lines
 
 
-def _lines(found: Diagnosis, several: Several) -> list[str]:
-    from topdress.console.reports.diagnosis_text import describe_by_log, of_a_kind, summary
+def _format_several(found: Diagnosis, several: Several) -> list[str]:
+    from topdress.console.reports.diagnosis_text import (
+        describe_by_log,
+        describe_common,
+        summarise_terminal,
+    )
 
     if several.of_a_kind:
-        return [*of_a_kind(several), *describe_by_log(several.each, "")]
-    return [*summary(found), *describe_by_log(several.each)]
+        return [*describe_common(several), *describe_by_log(several.each, "")]
+    return [*summarise_terminal(found), *describe_by_log(several.each)]
 
 
-def _write(
+def _write_result(
     found: Diagnosis,
     several: Several | None,
     as_json: Path | None,
     report: Path | None,
     tools: dict[str, Any],
 ) -> None:
-    from topdress.console.reports.diagnosis_text import summary
+    from topdress.console.reports.diagnosis_text import summarise_terminal
     from topdress.drivers.files.atomic import write_atomically
 
     if sys.stderr.isatty():
@@ -479,14 +502,16 @@ def _write(
     if as_json is not None and str(as_json) == "-":
         typer.echo(json.dumps(plain, indent=1))
     else:
-        for line in summary(found) if several is None else _lines(found, several):
+        for line in (
+            summarise_terminal(found) if several is None else _format_several(found, several)
+        ):
             typer.echo(line)
         if as_json is not None:
             write_atomically(as_json, json.dumps(plain, indent=1) + "\n")
     if report is not None:
-        from topdress.console.reports.diagnosis_html import diagnosis_page
+        from topdress.console.reports.diagnosis_html import make_diagnosis_page
 
         write_atomically(
-            report, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()})
+            report, make_diagnosis_page(found, tools | {"date": day_clock.today().isoformat()})
         )
         typer.echo(f"report: {report}", err=True)

@@ -10,9 +10,9 @@ from pathlib import Path
 import typer
 from topdress.console.cli.plain_errors import CommandError
 
-TICK_S = 0.02
+TICK_PERIOD_S = 0.02
 HEARD_WITHIN_S = 10.0
-WORDS = {
+PHASE_WORDS = {
     "stop": "stop the shaft and wait",
     "arming": "the rig is made ready",
     "start": "START the shaft",
@@ -21,7 +21,7 @@ WORDS = {
 
 
 def measure_drop(rig: str, out: Path, runs: int) -> None:
-    """Measure `runs` runs and write `out`; interrupted, what was measured stays in it. Raises
+    """Measure `runs` runs and write `out`; interrupted, the measured runs stay there. Raises
     CommandError."""
     from topdress.drivers.cab import Cab, CabConfig
     from topdress.drivers.devices.lag_run import DropTest, drop_table
@@ -33,14 +33,14 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
     try:
         while len(test.runs) < runs:
             now_s = time.monotonic()
-            cab.measure(now_s)
-            if cab.rig is None and now_s - started_s > HEARD_WITHIN_S:
-                state = cab.status(now_s)[0]
+            cab.read_measurements(now_s)
+            if cab.rig_readings is None and now_s - started_s > HEARD_WITHIN_S:
+                state = cab.list_device_status(now_s)[0]
                 raise CommandError(
                     f"lag test: lag_rig at {rig} is silent: {state.last_error or 'no byte'}"
                 )
-            wish = test.tick(now_s, cab.rig)
-            cab.order_rig(wish.run, wish.arm)
+            wish = test.tick(now_s, cab.rig_readings)
+            cab.send_rig_order(wish.run, wish.arm)
             if wish.said:
                 typer.echo(f"failed: {wish.said}")
             if len(test.runs) > kept:
@@ -50,12 +50,12 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
                     f"{kept} of {runs}: {test.runs[-1].shaft_rpm:.1f} r/min, "
                     f"{test.runs[-1].drop_s:.3f} s"
                 )
-            if cab.rig is not None and wish.phase != phase:
+            if cab.rig_readings is not None and wish.phase != phase:
                 phase = wish.phase
-                sys.stderr.write(f"{WORDS[phase]}\n")
-            time.sleep(TICK_S)
+                sys.stderr.write(f"{PHASE_WORDS[phase]}\n")
+            time.sleep(TICK_PERIOD_S)
     finally:
-        cab.order_rig(0, False)
-        cab.close()
+        cab.send_rig_order(0, False)
+        cab.close_devices()
         if kept:
             typer.echo(f"{kept} of {runs} runs: {out}")

@@ -6,15 +6,20 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from topdress.console.cli.inputs import machine_of
-from topdress.console.cli.outputs import Force, machine_file, marked, refuse_collisions
-from topdress.console.cli.plain_errors import say_notes
+from topdress.console.cli.inputs import load_machine
+from topdress.console.cli.outputs import (
+    Force,
+    find_machine_file,
+    make_marked_output,
+    refuse_collisions,
+)
+from topdress.console.cli.plain_errors import print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
-from topdress.console.cli.terms import what_terms_are
+from topdress.console.cli.terms import describe_terms
 from topdress.drivers import plugins
 
 
-def effects(
+def list_effects(
     as_json: AsJson = False,
     as_page: Annotated[
         Path | None,
@@ -36,15 +41,17 @@ def effects(
     source."""
     from topdress.control.machine.machine import CATALOGUE, bounds, unit_of
 
-    loaded = machine_of(machine)
+    loaded = load_machine(machine)
     if as_page is not None:
-        from topdress.console.reports.effects_page import markdown
+        from topdress.console.reports.effects_page import format_effects_page
         from topdress.drivers.files.atomic import write_atomically
 
         refuse_collisions(
-            [machine_file(machine)], [marked(as_page, b"topdress effects --markdown")], force
+            [find_machine_file(machine)],
+            [make_marked_output(as_page, b"topdress effects --markdown")],
+            force,
         )
-        write_atomically(as_page, markdown(CATALOGUE, loaded))
+        write_atomically(as_page, format_effects_page(CATALOGUE, loaded))
         if not as_json:
             return
     if as_json:
@@ -74,18 +81,18 @@ def effects(
         typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
         typer.echo(f"    do: {effect.advice}")
         typer.echo(f"    tell apart: {effect.separate}")
-    _say_plugins()
-    for line in what_terms_are():
+    _note_plugin_effects()
+    for line in describe_terms():
         typer.echo(line)
 
 
-def _say_plugins() -> None:
-    """The effects that other packages add; one that cannot be loaded is a note on stderr."""
+def _note_plugin_effects() -> None:
+    """Print the effects that other packages add; one that cannot be loaded is a note on stderr."""
     for name in plugins.names("effects"):
         try:
             plugin = plugins.effect(name)
         except plugins.PluginFault as fault:
-            say_notes([fault])
+            print_note_lines([fault])
             continue
         if plugin is not None:
             typer.echo(

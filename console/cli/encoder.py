@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING
 import typer
 from topdress.console.cli.at_the_bench import (
     HEARD_WITHIN_S,
-    AtTheBench,
-    Keys,
-    keys,
+    BenchOperator,
+    Keyboard,
+    end_on_signals,
     make_host,
+    open_keyboard,
+    print_stderr_line,
     run_attended,
-    say,
-    show,
-    stopped_by_signals,
+    show_progress,
 )
-from topdress.console.cli.inputs import machine_of
+from topdress.console.cli.inputs import load_machine
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.frame import Frame
 from topdress.control.orders import Do, Order, State
@@ -33,36 +33,36 @@ from topdress.drivers.files.atomic import write_atomically
 if TYPE_CHECKING:
     from topdress.control.calibration.least_squares import FittedInterval
 
-TICK_S = 0.02
-ANSWERS_WITHIN_S = 2.0  # of a board that is heard: some 40 questions
+TICK_PERIOD_S = 0.02
+ANSWER_TIMEOUT_S = 2.0  # of a board that is heard: some 40 questions
 # of `ShaftTurned`, and its setting
-SHAFTS = (("counts", "counts_per_turn"), ("steps", "dose_steps_per_turn"))
+SHAFT_COUNTERS = (("counts", "counts_per_turn"), ("steps", "dose_steps_per_turn"))
 # of a press, at the machine's slowest speed: a short one is some 15 degrees
-CREEP_S = 1.0
-ENTER = "\r\n"
+CREEP_PRESS_S = 1.0
+ENTER_KEYS = "\r\n"
 
 
-def calibrate_encoder(
+def count_encoder(
     board: str, *, turns: int, repeats: int, rpm: float | None, machine: str, out: Path
 ) -> None:
-    """Count, say and write. Raises CommandError and ValueError with one line; nothing is
-    written then."""
-    with keys() as keyboard:
+    """Count, print and write. Raises CommandError and ValueError with one line; nothing is written
+    then."""
+    with open_keyboard() as keyboard:
         if not keyboard.there:
             raise CommandError(
                 "calibrate encoder: Enter says that the mark is at the pointer, and there is no "
                 "keyboard here: allowed is a terminal"
             )
-        count = MarkCount(board, turns, repeats, by_hand=rpm is None)
+        count = MarkCounter(board, turns, repeats, by_hand=rpm is None)
         if rpm is None:
-            _by_hand(board, count, keyboard)
+            _count_by_hand(board, count, keyboard)
         else:
-            _by_drive(board, count, keyboard, machine, rpm)
+            _count_by_drive(board, count, keyboard, machine, rpm)
     from topdress.control.calibration.encoder_fit import fit_counts
 
     lines = [
-        _said(setting, fit_counts(runs, turns), believed)
-        for setting, runs, believed in count.found()
+        _print_setting(setting, fit_counts(runs, turns), believed)
+        for setting, runs, believed in count.list_counts()
     ]
     day = day_clock.today().isoformat()
     write_atomically(
@@ -71,8 +71,8 @@ def calibrate_encoder(
     typer.echo(f"settings of the board: {out}")
 
 
-def _said(setting: str, fit: FittedInterval, believed: float) -> str:
-    """The line for the board, which is also said."""
+def _print_setting(setting: str, fit: FittedInterval, believed: float) -> str:
+    """The line for the board, which is also printed."""
     typer.echo(
         f"{setting}  {fit.value:.2f} (90 %: {fit.low:.2f} to {fit.high:.2f}); the board "
         f"takes {believed:g}, "
@@ -81,9 +81,9 @@ def _said(setting: str, fit: FittedInterval, believed: float) -> str:
     return f"{setting} = {fit.value:.2f}     # 90 %: {fit.low:.2f} to {fit.high:.2f}\n"
 
 
-class MarkCount:
-    """Enter after Enter: how far the shaft turned from a mark to the same mark `turns` turns
-    on, `repeats` times."""
+class MarkCounter:
+    """Counts from Enter to Enter: how far the shaft turned from a mark to the same mark `turns`
+    turns on, `repeats` times."""
 
     def __init__(self, board: str, turns: int, repeats: int, *, by_hand: bool) -> None:
         self._shown = ""  # how far since the newest mark
@@ -94,28 +94,30 @@ class MarkCount:
         self._began_s: float | None = None
         self._heard_s: float | None = None
         self._connects = 0
-        say("set a mark on the shaft to a pointer, then Enter (Ctrl+C ends, nothing is written)")
+        print_stderr_line(
+            "set a mark on the shaft to a pointer, then Enter (Ctrl+C ends, nothing is written)"
+        )
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
+        """Whether all runs are counted."""
         return len(self._marks) > self._repeats
 
-    def found(self) -> list[tuple[str, list[int], float]]:
-        """Of encoder and stepper, as far as they are there: the setting, the counts of each
-        run, what the board takes a turn to be."""
+    def list_counts(self) -> list[tuple[str, list[int], float]]:
+        """Of encoder and stepper, as far as they are there: the setting, the counts of each run,
+        the counts that the board takes for a turn."""
         return [
             (
                 setting,
-                [_way(one, next_one, name) for one, next_one in pairwise(self._marks)],
+                [_calc_counts(one, next_one, name) for one, next_one in pairwise(self._marks)],
                 getattr(self._marks[0], name + "_per_turn"),
             )
-            for name, setting in self._shafts(self._marks[0])
+            for name, setting in self._find_counters(self._marks[0])
         ]
 
-    def tick(self, cab: Cab, now_s: float, pressed: str, refusal: str = "") -> None:
-        """Ask the board, take what it answered and what was pressed, show how far it is. Raises
-        CommandError."""
-        turned, line = cab.ask_turned(), cab.line("board")
+    def follow_tick(self, cab: Cab, now_s: float, pressed: str, refusal: str = "") -> None:
+        """Ask the board, take its answer and the keys, show the progress. Raises CommandError."""
+        turned, line = cab.ask_turned(), cab.find_device_line("board")
         assert line is not None
         state = line.port.state()
         if turned is None:
@@ -126,33 +128,33 @@ class MarkCount:
                 "calibrate encoder: the board was lost, and its count with it: begin again"
             )
         self._connects = state.connects
-        self._entered = self._entered or any(key in pressed for key in ENTER)
+        self._entered = self._entered or any(key in pressed for key in ENTER_KEYS)
         before, self._newest = self._newest, turned
         if before is None or turned is before:
             return
         if self._entered:
             self._entered = False
-            if any(_way(before, turned, name) for name, _ in self._shafts(turned)):
-                say("the shaft still turns: Enter when it stands")
+            if any(_calc_counts(before, turned, name) for name, _ in self._find_counters(turned)):
+                print_stderr_line("the shaft still turns: Enter when it stands")
             else:
-                self._mark(turned)
+                self._add_mark(turned)
         shown = ", ".join(
             [
-                f"{_way(self._marks[-1], turned, name):+d} {name}"
-                for name, _ in self._shafts(turned)
+                f"{_calc_counts(self._marks[-1], turned, name):+d} {name}"
+                for name, _ in self._find_counters(turned)
                 if self._marks
             ]
             + [refusal] * bool(refusal)
         )
         if shown != self._shown:
             self._shown = shown
-            show(shown)
+            show_progress(shown)
 
-    def _shafts(self, turned: ShaftTurned) -> list[tuple[str, str]]:
-        """What counts. Raises CommandError where nothing does."""
+    def _find_counters(self, turned: ShaftTurned) -> list[tuple[str, str]]:
+        """The counters that count. Raises CommandError where none does."""
         found = [
             (name, setting)
-            for name, setting in SHAFTS
+            for name, setting in SHAFT_COUNTERS
             if getattr(turned, name) is not None and not (self._by_hand and name == "steps")
         ]
         if not found:
@@ -163,11 +165,11 @@ class MarkCount:
             )
         return found
 
-    def _mark(self, turned: ShaftTurned) -> None:
+    def _add_mark(self, turned: ShaftTurned) -> None:
         self._marks.append(turned)
-        if not self.done:
+        if not self.is_done:
             how = "by hand" if self._by_hand else "the space bar held down"
-            say(
+            print_stderr_line(
                 f"run {len(self._marks)} of {self._repeats}: {self._turns} whole turns "
                 f"forwards, {how}, until the mark "
                 "is at the pointer again, then Enter"
@@ -177,7 +179,7 @@ class MarkCount:
         self._began_s = now_s if self._began_s is None else self._began_s
         if heard and self._heard_s is None:
             self._heard_s = now_s
-        if self._heard_s is not None and now_s - self._heard_s > ANSWERS_WITHIN_S:
+        if self._heard_s is not None and now_s - self._heard_s > ANSWER_TIMEOUT_S:
             raise CommandError(
                 f"calibrate encoder: the board at {self._board} does not say how far its "
                 "shaft turned: "
@@ -189,68 +191,72 @@ class MarkCount:
             )
 
 
-def _way(one: ShaftTurned, later: ShaftTurned, name: str) -> int:
+def _calc_counts(one: ShaftTurned, later: ShaftTurned, name: str) -> int:
     """Counts or steps between the two, over their wrap."""
     way: int = (getattr(later, name) - getattr(one, name)) % COUNTERS
     return way - COUNTERS if way >= COUNTERS // 2 else way
 
 
-def _by_hand(board: str, count: MarkCount, keyboard: Keys) -> None:
-    """Nothing that turns is sent."""
+def _count_by_hand(board: str, count: MarkCounter, keyboard: Keyboard) -> None:
+    """Count while the shaft is turned by hand: nothing that turns it is sent."""
     cab = Cab(CabConfig.model_validate({"board": {"port": board}}), time.monotonic)
-    with stopped_by_signals():
+    with end_on_signals():
         try:
-            while not count.done:
+            while not count.is_done:
                 now_s = time.monotonic()
-                cab.measure(now_s)
-                count.tick(cab, now_s, keyboard.pressed())
-                time.sleep(TICK_S)
+                cab.read_measurements(now_s)
+                count.follow_tick(cab, now_s, keyboard.read_pressed())
+                time.sleep(TICK_PERIOD_S)
         finally:
-            cab.close()
-            show("")
+            cab.close_devices()
+            show_progress("")
 
 
-class ByDrive(AtTheBench):
-    """The drive turns the shaft while the space bar is held, under the control loop's
+class DriveOperator(BenchOperator):
+    """Turns the shaft by the drive while the space bar is held, under the control loop's
     interlocks: a short press creeps to the mark."""
 
     cab: Cab
     error: CommandError | None = None
     _creeps_until_s = inf
 
-    def __init__(self, keyboard: Keys, count: MarkCount, creep_rpm: float, rpm: float) -> None:
+    def __init__(
+        self, keyboard: Keyboard, count: MarkCounter, creep_rpm: float, rpm: float
+    ) -> None:
         super().__init__(keyboard, no_key=False)
         self._count, self._creep_rpm, self._rpm = count, creep_rpm, rpm
 
-    def settings(self) -> tuple[Order, ...]:
+    def list_set_points(self) -> tuple[Order, ...]:
         return (Order(Do.CALIBRATE_SHAFT, self._creep_rpm),)
 
-    def go_on(self, frame: Frame, now_s: float, pressed: str) -> None:
+    def follow_frame(self, frame: Frame, now_s: float, pressed: str) -> None:
         try:
-            self._count.tick(self.cab, now_s, pressed, self.refusal)
+            self._count.follow_tick(self.cab, now_s, pressed, self.refusal)
         except CommandError as error:
             self.error = error
-            self.host.stop("trouble")
+            self.host.request_stop("trouble")
             return
-        if self._count.done:
-            self.host.stop("done")
+        if self._count.is_done:
+            self.host.request_stop("done")
             return
         if frame.row.state != State.CALIBRATING:
-            self._creeps_until_s = now_s + CREEP_S
+            self._creeps_until_s = now_s + CREEP_PRESS_S
         elif self._creeps_until_s <= now_s:
             self._creeps_until_s = inf
-            self.order(Order(Do.CALIBRATE_SHAFT, self._rpm))
-        self.hold(frame, now_s)
+            self.send_order(Order(Do.CALIBRATE_SHAFT, self._rpm))
+        self.hold_button(frame, now_s)
 
 
-def _by_drive(board: str, count: MarkCount, keyboard: Keys, machine: str, rpm: float) -> None:
+def _count_by_drive(
+    board: str, count: MarkCounter, keyboard: Keyboard, machine: str, rpm: float
+) -> None:
     began_s = time.monotonic()
-    person = ByDrive(keyboard, count, machine_of(machine).limits.shaft_low_rpm, rpm)
+    person = DriveOperator(keyboard, count, load_machine(machine).limits.shaft_low_rpm, rpm)
     person.host, person.cab = make_host(
-        {"board": board}, machine, lambda: time.monotonic() - began_s, person.between
+        {"board": board}, machine, lambda: time.monotonic() - began_s, person.pause_between_ticks
     )
     run_attended(person.host)
-    show("")
+    show_progress("")
     if person.error is not None:
         raise person.error
     if person.trouble:

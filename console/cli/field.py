@@ -7,26 +7,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import Reads, need_ending, refuse_other
-from topdress.console.cli.outputs import Force, Output, named, refuse_collisions
-from topdress.console.cli.plain_errors import CommandError, say_notes
+from topdress.console.cli.inputs import FileKinds, need_ending, refuse_other_kinds
+from topdress.console.cli.outputs import Force, Output, find_named_file, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
     from topdress.drivers.files.fields.field_data import FieldData
 
 # done ground this far from the job's field is another field's
-FAR_M = 1000.0
-READS = Reads(
+FAR_GROUND_M = 1000.0
+FIELD_KINDS = FileKinds(
     ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config", "task"),
     "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, "
     "zip, folder), an ISOXML task set, or a job file",
 )
 
-DONE = Reads((*READS.kinds, "text"), f"{READS.words}, or Sections.txt of AgOpenGPS")
+DONE_KINDS = FileKinds(
+    (*FIELD_KINDS.kinds, "text"), f"{FIELD_KINDS.words}, or Sections.txt of AgOpenGPS"
+)
 
 
-def field(
+def convert_field(
     source: Annotated[
         Path,
         typer.Argument(
@@ -82,7 +84,7 @@ def field(
 ) -> None:
     """Take a field's outline, obstacles, guidance lines and headland into a job, or write a
     job's field for others."""
-    refuse_other([source], DONE if done else READS)
+    refuse_other_kinds([source], DONE_KINDS if done else FIELD_KINDS)
     need_ending("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
     is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
     if out is not None:
@@ -90,7 +92,7 @@ def field(
 
         reads = [
             *(source.iterdir() if source.is_dir() else [source]),
-            *([named(job, JOB.folder)] if is_job else []),
+            *([find_named_file(job, JOB.folder)] if is_job else []),
         ]
         files = (
             (out,)
@@ -99,24 +101,24 @@ def field(
         )
         refuse_collisions(reads, [Output(files)], force)
     if done:
-        _take_done(source, out, job, as_json)
+        _add_done_ground(source, out, job, as_json)
         return
     from topdress.drivers.files.fields.field_data import uncrossed
 
-    data = uncrossed(_read(source, name), source, largest)
-    say_notes(data.findings, f"{source}: ")
-    _tell(data, as_json)
+    data = uncrossed(_read_field(source, name), source, largest)
+    print_note_lines(data.findings, f"{source}: ")
+    _print_field(data, as_json)
     if out is None:
         return
     out.parent.mkdir(parents=True, exist_ok=True)
     if is_job:
-        _into_job(data, job, line, out, source)
+        _write_job_field(data, job, line, out, source)
     else:
-        _write(data, out)
+        _write_field(data, out)
     typer.echo(f"written      {out}", err=as_json)
 
 
-def _read(source: Path, name: str | None) -> FieldData:
+def _read_field(source: Path, name: str | None) -> FieldData:
     from topdress.drivers.files.fields.agopengps import read_agopengps
     from topdress.drivers.files.fields.field_data import data_of
     from topdress.drivers.files.fields.shapes import read_shapes
@@ -132,7 +134,7 @@ def _read(source: Path, name: str | None) -> FieldData:
     return read_shapes(source, name)
 
 
-def _write(data: FieldData, out: Path) -> None:
+def _write_field(data: FieldData, out: Path) -> None:
     from topdress.drivers.files.fields.agopengps import write_agopengps
     from topdress.drivers.files.fields.shapes import write_shapes
 
@@ -142,7 +144,7 @@ def _write(data: FieldData, out: Path) -> None:
         write_agopengps(data, out)
 
 
-def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
+def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
     from topdress.drivers.files.config import load, save
     from topdress.drivers.files.fields.field_data import ground_of
     from topdress.drivers.files.kinds import JOB
@@ -153,8 +155,8 @@ def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Pa
     save(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
 
 
-def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
-    """Into a job, as the file that it names: it is read anew at each start."""
+def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) -> None:
+    """Put done ground into a job, as the file that it names: it is read anew at each start."""
     from topdress.control.geodesy import TangentPlane
     from topdress.drivers.files.config import load, save
     from topdress.drivers.files.fields.done import read_done
@@ -177,9 +179,9 @@ def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     if (
         plane is not None
         and boundary is not None
-        and (away_m := boundary.away_m(found.middle_m)) > FAR_M
+        and (away_m := boundary.away_m(found.middle_m)) > FAR_GROUND_M
     ):
-        say_notes(
+        print_note_lines(
             [f"lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}"], f"{source}: "
         )
     if out is None:
@@ -193,7 +195,7 @@ def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     typer.echo(f"written      {out}", err=as_json)
 
 
-def _tell(data: FieldData, as_json: bool) -> None:
+def _print_field(data: FieldData, as_json: bool) -> None:
     from topdress.drivers.files.plain import plain
 
     boundary = data.boundary(data.plane())

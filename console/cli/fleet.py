@@ -10,23 +10,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.outputs import Force, marked, refuse_collisions
+from topdress.console.cli.outputs import Force, make_marked_output, refuse_collisions
 from topdress.console.cli.plain_errors import CANCELLED, CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.console.cli.progress import ProgressLine
 from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from topdress.console.services.fleet import Found
-    from topdress.console.services.fleet_metadata import Listed
+    from topdress.console.services.fleet import FleetFindings
+    from topdress.console.services.fleet_metadata import ListedLogs
 
-REPORT = "report.html"
+REPORT_NAME = "report.html"
 # between two lines of progress where there is no terminal
-EVERY_S = 30.0
-MOST_SAID = 20  # rows of the list that are of no log
+PROGRESS_PERIOD_S = 30.0
+MOST_LISTED_ROWS = 20  # rows of the list that are of no log
 
 
-def fleet(
+def run_fleet(
     paths: Annotated[
         list[str],
         typer.Argument(
@@ -91,10 +91,15 @@ def fleet(
 ) -> None:
     """Diagnose every log once, then all together: the course of each effect by machine, what
     products, operators and fields share, what it cost. Ctrl-C ends; what is done is kept."""
-    from topdress.console.reports.html import GENERATOR
-    from topdress.console.services.fleet import Asked, cluster, diagnosed, find_logs
+    from topdress.console.reports.html import GENERATOR_META
+    from topdress.console.services.fleet import (
+        FleetRequest,
+        diagnose_fleet,
+        find_logs,
+        open_cluster,
+    )
     from topdress.console.services.fleet_job import FORMAT
-    from topdress.console.services.fleet_tables import TABLES
+    from topdress.console.services.fleet_tables import TABLE_COLUMNS
     from topdress.drivers.files.config import load, sha256_of
     from topdress.drivers.files.extras import need
     from topdress.drivers.files.kinds import MACHINE
@@ -102,7 +107,7 @@ def fleet(
 
     need("a season of logs", "fleet", "diagnosis", "parquet")
     loaded = load(machine, MACHINE)
-    options = _options(storage or [])
+    options = _parse_store_options(storage or [])
     logs = find_logs(paths, out, options)
     if not logs:
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
@@ -112,16 +117,18 @@ def fleet(
         loaded.path,
         *([] if table is None else [table]),
     ]
-    tables = [out / f"{name}.parquet" for name in TABLES]
-    refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
-    known = None if table is None else _about(table, logs)
+    tables = [out / f"{name}.parquet" for name in TABLE_COLUMNS]
+    refuse_collisions(
+        reads, [make_marked_output(out / REPORT_NAME, GENERATOR_META.encode(), tables)], force
+    )
+    known = None if table is None else _read_log_list(table, logs)
     out.mkdir(parents=True, exist_ok=True)
     salt = f"{FORMAT} {software_version()} {sha256_of(loaded.path)} "
     begin = time.monotonic()
-    asked = Asked(loaded.model.model_dump(mode="json"), salt, options, retry)
-    with cluster(scheduler, min(workers, len(logs))) as client:
+    asked = FleetRequest(loaded.model.model_dump(mode="json"), salt, options, retry)
+    with open_cluster(scheduler, min(workers, len(logs))) as client:
         try:
-            found = diagnosed(client, logs, asked, out, _progress())
+            found = diagnose_fleet(client, logs, asked, out, _make_progress())
         except KeyboardInterrupt:
             # a second one waits for no worker
             signal.signal(signal.SIGINT, lambda *_: os._exit(CANCELLED))
@@ -144,8 +151,8 @@ def fleet(
         )
 
 
-def _options(said: list[str]) -> dict[str, str]:
-    """NAME=VALUE, as fsspec takes them."""
+def _parse_store_options(said: list[str]) -> dict[str, str]:
+    """NAME=VALUE options, as fsspec takes them."""
     for one in said:
         if not one.partition("=")[0] or "=" not in one:
             raise CommandError(f"--storage-option {one}: allowed is NAME=VALUE, as anon=true")
@@ -153,7 +160,7 @@ def _options(said: list[str]) -> dict[str, str]:
 
 
 def _print_season(
-    found: Found,
+    found: FleetFindings,
     rows: Mapping[str, Mapping[str, str]],
     out: Path,
     price: float | None,
@@ -166,10 +173,10 @@ def _print_season(
         describe_low_hopper,
         describe_same,
         describe_shared,
-        fleet_page,
+        make_fleet_page,
     )
-    from topdress.console.services.fleet_metadata import with_words
-    from topdress.console.services.fleet_season import season
+    from topdress.console.services.fleet_metadata import apply_list_row
+    from topdress.console.services.fleet_season import make_season
     from topdress.console.services.fleet_tables import write_tables
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.run_meta import software_version
@@ -178,10 +185,10 @@ def _print_season(
         typer.echo(line, err=True)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
-    records = [with_words(one, rows.get(one["path"], {})) for one in found.records]
-    whole = season(records, found.broken, day_clock.epoch_s() / 86_400.0)
+    records = [apply_list_row(one, rows.get(one["path"], {})) for one in found.records]
+    whole = make_season(records, found.broken, day_clock.epoch_s() / 86_400.0)
     write_tables(out, whole, records)
-    page = fleet_page(
+    page = make_fleet_page(
         whole.machines,
         whole.fit,
         low=whole.low,
@@ -193,7 +200,7 @@ def _print_season(
         aside=whole.aside,
         by_file_date=whole.by_file_date,
     )
-    write_atomically(out / REPORT, page)
+    write_atomically(out / REPORT_NAME, page)
     if as_json:
         print_json(whole._replace(logs=()))
         return
@@ -212,25 +219,25 @@ def _print_season(
         *map(describe_low_hopper, whole.low),
     ):
         typer.echo(said)
-    typer.echo(f"report: {out / REPORT}", err=True)
+    typer.echo(f"report: {out / REPORT_NAME}", err=True)
 
 
-def _about(table: Path, logs: list[str]) -> Listed:
-    """What the list says by log. What it does not say, and of which rows there is no log, is
-    said here."""
-    from topdress.console.services.fleet_metadata import COLUMNS, listed
+def _read_log_list(table: Path, logs: list[str]) -> ListedLogs:
+    """The list's rows by log. Columns that are missing, and rows without a log, are printed
+    here."""
+    from topdress.console.services.fleet_metadata import LIST_COLUMNS, match_rows
     from topdress.drivers.files.table import read_table
 
-    read = read_table(table, texts=COLUMNS)
-    strange = [name for name in read.names if name not in COLUMNS]
+    read = read_table(table, texts=LIST_COLUMNS)
+    strange = [name for name in read.names if name not in LIST_COLUMNS]
     if "log" not in read.columns or strange:
         raise CommandError(
-            f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(COLUMNS)}; "
+            f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(LIST_COLUMNS)}; "
             "log must be "
             "there"
         )
     try:
-        found = listed(
+        found = match_rows(
             [
                 {name: str(column[k]) for name, column in read.columns.items()}
                 for k in range(len(read.columns["log"]))
@@ -239,7 +246,7 @@ def _about(table: Path, logs: list[str]) -> Listed:
         )
     except ValueError as error:
         raise CommandError(f"{table}: {error}") from None
-    for said in found.unused[:MOST_SAID]:
+    for said in found.unused[:MOST_LISTED_ROWS]:
         typer.echo(f"{table}: {said}", err=True)
     typer.echo(
         f"{table}: {len(found.of)} of {len(logs)} logs have a row, {found.silent} have none; "
@@ -255,19 +262,19 @@ def _about(table: Path, logs: list[str]) -> Listed:
     return found
 
 
-def _progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:
-    """On a terminal a line that rewrites itself; elsewhere a line now and then, for whoever
-    reads it later."""
+def _make_progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:
+    """On a terminal a line that rewrites itself; elsewhere a line now and then, for whoever reads
+    it later."""
     line, said_s = ProgressLine(), [clock()]
 
-    def tell(done: int, of: int, what: str) -> None:
+    def show_count(done: int, of: int, what: str) -> None:
         if not line.shown:
-            if done < of and clock() - said_s[0] >= EVERY_S:
+            if done < of and clock() - said_s[0] >= PROGRESS_PERIOD_S:
                 said_s[0] = clock()
                 typer.echo(f"{done} of {of} {what}", err=True)
         elif done >= of:
-            line.end()
+            line.clear_line()
         else:
-            line.tell(f"{done} of {of} {what} (Ctrl-C cancels)")
+            line.show_text(f"{done} of {of} {what} (Ctrl-C cancels)")
 
-    return tell
+    return show_count

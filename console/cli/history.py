@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from topdress.console.cli.inputs import machine_of, need_ending
-from topdress.console.cli.outputs import Force, Output, machine_file, refuse_collisions
+from topdress.console.cli.inputs import load_machine, need_ending
+from topdress.console.cli.outputs import Force, Output, find_machine_file, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 from topdress.drivers import day_clock
 
 
-def history(
+def print_history(
     machine: Annotated[
         str, typer.Argument(metavar="MACHINE", help="Machine file, or name of a shipped one.")
     ],
@@ -42,9 +42,9 @@ def history(
             "written over"
         )
     need_ending("--out", out, ".yaml", ".yml")
-    loaded = machine_of(machine)
+    loaded = load_machine(machine)
     if out is not None:
-        refuse_collisions([machine_file(machine)], [Output((out,))], force)
+        refuse_collisions([find_machine_file(machine)], [Output((out,))], force)
         last = last_change(loaded)
         save(out, undone(loaded, date=day_clock.today().isoformat()), MACHINE)
         assert last is not None

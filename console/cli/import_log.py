@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from topdress.console.cli.inputs import LOG, machine_of, need_ending, refuse_other
+from topdress.console.cli.inputs import LOG_KINDS, load_machine, need_ending, refuse_other_kinds
 from topdress.console.cli.outputs import (
     Force,
     Output,
     list_log_files,
-    new_log_files,
+    list_new_log_files,
     refuse_collisions,
 )
-from topdress.console.cli.plain_errors import CommandError, say_notes
+from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
@@ -24,17 +24,18 @@ if TYPE_CHECKING:
     from topdress.drivers.files.imports.raw import RawTable
 
 
-_Answer = tuple[dict[str, Any], list[str]]  # as data, and as lines
+_ImportAnswer = tuple[dict[str, Any], list[str]]  # as data, and as lines
 
 
 class _ImportOptions(NamedTuple):
-    """Of the command line: `source` of an import file, and the most of each drive's columns."""
+    """Holds the options of the command line: `source` of an import file, and the full value of each
+    drive's columns."""
 
     said: dict[str, str]
     full: dict[str, float]
 
 
-def import_log(
+def run_import(
     files: Annotated[
         list[Path],
         typer.Argument(
@@ -123,33 +124,35 @@ def import_log(
         raise CommandError(
             f"{twice}: named twice: allowed is each file once, for its rows would count twice"
         )
-    refuse_other(files, LOG)
-    given = _ImportOptions(_said(inside, task, device, log, values_from), _full(machine))
+    refuse_other_kinds(files, LOG_KINDS)
+    given = _ImportOptions(
+        _check_source_options(inside, task, device, log, values_from), _find_full_values(machine)
+    )
     if guess:
         is_log = out is not None and out.suffix.lower() in (".csv", ".parquet", ".pq")
         option = "--mapping" if mapping is not None else "--out"
         need_ending(option, mapping or (None if is_log else out), ".yaml", ".yml")
-        found, lines = _guess(files, _place_of_guess(files, mapping, out), given, force)
+        found, lines = _write_guess(files, _choose_guess_path(files, mapping, out), given, force)
     elif out is None:
         raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
-    elif _is_copy(files, mapping, out):
-        found, lines = _copy(files[0], out, force)
+    elif _is_format_copy(files, mapping, out):
+        found, lines = _copy_log(files[0], out, force)
     else:
-        found, lines = _import(files, mapping, out, given, force)
+        found, lines = _import_files(files, mapping, out, given, force)
     if as_json:
         print_json(found)
     else:
         typer.echo("\n".join(lines))
 
 
-def _said(
+def _check_source_options(
     inside: str | None,
     task: str | None,
     device: str | None,
     log: str | None,
     values_from: str | None,
 ) -> dict[str, str]:
-    """What the command line says of the reading, as `source` of an import file has it."""
+    """The options on the reading, as `source` of an import file has them."""
     if values_from not in (None, "ddi", "presentation"):
         raise CommandError(f"--values-from {values_from}: allowed ddi, presentation")
     given = {
@@ -162,7 +165,7 @@ def _said(
     return {name: value for name, value in given.items() if value is not None}
 
 
-def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -> Path:
+def _choose_guess_path(files: list[Path], mapping: Path | None, out: Path | None) -> Path:
     if mapping is not None:
         return mapping
     if out is not None and out.suffix.lower() in (".yaml", ".yml"):
@@ -171,11 +174,11 @@ def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -
     return next_to.with_name(f"{next_to.stem}.import.yaml")
 
 
-def _full(machine: str | None) -> dict[str, float]:
-    """The most of each drive's columns, by a machine file."""
+def _find_full_values(machine: str | None) -> dict[str, float]:
+    """The full value of each drive's columns, by a machine file."""
     if machine is None:
         return {}
-    limits = machine_of(machine).limits
+    limits = load_machine(machine).limits
     return {
         "shaft_rpm_cmd": limits.shaft_high_rpm,
         "shaft_rpm": limits.shaft_high_rpm,
@@ -184,27 +187,29 @@ def _full(machine: str | None) -> dict[str, float]:
     }
 
 
-def _guess(files: list[Path], place: Path, given: _ImportOptions, force: bool) -> _Answer:
+def _write_guess(
+    files: list[Path], place: Path, given: _ImportOptions, force: bool
+) -> _ImportAnswer:
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.imports.guessed import first_import_file
 
-    refuse_collisions(_read(files), [Output((place,))], force)
-    raw, found = _guessed(files, given)
+    refuse_collisions(_list_read_files(files), [Output((place,))], force)
+    raw, found = _guess_import(files, given)
     write_atomically(place, first_import_file(found, files, place))
-    questions = [*found.questions, *_elements(raw)]
+    questions = [*found.questions, *_list_element_notes(raw)]
     return (
         {"path": place, "unsure": found.unsure, "questions": questions},
         [f"{place}: {found.unsure}", *(f"{raw.path}: {line}" for line in questions)],
     )
 
 
-def _elements(raw: RawTable) -> list[str]:
-    """What the parts of a machine are that columns are called by, where there is a question
-    about them."""
+def _list_element_notes(raw: RawTable) -> list[str]:
+    """Notes on the machine parts by which columns are named, where there is a question about
+    them."""
     return [str(finding) for finding in raw.findings if finding.id == "elements"]
 
 
-def _guessed(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]:
+def _guess_import(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]:
     from topdress.drivers.files.imports.guess import guess
     from topdress.drivers.files.imports.mapping import Source
     from topdress.drivers.files.imports.read import read_raw
@@ -213,25 +218,27 @@ def _guessed(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]
     return raw, guess(raw, given.full)
 
 
-def _read(files: list[Path]) -> list[Path]:
-    """With the companions of a shapefile and the files of a task."""
+def _list_read_files(files: list[Path]) -> list[Path]:
+    """The files with the companions of a shapefile and the files of a task."""
     from topdress.drivers.files.archives import files_of
 
     return [one for path in files for one in files_of(path)]
 
 
-def _import(
+def _import_files(
     files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool
-) -> _Answer:
+) -> _ImportAnswer:
     from topdress.drivers.files.columns import count_rows
     from topdress.drivers.files.imports.convert import convert
     from topdress.drivers.files.imports.join import joined
     from topdress.drivers.files.imports.log_file import is_import_of, write_imported
     from topdress.drivers.files.imports.read import read_raw
 
-    reads = [*_read(files), *([] if mapping_file is None else [mapping_file])]
-    refuse_collisions(reads, [Output(_written(out), lambda: is_import_of(out, files))], force)
-    first, mapping = _mapping(files, mapping_file, given)
+    reads = [*_list_read_files(files), *([] if mapping_file is None else [mapping_file])]
+    refuse_collisions(
+        reads, [Output(_list_written_files(out), lambda: is_import_of(out, files))], force
+    )
+    first, mapping = _read_or_guess_mapping(files, mapping_file, given)
     parts = [
         convert(
             read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping
@@ -239,7 +246,7 @@ def _import(
         for path in files
     ]
     log = joined(parts, mapping.join)
-    say_notes(
+    print_note_lines(
         (
             *(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings),
             *log.findings,
@@ -253,19 +260,19 @@ def _import(
     )
 
 
-def _written(out: Path) -> tuple[Path, ...]:
+def _list_written_files(out: Path) -> tuple[Path, ...]:
     from topdress.drivers.files.log_store import SUFFIXES
 
     if out.suffix.lower() in SUFFIXES:
         return (out,)
     if out.suffix != ".csv":
         raise CommandError(f"--out {out}: allowed is a name that ends in .csv or .parquet")
-    return new_log_files(out)
+    return list_new_log_files(out)
 
 
-def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
-    """Whether a run log is only to be kept in the other form: text as Parquet, or Parquet of
-    ours as text."""
+def _is_format_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
+    """Whether a run log is only converted to the other form: text to Parquet, or Parquet of ours to
+    text."""
     from topdress.drivers.files.log_store import SUFFIXES, is_store
     from topdress.drivers.files.opened import Opened
 
@@ -276,13 +283,13 @@ def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
     return out.suffix.lower() in SUFFIXES and not Opened(files[0]).foreign
 
 
-def _copy(source: Path, out: Path, force: bool) -> _Answer:
+def _copy_log(source: Path, out: Path, force: bool) -> _ImportAnswer:
     from topdress.drivers.files.log_store import SUFFIXES, write_store, write_text
     from topdress.drivers.files.read_log import read_rows
 
-    refuse_collisions(list_log_files(source), [Output(_written(out))], force)
+    refuse_collisions(list_log_files(source), [Output(_list_written_files(out))], force)
     log = read_rows(source)
-    say_notes(log.findings, f"{source}: ")
+    print_note_lines(log.findings, f"{source}: ")
     if out.suffix.lower() in SUFFIXES:
         write_store(out, log.columns, log.meta, log.findings)
     else:
@@ -293,11 +300,11 @@ def _copy(source: Path, out: Path, force: bool) -> _Answer:
     )
 
 
-def _mapping(
+def _read_or_guess_mapping(
     files: list[Path], place: Path | None, given: _ImportOptions
 ) -> tuple[RawTable | None, ImportFile]:
-    """The import file; without one, the guess where nothing of it is unsure, and the file by
-    which it was made."""
+    """The import file; without one, the guess where nothing of it is unsure, and the table by which
+    it was made."""
     from topdress.drivers.files.config import load
     from topdress.drivers.files.imports.mapping import IMPORT
     from topdress.drivers.files.imports.trouble import ImportTrouble
@@ -307,12 +314,12 @@ def _mapping(
         return None, mapping.model_copy(
             update={"source": mapping.source.model_copy(update=given.said)}
         )
-    raw, found = _guessed(files, given)
+    raw, found = _guess_import(files, given)
     if not found.sure:
         raise ImportTrouble(
             raw.path,
             *found.questions,
-            *_elements(raw),
+            *_list_element_notes(raw),
             "not imported: --guess writes an import file in which these lines can be put right",
         )
     return raw, found.mapping

@@ -14,9 +14,9 @@ import typer
 from topdress.console.cli.plain_output import AsJson, print_json
 
 
-def extras(as_json: AsJson = False) -> None:
+def list_extras(as_json: AsJson = False) -> None:
     """Say which parts are installed, and what installs the others."""
-    found = _extras()
+    found = _list_extra_states()
     if as_json:
         print_json(found)
         return
@@ -25,24 +25,25 @@ def extras(as_json: AsJson = False) -> None:
         typer.echo(f"{one['extra']:9} {one['for']}: {state}")
 
 
-def info(as_json: AsJson = False) -> None:
+def print_info(as_json: AsJson = False) -> None:
     """Say versions, folders, ports and screen of this installation, for a report of trouble.
     Nothing is opened."""
     from serial.tools.list_ports import comports
 
     found: dict[str, dict[str, Any]] = {
-        "topdress": _versions(),
+        "topdress": _find_versions(),
         "computer": {
             "system": platform.platform(),
             "machine": platform.machine(),
             "cores": os.cpu_count() or 0,
             "interpreter": sys.executable,
         },
-        "folders": _folders(),
+        "folders": _find_folders(),
         "ports": {one.device: one.description or "" for one in sorted(comports())},
-        "screen": _screen(),
+        "screen": _describe_screen(),
         "extras": {
-            one["extra"]: "installed" if one["installed"] else one["line"] for one in _extras()
+            one["extra"]: "installed" if one["installed"] else one["line"]
+            for one in _list_extra_states()
         },
     }
     if as_json:
@@ -54,7 +55,7 @@ def info(as_json: AsJson = False) -> None:
             typer.echo(f"  {name:20} {said}")
 
 
-def _versions() -> dict[str, str]:
+def _find_versions() -> dict[str, str]:
     from topdress.drivers.files.extras import OWN, name_of, version_of
     from topdress.drivers.files.run_meta import software_version
 
@@ -74,7 +75,7 @@ def _versions() -> dict[str, str]:
     }
 
 
-def _folders() -> dict[str, str]:
+def _find_folders() -> dict[str, str]:
     from pathlib import Path
 
     from topdress.console.services.launcher import find_data_folder
@@ -87,7 +88,7 @@ def _folders() -> dict[str, str]:
     }
 
 
-def _screen() -> dict[str, Any]:
+def _describe_screen() -> dict[str, Any]:
     size = shutil.get_terminal_size()
     return {
         "size": f"{size.columns}x{size.lines}",
@@ -100,7 +101,7 @@ def _screen() -> dict[str, Any]:
     }
 
 
-def _extras() -> list[dict[str, Any]]:
+def _list_extra_states() -> list[dict[str, Any]]:
     from topdress.drivers.files.extras import EXTRAS, extra_line, is_there
 
     return [

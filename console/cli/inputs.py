@@ -25,39 +25,39 @@ MachineName = Annotated[
     str, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one.")
 ]
 
-AS_PDF = "a browser prints that page to a PDF"
+PDF_HINT = "a browser prints that page to a PDF"
 
 
-class Reads(NamedTuple):
-    """`kinds`: ids of drivers.files.what_it_is. `words`: what is read, for people."""
+class FileKinds(NamedTuple):
+    """Names what a command reads. `kinds`: ids of drivers.files.what_it_is. `words`: for people."""
 
     kinds: tuple[str, ...]
     words: str
 
 
-_TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder", "empty")
-LOG = Reads(
-    _TABLES,
+_TABLE_KINDS = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder", "empty")
+LOG_KINDS = FileKinds(
+    _TABLE_KINDS,
     "a log: a table (CSV, Excel, Parquet), points (GeoJSON, shapefile), or an ISOXML task that was "
     "worked",
 )
-TABLE = Reads(("text", "excel", "empty"), "a bench table (CSV, Excel)")
-RUN_LOG = Reads(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
-MAP = Reads(
-    (*(kind for kind in _TABLES if kind != "empty"), "gpkg", "kml", "kmz", "geotiff"),
+TABLE_FILE_KINDS = FileKinds(("text", "excel", "empty"), "a bench table (CSV, Excel)")
+RUN_LOG_KINDS = FileKinds(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
+MAP_FILE_KINDS = FileKinds(
+    (*(kind for kind in _TABLE_KINDS if kind != "empty"), "gpkg", "kml", "kmz", "geotiff"),
     "a prescription (ISOXML, shapefile, GeoJSON, GeoPackage, KML, GeoTIFF, CSV), or a log "
     "of work done",
 )
-CHECKED = Reads(
+CHECKED_KINDS = FileKinds(
     ("config", "text", "task", "zip", "folder", "empty"),
     "a configuration file, or an ISOXML task file",
 )
-CAPTURED = Reads(
+CAPTURE_KINDS = FileKinds(
     ("text", "nmea", "capture", "json", "binary", "empty"), "the capture of a device, as received"
 )
 
 
-def refuse_other(files: Iterable[Path], reads: Reads) -> None:
+def refuse_other_kinds(files: Iterable[Path], reads: FileKinds) -> None:
     """Raises WrongKind in one line for a file that is not there, or of another kind; OSError."""
     from topdress.drivers.files.what_it_is import refuse_kind
 
@@ -65,8 +65,8 @@ def refuse_other(files: Iterable[Path], reads: Reads) -> None:
         refuse_kind(file, reads.kinds, reads.words)
 
 
-def machine_of(name: str) -> Machine:
-    """Of a machine file, or of the name of a shipped one. Raises ConfigError."""
+def load_machine(name: str) -> Machine:
+    """The machine of a machine file, or of the name of a shipped one. Raises ConfigError."""
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import MACHINE
 
@@ -77,7 +77,7 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
     """Raises CommandError where a name ends otherwise, before anything is read or written."""
     if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
         said = "a folder, or a name" if "" in endings else "a name"
-        how = f": {AS_PDF}" if path.suffix.lower() == ".pdf" and ".html" in endings else ""
+        how = f": {PDF_HINT}" if path.suffix.lower() == ".pdf" and ".html" in endings else ""
         raise CommandError(
             f"{option} {path}: allowed is {said} that ends in "
             f"{' or '.join(filter(None, endings))}{how}"
@@ -85,7 +85,7 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
 
 
 def refuse_run_log(table: Path, command: str) -> None:
-    """A run log where a bench table is asked for. Raises CommandError."""
+    """Raises CommandError for a run log where a bench table is wanted."""
     from topdress.drivers.files.opened import Opened
 
     if Opened(table).holds == "log":
@@ -96,7 +96,7 @@ def refuse_run_log(table: Path, command: str) -> None:
 
 
 def refuse_bench_table(log: Path, command: str) -> None:
-    """A bench table where a run log is asked for. Raises CommandError."""
+    """Raises CommandError for a bench table where a run log is wanted."""
     from topdress.drivers.files.opened import Opened
 
     file = Opened(log)

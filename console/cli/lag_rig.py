@@ -11,14 +11,14 @@ from typing import Any
 import typer
 from topdress.console.app.words import describe_refusal
 from topdress.console.cli.at_the_bench import (
-    AtTheBench,
-    Keys,
-    keys,
+    BenchOperator,
+    Keyboard,
+    end_on_signals,
     make_host,
+    open_keyboard,
+    print_stderr_line,
     run_attended,
-    say,
-    show,
-    stopped_by_signals,
+    show_progress,
 )
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.frame import Frame, LagTestView
@@ -37,15 +37,15 @@ def measure_lag(
     opening_mm: float | None,
     no_key: bool,
 ) -> None:
-    """Run the procedure and write `out`. Raises CommandError; interrupted, what was measured
-    stays in the table.
+    """Run the procedure and write `out`. Raises CommandError; interrupted, the measured runs stay
+    in the table.
 
     Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
     """
     if board is None:
         from topdress.console.cli.drop_by_hand import measure_drop
 
-        with stopped_by_signals():
+        with end_on_signals():
             measure_drop(rig, out, repeats)
         return
     if not (no_key or sys.stdin.isatty()):
@@ -57,8 +57,8 @@ def measure_lag(
     from topdress.drivers.devices.lag_run import Plan
 
     plan = Plan(shaft_rpm=tuple(speeds_rpm) or Plan().shaft_rpm, repeats=repeats)
-    with keys() as keyboard:
-        attended = Attended(
+    with open_keyboard() as keyboard:
+        attended = LagOperator(
             keyboard, out, plan, opening_mm=opening_mm, no_key=no_key, with_gnss=gnss is not None
         )
         began = time.monotonic()
@@ -66,13 +66,13 @@ def measure_lag(
             {"lag_rig": rig, "board": board, "gnss": gnss},
             machine,
             lambda: time.monotonic() - began,
-            attended.between,
+            attended.pause_between_ticks,
         )
         attended.host = host
         try:
             run_attended(host)
         finally:
-            show("")
+            show_progress("")
             if out.exists() and not attended.measured:
                 out.unlink()
             elif attended.measured:
@@ -83,13 +83,13 @@ def measure_lag(
         typer.echo(f"left out: {line}")
 
 
-class Attended(AtTheBench):
-    """The lag test, and how far it is. `measured`: runs in the table; `left_out`: those that
-    are not, and why."""
+class LagOperator(BenchOperator):
+    """Runs the lag test at the bench. `measured`: runs in the table; `left_out`: reasons of the
+    runs that are not."""
 
     def __init__(
         self,
-        keyboard: Keys,
+        keyboard: Keyboard,
         out: Path,
         plan: Any,
         *,
@@ -109,13 +109,13 @@ class Attended(AtTheBench):
         self._shown_s = -1.0
         self._runs_started_s: float | None = None
 
-    def settings(self) -> Sequence[Order]:
+    def list_set_points(self) -> Sequence[Order]:
         return () if self._opening_mm is None else (Order(Do.CALIBRATE_OPENING, self._opening_mm),)
 
-    def go_on(self, frame: Frame, now_s: float, pressed: str) -> None:
+    def follow_frame(self, frame: Frame, now_s: float, pressed: str) -> None:
         view = frame.lag_test
         if not self._started:
-            answer = self.host.lag.begin(self._out, self._plan)
+            answer = self.host.lag.begin_lag_test(self._out, self._plan)
             self._started = answer.accepted
             if not self._started:
                 self.give_up(describe_refusal(answer.why))
@@ -124,19 +124,19 @@ class Attended(AtTheBench):
         self.measured = len(view.runs)
         if view.said and view.said != self._said:
             self._said = view.said
-            say(f"failed: {view.said}")
+            print_stderr_line(f"failed: {view.said}")
         if view.phase == "done":
-            test = self.host.lag.test
+            test = self.host.lag.current_test
             self.left_out = [
                 f"{rpm:g} r/min, repeat {n}: {why}"
                 for rpm, n, why in (test.left_out if test else ())
             ]
-            self.host.stop("done")
+            self.host.request_stop("done")
             return
-        self.hold(frame, now_s)
-        self._tell(frame, view, now_s)
+        self.hold_button(frame, now_s)
+        self._show_test(frame, view, now_s)
 
-    def _tell(self, frame: Frame, view: LagTestView, now_s: float) -> None:
+    def _show_test(self, frame: Frame, view: LagTestView, now_s: float) -> None:
         if now_s - self._shown_s < 0.2:
             return
         self._shown_s = now_s
@@ -152,4 +152,4 @@ class Attended(AtTheBench):
             else self.refusal or "hold the space bar down"
         )
         standing = "" if self._with_gnss else " (standing by the wheel alone)"
-        show(f"lag test {100 * view.progress:.0f} %: {what}{left}{standing}; Ctrl-C ends ")
+        show_progress(f"lag test {100 * view.progress:.0f} %: {what}{left}{standing}; Ctrl-C ends ")

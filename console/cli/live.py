@@ -24,14 +24,14 @@ from topdress.console.cli.line_output import LineOutput
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import format_json_line
 from topdress.console.link import Link, WorkerGone
-from topdress.console.running import WorkerFailed, find_running
+from topdress.console.running import WorkerFailed, find_running_worker
 from topdress.drivers.files.extras import need
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client
 
-FORMAT = "topdress-live/1"
-FIELDS = (
+LIVE_FORMAT = "topdress-live/1"
+PUBLISHED_FIELDS = (
     "job",
     "machine",
     "crop",
@@ -49,26 +49,26 @@ FIELDS = (
     "why_state",
     "notes",
 )
-AGAIN_S = 2.0  # where no machine runs, or it ended
+RETRY_S = 2.0  # where no machine runs, or it ended
 # bytes of a reader that does not take them: he misses lines until he does
-MOST_WAITING = 1 << 16
+MOST_WAITING_BYTES = 1 << 16
 # Programs that read from the socket, where the system allows more. What waits for each is
-# `MOST_WAITING` at most.
+# `MOST_WAITING_BYTES` at most.
 MOST_READERS = 1000
 # files of this process itself: its libraries, streams, the machine, a broker
 OWN_FILES = 48
 # connections that come at once are taken before the first of them is turned away
-BACKLOG = 32
-RARE_S = 60.0  # between two lines about the same
-LEAVE_S = 1.0  # for a broker's last word, and for its connection to end
-PORTS = {"mqtt": 1883, "mqtts": 8883}
-PASSWORD = "TOPDRESS_MQTT_PASSWORD"
+LISTEN_BACKLOG = 32
+REPEAT_PERIOD_S = 60.0  # between two lines about the same
+LEAVE_TIMEOUT_S = 1.0  # for a broker's last word, and for its connection to end
+DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
+PASSWORD_VARIABLE = "TOPDRESS_MQTT_PASSWORD"
 ONLINE, FRAME = "online", "frame"
 
-Tell = Callable[[bytes], None]
+LineSink = Callable[[bytes], None]
 
 
-def live(
+def publish_live(
     port: Annotated[
         int | None,
         typer.Option(
@@ -84,7 +84,7 @@ def live(
         typer.Option(
             metavar="URL",
             help="Also to a broker: mqtt://USER@HOST:PORT/TOPIC, or "
-            "mqtts://; the password in the variable " + PASSWORD + ".",
+            "mqtts://; the password in the variable " + PASSWORD_VARIABLE + ".",
         ),
     ] = None,
     every: Annotated[
@@ -101,43 +101,49 @@ def live(
     """Tell what the machine does while it works: the row of the run log and what goes with it,
     a line of JSON at most ten times a second. Nothing can be ordered here. Ctrl-C ends."""
     with contextlib.ExitStack() as stack:
-        to: list[Tell] = []
+        to: list[LineSink] = []
         if mqtt is not None:
             need("MQTT", "mqtt")
-            to.append(stack.enter_context(_broker(mqtt)))
-        asyncio.run(_until_unread(to, port, every, quiet))
+            to.append(stack.enter_context(_open_broker(mqtt)))
+        asyncio.run(_publish_until_unread(to, port, every, quiet))
 
 
-def published(message: dict[str, Any]) -> dict[str, Any]:
-    """Of a frame as the worker writes it (`console.frame.to_json`): the columns of the run log,
-    and `FIELDS`."""
-    return {"format": FORMAT, **message["row"], **{name: message.get(name) for name in FIELDS}}
+def select_published(message: dict[str, Any]) -> dict[str, Any]:
+    """The published part of a frame as the worker writes it (`console.frame.format_frame_json`):
+    the columns of the run log, and `PUBLISHED_FIELDS`."""
+    return {
+        "format": LIVE_FORMAT,
+        **message["row"],
+        **{name: message.get(name) for name in PUBLISHED_FIELDS},
+    }
 
 
-class _Looking(Link):
-    """A link that hands each frame on."""
+class _ObservingLink(Link):
+    """Hands each frame on."""
 
     tell: Callable[[dict[str, Any]], None]
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _take_message(self, message: dict[str, Any]) -> None:
         if "seq" in message:
-            self.tell(published(message))
+            self.tell(select_published(message))
 
 
-async def _until_unread(to: list[Tell], port: int | None, every_s: float, quiet: bool) -> None:
-    """Tells until standard output, if it is written to, has no reader any more. Raises
+async def _publish_until_unread(
+    to: list[LineSink], port: int | None, every_s: float, quiet: bool
+) -> None:
+    """Publish until standard output, if it is written to, has no reader any more. Raises
     BrokenPipeError then."""
     loop, unread = asyncio.get_running_loop(), asyncio.Event()
 
-    def ended() -> None:
+    def note_unread() -> None:
         # the loop may be closed by now
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(unread.set)
 
     if not quiet and sys.stdout is not None:
         sys.stdout.flush()
-        to.append(LineOutput(sys.stdout.fileno(), ended).write)
-    tells = asyncio.create_task(_going_on(to, port, every_s))
+        to.append(LineOutput(sys.stdout.fileno(), note_unread).queue_line)
+    tells = asyncio.create_task(_publish_forever(to, port, every_s))
     waits = asyncio.create_task(unread.wait())
     await asyncio.wait((tells, waits), return_when=asyncio.FIRST_COMPLETED)
     if not tells.done():
@@ -145,13 +151,13 @@ async def _until_unread(to: list[Tell], port: int | None, every_s: float, quiet:
     tells.result()
 
 
-async def _going_on(to: list[Tell], port: int | None, every_s: float) -> None:
-    """For ever: of the machine that runs, and of the next one when it has ended."""
+async def _publish_forever(to: list[LineSink], port: int | None, every_s: float) -> None:
+    """Publish the machine that runs, and the next one when it has ended."""
     if port is not None:
-        to.append(await _served(port))
+        to.append(await _serve_socket(port))
     last_s = -every_s
 
-    def tell(said: dict[str, Any]) -> None:
+    def send_message(said: dict[str, Any]) -> None:
         nonlocal last_s
         now_s = time.monotonic()
         if now_s - last_s >= every_s:
@@ -163,56 +169,56 @@ async def _going_on(to: list[Tell], port: int | None, every_s: float) -> None:
     refused = RareLine()
     while True:
         try:
-            where = find_running()
+            where = find_running_worker()
             if where is not None:
-                link = _Looking(where.looking_only(), "live")
-                link.tell = tell
-                await link.run()
+                link = _ObservingLink(where.drop_token(), "live")
+                link.tell = send_message
+                await link.run_connection()
         except WorkerGone:
             pass
         except WorkerFailed as error:
-            refused.say(str(error))
-        await asyncio.sleep(AGAIN_S)
+            refused.print_rarely(str(error))
+        await asyncio.sleep(RETRY_S)
 
 
-async def _served(port: int) -> Tell:
-    """To every program that connects, as many as there is room for. Raises OSError where the
+async def _serve_socket(port: int) -> LineSink:
+    """A sink to every program that connects, as many as there is room for. Raises OSError where the
     port is taken."""
     readers: set[asyncio.StreamWriter] = set()
-    most, refused = most_readers(), RareLine()
+    most, refused = calc_most_readers(), RareLine()
 
-    async def come(_heard: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def accept_reader(_heard: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(readers) < most:
             readers.add(writer)
             return
         writer.close()
-        refused.say(f"socket       {most} programs read already: no more are let in")
+        refused.print_rarely(f"socket       {most} programs read already: no more are let in")
 
-    def tell(line: bytes) -> None:
+    def send_line(line: bytes) -> None:
         for one in list(readers):
             if one.is_closing():
                 readers.remove(one)
-            elif one.transport.get_write_buffer_size() < MOST_WAITING:
+            elif one.transport.get_write_buffer_size() < MOST_WAITING_BYTES:
                 one.write(line)
 
-    def failed(loop: asyncio.AbstractEventLoop, what: dict[str, Any]) -> None:
-        """Many may come at once, before one of them is turned away: asyncio waits and goes on."""
+    def handle_failure(loop: asyncio.AbstractEventLoop, what: dict[str, Any]) -> None:
+        """Report that no more files can be opened: asyncio waits and goes on."""
         error = what.get("exception")
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-            refused.say(f"socket       {error.strerror}: no more programs are let in")
+            refused.print_rarely(f"socket       {error.strerror}: no more programs are let in")
         else:
             loop.default_exception_handler(what)
 
-    asyncio.get_running_loop().set_exception_handler(failed)
-    server = await asyncio.start_server(come, "127.0.0.1", port, backlog=BACKLOG)
+    asyncio.get_running_loop().set_exception_handler(handle_failure)
+    server = await asyncio.start_server(accept_reader, "127.0.0.1", port, backlog=LISTEN_BACKLOG)
     typer.echo(f"socket       127.0.0.1:{server.sockets[0].getsockname()[1]}", err=True)
-    return tell
+    return send_line
 
 
-def most_readers() -> int:
-    """Returns how many programs may read from the socket: some of the files that this process
-    may have open are for itself, for the machine that it looks for again, and for those who
-    come and are turned away."""
+def calc_most_readers() -> int:
+    """Number of programs that may read from the socket: some of the files that this process may
+    have open are for itself, for the machine that it looks for again, and for programs that are
+    turned away."""
     if sys.platform == "win32":
         return MOST_READERS
     import resource
@@ -220,17 +226,17 @@ def most_readers() -> int:
     files, _most = resource.getrlimit(resource.RLIMIT_NOFILE)
     if files == resource.RLIM_INFINITY:
         return MOST_READERS
-    return max(1, min(MOST_READERS, files - OWN_FILES - BACKLOG))
+    return max(1, min(MOST_READERS, files - OWN_FILES - LISTEN_BACKLOG))
 
 
 class RareLine:
-    """A line on stderr for what may happen a thousand times a second."""
+    """Prints a line on stderr for events that may come a thousand times a second."""
 
-    def __init__(self, every_s: float = RARE_S) -> None:
+    def __init__(self, every_s: float = REPEAT_PERIOD_S) -> None:
         self._every_s, self._next_s = every_s, -inf
 
-    def say(self, line: str) -> None:
-        """Says it, unless one was said in the last `every_s`."""
+    def print_rarely(self, line: str) -> None:
+        """Print the line, unless one was printed in the last `every_s`."""
         now_s = time.monotonic()
         if now_s >= self._next_s:
             self._next_s = now_s + self._every_s
@@ -238,59 +244,61 @@ class RareLine:
 
 
 @contextlib.contextmanager
-def _broker(url: str) -> Any:
-    """Tells a broker, which may come and go: paho connects anew by itself, and lines of the
-    meantime are not kept. Raises CommandError."""
+def _open_broker(url: str) -> Any:
+    """Open a sink to a broker, which may come and go: paho connects anew by itself, and lines of
+    the meantime are not kept. Raises CommandError."""
     from paho.mqtt.client import Client
     from paho.mqtt.enums import CallbackAPIVersion
 
-    where = _split(url)
+    where = _parse_broker_url(url)
     topic, unreached = where.path.strip("/") or "topdress", RareLine(every_s=inf)
     client = Client(CallbackAPIVersion.VERSION2)
     if where.username is not None:
-        client.username_pw_set(where.username, os.environ.get(PASSWORD))
+        client.username_pw_set(where.username, os.environ.get(PASSWORD_VARIABLE))
     if where.scheme == "mqtts":
         client.tls_set()
     client.will_set(f"{topic}/{ONLINE}", "0", retain=True)
 
-    def connected(_client: Client, _given: Any, _flags: Any, why: Any, _properties: Any) -> None:
+    def note_connected(
+        _client: Client, _given: Any, _flags: Any, why: Any, _properties: Any
+    ) -> None:
         typer.echo(f"broker       {where.hostname}: {why}", err=True)
         client.publish(f"{topic}/{ONLINE}", "1", retain=True)
 
-    def tell(line: bytes) -> None:
+    def publish_line(line: bytes) -> None:
         if client.is_connected():
             client.publish(f"{topic}/{FRAME}", line.rstrip(b"\n"))
 
-    def away(_client: Client, _given: Any) -> None:
-        unreached.say(f"broker       {where.hostname}: not reached; it is tried again")
+    def note_unreachable(_client: Client, _given: Any) -> None:
+        unreached.print_rarely(f"broker       {where.hostname}: not reached; it is tried again")
 
-    client.on_connect, client.on_connect_fail = connected, away
-    client.connect_async(str(where.hostname), where.port or PORTS[where.scheme])
+    client.on_connect, client.on_connect_fail = note_connected, note_unreachable
+    client.connect_async(str(where.hostname), where.port or DEFAULT_PORTS[where.scheme])
     client.loop_start()
     try:
-        yield tell
+        yield publish_line
     finally:
-        _take_leave(client, f"{topic}/{ONLINE}")
+        _leave_broker(client, f"{topic}/{ONLINE}")
 
 
-def _take_leave(client: Client, topic: str) -> None:
-    """Tells a broker that is there that this ends. One that is away, refuses or does not answer
-    is not waited for: the thread of its connection ends with the process."""
+def _leave_broker(client: Client, topic: str) -> None:
+    """Tell a connected broker that this ends. One that is away, refuses or does not answer is not
+    waited for: the thread of its connection ends with the process."""
     if client.is_connected():
         # it may go in this moment
         with contextlib.suppress(RuntimeError, ValueError):
-            client.publish(topic, "0", retain=True).wait_for_publish(LEAVE_S)
+            client.publish(topic, "0", retain=True).wait_for_publish(LEAVE_TIMEOUT_S)
     client.disconnect()
     stops = threading.Thread(target=client.loop_stop, daemon=True)
     stops.start()
-    stops.join(LEAVE_S)
+    stops.join(LEAVE_TIMEOUT_S)
 
 
-def _split(url: str) -> SplitResult:
+def _parse_broker_url(url: str) -> SplitResult:
     try:
         where = urlsplit(url)
         if (
-            where.scheme in PORTS
+            where.scheme in DEFAULT_PORTS
             and where.hostname
             and where.port != 0
             and where.password is None

@@ -18,27 +18,30 @@ if TYPE_CHECKING:
     from topdress.control.calibration.first_machine import Suggested
 
 # of a small drive, where neither the log nor anybody says
-USUAL_TAU_S = 0.05
+USUAL_TIME_CONSTANT_S = 0.05
 # of times that a log shows: to some rows, or to how far the drive is of first order
-TIME_SHARE = 0.05
+TIME_TOLERANCE = 0.05
 # of the comment on top, by which an earlier output is known
-HEAD = "Made by topdress machine from"
+HEAD_COMMENT = "Made by topdress machine from"
 
 
-class Driven(StrEnum):
+class DrivenPart(StrEnum):
+    """Lists the parts that a drive turns."""
+
     PUMP = "pump"
     WHEEL = "wheel"
     FAN = "fan"
     CONVEYOR = "conveyor"
 
 
-class Answers:
-    """What was asked, in its order; `count` questions were."""
+class Questionnaire:
+    """Asks on the terminal; `count` questions were asked."""
 
     def __init__(self, ask: bool) -> None:
         self.ask, self.count = ask, 0
 
-    def number(self, given: float | None, question: str, usual: float) -> float:
+    def ask_number(self, given: float | None, question: str, usual: float) -> float:
+        """The number given, else the answer."""
         if given is not None or not self.ask:
             return usual if given is None else given
         self.count += 1
@@ -50,8 +53,10 @@ class Answers:
                 return value
             typer.echo(f"value {value:g}: allowed more than 0", err=True)
 
-    def unit(self, given: EffortUnit | None, columns: Mapping[str, Any]) -> EffortUnit | None:
-        """Of the log's effort; None: it is no reference."""
+    def ask_effort_unit(
+        self, given: EffortUnit | None, columns: Mapping[str, Any]
+    ) -> EffortUnit | None:
+        """The unit of the log's effort; None: it is no reference."""
         if given is not None or not self.ask or "shaft_effort" not in columns:
             return given
         self.count += 1
@@ -66,14 +71,15 @@ class Answers:
                 return None if said == "none" else EffortUnit(said)
             typer.echo(f"{said}: allowed {', '.join(units)}", err=True)
 
-    def yes(self, given: bool | None, question: str, usual: bool) -> bool:
+    def ask_yes_no(self, given: bool | None, question: str, usual: bool) -> bool:
+        """The choice given, else the answer."""
         if given is not None or not self.ask:
             return usual if given is None else given
         self.count += 1
         return bool(typer.confirm(question, default=usual, err=True))
 
 
-def machine(
+def make_machine_file(
     *,
     log: Annotated[
         Path,
@@ -84,7 +90,7 @@ def machine(
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The machine file.")],
-    kind: Annotated[Driven, typer.Option(help="What it drives.")] = Driven.WHEEL,
+    kind: Annotated[DrivenPart, typer.Option(help="What it drives.")] = DrivenPart.WHEEL,
     full_speed: Annotated[
         float | None,
         typer.Option(
@@ -155,45 +161,47 @@ def machine(
         ) from None
     except ValueError as error:
         raise CommandError(f"{log}: {error}") from None
-    answers = Answers(not yes)
-    made = _asked(found, answers, full_speed, settled, both_ways, noise, time_constant)
-    text = machine_text(made, kind, f"{HEAD} {log.name}")
-    text = _with_effort(text, columns, answers.unit(effort_unit, columns), log.name)
+    answers = Questionnaire(not yes)
+    made = _ask_missing(found, answers, full_speed, settled, both_ways, noise, time_constant)
+    text = format_machine_file(made, kind, f"{HEAD_COMMENT} {log.name}")
+    text = _add_effort_reference(
+        text, columns, answers.ask_effort_unit(effort_unit, columns), log.name
+    )
     write_atomically(out, text)
     load(str(out), MACHINE)  # what is written is what is read
     typer.echo(
         f"{out}: a {kind.value}, {made.full_rpm:g} "
-        f"r/min{_times(found, made)}{_neutral(made)}; {answers.count} "
+        f"r/min{_describe_times(found, made)}{_describe_neutral(made)}; {answers.count} "
         f"questions; next: topdress diagnose {log} --machine {out}"
     )
 
 
-def _asked(
+def _ask_missing(
     found: Suggested,
-    answers: Answers,
+    answers: Questionnaire,
     full_speed: float | None,
     settled: bool | None,
     both_ways: bool | None,
     noise: float | None,
     time_constant: float | None,
 ) -> Suggested:
-    full = answers.number(
+    full = answers.ask_number(
         full_speed, "Speed at the full command, by its data sheet, r/min", found.full_rpm
     )
-    rows = answers.yes(
+    rows = answers.ask_yes_no(
         settled,
         "Does a row hold a command with what it settled at (no: the drive while it runs)",
         found.settled,
     )
-    both = answers.yes(both_ways, "Does it turn backwards too", found.both_ways)
+    both = answers.ask_yes_no(both_ways, "Does it turn backwards too", found.both_ways)
     if both_ways is None and not answers.ask:
         # a log that goes one way does not say that the drive cannot go back
         both = True
-    sd = answers.number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
+    sd = answers.ask_number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
     tau_s = 0.0 if rows else found.tau_s if time_constant is None else time_constant
     if tau_s is None:
-        tau_s = answers.number(
-            None, "Time constant of the drive, s (this log does not show it)", USUAL_TAU_S
+        tau_s = answers.ask_number(
+            None, "Time constant of the drive, s (this log does not show it)", USUAL_TIME_CONSTANT_S
         )
     return found._replace(
         full_rpm=full,
@@ -205,9 +213,11 @@ def _asked(
     )
 
 
-def _with_effort(text: str, columns: Mapping[str, Any], unit: EffortUnit | None, name: str) -> str:
-    """The file with what the drive takes for itself, by its log. Raises ValueError, one line,
-    where it does not say."""
+def _add_effort_reference(
+    text: str, columns: Mapping[str, Any], unit: EffortUnit | None, name: str
+) -> str:
+    """The file with the drive's own effort, by its log. Raises ValueError, one line, where the log
+    does not show it."""
     import yaml
     from topdress.control.diagnosis.runs.effort_reference import fit_effort
     from topdress.control.machine.effort import Effort
@@ -228,8 +238,8 @@ def _with_effort(text: str, columns: Mapping[str, Any], unit: EffortUnit | None,
     return text + f'effort_unit: "{unit.value}"\neffort: {{{parts}}}\n'
 
 
-def _times(found: Suggested, made: Suggested) -> str:
-    """Where its times come from."""
+def _describe_times(found: Suggested, made: Suggested) -> str:
+    """The source of its times, in words."""
     if made.settled or made.tau_s is None:
         return ""
     if made.tau_s != found.tau_s:
@@ -244,8 +254,8 @@ def _times(found: Suggested, made: Suggested) -> str:
     )
 
 
-def _neutral(made: Suggested) -> str:
-    """At which command it stands, where that is not 0."""
+def _describe_neutral(made: Suggested) -> str:
+    """The command at which it stands, where that is not 0, in words."""
     if made.neutral is None:
         return ""
     return f", stands at a command of {made.neutral.rpm:.4g} as the log shows it" + (
@@ -253,8 +263,8 @@ def _neutral(made: Suggested) -> str:
     )
 
 
-def machine_text(made: Suggested, kind: Driven, head: str) -> str:
-    """The file: what it is, what it has, what it can, what is read of it. Neutral figures are
+def format_machine_file(made: Suggested, kind: DrivenPart, head: str) -> str:
+    """The text of the file: what it is, its parts, its limits, its sensors. Neutral figures are
     left out."""
     dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0
     shaft = [f"full_rpm: {made.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
@@ -278,7 +288,7 @@ def machine_text(made: Suggested, kind: Driven, head: str) -> str:
         f"shaft: {{{', '.join(shaft)}}}",
         f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {made.full_rpm:g}}}",
         f"noise: {{shaft_rpm: {made.noise_rpm:.3g}}}",
-        f"tolerance: {{shaft_percent: 0.5, dead_time_s: {max(0.01, TIME_SHARE * dead_s):.3g}, "
-        f"time_constant_s: {max(0.015, TIME_SHARE * tau_s):.3g}}}     # of a first file",
+        f"tolerance: {{shaft_percent: 0.5, dead_time_s: {max(0.01, TIME_TOLERANCE * dead_s):.3g}, "
+        f"time_constant_s: {max(0.015, TIME_TOLERANCE * tau_s):.3g}}}     # of a first file",
     ]
     return "\n".join(lines) + "\n"

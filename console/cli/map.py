@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from topdress.console.cli.inputs import MAP, machine_of, refuse_other
+from topdress.console.cli.inputs import MAP_FILE_KINDS, load_machine, refuse_other_kinds
 from topdress.console.cli.outputs import (
     Force,
     Output,
+    find_machine_file,
     list_log_files,
-    machine_file,
-    marked,
+    make_marked_output,
     refuse_collisions,
 )
 from topdress.console.cli.plain_errors import CommandError
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from topdress.drivers.files.prescriptions.words import Imported, RateChoice
     from topdress.drivers.files.read_log import RunLog
 
-SHOWN_RATES = 20
+MOST_SHOWN_RATES = 20
 
 
-def map_files(
+def convert_map(
     source: Annotated[
         Path,
         typer.Argument(
@@ -132,15 +132,15 @@ def map_files(
     from topdress.drivers.files.prescriptions.words import RateChoice
     from topdress.drivers.files.what_it_is import TABLES
 
-    refuse_other([source], MAP)
+    refuse_other_kinds([source], MAP_FILE_KINDS)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
     holds = Opened(source).holds
     is_log = holds in ("log", "table") or (not holds and source.suffix.lower() in TABLES)
     if out is not None:
-        refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
+        refuse_collisions(_list_read_files(source, is_log, machine), [_make_output(out)], force)
     if is_log:
-        _export(
+        _export_log(
             source,
             out,
             machine=machine,
@@ -163,23 +163,23 @@ def map_files(
         layer=layer,
         inside=inside,
         zone=zone,
-        rate_from=_source(rate_from),
+        rate_from=_check_rate_source(rate_from),
     )
-    _convert(source, out, choice, rule, merge, as_json)
+    _convert_prescription(source, out, choice, rule, merge, as_json)
 
 
-def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
+def _list_read_files(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
     from topdress.drivers.files.archives import files_of
     from topdress.drivers.files.opened import Opened
 
     own = list_log_files(source) if is_log and Opened(source).is_table else files_of(source)
-    return (*own, *(() if machine is None else (machine_file(machine),)))
+    return (*own, *(() if machine is None else (find_machine_file(machine),)))
 
 
-def _output(out: Path) -> Output:
-    """What is written at `out`, by its ending; an earlier export in a format that has room for
-    its maker is known."""
-    from topdress.console.reports.html import GENERATOR
+def _make_output(out: Path) -> Output:
+    """The files written at `out`, by its ending; an earlier export in a format that names its maker
+    is recognised."""
+    from topdress.console.reports.html import GENERATOR_META
 
     match out.suffix.lower():
         case ".shp":
@@ -189,12 +189,12 @@ def _output(out: Path) -> Output:
                 )
             )
         case ".html":
-            return marked(out, GENERATOR.encode())
+            return make_marked_output(out, GENERATOR_META.encode())
         case ".geojson" | ".json":
-            return marked(out, b'"topdress": {"format": "topdress-')
+            return make_marked_output(out, b'"topdress": {"format": "topdress-')
         case ".xml" | "":
             folder = out.parent if out.suffix else out
-            return marked(
+            return make_marked_output(
                 folder / "TASKDATA.XML",
                 b'Manufacturer="topdress"',
                 [folder / name for name in ("GRD00001.bin", "TLG00001.xml", "TLG00001.bin")],
@@ -202,13 +202,13 @@ def _output(out: Path) -> Output:
     return Output((out,))
 
 
-def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
+def _check_rate_source(text: str | None) -> Literal["ddi", "presentation"] | None:
     if text not in (None, "ddi", "presentation"):
         raise CommandError(f"--rate-from {text}: allowed ddi, presentation")
     return text  # type: ignore[return-value]
 
 
-def _convert(
+def _convert_prescription(
     source: Path,
     out: Path | None,
     choice: RateChoice,
@@ -255,12 +255,12 @@ def _convert(
         write_prescription(read.data, out)
         if lost := not_written(read.data, out):
             read = replace(read, findings=(*read.findings, Finding("not_written", lost)))
-    _tell(read, as_json)
+    _print_prescription(read, as_json)
     if out is not None and not as_json:
         typer.echo(f"written      {out}")
 
 
-def _tell(read: Imported, as_json: bool) -> None:
+def _print_prescription(read: Imported, as_json: bool) -> None:
     from topdress.console.app.pages.job.map_words import map_words
     from topdress.console.app.units import METRIC
     from topdress.control.recordings.finding import many
@@ -308,12 +308,12 @@ def _tell(read: Imported, as_json: bool) -> None:
         f"{fallbacks.outside_kg_ha:g} outside, "
         f"{fallbacks.lost_kg_ha:g} with the position lost"
     )
-    for share in shares[:SHOWN_RATES]:
+    for share in shares[:MOST_SHOWN_RATES]:
         typer.echo(
             f"{share.rate_kg_ha:9.2f} kg/ha {share.area_ha:10.4f} ha {share.mass_kg:10.2f} kg"
         )
-    if len(shares) > SHOWN_RATES:
-        typer.echo(f"          ... {len(shares) - SHOWN_RATES} more rates")
+    if len(shares) > MOST_SHOWN_RATES:
+        typer.echo(f"          ... {len(shares) - MOST_SHOWN_RATES} more rates")
     typer.echo(
         f"altogether   {area:.4f} ha, {mass:.2f} kg, mean {mass / area if area else 0.0:.2f} kg/ha"
     )
@@ -324,7 +324,7 @@ def _tell(read: Imported, as_json: bool) -> None:
         typer.echo(f"note         {text}")
 
 
-def _export(
+def _export_log(
     source: Path,
     out: Path | None,
     *,
@@ -344,12 +344,12 @@ def _export(
     if product is not None or nitrogen is not None:
         given = SpreadProduct(product or "product", nitrogen or 0.0)
     log = open_log(source)
-    loaded = machine_of(machine) if machine else None
+    loaded = load_machine(machine) if machine else None
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from topdress.console.reports.job_page import MOST_STRETCHES
 
-        _report(
+        _write_job_report(
             as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)),
             out,
             log,
@@ -359,22 +359,24 @@ def _export(
     if as_json:
         print_json(summary(applied))
         return
-    _tell_applied(applied)
+    _print_applied(applied)
     if out is not None:
         typer.echo(f"written      {out}")
 
 
-def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
-    from topdress.console.reports.job_about import read_about
-    from topdress.console.reports.job_page import job_page
+def _write_job_report(applied: AsApplied, out: Path, log: RunLog) -> None:
+    from topdress.console.reports.job_about import read_job_metadata
+    from topdress.console.reports.job_page import make_job_page
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.run_meta import software_version
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(out, job_page(applied, f"topdress {software_version()}", read_about(log)))
+    write_atomically(
+        out, make_job_page(applied, f"topdress {software_version()}", read_job_metadata(log))
+    )
 
 
-def _tell_applied(applied: AsApplied) -> None:
+def _print_applied(applied: AsApplied) -> None:
     t = applied.totals
     typer.echo(
         f"applied      {t.applied_kg:.2f} kg of {applied.product.name} "

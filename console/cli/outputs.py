@@ -15,37 +15,37 @@ Force = Annotated[
     bool, typer.Option("--force", help="Replace what is there already (never what is read).")
 ]
 
-LOOKED_BYTES = 65_536
+SEARCHED_BYTES = 65_536
 
 
 class Output(NamedTuple):
-    """Files that are written together.
+    """Names files that are written together.
 
-    `earlier`: whether those that are there are an earlier output of the same command, which can
-    be made again: it is replaced without a word.
+    `earlier`: whether those that are there are an earlier output of the same command, which can be
+    made again: it is replaced silently.
     """
 
     files: tuple[Path, ...]
     earlier: Callable[[], bool] = lambda: False
 
 
-def marked(file: Path, mark: bytes, with_it: Iterable[Path] = ()) -> Output:
-    """An output whose earlier ones say `mark` in the beginning of `file`."""
-    return Output((file, *with_it), lambda: _says(file, mark))
+def make_marked_output(file: Path, mark: bytes, with_it: Iterable[Path] = ()) -> Output:
+    """An output whose earlier versions have `mark` in the beginning of `file`."""
+    return Output((file, *with_it), lambda: _has_mark(file, mark))
 
 
 def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bool) -> None:
-    """Nothing that is read is written over, no two outputs go to one place, what is there stays
-    unless `force`.
+    """Raises CommandError where a file that is read would be overwritten, two outputs have one
+    path, or a file is there already and `force` is false.
 
     Files are compared as such: links, relative paths and other spellings of a name are the same
-    file. Raises CommandError.
+    file.
     """
-    read = {identity: path for path in reads if (identity := _identity(path)) is not None}
+    read = {identity: path for path in reads if (identity := _find_file_identity(path)) is not None}
     taken: dict[str, Path] = {}
     for output in writes:
         for file in output.files:
-            identity = _identity(file)
+            identity = _find_file_identity(file)
             source = None if identity is None else read.get(identity)
             if source is not None:
                 same = "" if source == file else f", the same file as {source}"
@@ -65,33 +65,33 @@ def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bo
 
 
 def list_log_files(log: Path) -> tuple[Path, Path]:
-    """A run log and what stands next to it."""
+    """A run log and its sidecar."""
     return log, log.with_suffix(".yaml")
 
 
-def new_log_files(log: Path) -> tuple[Path, Path]:
-    """A run log about to be written, and what comes next to it. Raises CommandError for a name
-    that is none of a log."""
+def list_new_log_files(log: Path) -> tuple[Path, Path]:
+    """A run log about to be written, and its sidecar. Raises CommandError for a name that is none
+    of a log."""
     if log.suffix != ".csv":
         raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
     return list_log_files(log)
 
 
-def machine_file(where: str) -> Path:
+def find_machine_file(where: str) -> Path:
     """The machine file of a shipped name or path. Raises ConfigError."""
     from topdress.drivers.files.kinds import MACHINE
 
-    return named(where, MACHINE.folder)
+    return find_named_file(where, MACHINE.folder)
 
 
-def named(where: str, folder: str) -> Path:
+def find_named_file(where: str, folder: str) -> Path:
     """The configuration file of a shipped name or path. Raises ConfigError."""
     from topdress.drivers.files.config import resolve
 
     return resolve(where, [folder])
 
 
-def _identity(path: Path) -> tuple[int, int] | None:
+def _find_file_identity(path: Path) -> tuple[int, int] | None:
     try:
         found = path.stat()
     except (OSError, ValueError):
@@ -99,9 +99,9 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def _says(file: Path, mark: bytes) -> bool:
+def _has_mark(file: Path, mark: bytes) -> bool:
     try:
         with file.open("rb") as opened:
-            return mark in opened.read(LOOKED_BYTES)
+            return mark in opened.read(SEARCHED_BYTES)
     except OSError:
         return False

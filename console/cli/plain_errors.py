@@ -22,7 +22,7 @@ from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.plain_text import one_line
 
-F = TypeVar("F", bound=Callable[..., Any])
+CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
 
 
 # exit codes, listed by `topdress --help`
@@ -33,13 +33,13 @@ class CommandError(Exception):
     """One plain line for the user."""
 
 
-def guard_command(command: F) -> F:
+def guard_command(command: CommandFunction) -> CommandFunction:
     """The command with its expected errors turned into lines."""
 
     @functools.wraps(command)
-    def run(*args: Any, **kwargs: Any) -> Any:
+    def run_guarded(*args: Any, **kwargs: Any) -> Any:
         try:
-            _refuse_no_numbers(kwargs)
+            _refuse_not_finite(kwargs)
             return command(*args, **kwargs)
         except (ConfigError, TableError) as error:
             for line in error.lines:
@@ -65,27 +65,26 @@ def guard_command(command: F) -> F:
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
         except Exception as error:
-            line, code = _unforeseen(error)
+            line, code = _describe_unforeseen(error)
             typer.echo(line, err=True)
             raise typer.Exit(code) from None
 
-    return run  # type: ignore[return-value]
+    return run_guarded  # type: ignore[return-value]
 
 
-def _unforeseen(error: Exception) -> tuple[str, int]:
-    """Of what nobody foresaw the trace is for us, the line for the user; of a part that is not
-    installed, what installs it."""
+def _describe_unforeseen(error: Exception) -> tuple[str, int]:
+    """A line and an exit code. The trace of an unforeseen error is for us, the line for the user;
+    for a part that is not installed, the line installs it."""
     from topdress.drivers.files.extras import extra_line, extra_of
 
     if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")) is not None:
         return f"this needs the extra {extra}, not installed: {extra_line(extra)}", WRONG
     said = one_line(str(error))[:200]
-    return f"a fault of topdress: {type(error).__name__}: {said}; {_kept_trace()}", OUR_FAULT
+    return f"a fault of topdress: {type(error).__name__}: {said}; {_keep_trace()}", OUR_FAULT
 
 
-def _refuse_no_numbers(given: Mapping[str, Any]) -> None:
-    """nan and inf, which Python reads as numbers, are none that an option takes. Raises
-    CommandError."""
+def _refuse_not_finite(given: Mapping[str, Any]) -> None:
+    """Raises CommandError for nan and inf, which Python reads as numbers and no option takes."""
     for name, value in given.items():
         for one in value if isinstance(value, list | tuple) else (value,):
             if isinstance(one, float) and not isfinite(one):
@@ -94,8 +93,9 @@ def _refuse_no_numbers(given: Mapping[str, Any]) -> None:
                 )
 
 
-def _kept_trace() -> str:
-    """Where the trace of the error at hand is kept; it is asked for when somebody reports it."""
+def _keep_trace() -> str:
+    """Keep the trace of the error at hand and return its place; it is asked for when somebody
+    reports it."""
     import tempfile
     import traceback
 
@@ -109,17 +109,19 @@ def _kept_trace() -> str:
     return f"its trace is in {kept.name}: please report it"
 
 
-def say_notes(notes: Iterable[object], where: str = "") -> None:
-    """What is to be known of what was read, a line each on stderr. where: before each."""
+def print_note_lines(notes: Iterable[object], where: str = "") -> None:
+    """Print notes on the files that were read, a line each on stderr. where: before each."""
     for one in notes:
         typer.echo(f"note: {where}{one}", err=True)
 
 
 def has_terminal() -> bool:
+    """Whether standard input and output are a terminal."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def need_terminal(command: str, instead: str) -> None:
-    """Refuses a command that draws on a terminal where there is none, and says what works there."""
+    """Raises CommandError for a command that draws on a terminal where there is none, with another
+    that works there."""
     if not has_terminal():
         raise CommandError(f"{command} needs a terminal; without one: {instead}")

@@ -18,17 +18,17 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="The answer as JSON, alone on standard output.")
 ]
 
-OVER_THE_LINE = "\r\x1b[K"  # our own lines of progress begin with it
+LINE_START = "\r\x1b[K"  # our own lines of progress begin with it
 
 
 RED, BLUE, NO_MORE = "\x1b[31m", "\x1b[34m", "\x1b[0m"
-_AS_NUMBERS = {code: f"\\u{code:04x}" for code in STEERING}
-INDENT = "    "  # of what a line goes on with
+_STEERING_NUMBERS = {code: f"\\u{code:04x}" for code in STEERING}
+CONTINUATION = "    "  # of what a line goes on with
 
 
 class PlainText(io.TextIOWrapper):
-    """A text stream that leaves out what steers a terminal: one may stand behind a pipe, and
-    whoever looks at a file looks on one."""
+    """Leaves out characters that steer a terminal: one may stand behind a pipe, and a file may be
+    shown on one."""
 
     def write(self, text: str) -> int:
         super().write(plain(text))
@@ -36,32 +36,35 @@ class PlainText(io.TextIOWrapper):
 
 
 class PlainOutput(io.TextIOWrapper):
-    """The same on a terminal, but for a progress line's beginning; what is said while one
-    stands takes its place. Lines that are too wide are broken between words. complains: lines
-    come in colour, notes in another."""
+    """Leaves them out on a terminal, but for a progress line's beginning; text printed while one
+    stands takes its place.
+
+    Lines that are too wide are broken between words. complains: lines come in colour, notes in
+    another.
+    """
 
     complains = False
     _progress_stands = False
 
     def write(self, text: str) -> int:
-        own = OVER_THE_LINE if text.startswith(OVER_THE_LINE) else ""
+        own = LINE_START if text.startswith(LINE_START) else ""
         said = plain(text[len(own) :])
         if own:
             self._progress_stands = bool(said) and not said.endswith("\n")
         elif text:
-            said = "\n".join(self._dressed(line) for line in said.split("\n"))
-            own, self._progress_stands = OVER_THE_LINE if self._progress_stands else "", False
+            said = "\n".join(self._dress_line(line) for line in said.split("\n"))
+            own, self._progress_stands = LINE_START if self._progress_stands else "", False
         super().write(own + said)
         return len(text)
 
-    def _dressed(self, line: str) -> str:
+    def _dress_line(self, line: str) -> str:
         columns = shutil.get_terminal_size().columns
-        if len(line) > columns > 2 * len(INDENT):
+        if len(line) > columns > 2 * len(CONTINUATION):
             line = "\n".join(
                 textwrap.wrap(
                     line,
                     columns,
-                    subsequent_indent=INDENT,
+                    subsequent_indent=CONTINUATION,
                     break_long_words=False,
                     break_on_hyphens=False,
                     replace_whitespace=False,
@@ -78,8 +81,8 @@ class PlainOutput(io.TextIOWrapper):
 
 
 def print_json(found: Any) -> None:
-    """A line of JSON: by the names of fields, which have the units in them; null for what is no
-    number."""
+    """Print a line of JSON: by the names of fields, which have the units in them; null for a value
+    that is no number."""
     from topdress.drivers.files.plain import plain as as_data
 
     typer.echo(
@@ -88,15 +91,15 @@ def print_json(found: Any) -> None:
 
 
 def format_json_line(found: Any, separators: tuple[str, str] | None = None) -> str:
-    """Returns the data as one line of JSON, in which what steers a terminal stands as its
-    number (\\u009b): whoever reads it as JSON has every character."""
+    """The data as one line of JSON, in which characters that steer a terminal stand as their
+    numbers (\\u009b): whoever reads it as JSON has every character."""
     line = json.dumps(found, separators=separators, ensure_ascii=False)
-    return line if line.isprintable() else line.translate(_AS_NUMBERS)
+    return line if line.isprintable() else line.translate(_STEERING_NUMBERS)
 
 
-def take_outputs() -> None:
-    """Replaces stdout and stderr, for the rest of the process, by streams on which no text
-    steers a terminal."""
+def replace_streams() -> None:
+    """Replace stdout and stderr, for the rest of the process, by streams on which no text steers a
+    terminal."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if not isinstance(stream, io.TextIOWrapper):

@@ -9,56 +9,58 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
-from topdress.console.cli.plain_output import OVER_THE_LINE
+from topdress.console.cli.plain_output import LINE_START
 
-T = TypeVar("T")
-EVERY_S = 0.2
+Item = TypeVar("Item")
+SHOW_PERIOD_S = 0.2
 
 
 class ProgressLine:
-    """`tell` puts a text over the one before, `end` takes it away. A text is cut to the
-    terminal's width: one that goes on in the next row would leave its first row behind."""
+    """Shows a text over the one before; `clear_line` removes it. A text is cut to the terminal's
+    width: one that goes on in the next row would leave its first row behind."""
 
     def __init__(self) -> None:
         self.shown = sys.stderr.isatty()
         self._stands = False
 
-    def tell(self, text: str) -> None:
+    def show_text(self, text: str) -> None:
+        """Show a text in place of the one before."""
         if self.shown:
-            self._write(text[: shutil.get_terminal_size().columns - 1])
+            self._write_over_line(text[: shutil.get_terminal_size().columns - 1])
             self._stands = True
 
-    def end(self) -> None:
+    def clear_line(self) -> None:
+        """Remove the text."""
         if self._stands:
-            self._write("")
+            self._write_over_line("")
             self._stands = False
 
     @staticmethod
-    def _write(text: str) -> None:
-        sys.stderr.write(f"{OVER_THE_LINE}{text}")
+    def _write_over_line(text: str) -> None:
+        sys.stderr.write(f"{LINE_START}{text}")
         sys.stderr.flush()
 
 
-def progress(
-    items: Iterable[T], count: int, label: str, clock: Callable[[], float] = time.monotonic
-) -> Iterator[T]:
-    """The items, telling before the first and then now and then how far along they are."""
+def iterate_with_progress(
+    items: Iterable[Item], count: int, label: str, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Item]:
+    """The items; shows before the first and then now and then how many are done."""
     line = ProgressLine()
     if not line.shown:
         yield from items
         return
     started_s = said_s = clock()
-    line.tell(f"{label} 0 % (Ctrl-C cancels)")
+    line.show_text(f"{label} 0 % (Ctrl-C cancels)")
     try:
         for number, item in enumerate(items, start=1):
             yield item
             now_s = clock()
-            if now_s - said_s >= EVERY_S:
+            if now_s - said_s >= SHOW_PERIOD_S:
                 said_s = now_s
                 left_s = (now_s - started_s) * max(0, count - number) / number
-                line.tell(
+                line.show_text(
                     f"{label} {100 * number // max(1, count)} %, {left_s:.0f} s left "
                     "(Ctrl-C cancels)"
                 )
     finally:
-        line.end()
+        line.clear_line()

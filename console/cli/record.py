@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import LOG, machine_of, need_ending, refuse_other
+from topdress.console.cli.inputs import LOG_KINDS, load_machine, need_ending, refuse_other_kinds
 from topdress.console.cli.outputs import (
     Force,
+    find_machine_file,
     list_log_files,
-    machine_file,
-    marked,
+    make_marked_output,
     refuse_collisions,
 )
 from topdress.console.cli.plain_errors import CommandError
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from topdress.drivers.files.exports.farm_record import Pass, Sum
 
 
-def record(
+def record_passes(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...", help="Run logs, or logs of other programs.")
     ],
@@ -65,30 +65,30 @@ def record(
     from topdress.drivers.files.exports.farm_record import sums, write_record
     from topdress.drivers.files.farm_lines import BEGINS
 
-    refuse_other(logs, LOG)
+    refuse_other_kinds(logs, LOG_KINDS)
     need_ending("--out", out, ".csv")
-    prices = _prices(price or ())
+    prices = _parse_prices(price or ())
     reads = [
         *(file for log in logs for file in list_log_files(log)),
-        *([] if machine is None else [machine_file(machine)]),
+        *([] if machine is None else [find_machine_file(machine)]),
     ]
     if out is not None:
-        refuse_collisions(reads, [marked(out, BEGINS)], force)
-    loaded = machine_of(machine) if machine else None
-    passes = [_pass(log, loaded, nitrogen, prices, currency) for log in logs]
-    if prices and not any(_priced(one, prices) for one in passes):
+        refuse_collisions(reads, [make_marked_output(out, BEGINS)], force)
+    loaded = load_machine(machine) if machine else None
+    passes = [_make_pass(log, loaded, nitrogen, prices, currency) for log in logs]
+    if prices and not any(_has_price(one, prices) for one in passes):
         raise CommandError(
             f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "
             f"{', '.join(sorted({one.product for one in passes}))}"
         )
-    _tell(sums(passes), as_json)
+    _print_sums(sums(passes), as_json)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         added, replaced = write_record(passes, out)
         typer.echo(f"written      {out}: {added} added, {replaced} replaced", err=as_json)
 
 
-def _prices(texts: list[str] | tuple[()]) -> dict[str, float]:
+def _parse_prices(texts: list[str] | tuple[()]) -> dict[str, float]:
     """Product, or nothing for every one, -> price of a kilogram."""
     found = {}
     for text in texts:
@@ -105,25 +105,25 @@ def _prices(texts: list[str] | tuple[()]) -> dict[str, float]:
     return found
 
 
-def _priced(one: Pass, prices: dict[str, float]) -> bool:
+def _has_price(one: Pass, prices: dict[str, float]) -> bool:
     """Whether a price was given for its product, or for every one."""
     return "" in prices or one.product.casefold() in prices
 
 
-def _pass(
+def _make_pass(
     log: Path,
     machine: Machine | None,
     nitrogen: float | None,
     prices: dict[str, float],
     currency: str | None,
 ) -> Pass:
-    from topdress.console.reports.job_about import read_about
+    from topdress.console.reports.job_about import read_job_metadata
     from topdress.drivers.files.any_log import open_log
     from topdress.drivers.files.exports.as_applied import SpreadProduct, as_applied
     from topdress.drivers.files.exports.farm_record import Pass
 
     opened = open_log(log)
-    about = read_about(opened)
+    about = read_job_metadata(opened)
     who = about.who
     given = None if nitrogen is None else SpreadProduct(who.product or "product", nitrogen)
     applied = as_applied(opened, machine, given)
@@ -138,7 +138,7 @@ def _pass(
     one = Pass(
         applied, said, about.simulated, log.name, about.price_per_kg, about.currency or "EUR"
     )
-    if not _priced(one, prices):
+    if not _has_price(one, prices):
         return one
     return one._replace(
         price_per_kg=prices.get(one.product.casefold(), prices.get("")),
@@ -146,7 +146,7 @@ def _pass(
     )
 
 
-def _tell(found: list[Sum], as_json: bool) -> None:
+def _print_sums(found: list[Sum], as_json: bool) -> None:
     if as_json:
         print_json(found)
         return

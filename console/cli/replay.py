@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import LOG, refuse_bench_table, refuse_other
+from topdress.console.cli.inputs import LOG_KINDS, refuse_bench_table, refuse_other_kinds
 from topdress.console.cli.outputs import Force, list_log_files, refuse_collisions
-from topdress.console.cli.plain_errors import CommandError, say_notes
-from topdress.console.cli.progress import progress
-from topdress.console.cli.whole_log import log_output, whole_log
+from topdress.console.cli.plain_errors import CommandError, print_note_lines
+from topdress.console.cli.progress import iterate_with_progress
+from topdress.console.cli.whole_log import make_log_output, open_whole_log
 from topdress.control.orders import Strategy
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from topdress.drivers.files.setup import Setup
 
 
-def replay(
+def replay_log(
     log: Annotated[
         Path, typer.Argument(metavar="LOG.csv", help="A run log, ours or of another program.")
     ],
@@ -41,10 +41,10 @@ def replay(
     force: Force = False,
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
-    from topdress.console.services.rerun import setup_of
+    from topdress.console.services.rerun import load_rerun_setup
     from topdress.drivers.files.any_log import open_log
 
-    refuse_other([log], LOG)
+    refuse_other_kinds([log], LOG_KINDS)
     refuse_bench_table(log, "replay")
     recorded = open_log(log)
     if not headless:
@@ -56,17 +56,17 @@ def replay(
         return
     if out is None:
         raise CommandError("--headless needs --out NEW.csv")
-    setup = setup_of(recorded, machine, job, strategy)
-    refuse_collisions((*list_log_files(log), *setup.files), [log_output(out)], force)
+    setup = load_rerun_setup(recorded, machine, job, strategy)
+    refuse_collisions((*list_log_files(log), *setup.files), [make_log_output(out)], force)
     out.parent.mkdir(parents=True, exist_ok=True)
-    _again(recorded, out, setup)
+    _run_headless(recorded, out, setup)
 
 
-def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
-    from topdress.console.services.rerun import rerun
+def _run_headless(recorded: RunLog, out: Path, setup: Setup) -> None:
+    from topdress.console.services.rerun import rerun_loop
     from topdress.drivers.files.run_meta import run_meta
 
-    say_notes((*recorded.findings, *setup.job.warnings))
+    print_note_lines((*recorded.findings, *setup.job.warnings))
     started = time.perf_counter()
     meta = run_meta(
         setup.machine,
@@ -75,8 +75,8 @@ def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
         sha256=setup.sha256,
         extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)},
     )
-    with whole_log(out, meta) as new:
-        for tick in progress(rerun(recorded, setup), len(recorded), "replaying"):
+    with open_whole_log(out, meta) as new:
+        for tick in iterate_with_progress(rerun_loop(recorded, setup), len(recorded), "replaying"):
             new.append(tick.row)
     took = time.perf_counter() - started
     typer.echo(

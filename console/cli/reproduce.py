@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.outputs import Force, marked, refuse_collisions
+from topdress.console.cli.outputs import Force, make_marked_output, refuse_collisions
 from topdress.console.cli.plain_output import AsJson, print_json
-from topdress.console.cli.progress import progress
+from topdress.console.cli.progress import iterate_with_progress
 
 if TYPE_CHECKING:
     from topdress.control.papers.page import Section, Table
 
-DAY = dt.date(2014, 3, 7)  # the decision paper's day of sensing
-PAGE = "reproduce.html"
+PAPER_DAY = dt.date(2014, 3, 7)  # the decision paper's day of sensing
+PAGE_NAME = "reproduce.html"
 
 
-def reproduce(
+def reproduce_papers(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for the page and a CSV of every table.")
     ] = Path("reproduce"),
@@ -32,19 +32,21 @@ def reproduce(
     force: Force = False,
 ) -> None:
     """Recompute the three papers: published next to obtained."""
-    from topdress.console.reports.html import GENERATOR
-    from topdress.console.reports.paper_page import paper_page
+    from topdress.console.reports.html import GENERATOR_META
+    from topdress.console.reports.paper_page import make_paper_page
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.run_meta import software_version
 
     before = [*out.glob("[0-9]-[0-9]*.csv")]
-    refuse_collisions((), [marked(out / PAGE, GENERATOR.encode(), before)], force)
+    refuse_collisions(
+        (), [make_marked_output(out / PAGE_NAME, GENERATOR_META.encode(), before)], force
+    )
     sections = run_papers(seed)
     out.mkdir(parents=True, exist_ok=True)
     for number, section in enumerate(sections):
         for k, table in enumerate(section.tables, start=1):
-            write_atomically(out / f"{number}-{k}.csv", table_csv(table))
-    write_atomically(out / PAGE, paper_page(sections, f"topdress {software_version()}"))
+            write_atomically(out / f"{number}-{k}.csv", format_table_csv(table))
+    write_atomically(out / PAGE_NAME, make_paper_page(sections, f"topdress {software_version()}"))
     if as_json:
         print_json(
             [{"title": one.title, "words": one.words, "tables": one.tables} for one in sections]
@@ -52,11 +54,11 @@ def reproduce(
     else:
         for section in sections:
             typer.echo("\n    ".join((section.title, *section.words)))
-    typer.echo(f"written      {out / PAGE}", err=as_json)
+    typer.echo(f"written      {out / PAGE_NAME}", err=as_json)
 
 
 def run_papers(seed: int) -> list[Section]:
-    """Everything the page shows. Takes about half a minute."""
+    """Every section of the page. Takes about half a minute."""
     from topdress.control.papers.decision import decision_section
     from topdress.control.papers.elements import elements_section
     from topdress.control.papers.lag import lag_section
@@ -64,17 +66,17 @@ def run_papers(seed: int) -> list[Section]:
     from topdress.control.papers.points import points_section
     from topdress.drivers.files.setup import load_setup
 
-    setup = load_setup("huanghai", "demo", DAY)
+    setup = load_setup("huanghai", "demo", PAPER_DAY)
     papers: list[Callable[[], Section]] = [
         lambda: decision_section(setup.machine, setup.crop, seed),
         lambda: lag_section(setup.machine),
         points_section,
     ]
-    sections = [paper() for paper in progress(papers, len(papers), "papers")]
+    sections = [paper() for paper in iterate_with_progress(papers, len(papers), "papers")]
     return [summary(sections), *sections, elements_section()]
 
 
-def table_csv(table: Table) -> str:
+def format_table_csv(table: Table) -> str:
     """One table as CSV, its title as the first line's comment, numbers in full."""
     text = io.StringIO()
     text.write(f"# {table.title}\n")

@@ -8,7 +8,7 @@ import typer
 from topdress.console.attached import NAME_VARIABLE
 
 
-def run(
+def run_console(
     *,
     job: Annotated[
         str | None,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from topdress.drivers.files.setup import Setup
 
     # the setup, and its configuration files by kind
-    Files = tuple[Setup, Mapping[str, Loaded[BaseModel]]]
+    SetupFiles = tuple[Setup, Mapping[str, Loaded[BaseModel]]]
 
 
 def show_run(
@@ -46,20 +46,22 @@ def show_run(
     model_check: bool = False,
     name: str | None = None,
 ) -> None:
-    """The console on the worker that runs, or on one started for it."""
-    import_hooks.begin()
-    from topdress.console.running import WorkerFailed, find_running
+    """Show the console on the worker that runs, or on one started for it."""
+    import_hooks.begin_imports()
+    from topdress.console.running import WorkerFailed, find_running_worker
     from topdress.console.services.launcher import Launcher
 
-    launcher = Launcher(config, effects, seed, hz, log, trouble_path(), name)
+    launcher = Launcher(config, effects, seed, hz, log, make_trouble_path(), name)
     coming: Future[WorkerAddress] | None = None
-    running = find_running() if has_terminal() else None
+    running = find_running_worker() if has_terminal() else None
     if running is None:
-        if has_terminal() and not launcher.may_go_on():
-            coming = _started(launcher.start)  # it reads the files, and refuses wrong ones
+        if has_terminal() and not launcher.may_have_offer():
+            coming = _start_in_background(
+                launcher.start_process
+            )  # it reads the files, and refuses wrong ones
         else:
-            _setup(config)
-    joined = None if running is None else _join(launcher, running)
+            _load_setup_files(config)
+    joined = None if running is None else _join_running(launcher, running)
     need_terminal(
         "topdress run",
         "topdress simulate runs the loop, topdress serve shows the console in a browser",
@@ -69,49 +71,51 @@ def show_run(
     from topdress.console.link import ComingLink, Link
     from topdress.console.services.line_files import KeptLineFiles
     from topdress.console.services.live_checker import LiveChecker
-    from topdress.console.services.settings import settings_store
-    from topdress.console.services.sound import Player
+    from topdress.console.services.settings import read_settings_store
+    from topdress.console.services.sound import SoundPlayer
     from topdress.drivers.files.extras import is_there
 
-    async def attach() -> Link:
+    async def attach_to_running() -> Link:
         # not before the worker is started, which takes as long to come up as all of the console
         import asyncio
 
-        where = await asyncio.to_thread(find_running)
+        where = await asyncio.to_thread(find_running_worker)
         if where is None:
             raise WorkerFailed(_("no machine is running"))
-        await asyncio.to_thread(launcher.adopt, where.log_path)
+        await asyncio.to_thread(launcher.adopt_running_files, where.log_path)
         return Link(where, name)
 
-    def job_files() -> JobService:
+    def make_job_files() -> JobService:
         from topdress.console.services.job import JobFiles
 
         return JobFiles(launcher)
 
-    job, lines = late(job_files), KeptLineFiles()
+    job, lines = late(make_job_files), KeptLineFiles()
     checked = model_check and is_there("diagnosis")
     source: Link | None = None
     if running is not None:
         source = Link(running, name)
     # else the console asks whether to go on with it
-    elif coming is not None or job.offer() is None:
-        source = ComingLink(coming or _started(launcher.start), name)
+    elif coming is not None or job.find_offer() is None:
+        source = ComingLink(coming or _start_in_background(launcher.start_process), name)
     tour = not config and is_first_time()
-    services = make_run_services(cache(lambda: _setup_of_running(launcher.config, config)), effects)
+    services = make_run_services(
+        cache(lambda: _load_running_setup(launcher.config, config)), effects
+    )
     app = TopdressApp(
         source,
-        start=launcher.link,
-        attach=attach,
+        start=launcher.start_link,
+        attach=attach_to_running,
         tour=tour,
         joined=joined,
         ask_job=not config and not tour and running is None and source is not None,
         services=replace(
             services,
             job=job,
-            settings=settings_store(),
+            settings=read_settings_store(),
             lines=lines,
-            play=Player(),
-            model_check=LiveChecker().latest if checked else None,
+            play=SoundPlayer(),
+            model_check=LiveChecker().find_departure if checked else None,
             missing=_(
                 "The model check is off: the extra diagnosis is not installed (topdress extras)"
             )
@@ -122,10 +126,10 @@ def show_run(
     try:
         run_on_terminal(app)
     finally:
-        lines.close()
+        lines.close_files()
     if app.not_started:
         # all that is wrong with a file, where that was why
-        _setup(config)
+        _load_setup_files(config)
         raise CommandError(app.not_started)
 
 
@@ -137,68 +141,67 @@ def find_own_job(name: str) -> str:
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
 
-def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
-    """Go by the files of the worker that runs."""
+def _join_running(launcher: Launcher, running: WorkerAddress) -> Joined:
+    """Take the files of the worker that runs."""
     from topdress.console.app.attach_notice import Joined
 
     named = launcher.config
-    unused = launcher.adopt(running.log_path)
+    unused = launcher.adopt_running_files(running.log_path)
     if unused is None:
         return Joined(running.started, running.log_path, (), named, known=False, named=named)
     return Joined(running.started, running.log_path, launcher.config, unused, named=named)
 
 
-def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> Files:
-    """The files of the machine that runs, as far as they can still be read: a console that
-    could not open for them could not stop it. Raises ConfigError."""
+def _load_running_setup(theirs: tuple[str, ...], ours: tuple[str, ...]) -> SetupFiles:
+    """The files of the machine that runs, as far as they can still be read: a console that could
+    not open for them could not stop it. Raises ConfigError."""
     from topdress.drivers.files.config_error import ConfigError
 
     for config in (theirs, ours, ()):
         try:
-            return _setup(config)
+            return _load_setup_files(config)
         except ConfigError:
             if not config:
                 raise
     raise AssertionError("the last of them is tried or raised")
 
 
-def _started(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
-    """The worker comes up, a process of its own, while this one imports the console: each takes
-    about as long."""
+def _start_in_background(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
+    """Start the worker, a process of its own, while this one imports the console: each takes about
+    as long."""
     thread = ThreadPoolExecutor(max_workers=1)
     coming = thread.submit(start)
     thread.shutdown(wait=False)
     return coming
 
 
-def _setup(config: tuple[str, ...]) -> Files:
-    """Raises ConfigError."""
+def _load_setup_files(config: tuple[str, ...]) -> SetupFiles:
+    """The setup and its files by kind. Raises ConfigError."""
     from topdress.drivers.files.setup import by_kind, setup_of
 
     found = by_kind(config)
     return setup_of(found, day_clock.today()), found
 
 
-def make_run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> Services:
-    """What the screens of a run can have done. Made, and `files` asked for, when it is first
-    asked for.
+def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] = ()) -> Services:
+    """The services of the screens of a run. Each is made, and `files` read, when it is first used.
 
     effects: of the simulated machine.
     """
     from topdress.console.app.services import Services, late
-    from topdress.console.services.field import field_picture
-    from topdress.console.services.running_limits import earlier
+    from topdress.console.services.field import make_field_picture
+    from topdress.console.services.running_limits import read_earlier_run
 
-    def calibrate() -> CalibrateService:
-        from topdress.console.services.calibrate import calibrate_job
+    def make_calibrate() -> CalibrateService:
+        from topdress.console.services.calibrate import make_calibrate_service
         from topdress.drivers.files.kinds import CAB
 
         setup, found = files()
         cab = found.get(CAB.format)
         board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
-        return calibrate_job(setup.machine, board.wheel_circumference_m if board else None)
+        return make_calibrate_service(setup.machine, board.wheel_circumference_m if board else None)
 
-    def diagnosis() -> DiagnosisFiles:
+    def make_diagnosis() -> DiagnosisFiles:
         from topdress.console.services.diagnosis import DiagnosisFiles
         from topdress.drivers.files.kinds import MACHINE
 
@@ -207,35 +210,35 @@ def make_run_services(files: Callable[[], Files], effects: tuple[str, ...] = ())
         machine = str(found[MACHINE.format].path) if MACHINE.format in found else "huanghai"
         return DiagnosisFiles(folders, machine, effects)
 
-    def logs() -> LogFiles:
+    def make_log_files() -> LogFiles:
         from topdress.console.services.logs import RunLogs
 
         return RunLogs()
 
-    def layers() -> LayerFiles:
+    def make_map_layers() -> LayerFiles:
         from topdress.console.services.layers import MapLayers
 
         return MapLayers(diagnosed)
 
-    def limits(log_path: str) -> AtWork:
+    def find_running_limits(log_path: str) -> AtWork:
         from topdress.console.app.pages.job.service import AtWork
-        from topdress.console.services.running_limits import at_work
+        from topdress.console.services.running_limits import read_running_limits
 
-        found = at_work(log_path)
+        found = read_running_limits(log_path)
         if found is not None:
             return found
         setup = files()[0]
         return AtWork(setup.crop.max_rate_kg_ha, setup.machine.flow.full_kg)
 
-    diagnosed = late(diagnosis)
+    diagnosed = late(make_diagnosis)
     return Services(
         diagnosis=diagnosed,
-        earlier=earlier,
-        at_work=limits,
-        field=field_picture,
-        logs=late(logs),
-        layers=late(layers),
-        calibrate=late(calibrate),
+        earlier=read_earlier_run,
+        at_work=find_running_limits,
+        field=make_field_picture,
+        logs=late(make_log_files),
+        layers=late(make_map_layers),
+        calibrate=late(make_calibrate),
     )
 
 
@@ -254,29 +257,32 @@ def is_first_time() -> bool:
 
 
 def show_replay(recorded: RunLog) -> None:
-    """The console on a log."""
+    """Show the console on a log."""
     from topdress.console.app.app import TopdressApp
     from topdress.console.app.services import Services
-    from topdress.console.services.field import field_picture
+    from topdress.console.services.field import make_field_picture
     from topdress.console.services.layers import MapLayers
     from topdress.console.services.logs import RunLogs
     from topdress.console.services.replay_frames import open_replay
-    from topdress.console.services.settings import settings_store
+    from topdress.console.services.settings import read_settings_store
 
     need_terminal("topdress replay", "topdress replay LOG.csv --headless --out NEW.csv")
     app = TopdressApp(
         None,
         replay=open_replay(recorded),
         services=Services(
-            field=field_picture, logs=RunLogs(), layers=MapLayers(), settings=settings_store()
+            field=make_field_picture,
+            logs=RunLogs(),
+            layers=MapLayers(),
+            settings=read_settings_store(),
         ),
     )
     run_on_terminal(app)
 
 
 def run_on_terminal(app: TopdressApp) -> None:
-    """Shows the console until it is left. Raises typer.Exit where its terminal went away first:
-    what it looked at goes on by its own rules."""
+    """Show the console until it is left. Raises typer.Exit where its terminal went away first: the
+    machine or log goes on by its own rules."""
     from topdress.console.app.terminal_watch import ended_with_terminal
 
     with ended_with_terminal(app.leave_from_thread) as is_gone:
@@ -285,8 +291,8 @@ def run_on_terminal(app: TopdressApp) -> None:
         raise typer.Exit(CANCELLED)
 
 
-def trouble_path() -> Path:
-    """Where the worker's stderr goes."""
+def make_trouble_path() -> Path:
+    """Path of the file with the worker's stderr."""
     folder = Path(platformdirs.user_log_dir("topdress", appauthor=False))
     folder.mkdir(parents=True, exist_ok=True)
     return folder / "worker.log"

@@ -13,12 +13,12 @@ import typer
 from topdress.console.cli.plain_errors import CommandError
 from topdress.drivers.files.extras import need
 
-LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # none that look alike
+TOKEN_ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # none that look alike
 TOKEN_LETTERS = 10  # 49 bits
-LEAST_LETTERS = 6
+LEAST_TOKEN_LETTERS = 6
 
 
-def serve(
+def serve_tablets(
     host: Annotated[
         str,
         typer.Option(
@@ -42,7 +42,7 @@ def serve(
     """Serve the console to browsers. A tab attaches to the control worker that runs; it never
     starts one."""
     need("serve", "serve")
-    from topdress.console.running import find_running
+    from topdress.console.running import find_running_worker
     from topdress.console.serve.server import TabletServer
 
     command = [sys.executable, "-P", "-m", "topdress.console.cli.tablet"]
@@ -52,7 +52,7 @@ def serve(
         command += ["--token-file", str(token_file.resolve())]
     else:
         typer.echo("key          none: tabs only look")
-    running = find_running()
+    running = find_running_worker()
     typer.echo(
         "worker       "
         f"{f'process {running.pid}' if running else 'none runs: tabs say so until one does'}"
@@ -60,7 +60,7 @@ def serve(
     typer.echo(
         f"console      http://{'[' + host + ']' if ':' in host else host}:{port}  (Ctrl-C ends)"
     )
-    if not _loopback(host):
+    if not _is_loopback(host):
         typer.echo(
             "note         everybody in this network can look; what is typed, the key too, "
             "goes over it as it is"
@@ -69,25 +69,28 @@ def serve(
 
 
 def prepare_token(path: Path) -> bool:
-    """Checks the token file, or makes one that only its owner can read; true where it was made.
+    """Check the token file, or make one that only its owner can read; true where it was made.
 
     Raises CommandError for a file that holds no key, or one too short.
     """
     if path.exists():
         lines = path.read_text(encoding="utf-8").strip().splitlines()
-        if not lines or len(lines[0].strip()) < LEAST_LETTERS:
+        if not lines or len(lines[0].strip()) < LEAST_TOKEN_LETTERS:
             raise CommandError(
-                f"{path}: its first line is no key: at least {LEAST_LETTERS} letters or digits"
+                f"{path}: its first line is no key: at least {LEAST_TOKEN_LETTERS} letters or "
+                f"digits"
             )
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with open(handle, "w", encoding="utf-8") as file:
-        file.write("".join(secrets.choice(LETTERS) for _letter in range(TOKEN_LETTERS)) + "\n")
+        file.write(
+            "".join(secrets.choice(TOKEN_ALPHABET) for _letter in range(TOKEN_LETTERS)) + "\n"
+        )
     return True
 
 
-def _loopback(host: str) -> bool:
+def _is_loopback(host: str) -> bool:
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 PLANT_STEP_S = 0.02
 
 
-def serve_machine(
+def serve_virtual_machine(
     *,
     machine: MachineName = "huanghai",
     job: JobName = "demo",
@@ -77,7 +77,9 @@ def serve_machine(
     from topdress.drivers.virtual.served import Serve, ServedMachine
 
     setup = load_setup(machine, job, day_clock.today())
-    field = with_simulated_field(_standing(setup.job) if lag_rig else setup.job, setup.machine)
+    field = with_simulated_field(
+        _make_standing_job(setup.job) if lag_rig else setup.job, setup.machine
+    )
     plant = simulated_machine(
         setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()]
     )
@@ -117,7 +119,7 @@ def serve_machine(
         served.close()
 
 
-def _standing(job: Job) -> Job:
+def _make_standing_job(job: Job) -> Job:
     from topdress.control.field.job import SpeedChange
 
     stands = SpeedChange(at_s=0.0, speed_kmh=0.0)

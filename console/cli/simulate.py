@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 from topdress.console.cli.inputs import JobName, MachineName, PlantedEffects
-from topdress.console.cli.outputs import Force, new_log_files, refuse_collisions
+from topdress.console.cli.outputs import Force, list_new_log_files, refuse_collisions
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
-from topdress.console.cli.progress import progress
+from topdress.console.cli.progress import iterate_with_progress
 from topdress.console.cli.terms import parse_terms, split_terms
-from topdress.console.cli.whole_log import log_output, whole_log
+from topdress.console.cli.whole_log import make_log_output, open_whole_log
 from topdress.console.import_hooks import collect_seldom
 from topdress.control.orders import Strategy
 from topdress.drivers import day_clock
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from topdress.drivers.files.run_meta import RunMeta
     from topdress.drivers.files.setup import Setup
 
-DT_S = 0.05
+TICK_PERIOD_S = 0.05
 # from here on compiled steps are sooner there and back than interpreted ones
-LONG_S = 600.0
-SETTLE_DOSES = 50  # the threshold learns from them
+LONG_RUN_S = 600.0
+SETTLING_DOSES = 50  # the threshold learns from them
 TRUTH_COLUMNS = (
     "time_s",
     "shaft_rpm",
@@ -53,7 +53,7 @@ TRUTH_COLUMNS = (
 )
 
 
-def simulate(
+def run_simulation(
     *,
     machine: MachineName = "huanghai",
     job: JobName = "demo",
@@ -117,12 +117,12 @@ def simulate(
     setup = load_setup(machine, job, day_clock.today())
     given = {
         "strategy": strategy,
-        "look_ahead": _switch("--look-ahead", look_ahead),
-        "flow_trim": _switch("--flow-trim", flow_trim),
+        "look_ahead": _parse_switch("--look-ahead", look_ahead),
+        "flow_trim": _parse_switch("--flow-trim", flow_trim),
     }
     changes = {name: value for name, value in given.items() if value is not None}
     if out is not None:
-        refuse_collisions(setup.files, [log_output(out, truth_path(out))], force)
+        refuse_collisions(setup.files, [make_log_output(out, make_truth_path(out))], force)
         out.parent.mkdir(parents=True, exist_ok=True)
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     if lines := index_disagreements(None, setup.crop, resolved):
@@ -140,8 +140,12 @@ def simulate(
     check = check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder)
     for line in (*resolved.warnings, *(() if check is None else map_words(check, METRIC))):
         typer.echo(f"{job}: note: {line}", err=True)
-    with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
-        run = _run(
+    with (
+        nullcontext()
+        if out is None
+        else open_whole_log(out, _make_run_meta(setup, resolved, seed)) as log
+    ):
+        run = _simulate_run(
             setup,
             true,
             resolved,
@@ -154,20 +158,21 @@ def simulate(
         )
         if out is not None:
             write_atomically(
-                truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m)
+                make_truth_path(out),
+                _format_truth(run.record, setup.machine.geometry.working_width_m),
             )
     if out is not None:
-        written = ", ".join(str(path) for path in (*new_log_files(out), truth_path(out)))
+        written = ", ".join(str(path) for path in (*list_new_log_files(out), make_truth_path(out)))
         typer.echo(f"written: {written} ({seconds:g} s simulated)", err=as_json)
     if not (summary or as_json or out is None):
         return
     if run.doses is None:
-        _tell(run, setup, resolved, seconds, plants_shown, as_json)
+        _print_summary(run, setup, resolved, seconds, plants_shown, as_json)
         return
     other = resolved.target.model_copy(
         update={"learn_threshold": not resolved.target.learn_threshold}
     )
-    compared = _run(
+    compared = _simulate_run(
         setup,
         true,
         resolved.model_copy(update={"target": other}),
@@ -179,10 +184,12 @@ def simulate(
         log=None,
     )
     learned, fixed = (run, compared) if resolved.target.learn_threshold else (compared, run)
-    _tell_points(run, learned, fixed, resolved, seconds, plants_shown, as_json)
+    _print_dose_summary(run, learned, fixed, resolved, seconds, plants_shown, as_json)
 
 
-class _Ran(NamedTuple):
+class _SimulatedRun(NamedTuple):
+    """Holds the result of one simulated run."""
+
     record: Record
     # what they read, each sample once, while something flowed
     heads: list[tuple[float, ...]]
@@ -192,7 +199,7 @@ class _Ran(NamedTuple):
     took_s: float
 
 
-def _run(
+def _simulate_run(
     setup: Setup,
     true: Machine,
     job: Job,
@@ -203,7 +210,7 @@ def _run(
     seconds: float,
     placed: LoopTargets,
     log: PlainLogWriter | None,
-) -> _Ran:
+) -> _SimulatedRun:
     from topdress.control.orders import TargetSource
     from topdress.control.simulation.assembly import control_loop, simulated_machine
     from topdress.control.simulation.closed_loop import Record, simulated_run
@@ -211,12 +218,19 @@ def _run(
     from topdress.drivers.files.extras import is_there
 
     compiled: Steps | None = None
-    if seconds >= LONG_S and is_there("diagnosis"):
+    if seconds >= LONG_RUN_S and is_there("diagnosis"):
         from topdress.control.simulation.compiled_steps import STEPS
 
         compiled = STEPS
     plant = simulated_machine(
-        true, job, seed, DT_S, planted, plants=placed["plants"], terms=terms, steps=compiled
+        true,
+        job,
+        seed,
+        TICK_PERIOD_S,
+        planted,
+        plants=placed["plants"],
+        terms=terms,
+        steps=compiled,
     )
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed, steps=compiled)
     doses = None
@@ -228,7 +242,7 @@ def _run(
     collect_seldom()
     started = time.perf_counter()
     steps = simulated_run(plant, loop, seconds, doses=doses)
-    for step in progress(steps, round(seconds / DT_S), "simulating"):
+    for step in iterate_with_progress(steps, round(seconds / TICK_PERIOD_S), "simulating"):
         record.add(step)
         ndvi = step.tick.head_ndvi
         if (
@@ -243,16 +257,18 @@ def _run(
                 alarms[name] = alarms.get(name, 0) + 1
         if log is not None:
             log.append(step.tick.row)
-    return _Ran(record, heads, alarms, doses, loop.threshold, time.perf_counter() - started)
+    return _SimulatedRun(
+        record, heads, alarms, doses, loop.threshold, time.perf_counter() - started
+    )
 
 
-def _switch(option: str, text: str | None) -> bool | None:
+def _parse_switch(option: str, text: str | None) -> bool | None:
     if text not in ("on", "off", None):
         raise CommandError(f"{option} {text}: allowed on or off")
     return None if text is None else text == "on"
 
 
-def _meta(setup: Setup, job: Job, seed: int) -> RunMeta:
+def _make_run_meta(setup: Setup, job: Job, seed: int) -> RunMeta:
     from topdress.drivers.files.run_meta import run_meta
 
     return run_meta(
@@ -265,11 +281,12 @@ def _meta(setup: Setup, job: Job, seed: int) -> RunMeta:
     )
 
 
-def truth_path(log: Path) -> Path:
+def make_truth_path(log: Path) -> Path:
+    """Path of the log's truth file."""
     return log.with_name(f"{log.stem}.truth.csv")
 
 
-def _truth_text(record: Record, width_m: float) -> str:
+def _format_truth(record: Record, width_m: float) -> str:
     import io
 
     import numpy as np
@@ -279,7 +296,7 @@ def _truth_text(record: Record, width_m: float) -> str:
     landed_kg_ha, landed_m = true_landing(columns, width_m)
     table = np.column_stack(
         [
-            columns["time_s"] - DT_S,
+            columns["time_s"] - TICK_PERIOD_S,
             columns["shaft_rpm"],
             columns["opening_mm"],
             columns["flow_kg_s"],
@@ -318,8 +335,8 @@ def _truth_text(record: Record, width_m: float) -> str:
     return text.getvalue()
 
 
-def _tell(
-    run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool
+def _print_summary(
+    run: _SimulatedRun, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool
 ) -> None:
     from topdress.control.field.across import across, describe_across
     from topdress.control.orders import TargetSource
@@ -392,18 +409,18 @@ def _tell(
     typer.echo(f"speed        {seconds / took_s:.0f} simulated seconds a second ({took_s:.1f} s)")
 
 
-def _tell_points(
-    run: _Ran,
-    learned: _Ran,
-    fixed: _Ran,
+def _print_dose_summary(
+    run: _SimulatedRun,
+    learned: _SimulatedRun,
+    fixed: _SimulatedRun,
     job: Job,
     seconds: float,
     effects: list[str],
     as_json: bool,
 ) -> None:
-    """Dose errors with and without the learned threshold; `run` is the one of the job."""
+    """Print dose errors with and without the learned threshold; `run` is the run of the job."""
     assert learned.doses is not None and fixed.doses is not None
-    with_it, without = learned.doses.errors(SETTLE_DOSES), fixed.doses.errors(SETTLE_DOSES)
+    with_it, without = learned.doses.errors(SETTLING_DOSES), fixed.doses.errors(SETTLING_DOSES)
     if as_json:
         print_json(
             {
@@ -433,7 +450,7 @@ def _tell_points(
     typer.echo(
         f"threshold    {learned.threshold.offset_m:+.3f} m {learned.threshold.delay_s:+.3f} "
         "s x speed; errors "
-        f"after the first {SETTLE_DOSES} doses"
+        f"after the first {SETTLING_DOSES} doses"
     )
     typer.echo(
         "alarms       "

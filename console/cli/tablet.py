@@ -20,35 +20,43 @@ from topdress.console.app.services import Services
 from topdress.console.app.tablet import NONE_RUNS, Key, TabletApp
 from topdress.console.link import Link
 from topdress.console.locale import _
-from topdress.console.running import WorkerAddress, WorkerFailed, default_run_file, find_running
-from topdress.console.serve import ADDRESS, SERVER
-from topdress.console.worker.system import private_folder, write_private
+from topdress.console.running import (
+    WorkerAddress,
+    WorkerFailed,
+    find_default_run_file,
+    find_running_worker,
+)
+from topdress.console.serve import ADDRESS_VARIABLE, SERVER_VARIABLE
+from topdress.console.worker.system import make_private_folder, write_private_file
 from topdress.drivers.files.lock import take_lock
 
 # of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
-TAB_BYTES = 4 << 30
-TAB_NICE = 10
+TAB_MEMORY_BYTES = 4 << 30
+TAB_NICENESS = 10
 # of which wrong keys are counted: more than a cab's network has
 MOST_ADDRESSES, MOST_BYTES = 100, 20_000
 # how often a tab looks whether its server still runs
-PARENT_S = 0.5
+PARENT_POLL_S = 0.5
 
 
 class TabLink(Link):
-    """A tab never keeps the machine working: that is the part of the console on the machine.
-    When that is gone, the worker holds, whatever a tablet that may have fallen asleep still has
-    open."""
+    """Connects a tab, which never keeps the machine working: that is the part of the console on the
+    machine. When that is gone, the worker holds, whatever a tablet that may have fallen asleep
+    still has open."""
 
     keeps_alive = False
     tablet = True
 
 
-async def link_to(operating: bool, find: Callable[[], WorkerAddress | None] = find_running) -> Link:
-    """To the worker that runs; without its token unless the tab operates. Raises WorkerFailed."""
+async def make_tab_link(
+    operating: bool, find: Callable[[], WorkerAddress | None] = find_running_worker
+) -> Link:
+    """A link to the worker that runs; without its token unless the tab operates. Raises
+    WorkerFailed."""
     where = await asyncio.to_thread(find)
     if where is None:
         raise WorkerFailed(_(NONE_RUNS))
-    return TabLink(where if operating else where.looking_only())
+    return TabLink(where if operating else where.drop_token())
 
 
 def read_token(path: Path | None) -> str | None:
@@ -63,11 +71,11 @@ def read_token(path: Path | None) -> str | None:
 
 
 def read_options(where: WorkerAddress | None) -> dict[str, Any]:
-    """Limits and hopper of the job at work, as its log's sidecar has them; the console's own
-    where it has none."""
-    from topdress.console.services.running_limits import at_work
+    """Limits and hopper of the job at work, as its log's sidecar has them; the console's own where
+    it has none."""
+    from topdress.console.services.running_limits import read_running_limits
 
-    found = None if where is None else at_work(where.log_path)
+    found = None if where is None else read_running_limits(where.log_path)
     return (
         {}
         if found is None
@@ -75,18 +83,18 @@ def read_options(where: WorkerAddress | None) -> dict[str, Any]:
     )
 
 
-class SharedWaits:
-    """In a file of this user, so that another tab of the same address, or the same one loaded
-    again, waits as long. Those of other addresses do not: who types wrong keys keeps nobody
-    else out."""
+class SharedKeyWaits:
+    """Keeps the waits after wrong keys in a file of this user, so that another tab of the same
+    address, or the same one loaded again, waits as long. Those of other addresses do not: a user
+    who types wrong keys keeps nobody else out."""
 
     def __init__(self, path: Path, address: str = "") -> None:
         self._path, self._address = path, find_counting_key(address)
 
     @contextlib.contextmanager
-    def taken(self) -> Iterator[SharedWaits | None]:
+    def take_lock(self) -> Iterator[SharedKeyWaits | None]:
         try:
-            private_folder(self._path.parent)
+            make_private_folder(self._path.parent)
             lock = take_lock(self._path.with_suffix(".lock"))
         except OSError:
             lock = None
@@ -96,20 +104,22 @@ class SharedWaits:
         with lock:
             yield self
 
-    def read(self) -> tuple[float, float]:
-        return self._all().get(self._address, (0.0, float("-inf")))
+    def read_wait(self) -> tuple[float, float]:
+        return self._read_all_waits().get(self._address, (0.0, float("-inf")))
 
-    def write(self, wait_s: float, until_s: float) -> None:
-        """Raises OSError: a key whose waiting cannot be kept opens nothing."""
+    def write_wait(self, wait_s: float, until_s: float) -> None:
+        """Keep a wait. Raises OSError: a key whose waiting cannot be kept opens nothing."""
         others = {
-            address: waits for address, waits in self._all().items() if address != self._address
+            address: waits
+            for address, waits in self._read_all_waits().items()
+            if address != self._address
         }
         newest = sorted(others.items(), key=lambda one: one[1][1])[-MOST_ADDRESSES:]
-        write_private(
+        write_private_file(
             self._path, json.dumps(dict(newest) | {self._address: (wait_s, until_s)}).encode()
         )
 
-    def _all(self) -> dict[str, tuple[float, float]]:
+    def _read_all_waits(self) -> dict[str, tuple[float, float]]:
         try:
             return {
                 str(address): (float(wait_s), float(until_s))
@@ -122,7 +132,7 @@ class SharedWaits:
 
 
 def find_counting_key(address: str) -> str:
-    """Under what an address's wrong keys are counted: of IPv6 the network, in which one
+    """The key under which an address's wrong keys are counted: of IPv6 the network, in which one
     computer has any address."""
     try:
         found = ipaddress.ip_address(address)
@@ -134,24 +144,23 @@ def find_counting_key(address: str) -> str:
     )
 
 
-def bounded() -> None:
-    """A tab is nobody's first concern: little memory, and the processor when the control worker
-    leaves it."""
+def limit_resources() -> None:
+    """Bound the tab's memory, and leave the processor to the control worker."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
-        os.nice(TAB_NICE)
+        os.nice(TAB_NICENESS)
     try:
         import resource
     except ImportError:  # Windows has none
         return
     with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_AS, (TAB_BYTES, TAB_BYTES))
+        resource.setrlimit(resource.RLIMIT_AS, (TAB_MEMORY_BYTES, TAB_MEMORY_BYTES))
 
 
-def end_with(server: int) -> None:
-    """When the server that started this tab is gone, however it ended, the tab and what it
-    started end too."""
+def end_with_server(server: int) -> None:
+    """End the tab and all that it started when the server that started it is gone, however it
+    ended."""
     while os.getppid() == server:
-        time.sleep(PARENT_S)
+        time.sleep(PARENT_POLL_S)
     if os.getpgid(0) == os.getpid():  # a group of its own, as the server makes it
         os.killpg(0, signal.SIGKILL)
     os._exit(1)
@@ -160,39 +169,44 @@ def end_with(server: int) -> None:
 def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
     from topdress.console.services.diagnosis import DiagnosisFiles
-    from topdress.console.services.field import field_picture
-    from topdress.console.services.line_files import LinesSeen
-    from topdress.console.services.running_limits import earlier
+    from topdress.console.services.field import make_field_picture
+    from topdress.console.services.line_files import ReadOnlyLineFiles
+    from topdress.console.services.running_limits import read_earlier_run
 
-    waits = SharedWaits(
-        default_run_file().with_name("tablet-waits.json"), os.environ.get(ADDRESS, "")
+    waits = SharedKeyWaits(
+        find_default_run_file().with_name("tablet-waits.json"), os.environ.get(ADDRESS_VARIABLE, "")
     )
-    source = None if where is None else TabLink(where.looking_only())
+    source = None if where is None else TabLink(where.drop_token())
     return TabletApp(
         source,
-        link_to,
+        make_tab_link,
         Key(token, time.monotonic, waits),
         **read_options(where),
         services=Services(
-            field=field_picture, diagnosis=DiagnosisFiles(), earlier=earlier, lines=LinesSeen()
+            field=make_field_picture,
+            diagnosis=DiagnosisFiles(),
+            earlier=read_earlier_run,
+            lines=ReadOnlyLineFiles(),
         ),
     )
 
 
-def main() -> None:
+def run_tab() -> None:
     parser = argparse.ArgumentParser(prog="topdress.console.cli.tablet")
     parser.add_argument("--token-file", type=Path)
     given = parser.parse_args()
-    bounded()
+    limit_resources()
     # elsewhere the next drawing finds nobody who reads it
-    if os.name == "posix" and SERVER in os.environ:
-        threading.Thread(target=end_with, args=(int(os.environ[SERVER]),), daemon=True).start()
+    if os.name == "posix" and SERVER_VARIABLE in os.environ:
+        threading.Thread(
+            target=end_with_server, args=(int(os.environ[SERVER_VARIABLE]),), daemon=True
+        ).start()
     try:
-        where = find_running()
+        where = find_running_worker()
     except WorkerFailed:
         where = None
     make_tab_app(where, read_token(given.token_file)).run()
 
 
 if __name__ == "__main__":
-    main()
+    run_tab()

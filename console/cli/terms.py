@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def parse_terms(texts: Sequence[str]) -> list[Term]:
-    """Terms of a simulated machine, each with an id of its own. Raises ValueError,
-    CommandError, ConfigError."""
+    """Terms of a simulated machine, each with an id of its own. Raises ValueError, CommandError,
+    ConfigError."""
     from topdress.control.machine.form import SHAFT_ANGLE
     from topdress.control.machine.term_sums import KNOWN_TO_CONTROL
     from topdress.control.machine.terms import parse_term
@@ -23,7 +23,7 @@ def parse_terms(texts: Sequence[str]) -> list[Term]:
     allowed = (*KNOWN_TO_CONTROL, SHAFT_ANGLE)
     found: list[Term] = []
     for text in texts:
-        term = parse_term(text, _valid)
+        term = parse_term(text, _validate_term)
         for name in term.variables:
             if name not in allowed:
                 raise CommandError(
@@ -51,7 +51,7 @@ def split_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
     return terms, own
 
 
-def _valid(data: dict[str, Any]) -> Term:
+def _validate_term(data: dict[str, Any]) -> Term:
     from pydantic import ValidationError
     from topdress.control.machine.terms import Term
     from topdress.drivers.files.config import ConfigError
@@ -63,8 +63,8 @@ def _valid(data: dict[str, Any]) -> Term:
         raise ConfigError(explain(error, Term, data, "--term", {})) from None
 
 
-def what_terms_are() -> list[str]:
-    """Lines that say what a term is, what it acts on, its forms and its variables."""
+def describe_terms() -> list[str]:
+    """Lines that say what a term is, on what it acts, its forms and its variables."""
     from topdress.control.machine.form import FORMS
     from topdress.control.machine.terms import EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
 

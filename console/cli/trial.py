@@ -6,19 +6,19 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from topdress.console.cli.inputs import LOG, machine_of, refuse_other
+from topdress.console.cli.inputs import LOG_KINDS, load_machine, refuse_other_kinds
 from topdress.console.cli.outputs import (
     Force,
+    find_machine_file,
     list_log_files,
-    machine_file,
-    marked,
+    make_marked_output,
     refuse_collisions,
 )
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import AsJson, print_json
 
 
-def trial(
+def run_trial(
     plots: Annotated[
         Path,
         typer.Argument(
@@ -54,27 +54,29 @@ def trial(
 ) -> None:
     """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts
     and yields by plot."""
-    from topdress.console.reports.html import GENERATOR
-    from topdress.console.reports.paper_page import paper_page
+    from topdress.console.reports.html import GENERATOR_META
+    from topdress.console.reports.paper_page import make_paper_page
     from topdress.control.papers.trial import trial_section
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.run_meta import software_version
     from topdress.drivers.files.trial import read_trial
 
-    refuse_other([one for one in (log, after) if one is not None], LOG)
+    refuse_other_kinds([one for one in (log, after) if one is not None], LOG_KINDS)
     reads = [
         plots,
         *(file for one in (log, after) if one is not None for file in list_log_files(one)),
         *([] if weights is None else [weights]),
-        *([] if machine is None else [machine_file(machine)]),
+        *([] if machine is None else [find_machine_file(machine)]),
     ]
-    refuse_collisions(reads, [marked(out, GENERATOR.encode())], force)
-    found = read_trial(plots, log, weights, after, machine_of(machine) if machine else None)
+    refuse_collisions(reads, [make_marked_output(out, GENERATOR_META.encode())], force)
+    found = read_trial(plots, log, weights, after, load_machine(machine) if machine else None)
     try:
         section = trial_section(found, control)
     except ValueError as error:
         raise CommandError(str(error)) from None
-    write_atomically(out, paper_page([section], f"topdress {software_version()}", "Trial, by plot"))
+    write_atomically(
+        out, make_paper_page([section], f"topdress {software_version()}", "Trial, by plot")
+    )
     if as_json:
         print_json({"words": section.words, "tables": section.tables})
     else:

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from topdress.console.cli.inputs import LOG, refuse_bench_table, refuse_other
+from topdress.console.cli.inputs import LOG_KINDS, refuse_bench_table, refuse_other_kinds
 from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Departure
 
 
-def watch(
+def watch_log(
     log: Annotated[
         Path,
         typer.Argument(
@@ -38,29 +38,33 @@ def watch(
     """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C
     ends."""
     from topdress.console.cli.plain_errors import CommandError
-    from topdress.console.services.live_check import POLL_S, followed, lower_priority
+    from topdress.console.services.live_check import POLL_S, follow_log, lower_priority
     from topdress.control.diagnosis.live.watch import FIRST_S
 
     if log.exists() or to_end:
-        refuse_other([log], LOG)
+        refuse_other_kinds([log], LOG_KINDS)
         refuse_bench_table(log, "watch")
-    _started(log, to_end)
+    _print_start(log, to_end)
     lower_priority()
     begin, looks, last = time.monotonic(), 0, None
 
-    def wait() -> bool:
+    def wait_for_poll() -> bool:
         if not to_end:
             time.sleep(POLL_S)
         return not to_end
 
     try:
-        for look in followed(log, machine, wait, lambda said: typer.echo(said, err=True)):
+        for look in follow_log(
+            log, machine, wait_for_poll, lambda said: typer.echo(said, err=True)
+        ):
             looks += 1
             if look.departure != last:
                 if as_json:
                     print_json({"at_s": look.at_s, "departure": look.departure})
                 else:
-                    typer.echo(f"{clock(look.at_s)}  {said(look.departure)}")
+                    typer.echo(
+                        f"{format_log_time(look.at_s)}  {describe_departure(look.departure)}"
+                    )
             last = look.departure
     except KeyboardInterrupt:
         pass
@@ -72,7 +76,7 @@ def watch(
     typer.echo(f"{looks} looks; {used_s:.0f} s of processor in {took_s:.0f} s", err=True)
 
 
-def _started(log: Path, to_end: bool) -> None:
+def _print_start(log: Path, to_end: bool) -> None:
     from topdress.console.cli.plain_errors import CommandError
 
     if not to_end:
@@ -86,17 +90,17 @@ def _started(log: Path, to_end: bool) -> None:
         raise CommandError(f"{log}: no such file")
 
 
-def said(departure: Departure | None) -> str:
-    """What departs and what can be done, in one line; times of the log."""
-    from topdress.console.reports.live_words import departure_line, todo
+def describe_departure(departure: Departure | None) -> str:
+    """The departure and its remedy, in one line; times of the log."""
+    from topdress.console.reports.live_words import describe_next_step, format_departure
 
     if departure is None:
         return "as the model says again"
-    since = "" if departure.since_s is None else clock(departure.since_s)
-    return f"{departure_line(departure, since)}; {todo(departure, console=False)}"
+    since = "" if departure.since_s is None else format_log_time(departure.since_s)
+    return f"{format_departure(departure, since)}; {describe_next_step(departure, console=False)}"
 
 
-def clock(seconds: float) -> str:
-    """Of the log: h:mm:ss."""
+def format_log_time(seconds: float) -> str:
+    """A time of the log as h:mm:ss."""
     whole = int(seconds)
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topdress.console.cli.outputs import Output, list_log_files, new_log_files
+from topdress.console.cli.outputs import Output, list_log_files, list_new_log_files
 
 if TYPE_CHECKING:
     from topdress.drivers.files.run_log import PlainLogWriter
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
-    """Rows are appended in the block; at its end log and sidecar get their names. Raises
+def open_whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
+    """Open a writer whose log and sidecar get their names at the end of the block. Raises
     OSError."""
     from topdress.drivers.files.run_log import PlainLogWriter
 
@@ -36,15 +36,15 @@ def whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
         raise
 
 
-def log_output(log: Path, *with_it: Path) -> Output:
+def make_log_output(log: Path, *with_it: Path) -> Output:
     """The files of a computed log; an earlier one can be computed again, the log of a drive cannot.
 
     Raises CommandError for a name that is none of a log.
     """
-    return Output((*new_log_files(log), *with_it), lambda: _computed(log))
+    return Output((*list_new_log_files(log), *with_it), lambda: _is_computed_log(log))
 
 
-def _computed(log: Path) -> bool:
+def _is_computed_log(log: Path) -> bool:
     from topdress.drivers.files.run_meta import sidecar_meta
 
     meta = sidecar_meta(log)

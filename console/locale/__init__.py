@@ -23,18 +23,19 @@ _FOLDER = Path(__file__).parent
 
 
 class Catalogue(gettext.NullTranslations):
-    """One language's texts. A text that it does not hold comes back in English."""
+    """Translates into one language. A text that it does not hold comes back in English."""
 
     def __init__(self, texts: dict[str, str]) -> None:
         super().__init__()
         self.texts = texts
 
     def gettext(self, message: str) -> str:
+        """The text in this language."""
         return self.texts.get(message) or message
 
 
 @cache
-def catalogue(language: str) -> Catalogue:
+def read_catalogue(language: str) -> Catalogue:
     """The catalogue of a language code such as "zh".
 
     Raises ValueError in one line when there is no such catalogue.
@@ -58,8 +59,8 @@ def list_languages() -> tuple[str, ...]:
 
 
 def find_preferred_language(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:
-    """The language that the environment asks for (LC_ALL, LC_MESSAGES, LANG), English when it
-    is not known."""
+    """The language that the environment asks for (LC_ALL, LC_MESSAGES, LANG), English when it is
+    not known."""
     for name in ("LC_ALL", "LC_MESSAGES", "LANG"):
         code = environment.get(name, "").split(".")[0].split("_")[0].lower()
         if code in list_languages():
@@ -67,26 +68,26 @@ def find_preferred_language(environment: os._Environ[str] | dict[str, str] = os.
     return ENGLISH
 
 
-_in_use = catalogue(ENGLISH)
+_in_use = read_catalogue(ENGLISH)
 _code = ENGLISH
 
 
-def use(language: str) -> None:
-    """From now on texts are shown in this language. Raises ValueError when it is not known."""
+def use_language(language: str) -> None:
+    """Show texts in this language from now on. Raises ValueError when it is not known."""
     global _in_use, _code
-    _in_use, _code = catalogue(language), language
+    _in_use, _code = read_catalogue(language), language
 
 
-def in_use() -> str:
+def find_language_code() -> str:
     """Code of the language in use."""
     return _code
 
 
 def _(message: str) -> str:
-    """The text in the language in use; empty stays empty."""
+    """Return the text in the language in use; empty stays empty."""
     return _in_use.gettext(message) if message else message
 
 
 def N_(message: str) -> str:
-    """Marks a text for the catalogue and gives it back as it is."""
+    """Mark a text for the catalogue and give it back as it is."""
     return message

@@ -6,8 +6,8 @@ import ast
 
 
 def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
-    """msgid -> msgstr of every entry; the header (empty msgid) and entries marked fuzzy are
-    left out.
+    """msgid -> msgstr of every entry; the header (empty msgid) and entries marked fuzzy are left
+    out.
 
     Raises ValueError naming the file and line where a line cannot be read.
     """
@@ -16,7 +16,7 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
     current = ""
     fuzzy = False
 
-    def close() -> None:
+    def finish_entry() -> None:
         if fields.get("msgid") and not fuzzy:
             texts[fields["msgid"]] = fields.get("msgstr", "")
 
@@ -24,7 +24,7 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
         line = raw.strip()
         if line.startswith("#"):
             if line.startswith("#,") and "fuzzy" in line:
-                close()
+                finish_entry()
                 fields, fuzzy = {}, True
             continue
         if not line:
@@ -37,7 +37,7 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
                 f"{name}, line {number}: {line[:40]!r} is not understood; allowed: msgid, msgstr, #"
             )
         if keyword == "msgid" and line.startswith("msgid") and "msgid" in fields:
-            close()
+            finish_entry()
             fields, fuzzy = {}, False
         current = keyword
         try:
@@ -47,5 +47,5 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
                 f"{name}, line {number}: {quoted[:40]!r} is not a quoted text"
             ) from None
         fields[keyword] = fields.get(keyword, "") + piece
-    close()
+    finish_entry()
     return texts

@@ -8,23 +8,23 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.variables import recorded
+from topdress.console.reports.variables import find_variable
 
 Array = npt.NDArray[np.float64]
 
-BINS = 14
-LEAST_IN_BIN = 3
+MEAN_BINS = 14
+LEAST_ROWS_IN_BIN = 3
 RATE_BINS = 7  # a rate needs longer than a mean
-LEAST_S = 20.0  # of a bin in which a rate is read
+LEAST_RATE_S = 20.0  # of a bin in which a rate is read
 # times the median interval: such a bin says nothing and only stretches the scale
-VAGUE = 3.0
-Z90 = 1.645
+VAGUE_FACTOR = 3.0
+NORMAL_90 = 1.645
 # of what an effect does, by which a later axis must show more of it to be taken
-CLEARLY = 0.03
+CLEAR_SHARE = 0.03
 
 
 class Axis(NamedTuple):
-    """Something that a residual (n,) may depend on: a variable by its id."""
+    """Names a variable by its id on which a residual (n,) may depend."""
 
     variable: str
     values: Array  # (n,), NaN where it does not apply
@@ -34,30 +34,34 @@ class Axis(NamedTuple):
 
     @property
     def label(self) -> str:
+        """Words of the axis, in the language in use."""
         turned = (
             " (residual turned so that up is the way of the change)"
             if self.sign is not None
             else ""
         )
-        return recorded(self.variable).label + turned
+        return find_variable(self.variable).label + turned
 
 
-class Binned(NamedTuple):
-    """Means (k,) over the bins of an axis, and half of their 90 % intervals."""
+class BinnedMeans(NamedTuple):
+    """Holds means (k,) over the bins of an axis, and half of their 90 % intervals."""
 
     at: Array
     mean: Array
     half: Array
 
 
-def binned(axis: Axis, values: Array, memory: float = 0.0) -> Binned:
-    """`memory`: correlation of neighbouring values (n,); the intervals are wider for it."""
-    index, count = bins_of(axis)
+def calc_binned_means(axis: Axis, values: Array, memory: float = 0.0) -> BinnedMeans:
+    """Means of values (n,) over an axis, with half of their 90 % intervals.
+
+    memory: correlation of neighbouring values; the intervals are wider for it.
+    """
+    index, count = assign_bins(axis)
     y = values if axis.sign is None else values * axis.sign
     keep = (index >= 0) & np.isfinite(y)
     index, y, x = index[keep], y[keep], axis.values[keep]
     number = np.bincount(index, minlength=count).astype(float)
-    there = number >= LEAST_IN_BIN if len(y) > 4 * LEAST_IN_BIN else number > 0
+    there = number >= LEAST_ROWS_IN_BIN if len(y) > 4 * LEAST_ROWS_IN_BIN else number > 0
     safe = np.maximum(number, 1.0)
     mean = np.bincount(index, y, minlength=count) / safe
     at = np.bincount(index, x, minlength=count) / safe
@@ -66,20 +70,20 @@ def binned(axis: Axis, values: Array, memory: float = 0.0) -> Binned:
     )
     memory = min(0.98, max(0.0, memory))
     own = np.maximum(1.0, number * (1.0 - memory) / (1.0 + memory))
-    return Binned(at[there], mean[there], (Z90 * spread / np.sqrt(own))[there])
+    return BinnedMeans(at[there], mean[there], (NORMAL_90 * spread / np.sqrt(own))[there])
 
 
-def bin_rates(
+def calc_binned_rates(
     axis: Axis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float
-) -> Binned:
+) -> BinnedMeans:
     """Rates of change of a level (n,) by bins of an axis: least squares on the level itself,
     first-order noise.
 
-    `segments` (n,): rows of one number hang together; between them the level may jump.
-    `memory`: correlation of the level's neighbouring noise. Bins that last less than LEAST_S,
-    or say far less than the others, are left out.
+    `segments` (n,): rows of equal numbers hang together; between them the level may jump. `memory`:
+    correlation of the level's neighbouring noise. Bins that last less than LEAST_RATE_S, or whose
+    intervals are far wider than the others', are left out.
     """
-    index, count = bins_of(axis, RATE_BINS, 0.0)
+    index, count = assign_bins(axis, RATE_BINS, 0.0)
     inside = np.zeros((len(level), count + 1 + int(segments.max())))
     rows = np.arange(len(level))
     spent = np.zeros((len(level), count))
@@ -95,17 +99,17 @@ def bin_rates(
     weights = inverse @ (white.T @ y)
     variance = float(np.sum((y - white @ weights) ** 2)) / max(1, len(y) - white.shape[1])
     lasts = np.bincount(index[known], minlength=count)
-    there = lasts * step_s >= LEAST_S
+    there = lasts * step_s >= LEAST_RATE_S
     at = np.bincount(index[known], axis.values[known], minlength=count) / np.maximum(lasts, 1)
-    half = Z90 * np.sqrt(variance * np.maximum(0.0, np.diag(inverse)[:count]))
-    there &= half <= VAGUE * np.median(half[there]) if there.any() else there
-    return Binned(at[there], weights[:count][there], half[there])
+    half = NORMAL_90 * np.sqrt(variance * np.maximum(0.0, np.diag(inverse)[:count]))
+    there &= half <= VAGUE_FACTOR * np.median(half[there]) if there.any() else there
+    return BinnedMeans(at[there], weights[:count][there], half[there])
 
 
-def bins_of(
-    axis: Axis, bins: int = BINS, even_share: float = 0.5
+def assign_bins(
+    axis: Axis, bins: int = MEAN_BINS, even_share: float = 0.5
 ) -> tuple[npt.NDArray[np.int64], int]:
-    """Bin of each value (n,), -1 for none, and how many bins there are.
+    """Bin of each value (n,), -1 for none, and the number of bins.
 
     `even_share`: 1 for bins equally wide, 0 for bins equally full.
     """
@@ -126,12 +130,12 @@ def bins_of(
     return index, len(edges) + 1
 
 
-def find_shown_share(axis: Axis, effect: Array) -> float:
-    """Share of what an effect does to the rows (n,) that its means over the axis hold, 0 to 1."""
+def calc_shown_share(axis: Axis, effect: Array) -> float:
+    """Share of an effect on the rows (n,) that its means over the axis show, 0 to 1."""
     total = float(np.sum(effect**2))
     if total <= 0.0:
         return 0.0
-    index, count = bins_of(axis)
+    index, count = assign_bins(axis)
     y = effect if axis.sign is None else effect * axis.sign
     keep = index >= 0
     sums = np.bincount(index[keep], y[keep], minlength=count)
@@ -139,17 +143,17 @@ def find_shown_share(axis: Axis, effect: Array) -> float:
     return float(np.sum(sums**2 / numbers)) / total
 
 
-def telling(axes: Sequence[Axis], effect: Array) -> Axis:
-    """The axis along which the effect shows most; of near equals the one that stands first."""
-    best, most = axes[0], find_shown_share(axes[0], effect)
+def find_telling_axis(axes: Sequence[Axis], effect: Array) -> Axis:
+    """The axis along which the effect shows most; of near equals the first."""
+    best, most = axes[0], calc_shown_share(axes[0], effect)
     for axis in axes[1:]:
-        share = find_shown_share(axis, effect)
-        if share > most + CLEARLY:
+        share = calc_shown_share(axis, effect)
+        if share > most + CLEAR_SHARE:
             best, most = axis, share
     return best
 
 
-def find_memory(values: Array) -> float:
+def calc_correlation(values: Array) -> float:
     """Correlation of neighbouring values."""
     centred = values - values.mean()
     total = float(np.sum(centred**2))

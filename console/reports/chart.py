@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.html import Picture, escape
+from topdress.console.reports.html import Picture, escape_text
 
 Array = npt.NDArray[np.float64]
 Values = npt.ArrayLike
@@ -56,7 +56,7 @@ def find_ticks(low: float, high: float, most: int) -> list[Tick]:
     """Round numbers between two ends, at most so many, each with its words."""
     span = high - low
     if not (isfinite(span) and span > 0.0):
-        return [(low, _number(low, 3))]
+        return [(low, _format_tick(low, 3))]
     power = 10.0 ** floor(log10(span / max(1, most)))
     step = next(
         one * power
@@ -65,10 +65,10 @@ def find_ticks(low: float, high: float, most: int) -> list[Tick]:
     )
     decimals = max(0, -floor(log10(step * 1.001)) + (step / 10.0 ** floor(log10(step)) == 2.5))
     first, last = ceil(low / step - 1e-9), floor(high / step + 1e-9)
-    return [(k * step, _number(k * step, decimals)) for k in range(first, last + 1)]
+    return [(k * step, _format_tick(k * step, decimals)) for k in range(first, last + 1)]
 
 
-def _number(value: float, decimals: int) -> str:
+def _format_tick(value: float, decimals: int) -> str:
     value += 0.0
     if value and not LOWEST_POWER <= log10(abs(value)) < HIGHEST_POWER:
         text = f"{value:.3g}"
@@ -77,8 +77,8 @@ def _number(value: float, decimals: int) -> str:
     return text.replace("-", "\N{MINUS SIGN}") if float(text) else text.lstrip("-")
 
 
-class Look(NamedTuple):
-    """How a series is drawn; an entry of the legend shows it too."""
+class SeriesStyle(NamedTuple):
+    """Describes how a series is drawn; an entry of the legend shows it too."""
 
     colour: str
     dash: str = "-"
@@ -89,25 +89,25 @@ class Look(NamedTuple):
     opacity: float = 1.0
 
 
-DASHES = {"-": "", "--": "5.5 3", ":": "1.5 2.5"}
+DASH_PATTERNS = {"-": "", "--": "5.5 3", ":": "1.5 2.5"}
 
 
-def _stroke(colour: str, width: float, dash: str = "-") -> str:
-    dashes = f";stroke-dasharray:{DASHES[dash]}" if DASHES[dash] else ""
+def _format_stroke(colour: str, width: float, dash: str = "-") -> str:
+    dashes = f";stroke-dasharray:{DASH_PATTERNS[dash]}" if DASH_PATTERNS[dash] else ""
     return f"fill:none;stroke:{colour};stroke-width:{width:g}{dashes}"
 
 
-def _text(
+def _draw_text(
     x: float, y: float, text: str, anchor: str = "start", font_pt: float = FONT_PT, **more: str
 ) -> str:
     colour, turn = more.get("colour", INK), more.get("turn", "")
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" style="font-size:{font_pt:g}px;text-anchor:{anchor};'
-        f'fill:{colour}"{turn}>{escape(text)}</text>'
+        f'fill:{colour}"{turn}>{escape_text(text)}</text>'
     )
 
 
-def _path(x: Array, y: Array) -> str:
+def _make_path(x: Array, y: Array) -> str:
     """A line through points; a point that is not finite leaves a gap."""
     parts, joined = [], False
     for one, other in zip(x.tolist(), y.tolist(), strict=True):
@@ -118,7 +118,7 @@ def _path(x: Array, y: Array) -> str:
     return "".join(parts)
 
 
-_SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
+_MARKER_SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
     "s": ((-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)),
     "^": ((0.0, -1.1), (1.0, 0.8), (-1.0, 0.8)),
     "v": ((0.0, 1.1), (1.0, -0.8), (-1.0, -0.8)),
@@ -127,10 +127,10 @@ _SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
 }
 
 
-def _marks(x: Array, y: Array, look: Look) -> str:
+def _draw_markers(x: Array, y: Array, look: SeriesStyle) -> str:
     """The markers of a series as one path."""
     half = 0.5 * look.size
-    shape = _SHAPES.get(look.marker)
+    shape = _MARKER_SHAPES.get(look.marker)
     parts = []
     for one, other in zip(x.tolist(), y.tolist(), strict=True):
         if not (isfinite(one) and isfinite(other)):
@@ -152,8 +152,8 @@ def _marks(x: Array, y: Array, look: Look) -> str:
     )
 
 
-class _Scales(NamedTuple):
-    """How the data of a panel become points of the sheet."""
+class _PanelScales(NamedTuple):
+    """Convert the data of a panel to points of the sheet."""
 
     x: Callable[[Values], Array]
     y: Callable[[Values], Array]
@@ -163,12 +163,12 @@ class _Scales(NamedTuple):
     bottom: float
 
 
-Drawing = Callable[[_Scales], str]
+Drawing = Callable[[_PanelScales], str]
 
 
 @dataclass
 class Panel:
-    """One pair of axes. What is drawn into it is placed when the sheet is made."""
+    """Holds one pair of axes. What is drawn into it is placed when the sheet is made."""
 
     title: str = ""
     title_colour: str = INK
@@ -184,14 +184,14 @@ class Panel:
     make_x_ticks: Callable[[float, float, int], list[Tick]] = find_ticks
     has_equal_scales: bool = False
     drawings: list[Drawing] = field(default_factory=list)
-    looks: dict[str, Look] = field(default_factory=dict)
+    looks: dict[str, SeriesStyle] = field(default_factory=dict)
     # What was plotted under each label: places of shape (n,) each.
     series: dict[str, tuple[Array, Array]] = field(default_factory=dict)
     _x: list[Array] = field(default_factory=list)
     _y: list[Array] = field(default_factory=list)
 
     def label(self, x: str = "", y: str = "", title: str = "") -> None:
-        """Names the axes and the panel; an empty text leaves what is there."""
+        """Name the axes and the panel; an empty text leaves what is there."""
         self.x_label, self.y_label = x or self.x_label, y or self.y_label
         self.title = title or self.title
 
@@ -228,19 +228,19 @@ class Panel:
         fill
             Of the markers; empty: as `colour`.
         """
-        at, value = self._take(x, y)
+        at, value = self._collect_values(x, y)
         self.series.setdefault(label, (at, value))
-        look = Look(colour, dash, width, marker, size, fill, opacity)
+        look = SeriesStyle(colour, dash, width, marker, size, fill, opacity)
 
-        def draw(scales: _Scales) -> str:
+        def draw_series(scales: _PanelScales) -> str:
             px, py = scales.x(at), scales.y(value)
-            parts = [_marks(px, py, look)] if marker else []
+            parts = [_draw_markers(px, py, look)] if marker else []
             if dash:
-                style = _stroke(colour, width, dash)
-                parts.insert(0, f'<path d="{_path(px, py)}" style="{style}"/>')
+                style = _format_stroke(colour, width, dash)
+                parts.insert(0, f'<path d="{_make_path(px, py)}" style="{style}"/>')
             return "".join(parts)
 
-        self._add(draw, label, look)
+        self._add_drawing(draw_series, label, look)
 
     def plot_intervals(
         self,
@@ -256,13 +256,13 @@ class Panel:
         fill: str = "",
     ) -> None:
         """Draws points with bars from y - half to y + half; all of shape (n,)."""
-        at, value = self._take(x, y)
+        at, value = self._collect_values(x, y)
         reach = np.asarray(half, float)
-        self._take(at, value - reach)
-        self._take(at, value + reach)
-        look = Look(colour, "", 1.5, marker, size, fill)
+        self._collect_values(at, value - reach)
+        self._collect_values(at, value + reach)
+        look = SeriesStyle(colour, "", 1.5, marker, size, fill)
 
-        def draw(scales: _Scales) -> str:
+        def draw_intervals(scales: _PanelScales) -> str:
             px, py = scales.x(at), scales.y(value)
             low, high = scales.y(value - reach), scales.y(value + reach)
             bars = "".join(
@@ -270,43 +270,43 @@ class Panel:
                 for a, b, c in zip(px.tolist(), low.tolist(), high.tolist(), strict=True)
                 if isfinite(a) and isfinite(b) and isfinite(c)
             )
-            style = _stroke(bar_colour or colour, 1.0)
-            return f'<path d="{bars}" style="{style}"/>{_marks(px, py, look)}'
+            style = _format_stroke(bar_colour or colour, 1.0)
+            return f'<path d="{bars}" style="{style}"/>{_draw_markers(px, py, look)}'
 
-        self._add(draw, label, look)
+        self._add_drawing(draw_intervals, label, look)
 
     def fill_between(self, x: Values, low: Values, high: Values, colour: str) -> None:
         """Draws a faint band between two lines of shape (n,); NaN leaves a gap."""
-        at, lower = self._take(x, low)
-        _, upper = self._take(x, high)
+        at, lower = self._collect_values(x, low)
+        _, upper = self._collect_values(x, high)
         known = np.isfinite(at) & np.isfinite(lower) & np.isfinite(upper)
         pieces = np.split(np.arange(len(at)), np.flatnonzero(np.diff(known.astype(int))) + 1)
 
-        def draw(scales: _Scales) -> str:
+        def draw_band(scales: _PanelScales) -> str:
             rings = []
             for rows in pieces:
                 if len(rows) < 2 or not known[rows[0]]:
                     continue
                 there, back = scales.x(at[rows]), scales.x(at[rows[::-1]])
                 ring_y = np.concatenate([scales.y(upper[rows]), scales.y(lower[rows[::-1]])])
-                rings.append(_path(np.concatenate([there, back]), ring_y) + "Z")
+                rings.append(_make_path(np.concatenate([there, back]), ring_y) + "Z")
             style = f"fill:{colour};fill-opacity:0.22;stroke:none"
             return f'<path d="{"".join(rings)}" style="{style}"/>'
 
-        self._add(draw)
+        self._add_drawing(draw_band)
 
     def draw_level(
         self, y: float, colour: str = DIM, *, width: float = 0.9, dash: str = "-", label: str = ""
     ) -> None:
         """Draws a line across the panel at one value."""
-        self._take((), (y,))
+        self._collect_values((), (y,))
 
-        def draw(scales: _Scales) -> str:
+        def draw_level_line(scales: _PanelScales) -> str:
             (at,) = scales.y((y,)).tolist()
-            style = _stroke(colour, width, dash)
+            style = _format_stroke(colour, width, dash)
             return f'<path d="M{scales.left:.1f} {at:.1f}H{scales.right:.1f}" style="{style}"/>'
 
-        self._add(draw, label, Look(colour, dash, width))
+        self._add_drawing(draw_level_line, label, SeriesStyle(colour, dash, width))
 
     def draw_moment(
         self,
@@ -319,17 +319,17 @@ class Panel:
         words: str = "",
     ) -> None:
         """Draws a line up the panel at one place, with words at its upper end."""
-        self._take((x,), ())
+        self._collect_values((x,), ())
 
-        def draw(scales: _Scales) -> str:
+        def draw_moment_line(scales: _PanelScales) -> str:
             (at,) = scales.x((x,)).tolist()
             line = (
                 f'<path d="M{at:.1f} {scales.top:.1f}V{scales.bottom:.1f}" '
-                f'style="{_stroke(colour, width, dash)}"/>'
+                f'style="{_format_stroke(colour, width, dash)}"/>'
             )
-            return line + (_text(at + 3, scales.top + 9, words, font_pt=8.5) if words else "")
+            return line + (_draw_text(at + 3, scales.top + 9, words, font_pt=8.5) if words else "")
 
-        self._add(draw, label, Look(colour, dash, width))
+        self._add_drawing(draw_moment_line, label, SeriesStyle(colour, dash, width))
 
     def draw_bars(
         self,
@@ -342,9 +342,9 @@ class Panel:
     ) -> None:
         """Draws bars of shape (n,) between edges of shape (n + 1,), from 0 up."""
         ends, tops = np.asarray(edges, float), np.asarray(heights, float)
-        self._take(ends, np.append(tops, 0.0))
+        self._collect_values(ends, np.append(tops, 0.0))
 
-        def draw(scales: _Scales) -> str:
+        def draw_bar_path(scales: _PanelScales) -> str:
             px, py = scales.x(ends).tolist(), scales.y(tops).tolist()
             (floor_y,) = scales.y((0.0,)).tolist()
             bars = "".join(
@@ -353,13 +353,13 @@ class Panel:
             )
             return f'<path d="{bars}" style="fill:{colour};stroke:{edge_colour or "none"}"/>'
 
-        self._add(draw, label, Look(colour, "", 1.5, "s", 7.0))
+        self._add_drawing(draw_bar_path, label, SeriesStyle(colour, "", 1.5, "s", 7.0))
 
     def draw_spans(self, spans: Sequence[tuple[float, float]], row: float, colour: str) -> None:
         """Draws stretches along x, each from and to, as bars of 0.7 about y = `row`."""
-        self._take([end for span in spans for end in span], (row,))
+        self._collect_values([end for span in spans for end in span], (row,))
 
-        def draw(scales: _Scales) -> str:
+        def draw_span_bars(scales: _PanelScales) -> str:
             top, bottom = scales.y((row + 0.35, row - 0.35)).tolist()
             bars = "".join(
                 "M{0:.1f} {2:.1f}H{1:.1f}V{3:.1f}H{0:.1f}Z".format(
@@ -369,61 +369,61 @@ class Panel:
             )
             return f'<path d="{bars}" style="fill:{colour};stroke:none"/>'
 
-        self._add(draw)
+        self._add_drawing(draw_span_bars)
 
     def write(self, x: float, y: float, words: str) -> None:
         """Writes words to the right of a point."""
 
-        def draw(scales: _Scales) -> str:
+        def draw_words(scales: _PanelScales) -> str:
             (at,), (level,) = scales.x((x,)).tolist(), scales.y((y,)).tolist()
-            return _text(at + 6.0, level + 3.0, words, font_pt=8.0)
+            return _draw_text(at + 6.0, level + 3.0, words, font_pt=8.0)
 
-        self._add(draw)
+        self._add_drawing(draw_words)
 
     def draw_ground(self, rings: Array, colours: Sequence[str]) -> None:
         """Draws quadrilaterals of shape (n, 4, 2), each in its colour."""
-        self._take(rings[..., 0].ravel(), rings[..., 1].ravel())
+        self._collect_values(rings[..., 0].ravel(), rings[..., 1].ravel())
 
-        def draw(scales: _Scales) -> str:
+        def draw_polygons(scales: _PanelScales) -> str:
             x, y = scales.x(rings[..., 0]), scales.y(rings[..., 1])
             by_colour: dict[str, list[str]] = {}
             for k, colour in enumerate(colours):
-                by_colour.setdefault(colour, []).append(_path(x[k], y[k]) + "Z")
+                by_colour.setdefault(colour, []).append(_make_path(x[k], y[k]) + "Z")
             return "".join(
                 f'<path d="{"".join(paths)}" style="fill:{colour};stroke:none"/>'
                 for colour, paths in by_colour.items()
             )
 
-        self._add(draw)
+        self._add_drawing(draw_polygons)
 
-    def _take(self, x: Values, y: Values) -> tuple[Array, Array]:
+    def _collect_values(self, x: Values, y: Values) -> tuple[Array, Array]:
         at, value = np.asarray(x, float), np.asarray(y, float)
         self._x.append(at[np.isfinite(at)])
         self._y.append(value[np.isfinite(value)])
         return at, value
 
-    def _add(self, draw: Drawing, label: str = "", look: Look | None = None) -> None:
+    def _add_drawing(self, draw: Drawing, label: str = "", look: SeriesStyle | None = None) -> None:
         self.drawings.append(draw)
         if label and look is not None:
             self.looks.setdefault(label, look)
 
     def find_x_ends(self) -> tuple[float, float]:
         """Ends of the x axis by what is drawn."""
-        return self.x_ends or _widened(_ends(self._x))
+        return self.x_ends or _widen_ends(_find_data_ends(self._x))
 
     def find_y_ends(self) -> tuple[float, float]:
         """Ends of the y axis by what is drawn."""
-        return self.y_ends or _widened(_ends(self._y))
+        return self.y_ends or _widen_ends(_find_data_ends(self._y))
 
 
-def _ends(parts: Iterable[Array]) -> tuple[float, float]:
+def _find_data_ends(parts: Iterable[Array]) -> tuple[float, float]:
     known = [part for part in parts if len(part)]
     if not known:
         return 0.0, 1.0
     return float(min(part.min() for part in known)), float(max(part.max() for part in known))
 
 
-def _widened(ends: tuple[float, float]) -> tuple[float, float]:
+def _widen_ends(ends: tuple[float, float]) -> tuple[float, float]:
     low, high = ends
     if not high > low:
         half = 0.05 * abs(low) or 0.05
@@ -432,7 +432,8 @@ def _widened(ends: tuple[float, float]) -> tuple[float, float]:
 
 
 class ColourBar(NamedTuple):
-    """The scale of coloured ground: its ends, its unit and its colours from low to high."""
+    """Describes the scale of coloured ground: its ends, its unit and its colours from low to
+    high."""
 
     low: float
     high: float
@@ -441,16 +442,15 @@ class ColourBar(NamedTuple):
 
 
 class ChartSheet:
-    """Panels in rows and columns, with one legend below them.
+    """Lays out panels in rows and columns, with one legend below them.
 
     Parameters
     ----------
-    width_in, height_in
-        Size, inches.
-    rows, columns
-        Of the panels.
-    shares_x, shares_y
-        Whether the panels of a column share their x axis, and those of a row their y axis.
+    width_in, height_in: size, inches.
+    rows, columns: of the panels.
+    shares_x, shares_y: whether the panels of a column share their x axis, and those of a row their
+        y
+        axis.
     """
 
     def __init__(
@@ -483,23 +483,24 @@ class ChartSheet:
     def to_svg(self, title: str) -> str:
         """The sheet as an SVG element without ids, addresses or fonts of its own.
 
-        `title` says what the picture shows, for those who do not see it.
+        `title` describes the picture for those who do not see it.
         """
-        looks: dict[str, Look] = {}
-        for panel in self._all():
+        looks: dict[str, SeriesStyle] = {}
+        for panel in self._list_panels():
             looks = panel.looks | looks
         legend, legend_pt = self._draw_legend(looks)
         body = self._draw_panels(self.height_pt - legend_pt)
         return (
             f'<svg class="picture" style="max-width:{self.width_pt:.0f}pt" role="img" '
-            f'aria-label="{escape(title)}" viewBox="0 0 {self.width_pt:.0f} {self.height_pt:.0f}">'
+            f'aria-label="{escape_text(title)}" viewBox="0 0 {self.width_pt:.0f} '
+            f'{self.height_pt:.0f}">'
             f"\n{body}{legend}\n</svg>"
         )
 
-    def _all(self) -> list[Panel]:
+    def _list_panels(self) -> list[Panel]:
         return [panel for row in self.panels for panel in row]
 
-    def _draw_legend(self, looks: dict[str, Look]) -> tuple[str, float]:
+    def _draw_legend(self, looks: dict[str, SeriesStyle]) -> tuple[str, float]:
         """The legend and its height, points."""
         if not looks:
             return "", 0.0
@@ -515,11 +516,11 @@ class ChartSheet:
         for k, (label, look) in enumerate(looks.items()):
             x, y = left + wide * (k % columns), top + ROW_PT * (k // columns) + 0.5 * ROW_PT
             if look.dash:
-                style = _stroke(look.colour, look.width, look.dash)
+                style = _format_stroke(look.colour, look.width, look.dash)
                 parts.append(f'<path d="M{x:.1f} {y:.1f}h20" style="{style}"/>')
             if look.marker:
-                parts.append(_marks(np.array([x + 10.0]), np.array([y]), look))
-            parts.append(_text(x + 25.0, y + 3.0, label, font_pt=SMALL_FONT_PT))
+                parts.append(_draw_markers(np.array([x + 10.0]), np.array([y]), look))
+            parts.append(_draw_text(x + 25.0, y + 3.0, label, font_pt=SMALL_FONT_PT))
         return "".join(parts), rows * ROW_PT + GAP_PT
 
     def _draw_panels(self, height_pt: float) -> str:
@@ -527,7 +528,7 @@ class ChartSheet:
         bar_pt = COLOUR_BAR_PT if self.colour_bar is not None else 0.0
         cell_pt = (height_pt - 2.0 * EDGE_PT) / rows
         frames = [
-            [self._frame(i, k, EDGE_PT + i * cell_pt, cell_pt) for k in range(columns)]
+            [self._make_frame(i, k, EDGE_PT + i * cell_pt, cell_pt) for k in range(columns)]
             for i in range(rows)
         ]
         words_pt = [max(row[k].words_pt for row in frames) for k in range(columns)]
@@ -545,8 +546,8 @@ class ChartSheet:
             parts.append(_draw_colour_bar(self.colour_bar, left, EDGE_PT + 20.0, height_pt - 56.0))
         return "\n".join(parts)
 
-    def _frame(self, row: int, column: int, above: float, height_pt: float) -> _Frame:
-        """Where a panel lies from above to below, and what stands at its axes."""
+    def _make_frame(self, row: int, column: int, above: float, height_pt: float) -> _PanelFrame:
+        """A panel's place from above to below, and its words at the axes."""
         panel = self.panels[row][column]
         has_x_words = row == len(self.panels) - 1 or not self.shares_x
         has_y_words = column == 0 or not self.shares_y
@@ -555,11 +556,11 @@ class ChartSheet:
         bottom -= ROW_PT if panel.x_label and has_x_words else 0.0
         y_ends = panel.find_y_ends()
         if self.shares_y:
-            y_ends = _union(one.find_y_ends() for one in self.panels[row])
-        frame = _Frame(
+            y_ends = _unite_ends(one.find_y_ends() for one in self.panels[row])
+        frame = _PanelFrame(
             top=top,
             bottom=bottom,
-            x_ends=self._shared_x(column) or panel.find_x_ends(),
+            x_ends=self._find_shared_x_ends(column) or panel.find_x_ends(),
             y_ends=y_ends,
             has_x_words=has_x_words,
             has_y_words=has_y_words,
@@ -569,19 +570,19 @@ class ChartSheet:
         widest = max(measure_text(text, SMALL_FONT_PT) for _, text in frame.find_y_ticks(panel))
         return frame._replace(words_pt=widest + GAP_PT + (ROW_PT if panel.y_label else 0.0))
 
-    def _shared_x(self, column: int) -> tuple[float, float] | None:
+    def _find_shared_x_ends(self, column: int) -> tuple[float, float] | None:
         if not self.shares_x:
             return None
-        return _union(row[column].find_x_ends() for row in self.panels)
+        return _unite_ends(row[column].find_x_ends() for row in self.panels)
 
 
-def _union(ends: Iterable[tuple[float, float]]) -> tuple[float, float]:
+def _unite_ends(ends: Iterable[tuple[float, float]]) -> tuple[float, float]:
     lows, highs = zip(*ends, strict=True)
     return min(lows), max(highs)
 
 
-class _Frame(NamedTuple):
-    """A panel's place on the sheet, points, and the ends of its axes."""
+class _PanelFrame(NamedTuple):
+    """Holds a panel's place on the sheet, points, and the ends of its axes."""
 
     top: float
     bottom: float
@@ -597,83 +598,89 @@ class _Frame(NamedTuple):
     right: float = 0.0
 
     def find_x_ticks(self, panel: Panel) -> list[Tick]:
+        """Round numbers along the x axis."""
         most = max(2, int((self.right - self.left) / TICK_X_PT))
         return list(panel.x_names) or panel.make_x_ticks(*self.x_ends, most)
 
     def find_y_ticks(self, panel: Panel) -> list[Tick]:
+        """Round numbers along the y axis."""
         most = max(2, int((self.bottom - self.top) / TICK_Y_PT))
         return list(panel.y_names) or find_ticks(*self.y_ends, most)
 
 
-def _draw_panel(panel: Panel, frame: _Frame) -> str:
+def _draw_panel(panel: Panel, frame: _PanelFrame) -> str:
     left, right, top, bottom = frame.left, frame.right, frame.top, frame.bottom
     if panel.has_equal_scales:
-        x_ends, y_ends = _equal(frame.x_ends, frame.y_ends, (right - left) / (bottom - top))
+        x_ends, y_ends = _equalise_scales(
+            frame.x_ends, frame.y_ends, (right - left) / (bottom - top)
+        )
         frame = frame._replace(x_ends=x_ends, y_ends=y_ends)
     x_ticks, y_ticks = frame.find_x_ticks(panel), frame.find_y_ticks(panel)
-    x, y = _scale(frame.x_ends, left, right), _scale(frame.y_ends, bottom, top)
-    scales = _Scales(x, y, left, top, right, bottom)
-    grid = [f"M{left:.1f} {at:.1f}H{right:.1f}" for at in _at(y, y_ticks)]
+    x, y = _make_scale(frame.x_ends, left, right), _make_scale(frame.y_ends, bottom, top)
+    scales = _PanelScales(x, y, left, top, right, bottom)
+    grid = [f"M{left:.1f} {at:.1f}H{right:.1f}" for at in _place_ticks(y, y_ticks)]
     if not panel.x_names:
-        grid += [f"M{at:.1f} {top:.1f}V{bottom:.1f}" for at in _at(x, x_ticks)]
+        grid += [f"M{at:.1f} {top:.1f}V{bottom:.1f}" for at in _place_ticks(x, x_ticks)]
     drawn = "".join(draw(scales) for draw in panel.drawings)
     axes = f"M{left:.1f} {top:.1f}V{bottom:.1f}H{right:.1f}"
     return (
-        f'<path d="{"".join(grid)}" style="{_stroke(GRID, 0.6)}"/>{drawn}'
-        f'<path d="{axes}" style="{_stroke(LINE, 0.8)}"/>'
-        + _panel_words(panel, frame, scales, x_ticks, y_ticks)
+        f'<path d="{"".join(grid)}" style="{_format_stroke(GRID, 0.6)}"/>{drawn}'
+        f'<path d="{axes}" style="{_format_stroke(LINE, 0.8)}"/>'
+        + _draw_panel_words(panel, frame, scales, x_ticks, y_ticks)
     )
 
 
-def _panel_words(
-    panel: Panel, frame: _Frame, scales: _Scales, x_ticks: list[Tick], y_ticks: list[Tick]
+def _draw_panel_words(
+    panel: Panel, frame: _PanelFrame, scales: _PanelScales, x_ticks: list[Tick], y_ticks: list[Tick]
 ) -> str:
     left, top, right, bottom = frame.left, frame.top, frame.right, frame.bottom
     parts = []
     if panel.title:
-        parts.append(_text(left, top - 4.0, panel.title, colour=panel.title_colour))
+        parts.append(_draw_text(left, top - 4.0, panel.title, colour=panel.title_colour))
     if frame.has_x_words:
         parts += [
-            _text(x, bottom + 11.0, words, "middle", SMALL_FONT_PT)
-            for x, (_, words) in zip(_at(scales.x, x_ticks), x_ticks, strict=True)
+            _draw_text(x, bottom + 11.0, words, "middle", SMALL_FONT_PT)
+            for x, (_, words) in zip(_place_ticks(scales.x, x_ticks), x_ticks, strict=True)
         ]
         middle = 0.5 * (left + right)
-        parts += [_text(middle, bottom + 24.0, panel.x_label, "middle")] if panel.x_label else []
+        parts += (
+            [_draw_text(middle, bottom + 24.0, panel.x_label, "middle")] if panel.x_label else []
+        )
     if frame.has_y_words:
         parts += [
-            _text(left - GAP_PT, y + 3.0, words, "end", SMALL_FONT_PT)
-            for y, (_, words) in zip(_at(scales.y, y_ticks), y_ticks, strict=True)
+            _draw_text(left - GAP_PT, y + 3.0, words, "end", SMALL_FONT_PT)
+            for y, (_, words) in zip(_place_ticks(scales.y, y_ticks), y_ticks, strict=True)
         ]
         x, y = frame.outer + 9.0, 0.5 * (top + bottom)
         turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"'
-        parts += [_text(x, y, panel.y_label, "middle", turn=turn)] if panel.y_label else []
+        parts += [_draw_text(x, y, panel.y_label, "middle", turn=turn)] if panel.y_label else []
     return "".join(parts)
 
 
-def _at(scale: Callable[[Values], Array], ticks: list[Tick]) -> list[float]:
+def _place_ticks(scale: Callable[[Values], Array], ticks: list[Tick]) -> list[float]:
     found: list[float] = scale([at for at, _ in ticks]).tolist()
     return found
 
 
-def _scale(ends: tuple[float, float], begin: float, end: float) -> Callable[[Values], Array]:
+def _make_scale(ends: tuple[float, float], begin: float, end: float) -> Callable[[Values], Array]:
     low, high = ends
 
-    def place(values: Values) -> Array:
+    def place_values(values: Values) -> Array:
         share = (np.asarray(values, float) - low) / (high - low)
         return np.asarray(begin + share * (end - begin))
 
-    return place
+    return place_values
 
 
-def _equal(
+def _equalise_scales(
     x_ends: tuple[float, float], y_ends: tuple[float, float], aspect: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Ends that give both axes one scale in a panel so many times as wide as high."""
     wide = max(x_ends[1] - x_ends[0], aspect * (y_ends[1] - y_ends[0]))
-    return _about(x_ends, wide), _about(y_ends, wide / aspect)
+    return _centre_span(x_ends, wide), _centre_span(y_ends, wide / aspect)
 
 
-def _about(ends: tuple[float, float], span: float) -> tuple[float, float]:
+def _centre_span(ends: tuple[float, float], span: float) -> tuple[float, float]:
     middle = 0.5 * (ends[0] + ends[1])
     return middle - 0.5 * span, middle + 0.5 * span
 
@@ -685,10 +692,12 @@ def _draw_colour_bar(bar: ColourBar, left: float, top: float, height: float) -> 
         f'style="fill:{colour};stroke:none"/>'
         for k, colour in enumerate(bar.colours)
     )
-    place = _scale((bar.low, bar.high if bar.high > bar.low else bar.low + 1.0), top + height, top)
+    place = _make_scale(
+        (bar.low, bar.high if bar.high > bar.low else bar.low + 1.0), top + height, top
+    )
     ticks = find_ticks(bar.low, bar.high, max(2, int(height / TICK_Y_PT)))
     words = "".join(
-        _text(left + 16.0, y + 3.0, text, font_pt=SMALL_FONT_PT)
-        for y, (_, text) in zip(_at(place, ticks), ticks, strict=True)
+        _draw_text(left + 16.0, y + 3.0, text, font_pt=SMALL_FONT_PT)
+        for y, (_, text) in zip(_place_ticks(place, ticks), ticks, strict=True)
     )
-    return cells + words + _text(left, top - 8.0, bar.unit, font_pt=SMALL_FONT_PT)
+    return cells + words + _draw_text(left, top - 8.0, bar.unit, font_pt=SMALL_FONT_PT)

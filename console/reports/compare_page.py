@@ -10,27 +10,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from topdress.console.reports.chart import AFTER, BEFORE, INK, ChartSheet
-from topdress.console.reports.diagnosis_wording import better
+from topdress.console.reports.diagnosis_wording import describe_improvement
 from topdress.console.reports.html import (
     Picture,
-    escape,
-    figure,
+    escape_text,
+    format_figure,
+    format_list,
     format_paragraph,
-    items,
-    page,
-    section,
-    table,
+    format_section,
+    format_table,
+    make_page,
 )
-from topdress.console.reports.numbers import number
+from topdress.console.reports.numbers import format_number
 from topdress.console.reports.panels import MEASURED
 from topdress.control.diagnosis.runs.compared import Compared, ComparedChannel
 
-Logs = Sequence[tuple[str, Compared]]  # path and what was found there
+ComparedLogs = Sequence[tuple[str, Compared]]  # path and what was found there
 
 
-def plain(logs: Logs) -> dict[str, Any]:
-    """As data: {"logs": [{"path", "channels": [{"channel", "unit", "old", "new", "low",
-    "high"}]}]}; low and high: 90 % interval of old less new, None where the log is too short
+def list_plain_data(logs: ComparedLogs) -> dict[str, Any]:
+    """The comparison as data: {"logs": [{"path", "channels": [{"channel", "unit", "old", "new",
+    "low", "high"}]}]}; low and high: 90 % interval of old less new, None where the log is too short
     for it."""
     return {
         "logs": [
@@ -42,8 +42,8 @@ def plain(logs: Logs) -> dict[str, Any]:
                         "unit": one.unit,
                         "old": one.old,
                         "new": one.new,
-                        "low": _known(one.low),
-                        "high": _known(one.high),
+                        "low": _replace_not_finite(one.low),
+                        "high": _replace_not_finite(one.high),
                     }
                     for one in found.channels
                 ],
@@ -53,21 +53,23 @@ def plain(logs: Logs) -> dict[str, Any]:
     }
 
 
-def _known(value: float) -> float | None:
+def _replace_not_finite(value: float) -> float | None:
     return value if isfinite(value) else None
 
 
-def verdict(one: ComparedChannel) -> str:
-    """Which of the two predicts the channel better, beyond the interval."""
-    return better(one.old, one.new, _known(one.low), _known(one.high), "new is ")
+def describe_better(one: ComparedChannel) -> str:
+    """The machine file that predicts the channel better, beyond the interval, in words."""
+    return describe_improvement(
+        one.old, one.new, _replace_not_finite(one.low), _replace_not_finite(one.high), "new is "
+    )
 
 
-def interval(one: ComparedChannel) -> str:
+def format_interval(one: ComparedChannel) -> str:
     """90 % interval of old less new."""
-    return f"{number(one.low)} to {number(one.high)}" if isfinite(one.low) else ""
+    return f"{format_number(one.low)} to {format_number(one.high)}" if isfinite(one.low) else ""
 
 
-def summary(logs: Logs, old: str, new: str) -> list[str]:
+def summarise_terminal(logs: ComparedLogs, old: str, new: str) -> list[str]:
     """Lines for a terminal."""
     lines = [
         f"old: {old}",
@@ -82,8 +84,9 @@ def summary(logs: Logs, old: str, new: str) -> list[str]:
                 f"{'old less new, 90 %':>24s}"
             )
         lines += [
-            f"  {one.channel:8s} {number(one.old):>10s} {number(one.new):>10s} {one.unit:6s} "
-            f"{interval(one):>24s}  {verdict(one)}"
+            f"  {one.channel:8s} {format_number(one.old):>10s} {format_number(one.new):>10s} "
+            f"{one.unit:6s} "
+            f"{format_interval(one):>24s}  {describe_better(one)}"
             for one in found.channels
         ]
         if not found.channels:
@@ -94,16 +97,16 @@ def summary(logs: Logs, old: str, new: str) -> list[str]:
 Array = npt.NDArray[np.float64]
 
 OLD, NEW = "old machine file", "new machine file"
-STRETCH_ROWS = 400  # shown in full: where the two differ most
+MOST_STRETCH_ROWS = 400  # shown in full: where the two differ most
 TIME_BINS = 60
-ROWS_IN_BIN = 5
+LEAST_ROWS_IN_BIN = 5
 
 
-def compare_page(logs: Logs, old: str, new: str) -> str:
-    """The page."""
+def make_compare_page(logs: ComparedLogs, old: str, new: str) -> str:
+    """The page as HTML."""
     parts = [
-        f"<header><h1>{escape(old)} against {escape(new)}</h1>\n"
-        f'<p class="verdict">{escape(_in_short(logs))}</p></header>',
+        f"<header><h1>{escape_text(old)} against {escape_text(new)}</h1>\n"
+        f'<p class="verdict">{escape_text(_describe_in_short(logs))}</p></header>',
         format_paragraph(
             "Errors are root mean squares of measured less predicted. No size is fitted to "
             "these logs: both "
@@ -114,24 +117,31 @@ def compare_page(logs: Logs, old: str, new: str) -> str:
     ]
     for path, found in logs:
         rows = [
-            (one.channel, one.unit, number(one.old), number(one.new), interval(one), verdict(one))
+            (
+                one.channel,
+                one.unit,
+                format_number(one.old),
+                format_number(one.new),
+                format_interval(one),
+                describe_better(one),
+            )
             for one in found.channels
         ]
-        shown = table(
+        shown = format_table(
             ("channel", "unit", "old", "new", "old less new, 90 %", ""), rows, frozenset({2, 3, 4})
         )
         parts.append(
-            section(
+            format_section(
                 path,
                 shown if rows else format_paragraph("No channel could be held against both."),
-                *(figure(picture_of(one)) for one in found.channels),
-                items(found.findings) if found.findings else "",
+                *(format_figure(draw_comparison(one)) for one in found.channels),
+                format_list(found.findings) if found.findings else "",
             )
         )
-    return page(f"{old} against {new}", "\n".join(parts))
+    return make_page(f"{old} against {new}", "\n".join(parts))
 
 
-def _in_short(logs: Logs) -> str:
+def _describe_in_short(logs: ComparedLogs) -> str:
     channels = [one for _, found in logs for one in found.channels]
     better = sum(one.low > 0.0 for one in channels)
     worse = sum(one.high < 0.0 for one in channels)
@@ -145,9 +155,10 @@ def _in_short(logs: Logs) -> str:
     )
 
 
-def picture_of(one: ComparedChannel) -> Picture:
-    """A stretch in full where the two differ most, and the error of both over the log."""
-    rows = _stretch(one)
+def draw_comparison(one: ComparedChannel) -> Picture:
+    """The picture of a stretch in full where the two differ most, and of the error of both over the
+    log."""
+    rows = _find_stretch(one)
     sheet = ChartSheet(9.4, 3.4, columns=2)
     left, right = sheet.panels[0]
     at = one.time_s[rows]
@@ -162,28 +173,28 @@ def picture_of(one: ComparedChannel) -> Picture:
         (one.of_old, BEFORE, "--", OLD),
         (one.of_new, AFTER, "-", NEW),
     ):
-        times_s, errors = _over_time(one.time_s, one.measured - series)
+        times_s, errors = _calc_rms_over_time(one.time_s, one.measured - series)
         right.plot(times_s, errors, colour, dash=dash, width=1.4, label=label)
     right.label("time, s", one.unit, "error, r.m.s. over time")
     return sheet.make_picture(
         f"{one.channel}: measured, and predicted by both machine files",
-        f"{one.channel}: error {number(one.old)} {one.unit} with the old machine file, "
-        f"{number(one.new)} {one.unit} with the new one: {verdict(one)}.",
+        f"{one.channel}: error {format_number(one.old)} {one.unit} with the old machine file, "
+        f"{format_number(one.new)} {one.unit} with the new one: {describe_better(one)}.",
     )
 
 
-def _stretch(one: ComparedChannel) -> slice:
+def _find_stretch(one: ComparedChannel) -> slice:
     """Rows of the stretch over which both predictions differ most."""
-    count = min(STRETCH_ROWS, len(one.time_s))
+    count = min(MOST_STRETCH_ROWS, len(one.time_s))
     total = np.concatenate(([0.0], np.cumsum(np.square(one.of_old - one.of_new))))
     begin = int(np.argmax(total[count:] - total[:-count])) if count < len(one.time_s) else 0
     return slice(begin, begin + count)
 
 
-def _over_time(time_s: Array, errors: Array) -> tuple[Array, Array]:
+def _calc_rms_over_time(time_s: Array, errors: Array) -> tuple[Array, Array]:
     """Root mean square of errors (m,) in even bins of time: (k,), (k,)."""
     order = np.argsort(time_s, kind="stable")
-    pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // ROWS_IN_BIN)))
+    pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // LEAST_ROWS_IN_BIN)))
     return (
         np.array([float(np.mean(time_s[piece])) for piece in pieces]),
         np.array([float(np.sqrt(np.mean(np.square(errors[piece])))) for piece in pieces]),

@@ -6,20 +6,20 @@ from collections.abc import Sequence
 
 from topdress.console.reports import diagnosis_wording
 from topdress.console.reports.numbers import format_p_value
-from topdress.console.reports.term_words import describe_compensation, sentence
+from topdress.console.reports.term_words import describe_compensation, describe_term
 from topdress.control.diagnosis.result import Cause, Diagnosis
 from topdress.control.diagnosis.runs.rates import in_words
 from topdress.control.diagnosis.runs.several import Several
 from topdress.control.machine.machine import CATALOGUE
 
-SHOWN_LIMIT = 8
+MOST_SHOWN_LIMITS = 8
 
 
-def summary(found: Diagnosis) -> list[str]:
+def summarise_terminal(found: Diagnosis) -> list[str]:
     """Lines for a terminal."""
-    found = diagnosis_wording.headlines_first(found)
-    lines = [_head(found)]
-    missing = diagnosis_wording.not_judged(found)
+    found = diagnosis_wording.sort_headlines(found)
+    lines = [_describe_data(found)]
+    missing = diagnosis_wording.list_not_judged(found)
     if missing:
         lines.append(f"not judged: {', '.join(missing)}")
     lines += [f"note: {sentence}" for sentence in found.findings]
@@ -44,13 +44,13 @@ def summary(found: Diagnosis) -> list[str]:
             if fit.number is not None
         ]
     for cause in found.causes:
-        lines += ["", *_cause(cause)]
-    for line in _left(found):
+        lines += ["", *_describe_cause(cause)]
+    for line in _describe_unexplained(found):
         lines += ["", line]
     for term in found.terms:
         lines += [
             "",
-            f"term {term.term['id']}: {sentence(term.term)}",
+            f"term {term.term['id']}: {describe_term(term.term)}",
             f"    {describe_compensation(term.term)}",
         ]
         lines += ["    predicts best; no cause is named by it"] if term.predicts_best else []
@@ -58,7 +58,7 @@ def summary(found: Diagnosis) -> list[str]:
         []
         if found.fitted is None
         else [
-            diagnosis_wording.whole(found.fitted),
+            diagnosis_wording.describe_whole(found.fitted),
             f"    {diagnosis_wording.describe_whole_gain(found.fitted)}",
         ]
     )
@@ -69,21 +69,22 @@ def summary(found: Diagnosis) -> list[str]:
         )
     if found.next_run is not None:
         lines += ["", f"next run: {found.next_run.plan}", f"    because {found.next_run.why}"]
-    lines += ["", *_not_shown(found)]
+    lines += ["", *_describe_not_shown(found)]
     if found.extended_machine:
         lines.append(f"extended machine: {found.extended_machine}")
     return lines
 
 
 def describe_adoption(found: Diagnosis) -> list[str]:
-    """What a machine file takes up of a run's diagnosis, and what it leaves and why."""
+    """The effects of a run's diagnosis that a machine file adopts, and those that it leaves, with
+    reasons."""
     kept, left = diagnosis_wording.sort_adoptable(found) if found.data.kind == "run" else ((), ())
     return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [
         f"it leaves {one}" for one in left
     ]
 
 
-def of_a_kind(found: Several) -> list[str]:
+def describe_common(found: Several) -> list[str]:
     """What logs of machines of a kind have in common, each by its own size."""
     paths = [one.data.path for one in found.each]
     lines = [
@@ -97,7 +98,7 @@ def of_a_kind(found: Several) -> list[str]:
             f"{one.id}: {CATALOGUE[one.id].effect.title}",
             f"    chance of sizes so far apart in one machine: {one.p:.2g}",
             *(
-                f"    {path}: {diagnosis_wording.sized(size)}"
+                f"    {path}: {diagnosis_wording.format_size(size)}"
                 for path, size in zip(paths, one.sizes, strict=True)
             ),
         ]
@@ -107,25 +108,28 @@ def of_a_kind(found: Several) -> list[str]:
 def describe_by_log(
     each: Sequence[Diagnosis], beyond: str = ", beyond what they share"
 ) -> list[str]:
-    """What logs have of their own: a line each, and what is behind it."""
+    """The findings of each log by itself: a line each, and its details."""
     lines = ["", f"each log by itself{beyond}:"]
     for found in each:
-        own = [line for cause in found.causes for line in _cause(cause)[:2]]
-        own += _left(found)
-        own += [f"term {one.term['id']}: {sentence(one.term)}" for one in found.terms]
-        lines += [f"  {found.data.path}: {_verdict(found)}", *(f"    {line}" for line in own)]
+        own = [line for cause in found.causes for line in _describe_cause(cause)[:2]]
+        own += _describe_unexplained(found)
+        own += [f"term {one.term['id']}: {describe_term(one.term)}" for one in found.terms]
+        lines += [
+            f"  {found.data.path}: {_describe_verdict(found)}",
+            *(f"    {line}" for line in own),
+        ]
     return lines
 
 
-def _head(found: Diagnosis) -> str:
+def _describe_data(found: Diagnosis) -> str:
     data = found.data
     span = "" if data.duration_s is None else f", {data.duration_s:.0f} s"
     of = f"{data.path or 'data'} ({data.kind}, {data.rows} rows{span})"
-    return f"{of} on {data.machine}: {_verdict(found)}"
+    return f"{of} on {data.machine}: {_describe_verdict(found)}"
 
 
-def _verdict(found: Diagnosis) -> str:
-    word = diagnosis_wording.VERDICTS[found.verdict][0]
+def _describe_verdict(found: Diagnosis) -> str:
+    word = diagnosis_wording.VERDICT_WORDS[found.verdict][0]
     if found.verdict != "not_judged":
         return word
     if found.channels:
@@ -135,46 +139,52 @@ def _verdict(found: Diagnosis) -> str:
     )
 
 
-def _left(found: Diagnosis) -> list[str]:
+def _describe_unexplained(found: Diagnosis) -> list[str]:
     return [
-        f"unexplained: {diagnosis_wording.left(one, found.data.kind)}" for one in found.unexplained
+        f"unexplained: {diagnosis_wording.describe_unexplained(one, found.data.kind)}"
+        for one in found.unexplained
     ]
 
 
-def _cause(cause: Cause) -> list[str]:
+def _describe_cause(cause: Cause) -> list[str]:
     entry = CATALOGUE.get(cause.id)
     which = "" if cause.member is None else f", number {cause.member}"
-    then = diagnosis_wording.when(cause)
+    then = diagnosis_wording.describe_time_span(cause)
     suspected = "" if diagnosis_wording.is_headline(cause) else "suspected: "
     lines = [
         f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
-        f"    {diagnosis_wording.sized(cause.size)}{which}{then and f', {then}'}; probability "
+        f"    {diagnosis_wording.format_size(cause.size)}{which}{then and f', {then}'}; "
+        f"probability "
         f"{cause.probability:.2f}",
     ]
     rivals = [
-        f"{diagnosis_wording.name_of(rival)} ({share:.2f})"
-        for rival, share in diagnosis_wording.others(cause)
+        f"{diagnosis_wording.find_effect_name(rival)} ({share:.2f})"
+        for rival, share in diagnosis_wording.list_rivals(cause)
     ]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
-    which = ", if it is this" if diagnosis_wording.tied(cause) else ""
+    which = ", if it is this" if diagnosis_wording.has_named_rivals(cause) else ""
     return [
         *lines,
-        f"    in the field{which}: {diagnosis_wording.cost(cause.field_cost)}",
+        f"    in the field{which}: {diagnosis_wording.describe_field_cost(cause.field_cost)}",
         f"    do: {cause.advice}",
     ]
 
 
-def _not_shown(found: Diagnosis) -> list[str]:
+def _describe_not_shown(found: Diagnosis) -> list[str]:
     seen, blind, _elsewhere = diagnosis_wording.list_not_seen(found)
     lines = []
     if seen:
         detectable = [
             f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} "
             f"{one.smallest_detectable.unit}"
-            for one in seen[:SHOWN_LIMIT]
+            for one in seen[:MOST_SHOWN_LIMITS]
         ]
-        more = f" and {len(seen) - SHOWN_LIMIT} more (--json)" if len(seen) > SHOWN_LIMIT else ""
+        more = (
+            f" and {len(seen) - MOST_SHOWN_LIMITS} more (--json)"
+            if len(seen) > MOST_SHOWN_LIMITS
+            else ""
+        )
         lines.append(f"would have been seen from: {'; '.join(detectable)}{more}")
     if blind:
         lines.append(f"cannot be seen in this data: {', '.join(blind)}")

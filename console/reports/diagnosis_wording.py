@@ -11,8 +11,15 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from topdress.console.locale import N_, _
-from topdress.console.reports.numbers import count_decimals, fixed, number, percent, plain, short
-from topdress.console.reports.variables import recorded
+from topdress.console.reports.numbers import (
+    count_decimals,
+    format_fixed,
+    format_number,
+    format_percent,
+    format_short,
+    use_plain_minus,
+)
+from topdress.console.reports.variables import find_variable
 from topdress.control.diagnosis.extend import is_taken_whole, not_adoptable, term_not_adoptable
 from topdress.control.diagnosis.result import (
     RUN_CHANNELS,
@@ -28,18 +35,18 @@ from topdress.control.diagnosis.result import (
 from topdress.control.machine.machine import CATALOGUE
 
 # least probability of a cause that a headline names
-HEADLINE = 0.5
+HEADLINE_PROB = 0.5
 PLACE_DIGITS = 2
 
 # verdict: in a sentence; as a word by itself, with its symbol
-VERDICTS = {
+VERDICT_WORDS = {
     "none": ("nothing beyond noise", N_("NOTHING WRONG"), "-"),
     "named": ("named", N_("CAUSE NAMED"), "!"),
     "ambiguous": ("found, but not told apart", N_("NOT TOLD APART"), "?"),
     "unexplained": ("structure that no known effect explains", N_("UNEXPLAINED"), "??"),
     "not_judged": ("not judged", N_("NOT JUDGED"), "??"),
 }
-CHANNELS = {
+CHANNEL_NAMES = {
     "shaft": N_("shaft"),
     "gate": N_("gate"),
     "flow": N_("flow"),
@@ -54,32 +61,34 @@ CHANNELS = {
 
 
 def name_channel(channel: str) -> str:
-    return _(CHANNELS.get(channel, channel))
+    """The channel in words."""
+    return _(CHANNEL_NAMES.get(channel, channel))
 
 
 # --- causes
 # --------------------------------------------------------------------------------------------------
 
 
-def title_of(effect_id: str) -> str:
+def find_effect_title(effect_id: str) -> str:
+    """Title of an effect, in the language in use."""
     if effect_id == UNKNOWN:
         return _("something else")
     entry = CATALOGUE.get(effect_id)
     return _(entry.effect.title) if entry else effect_id
 
 
-def name_of(effect_id: str) -> str:
-    """The id where it is an effect's; of what is none, its title."""
-    return title_of(effect_id) if effect_id == UNKNOWN else effect_id
+def find_effect_name(effect_id: str) -> str:
+    """The id of an effect; the title of the unknown one."""
+    return find_effect_title(effect_id) if effect_id == UNKNOWN else effect_id
 
 
-def title(cause: Cause) -> str:
-    """Of a cause, with the number of its head or outlet."""
-    return title_of(cause.id) + ("" if cause.member is None else f" {cause.member}")
+def find_cause_title(cause: Cause) -> str:
+    """Title of a cause, with the number of its head or outlet."""
+    return find_effect_title(cause.id) + ("" if cause.member is None else f" {cause.member}")
 
 
-def others(cause: Cause) -> tuple[tuple[str, float], ...]:
-    """Rivals of a cause along with itself, likeliest first."""
+def list_rivals(cause: Cause) -> tuple[tuple[str, float], ...]:
+    """Rivals of a cause, without itself, likeliest first, each with its probability."""
     return tuple(
         sorted(
             ((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]
@@ -89,57 +98,62 @@ def others(cause: Cause) -> tuple[tuple[str, float], ...]:
 
 def is_headline(cause: Cause) -> bool:
     """Whether a cause is likely enough for a headline: else it is only suspected."""
-    return cause.probability >= HEADLINE and all(
-        share < cause.probability for _rival, share in others(cause)
+    return cause.probability >= HEADLINE_PROB and all(
+        share < cause.probability for _rival, share in list_rivals(cause)
     )
 
 
-def headlines_first(found: Diagnosis) -> Diagnosis:
-    """With the causes that are only suspected behind the others."""
+def sort_headlines(found: Diagnosis) -> Diagnosis:
+    """The diagnosis with the causes that are only suspected behind the others."""
     return replace(
         found, causes=tuple(sorted(found.causes, key=lambda cause: not is_headline(cause)))
     )
 
 
-def tied(cause: Cause) -> bool:
-    """Whether a cause has rivals with a name, that the data cannot tell it from: then all of
+def has_named_rivals(cause: Cause) -> bool:
+    """Whether a cause has rivals with a name that the data cannot separate from it: then all of
     them are equals."""
-    return any(rival != UNKNOWN for rival, _share in others(cause))
+    return any(rival != UNKNOWN for rival, _share in list_rivals(cause))
 
 
 def list_ties(cause: Cause) -> tuple[tuple[str, str], ...]:
-    """A cause and its rivals as equals, each with its probability: the data does not prefer one."""
-    own = (title(cause), percent(cause.probability))
+    """A cause and its rivals as equals, each with its probability: the data does not prefer any."""
+    own = (find_cause_title(cause), format_percent(cause.probability))
     return (
-        (own, *((title_of(one), percent(share)) for one, share in others(cause)))
-        if tied(cause)
+        (
+            own,
+            *((find_effect_title(one), format_percent(share)) for one, share in list_rivals(cause)),
+        )
+        if has_named_rivals(cause)
         else ()
     )
 
 
-def heading(cause: Cause) -> str:
-    """Its title, and whether there is more than a suspicion; of equals how many they are: none
-    of them is a headline until the next run."""
-    if tied(cause):
+def format_heading(cause: Cause) -> str:
+    """The title of a cause, and whether it is more than suspected; of equals their number: none of
+    them is a headline until the next run."""
+    if has_named_rivals(cause):
         return _("one of these {count}, this data cannot tell which").format(
             count=len(list_ties(cause))
         )
     return (
-        title(cause) if is_headline(cause) else _("suspected: {title}").format(title=title(cause))
+        find_cause_title(cause)
+        if is_headline(cause)
+        else _("suspected: {title}").format(title=find_cause_title(cause))
     )
 
 
-def undecided(cause: Cause) -> bool:
-    """Whether no machine file takes a cause up unless somebody picks it by its name."""
-    return tied(cause) or not is_headline(cause)
+def is_undecided(cause: Cause) -> bool:
+    """Whether no machine file adopts a cause unless somebody picks it by its name."""
+    return has_named_rivals(cause) or not is_headline(cause)
 
 
-def when(cause: Cause) -> str:
-    """Which part of the log an effect is in; "" where it was there all along."""
+def describe_time_span(cause: Cause) -> str:
+    """The part of the log with the effect; "" where it was there all along."""
     begin, end = f"{cause.onset_s or 0.0:.0f}", f"{cause.until_s or 0.0:.0f}"
     if cause.grows:
         size = cause.size
-        last = _("its size") if size.value is None else f"{short(size.value)} {_(size.unit)}"
+        last = _("its size") if size.value is None else f"{format_short(size.value)} {_(size.unit)}"
         return _("grows from {begin} s on to {size} at the end").format(begin=begin, size=last)
     if cause.until_s is not None:
         return (
@@ -150,7 +164,7 @@ def when(cause: Cause) -> str:
     return "" if cause.onset_s is None else _("since {begin} s").format(begin=begin)
 
 
-def sized(size: Size) -> str:
+def format_size(size: Size) -> str:
     """A size and its 90 % interval."""
     value = _("size not known") if size.value is None else f"{size.value:.3g} {_(size.unit)}"
     return value + (
@@ -160,18 +174,18 @@ def sized(size: Size) -> str:
     )
 
 
-def cost(of: FieldCost) -> str:
-    """What an effect does to dose and place when nobody compensates it."""
+def describe_field_cost(of: FieldCost) -> str:
+    """The effect on dose and place when nobody compensates it."""
     if of.rate_error_percent is None and of.place_error_m is None:
         return "not known"
     said = []
     if of.rate_error_percent:
         word = "much" if of.rate_error_percent > 0.0 else "little"
-        said.append(f"{number(abs(of.rate_error_percent), 2)} % too {word} is spread")
+        said.append(f"{format_number(abs(of.rate_error_percent), 2)} % too {word} is spread")
     if of.place_error_m and abs(of.place_error_m) >= 0.5 * 10.0**-PLACE_DIGITS:
         word = "beyond" if of.place_error_m > 0 else "short of"
         said.append(
-            f"material lands {fixed(abs(of.place_error_m), PLACE_DIGITS)} m {word} its place"
+            f"material lands {format_fixed(abs(of.place_error_m), PLACE_DIGITS)} m {word} its place"
         )
     if of.rate_error_percent is None:
         said.append("dose not known")
@@ -182,10 +196,10 @@ def cost(of: FieldCost) -> str:
 # --------------------------------------------------------------------------------------------------
 
 
-def left(of: Unexplained, kind: str, column: bool = True) -> str:
-    """What no effect explains, how much, when, and what comes nearest. column: by its name too."""
+def describe_unexplained(of: Unexplained, kind: str, column: bool = True) -> str:
+    """What no effect explains: how much, when, and the nearest effect. column: by its name too."""
     if of.variable:
-        name = _(recorded(of.variable, kind).name)
+        name = _(find_variable(of.variable, kind).name)
         said = _("{channel} changes with {variable}; none of the known causes fits").format(
             channel=name_channel(of.channel),
             variable=f"{name} ({of.variable})" if column and name != of.variable else name,
@@ -196,24 +210,28 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
         )
     facts = [
         _("that is {share} of the error not yet explained").format(
-            share=percent(of.explained_share)
+            share=format_percent(of.explained_share)
         )
     ]
     if of.rms is not None and of.noise is not None:
         decimals = count_decimals(of.noise if of.noise > 0.0 else of.rms)
         facts.append(
             _("typically off by {rms} {unit}; the sensors alone are off by {noise} {unit}").format(
-                rms=plain(fixed(of.rms, decimals)),
-                noise=plain(fixed(of.noise, decimals)),
+                rms=use_plain_minus(format_fixed(of.rms, decimals)),
+                noise=use_plain_minus(format_fixed(of.noise, decimals)),
                 unit=of.unit,
             )
         )
     if of.dose_percent is not None:
-        facts.append(_("{percent} % of the dose").format(percent=short(abs(of.dose_percent), 2)))
+        facts.append(
+            _("{percent} % of the dose").format(percent=format_short(abs(of.dose_percent), 2))
+        )
     if of.from_s is not None:
         facts.append(_("seems to begin at {begin} s").format(begin=f"{of.from_s:.0f}"))
     if of.period_s is not None:
-        facts.append(_("comes and goes every {period} s").format(period=short(of.period_s, 2)))
+        facts.append(
+            _("comes and goes every {period} s").format(period=format_short(of.period_s, 2))
+        )
     if of.hint:
         facts.append(_("nearest: {effect}, whose evidence does not hold").format(effect=of.hint))
     return f"{said}: {'; '.join(facts)}."
@@ -224,27 +242,31 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
 
 
 def format_whole_id(of: Fitted) -> str:
-    """By which a drive fitted as a whole is adopted."""
+    """The id by which a drive fitted as a whole is adopted."""
     return f"{of.channel} as a whole"
 
 
-def whole(of: Fitted) -> str:
-    """A drive fitted as a whole: what of, and the 90 % intervals."""
-    sizes = ", ".join(f"{title_of(name)} {sized(size)}" for name, size in of.sizes)
+def describe_whole(of: Fitted) -> str:
+    """A drive fitted as a whole: its effects, and the 90 % intervals."""
+    sizes = ", ".join(f"{find_effect_title(name)} {format_size(size)}" for name, size in of.sizes)
     return _("{channel} as a whole: {sizes}").format(channel=name_channel(of.channel), sizes=sizes)
 
 
 def describe_whole_gain(of: Fitted) -> str:
-    """What a drive fitted as a whole is good for."""
+    """The gain of a drive fitted as a whole."""
     return _(
         "Which of these is wrong is not told apart. Adopted together they predict rows that "
         "were not fitted to: "
         "error {before} -> {after} {unit}."
-    ).format(before=plain(number(of.before)), after=plain(number(of.after)), unit=_(of.unit))
+    ).format(
+        before=use_plain_minus(format_number(of.before)),
+        after=use_plain_minus(format_number(of.after)),
+        unit=_(of.unit),
+    )
 
 
 def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of effects and terms that a machine file may take up, and a line for each that it may
+    """Ids of effects and terms that a machine file may adopt, and a line for each that it may
     not."""
     kept, refused = ([] if found.fitted is None else [format_whole_id(found.fitted)]), []
     for cause in found.causes:
@@ -272,9 +294,11 @@ def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 class NotSeen(NamedTuple):
-    """Effects that were not found: seen, with the size from which on each would have been;
-    blind: that this data cannot show, though data of its kind might; elsewhere: that need other
-    data."""
+    """Lists effects that were not found.
+
+    seen: with the size from which on each would have been; blind: effects that this data cannot
+    show, though data of its kind might; elsewhere: effects that need other data.
+    """
 
     seen: tuple[NotShown, ...]
     blind: tuple[str, ...]
@@ -282,7 +306,7 @@ class NotSeen(NamedTuple):
 
 
 def list_not_seen(found: Diagnosis) -> NotSeen:
-    """Several kinds of data are joined by a plus."""
+    """The effects that were not found. Several kinds of data are joined by a plus."""
     blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None]
     hoped_for = [
         one
@@ -305,9 +329,9 @@ def list_not_seen(found: Diagnosis) -> NotSeen:
 # --------------------------------------------------------------------------------------------------
 
 
-def not_judged(found: Diagnosis) -> tuple[str, ...]:
-    """Channels that a run log of such a machine may have and that could not be judged in this
-    one; of bench tables none."""
+def list_not_judged(found: Diagnosis) -> tuple[str, ...]:
+    """Channels that a run log of this machine may have and that could not be judged in this log; of
+    bench tables none."""
     may, judged = found.data.stages or RUN_CHANNELS, {channel.channel for channel in found.channels}
     return (
         tuple(channel for channel in RUN_CHANNELS if channel in may and channel not in judged)
@@ -316,27 +340,31 @@ def not_judged(found: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def sentence(found: Diagnosis) -> str:
-    """What was not judged, then the verdict, in one line; where rivals are tied, the test that
-    parts them."""
-    if found.verdict == "ambiguous" and found.next_run is not None and any(map(tied, found.causes)):
-        return _next_test(found)
-    missing = not_judged(found)
+def format_verdict_line(found: Diagnosis) -> str:
+    """Channels that were not judged, then the verdict, in one line; where rivals are tied, the test
+    that separates them."""
+    if (
+        found.verdict == "ambiguous"
+        and found.next_run is not None
+        and any(map(has_named_rivals, found.causes))
+    ):
+        return _describe_next_test(found)
+    missing = list_not_judged(found)
     if not missing or found.verdict == "not_judged":
-        return _verdict(found)
+        return _format_verdict(found)
     channels = ", ".join(map(name_channel, missing))
-    return f"{_('Not judged: {channels}.').format(channels=channels)} {_verdict(found)}"
+    return f"{_('Not judged: {channels}.').format(channels=channels)} {_format_verdict(found)}"
 
 
-def _next_test(found: Diagnosis) -> str:
-    """The next test leads: a name that this data cannot tell from others is no headline. Where
-    no test of the program's list tells them apart, what they are leads, and that nothing here
-    tells which."""
+def _describe_next_test(found: Diagnosis) -> str:
+    """The next test, which leads: a name that this data cannot separate from others is no headline.
+    Where no test of the program's list separates them, their names lead, and that nothing here
+    decides."""
     assert found.next_run is not None
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
     equals, what = (
         dict.fromkeys(name for cause in found.causes for name, _sure in list_ties(cause)),
-        to_do(found)[0],
+        list_next_steps(found)[0],
     )
     said = (
         [
@@ -350,13 +378,17 @@ def _next_test(found: Diagnosis) -> str:
             )
         ]
     )
-    sure = [title(cause) for cause in found.causes if not tied(cause) and is_headline(cause)]
+    sure = [
+        find_cause_title(cause)
+        for cause in found.causes
+        if not has_named_rivals(cause) and is_headline(cause)
+    ]
     if sure:
         said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))
     return " ".join(said)
 
 
-def _verdict(found: Diagnosis) -> str:
+def _format_verdict(found: Diagnosis) -> str:
     likely = [cause for cause in found.causes if is_headline(cause)]
     suspected = len(found.causes) - len(likely)
     if found.verdict == "none":
@@ -368,8 +400,8 @@ def _verdict(found: Diagnosis) -> str:
             else _("None of this data could be compared with the machine file.")
         )
     if found.verdict == "unexplained" and found.unexplained:
-        said = left(found.unexplained[0], found.data.kind, column=False)
-        return said if not likely else f"{said} {_('Besides:')} {title(likely[0])}."
+        said = describe_unexplained(found.unexplained[0], found.data.kind, column=False)
+        return said if not likely else f"{said} {_('Besides:')} {find_cause_title(likely[0])}."
     if not found.causes:
         return _("Nothing with a name was found.")
     if not likely:
@@ -377,18 +409,23 @@ def _verdict(found: Diagnosis) -> str:
             "Something is there, but no cause is likely enough to be named; suspected: {count}."
         ).format(count=suspected)
     said = (
-        "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(likely, 1))
+        "   ".join(
+            f"{number}. {_describe_doubtful(cause)}" for number, cause in enumerate(likely, 1)
+        )
         if (len(likely) > 1)
-        else _doubtful(likely[0])
+        else _describe_doubtful(likely[0])
     )
     return (
         f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
     )
 
 
-def _doubtful(cause: Cause) -> str:
+def _describe_doubtful(cause: Cause) -> str:
     """One cause, and how many others it could be."""
-    first, rivals = title(cause), [title_of(one) for one, _share in others(cause)]
+    first, rivals = (
+        find_cause_title(cause),
+        [find_effect_title(one) for one, _share in list_rivals(cause)],
+    )
     if not rivals:
         return _("{first}.").format(first=first)
     if len(rivals) == 1:
@@ -400,17 +437,19 @@ def _doubtful(cause: Cause) -> str:
     )
 
 
-def to_do(found: Diagnosis) -> tuple[str, ...]:
-    """What a person does next, as the items of a list: each with a capital, and without the
-    stop of a sentence."""
+def list_next_steps(found: Diagnosis) -> tuple[str, ...]:
+    """The next steps of a person, as the items of a list: each with a capital, and without the stop
+    of a sentence."""
     steps = (_(step) for step in found.next_run.to_do()) if found.next_run is not None else ()
     return tuple(step[0].upper() + step[1:].rstrip(".") for step in steps if step)
 
 
-def better(old: float, new: float, low: float | None, high: float | None, lead: str = "") -> str:
-    """Whether a new machine file predicts a channel better, by the r.m.s. errors of both and
-    the 90 % interval of old less new; None where the log is too short for one. lead: before
-    what is better or worse."""
+def describe_improvement(
+    old: float, new: float, low: float | None, high: float | None, lead: str = ""
+) -> str:
+    """Whether a new machine file predicts a channel better, by the r.m.s. errors of both and the 90
+    % interval of old less new; None where the log is too short for it. lead: text before the
+    word."""
     if low is None or high is None:
         return _("the log is too short to say")
     if low <= 0.0 <= high:

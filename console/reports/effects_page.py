@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from topdress.control.machine.effect import Entry
 from topdress.control.machine.machine import NOMINAL, Machine, bounds, unit_of
 
-HEAD = """# Effects
+PAGE_HEAD = """# Effects
 
 For engineers who read a diagnosis or plant an effect: all faults that the machine model knows, how
 each shows, and what to do.
@@ -20,7 +20,7 @@ which an effect cannot be seen list it as not shown.
 Written by `topdress effects --markdown docs/effects.md`. Ranges are those of machine `{id}`; a
 range by a figure of the machine file grows with it (`topdress effects --machine FILE`).
 """
-STAGES = {
+STAGE_TITLES = {
     "shaft": "Metering shaft",
     "gate": "Gate (opening)",
     "flow": "Flow out of the hopper",
@@ -31,29 +31,29 @@ STAGES = {
     "effort": "How hard the drives work",
 }
 
-MEMBERS = {"heads": "head", "flow": "outlet"}
+MEMBER_NAMES = {"heads": "head", "flow": "outlet"}
 
 
-def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
+def format_effects_page(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
     """Write the page: the ids of each stage, then each effect, in the order of the catalogue."""
     stages = list(dict.fromkeys(entry.stage for entry in catalogue.values()))
-    lines = [HEAD.format(id=machine.id).rstrip("\n")]
+    lines = [PAGE_HEAD.format(id=machine.id).rstrip("\n")]
     for stage in stages:
-        lines += ["", f"## {STAGES.get(stage, stage)}"]
+        lines += ["", f"## {STAGE_TITLES.get(stage, stage)}"]
         for entry in catalogue.values():
             if entry.stage == stage:
-                lines += _effect(entry, machine)
+                lines += _format_effect(entry, machine)
     return "\n".join(lines) + "\n"
 
 
-def _effect(entry: Entry, machine: Machine) -> list[str]:
+def _format_effect(entry: Entry, machine: Machine) -> list[str]:
     effect = entry.effect
     member = (
-        f", with the number of the {MEMBERS.get(entry.stage, 'member')}"
+        f", with the number of the {MEMBER_NAMES.get(entry.stage, 'member')}"
         if effect.member_field
         else ""
     )
-    size = f"{unit_of(effect.id, machine)}; {_range(entry, machine)}"
+    size = f"{unit_of(effect.id, machine)}; {_format_range(entry, machine)}"
     if effect.onset_only:
         size += "; the size is the time at which it begins"
     return [
@@ -69,7 +69,7 @@ def _effect(entry: Entry, machine: Machine) -> list[str]:
     ]
 
 
-def _range(entry: Entry, machine: Machine) -> str:
+def _format_range(entry: Entry, machine: Machine) -> str:
     if entry.effect.onset_only:
         return "at any time"
     low, high = bounds(entry.effect.id, machine)

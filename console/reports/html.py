@@ -10,17 +10,17 @@ if TYPE_CHECKING:
     from topdress.console.reports.chart import ChartSheet
 
 # in the head of every page: whose it is
-GENERATOR = '<meta name="generator" content="topdress">'
+GENERATOR_META = '<meta name="generator" content="topdress">'
 # No page may fetch or run anything, whatever words a hostile file has put into it; scales of
 # colour are pictures in it.
-POLICY = (
+POLICY_META = (
     '<meta http-equiv="Content-Security-Policy" '
     """content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">"""
 )
 
 
 class Picture(NamedTuple):
-    """A picture of a page: the whole `<svg>`, ready to be written."""
+    """Holds a picture of a page: the whole `<svg>`, ready to be written."""
 
     svg: str
     caption: str  # plain text, not escaped
@@ -28,38 +28,39 @@ class Picture(NamedTuple):
     sheet: ChartSheet | None = None
 
 
-def escape(text: object) -> str:
+def escape_text(text: object) -> str:
+    """The text with the signs of HTML escaped."""
     return _escape(str(text), quote=True)
 
 
-def page(title: str, body: str, style: str = "") -> str:
-    """A whole page, nothing fetched from elsewhere. title : plain text. body : HTML. style:
-    more of it."""
+def make_page(title: str, body: str, style: str = "") -> str:
+    """A whole page, nothing fetched from elsewhere. title: plain text. body: HTML. style: further
+    rules."""
     return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY_META}\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"{GENERATOR}<title>{escape(title)}</title>\n"
-        f"<style>{STYLE}{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
+        f"{GENERATOR_META}<title>{escape_text(title)}</title>\n"
+        f"<style>{PAGE_STYLE}{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
     )
 
 
 def format_paragraph(text: str, kind: str = "") -> str:
     """Plain text in a paragraph."""
-    return f"<p{_class(kind)}>{escape(text)}</p>"
+    return f"<p{_format_class(kind)}>{escape_text(text)}</p>"
 
 
-def table(
+def format_table(
     head: Sequence[str], rows: Iterable[Sequence[str]], numbers: frozenset[int] = frozenset()
 ) -> str:
     """Plain text in cells; columns in `numbers` are set to the right."""
     heads = "".join(
-        f'<th scope="col"{_class("number" if k in numbers else "")}>{escape(text)}</th>'
+        f'<th scope="col"{_format_class("number" if k in numbers else "")}>{escape_text(text)}</th>'
         for k, text in enumerate(head)
     )
     body = "\n".join(
         "<tr>"
         + "".join(
-            f"<td{_class('number' if k in numbers else '')}>{escape(text)}</td>"
+            f"<td{_format_class('number' if k in numbers else '')}>{escape_text(text)}</td>"
             for k, text in enumerate(row)
         )
         + "</tr>"
@@ -72,50 +73,57 @@ def table(
     )
 
 
-def facts(pairs: Iterable[tuple[str, str]]) -> str:
+def format_facts(pairs: Iterable[tuple[str, str]]) -> str:
     """Pairs of a plain word and a piece of HTML."""
     return (
         "<dl>"
-        + "\n".join(f"<dt>{escape(word)}</dt><dd>{said}</dd>" for word, said in pairs)
+        + "\n".join(f"<dt>{escape_text(word)}</dt><dd>{said}</dd>" for word, said in pairs)
         + "</dl>"
     )
 
 
-def items(texts: Iterable[str], ordered: bool = False) -> str:
+def format_list(texts: Iterable[str], ordered: bool = False) -> str:
     """Plain texts as a list; nothing where there is none."""
-    tag, inside = "ol" if ordered else "ul", "\n".join(f"<li>{escape(text)}</li>" for text in texts)
+    tag, inside = (
+        "ol" if ordered else "ul",
+        "\n".join(f"<li>{escape_text(text)}</li>" for text in texts),
+    )
     return f"<{tag}>{inside}</{tag}>" if inside else ""
 
 
-def section(title: str, *inside: str, kind: str = "") -> str:
+def format_section(title: str, *inside: str, kind: str = "") -> str:
     """A titled part of the page; nothing where nothing is inside."""
     body = "\n".join(part for part in inside if part)
-    return f"<section{_class(kind)}><h2>{escape(title)}</h2>\n{body}\n</section>" if body else ""
-
-
-def folded(title: str, *inside: str) -> str:
-    """Parts that a reader opens who wants them; on paper they stand open. Nothing where nothing
-    is inside."""
-    body = "\n".join(part for part in inside if part)
     return (
-        f'<details class="fold"><summary>{escape(title)}</summary>\n{body}\n</details>'
+        f"<section{_format_class(kind)}><h2>{escape_text(title)}</h2>\n{body}\n</section>"
         if body
         else ""
     )
 
 
-def figure(picture: Picture | None) -> str:
+def format_folded(title: str, *inside: str) -> str:
+    """Parts that a reader may open; on paper they stand open. Nothing where nothing is inside."""
+    body = "\n".join(part for part in inside if part)
+    return (
+        f'<details class="fold"><summary>{escape_text(title)}</summary>\n{body}\n</details>'
+        if body
+        else ""
+    )
+
+
+def format_figure(picture: Picture | None) -> str:
+    """A picture with its caption; nothing without one."""
     if picture is None:
         return ""
-    return f"<figure>{picture.svg}<figcaption>{escape(picture.caption)}</figcaption></figure>"
+    return f"<figure>{picture.svg}<figcaption>{escape_text(picture.caption)}</figcaption></figure>"
 
 
-def _class(kind: str) -> str:
+def _format_class(kind: str) -> str:
     return f' class="{kind}"' if kind else ""
 
 
 # Day, night and paper; colours that colour-blind readers tell apart, and shapes besides.
-STYLE = """
+PAGE_STYLE = """
 :root { color-scheme: light dark; --paper:#ffffff; --ink:#16191d; --dim:#6a7179; --line:#8b9198;
 --grid:#e3e6e9;
   --soft:#f3f5f7; --before:#b84a00; --after:#005ea8; --third:#8a3f7d; }

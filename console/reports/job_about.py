@@ -7,24 +7,26 @@ from math import isfinite
 from typing import NamedTuple
 
 from topdress.console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
-from topdress.console.reports.html import Picture, escape, facts
+from topdress.console.reports.html import Picture, escape_text, format_facts
 from topdress.control.field.job_names import JobNames
 from topdress.control.orders import Severity
 from topdress.control.safety import ALARMS
 from topdress.drivers.files.read_log import RunLog
 
-MOST_ALARMS = 12  # kinds on the time line; the longest
+MOST_ALARM_KINDS = 12  # kinds on the time line; the longest
 
 
 class AlarmSpan(NamedTuple):
-    """An alarm from when to when, s."""
+    """Holds an alarm from when to when, s."""
 
     id: str
     from_s: float
     to_s: float
 
 
-class Happened(NamedTuple):
+class JobEvents(NamedTuple):
+    """Holds alarms, refills and working spans of a job."""
+
     alarms: tuple[AlarmSpan, ...] = ()
     refills: tuple[tuple[float, float], ...] = ()  # s, kg
     working: tuple[tuple[float, float], ...] = ()  # from, to, s
@@ -32,56 +34,56 @@ class Happened(NamedTuple):
     growth: str = ""
 
 
-class About(NamedTuple):
-    """Empty: nobody said so."""
+class JobMetadata(NamedTuple):
+    """Holds facts of a job next to its figures. Empty: not known."""
 
     who: JobNames = JobNames()
     crop: str = ""
     map: str = ""
     simulated: bool = False
-    happened: Happened = Happened()
+    happened: JobEvents = JobEvents()
     price_per_kg: float | None = None  # of the product, as the job says
     currency: str = ""
 
 
-NOBODY = About()
+NO_METADATA = JobMetadata()
 
 
-def read_about(log: RunLog) -> About:
-    """By the log's sidecar and its rows."""
+def read_job_metadata(log: RunLog) -> JobMetadata:
+    """The facts in the log's sidecar and its rows."""
     meta = log.meta
     job = dict(meta.job or {}) if meta is not None else {}
     crop = dict(meta.crop or {}) if meta is not None else {}
 
-    def said(of: dict[str, object], name: str) -> str:
+    def read_word(of: dict[str, object], name: str) -> str:
         return str(of.get(name) or "")
 
     field, target = dict(job.get("field") or {}), dict(job.get("target") or {})
     who = JobNames(
-        said(job, "client"),
-        said(job, "farm"),
-        said(field, "title"),
-        said(job, "product"),
-        said(job, "operator"),
+        read_word(job, "client"),
+        read_word(job, "farm"),
+        read_word(field, "title"),
+        read_word(job, "product"),
+        read_word(job, "operator"),
     )
-    return About(
+    return JobMetadata(
         who,
-        said(crop, "name"),
-        said(target, "map").replace("\\", "/").rpartition("/")[2],
+        read_word(crop, "name"),
+        read_word(target, "map").replace("\\", "/").rpartition("/")[2],
         meta is not None and meta.seed is not None,
-        happened(log),
-        _price(job.get("price_per_kg")),
-        said(job, "currency"),
+        find_job_events(log),
+        _parse_price(job.get("price_per_kg")),
+        read_word(job, "currency"),
     )
 
 
-def _price(value: object) -> float | None:
-    """As a sidecar has it; what is no price is none."""
+def _parse_price(value: object) -> float | None:
+    """The price in a sidecar; None where it is none."""
     number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
     return float(number) if number is not None and isfinite(number) and number >= 0.0 else None
 
 
-def happened(log: RunLog) -> Happened:
+def find_job_events(log: RunLog) -> JobEvents:
     """Spans of alarms and of work, and refills, from the rows."""
     stands: dict[str, float] = {}
     spans: list[AlarmSpan] = []
@@ -102,7 +104,7 @@ def happened(log: RunLog) -> Happened:
         for event in (row.events or "").split(";"):
             word, _blank, value = event.partition(" ")
             if word == "refill":
-                refills.append((row.time_s, _number(value)))
+                refills.append((row.time_s, _parse_number_or_zero(value)))
             elif word == "refill_back" and refills:
                 refills.pop()
             elif word == "growth_stage_outside":
@@ -116,18 +118,18 @@ def happened(log: RunLog) -> Happened:
     spans += [AlarmSpan(name, since, last_s) for name, since in stands.items()]
     if started is not None:
         working.append((started, last_s))
-    return Happened(tuple(spans), tuple(refills), tuple(working), growth)
+    return JobEvents(tuple(spans), tuple(refills), tuple(working), growth)
 
 
-def _number(text: str) -> float:
+def _parse_number_or_zero(text: str) -> float:
     try:
         return float(text)
     except ValueError:
         return 0.0
 
 
-def named(about: About, product: str) -> str:
-    """The sheet's head: what is not known is a line to be filled in by hand."""
+def format_names(about: JobMetadata, product: str) -> str:
+    """The sheet's head: a name that is not known is a line to be filled in by hand."""
     who = about.who
     pairs = [
         ("Client", who.client),
@@ -142,25 +144,25 @@ def named(about: About, product: str) -> str:
             f"outside the crop's rule: {about.happened.growth}" if about.happened.growth else "",
         ),
     ]
-    return facts(
+    return format_facts(
         [
-            (name, escape(value) if value else '<span class="blank"></span>')
+            (name, escape_text(value) if value else '<span class="blank"></span>')
             for name, value in pairs
             if value or name not in ("Map", "Growth stage")
         ]
     )
 
 
-def draw_time_line(about: About) -> Picture | None:
-    """Work, refills and each kind of alarm over the job's time; None where nothing happened
-    along with the work."""
+def draw_time_line(about: JobMetadata) -> Picture | None:
+    """Work, refills and each kind of alarm over the job's time; None where nothing happened besides
+    work."""
     happened = about.happened
     if not happened.alarms and not happened.refills:
         return None
     longest: dict[str, float] = {}
     for span in happened.alarms:
         longest[span.id] = longest.get(span.id, 0.0) + span.to_s - span.from_s
-    kinds = sorted(longest, key=lambda name: -longest[name])[:MOST_ALARMS]
+    kinds = sorted(longest, key=lambda name: -longest[name])[:MOST_ALARM_KINDS]
     sheet = ChartSheet(6.6, 0.9 + 0.28 * (2 + len(kinds)))
     panel = sheet.panel
     panel.draw_spans([(a / 60.0, b / 60.0) for a, b in happened.working], 0.0, AFTER)

@@ -4,29 +4,31 @@ when, probably why."""
 from __future__ import annotations
 
 from topdress.console.locale import _
-from topdress.console.reports.diagnosis_wording import name_channel, title_of
+from topdress.console.reports.diagnosis_wording import find_effect_title, name_channel
 from topdress.control.diagnosis.result import Departure
 
-LEAST_PERCENT = 0.5  # of the dose: less is not given as a number
+LEAST_SHOWN_PERCENT = 0.5  # of the dose: less is not given as a number
 
 
-def departure_line(found: Departure, since: str, why: bool = True) -> str:
-    """`since`: time of day or of the log; empty: not known, or left out as the name is without
-    `why`."""
-    said = what(found)
+def format_departure(found: Departure, since: str, why: bool = True) -> str:
+    """A departure in one line.
+
+    since: time of day or of the log; empty: not known, or left out as the name is without `why`.
+    """
+    said = describe_change(found)
     if since:
         said = _("{what} since {time}").format(what=said, time=since)
     if found.cause and why:
-        title = title_of(found.cause)
+        title = find_effect_title(found.cause)
         form = _("{said}. Probably: {why}") if found.certain else _("{said}. Perhaps: {why}")
         said = form.format(said=said, why=title)
     return said
 
 
-def what(found: Departure) -> str:
-    """Which channel departs, and by how much of the dose."""
+def describe_change(found: Departure) -> str:
+    """The channel that departs, and by how much of the dose."""
     channel = name_channel(found.channel)
-    if found.percent is None or abs(found.percent) < LEAST_PERCENT:
+    if found.percent is None or abs(found.percent) < LEAST_SHOWN_PERCENT:
         return _("{channel} is not as it should be").format(channel=channel)
     share = (
         f"{abs(found.percent):.0f}" if abs(found.percent) >= 2.0 else f"{abs(found.percent):.1f}"
@@ -45,16 +47,18 @@ def what(found: Departure) -> str:
     return form.format(channel=channel, share=share)
 
 
-def todo(found: Departure, console: bool = True) -> str:
-    """What is offered once the machine is held. console: there is a page for it; else a command
-    does it."""
+def describe_next_step(found: Departure, console: bool = True) -> str:
+    """The offer once the machine is held. console: there is a page for it; else a command does
+    it."""
     if found.next_run and not found.adoptable:
-        return _("{offer}: {plan}").format(offer=offer(found, console), plan=_(found.next_run))
-    return offer(found, console)
+        return _("{offer}: {plan}").format(
+            offer=describe_offer(found, console), plan=_(found.next_run)
+        )
+    return describe_offer(found, console)
 
 
-def offer(found: Departure, console: bool = True) -> str:
-    """The same without what the run is that tells rivals apart."""
+def describe_offer(found: Departure, console: bool = True) -> str:
+    """The offer without the run that separates rivals."""
     if not console:
         if found.adoptable:
             return _("adopt it into the machine file: topdress diagnose --adopt")

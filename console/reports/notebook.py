@@ -8,25 +8,31 @@ from pathlib import Path
 from typing import Any
 
 from topdress.console.reports.chart import ChartSheet
-from topdress.console.reports.compare_page import picture_of, verdict
-from topdress.console.reports.diagnosis_text import describe_adoption, summary
+from topdress.console.reports.compare_page import describe_better, draw_comparison
+from topdress.console.reports.diagnosis_text import describe_adoption, summarise_terminal
 from topdress.console.reports.diagnosis_wording import (
-    VERDICTS,
-    headlines_first,
-    left,
-    sentence,
-    sized,
-    title_of,
+    VERDICT_WORDS,
+    describe_unexplained,
+    find_effect_title,
+    format_size,
+    format_verdict_line,
+    sort_headlines,
 )
-from topdress.console.reports.diagnosis_wording import when as when_of
-from topdress.console.reports.html import STYLE, Picture, escape, figure, table
-from topdress.console.reports.numbers import number, with_interval
-from topdress.console.reports.term_words import sentence as term_sentence
+from topdress.console.reports.diagnosis_wording import describe_time_span as when_of
+from topdress.console.reports.html import (
+    PAGE_STYLE,
+    Picture,
+    escape_text,
+    format_figure,
+    format_table,
+)
+from topdress.console.reports.numbers import format_number, format_with_interval
+from topdress.console.reports.term_words import describe_term as term_sentence
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs.compared import Compared
 from topdress.control.machine.machine import Machine
 
-COLOURS = STYLE[: STYLE.index("* { box-sizing")].replace(":root", ".topdress")
+SCOPED_STYLE = PAGE_STYLE[: PAGE_STYLE.index("* { box-sizing")].replace(":root", ".topdress")
 
 
 class Pictures:
@@ -49,9 +55,9 @@ class Pictures:
     @property
     def svgs(self) -> tuple[str, ...]:
         """Each picture by itself, as SVG."""
-        return tuple(one.svg for one in self._as_styled())
+        return tuple(one.svg for one in self._list_redrawn())
 
-    def _as_styled(self) -> list[Picture]:
+    def _list_redrawn(self) -> list[Picture]:
         """The pictures, drawn anew: their charts may have been changed."""
         return [
             one if one.sheet is None else one._replace(svg=one.sheet.to_svg(one.caption))
@@ -59,44 +65,48 @@ class Pictures:
         ]
 
     def _repr_html_(self) -> str:
-        return framed("".join(figure(one) for one in self._as_styled()))
+        return wrap_html("".join(format_figure(one) for one in self._list_redrawn()))
 
     def save(self, path: str | Path) -> Path:
-        """As a page of its own at `path` (.html). Raises OSError."""
-        from topdress.console.reports.html import page
+        """Write the pictures as a page at `path` (.html). Raises OSError."""
+        from topdress.console.reports.html import make_page
         from topdress.drivers.files.atomic import write_atomically
 
         place = Path(path)
-        write_atomically(place, page("Pictures of a diagnosis", self._repr_html_()))
+        write_atomically(place, make_page("Pictures of a diagnosis", self._repr_html_()))
         return place
 
 
 MOST_SUMMARY_LINES = 15
 
 
-def summarise(found: Diagnosis) -> str:
-    """Verdict, notes, causes, terms, what is left, rival and gain, a line each; what has no room
-    in 15 lines is counted."""
-    ordered = headlines_first(found)
-    lines = [summary(ordered)[0], *(f"note: {one}" for one in found.findings[:3])]
+def summarise_diagnosis(found: Diagnosis) -> str:
+    """Verdict, notes, causes, terms, unexplained parts, rival and gain, a line each; lines beyond
+    15 are counted."""
+    ordered = sort_headlines(found)
+    lines = [summarise_terminal(ordered)[0], *(f"note: {one}" for one in found.findings[:3])]
     for cause in ordered.causes:
         when = f", {then}" if (then := when_of(cause)) else ""
         lines.append(
-            f"{cause.id}: {sized(cause.size)}{when}, probability {cause.probability:.2f}: "
+            f"{cause.id}: {format_size(cause.size)}{when}, probability {cause.probability:.2f}: "
             f"{cause.advice}"
         )
     lines += [f"term {one.term['id']}: {term_sentence(one.term)}" for one in found.terms]
-    lines += [f"unexplained: {left(one, found.data.kind)}" for one in found.unexplained]
+    lines += [
+        f"unexplained: {describe_unexplained(one, found.data.kind)}" for one in found.unexplained
+    ]
     for one in found.predicted:
-        rival = "" if one.rival is None else f", least squares {number(one.rival)}"
+        rival = "" if one.rival is None else f", least squares {format_number(one.rival)}"
         lines.append(
-            f"error of {one.channel}: {number(one.before)} -> {number(one.file)} {one.unit} "
+            f"error of {one.channel}: {format_number(one.before)} -> {format_number(one.file)} "
+            f"{one.unit} "
             f"with what the file takes up{rival}"
         )
     lines += [
         f"gain on blocks that no size was fitted to: {one.channel} {one.metric} "
-        f"{number(one.before)} -> {number(one.after)} (90 %: {number(one.low)} to "
-        f"{number(one.high)})"
+        f"{format_number(one.before)} -> {format_number(one.after)} (90 %: "
+        f"{format_number(one.low)} to "
+        f"{format_number(one.high)})"
         for one in found.gain
         if one.of == "names"
     ]
@@ -108,10 +118,10 @@ def summarise(found: Diagnosis) -> str:
     return "\n".join(lines)
 
 
-def frame_causes(found: Diagnosis) -> Any:
+def make_causes_frame(found: Diagnosis) -> Any:
     """The causes as a data frame, a row each. Raises ValueError, one line, without its library."""
     causes = found.causes
-    return _frame(
+    return _make_data_frame(
         found,
         {
             "id": [one.id for one in causes],
@@ -131,29 +141,30 @@ def summarise_compared(compared: Compared) -> str:
     """A line for each note and each channel."""
     lines = [f"note: {one}" for one in compared.findings]
     lines += [
-        f"{one.channel}: error {number(one.old)} -> {number(one.new)} {one.unit}, less by "
-        f"{number(one.low)} to {number(one.high)} (90 %): {verdict(one)}"
+        f"{one.channel}: error {format_number(one.old)} -> {format_number(one.new)} {one.unit}, "
+        f"less by "
+        f"{format_number(one.low)} to {format_number(one.high)} (90 %): {describe_better(one)}"
         for one in compared.channels
     ]
     return "\n".join(lines) or "no channel of this log can be held against both machine files"
 
 
-def pictures_of_compared(compared: Compared) -> Pictures:
+def draw_compared(compared: Compared) -> Pictures:
     """A stretch and the error over time of each channel, under both machine files."""
-    return Pictures(tuple(picture_of(one) for one in compared.channels))
+    return Pictures(tuple(draw_comparison(one) for one in compared.channels))
 
 
-def frame_residuals(found: Diagnosis) -> Any:
+def make_residuals_frame(found: Diagnosis) -> Any:
     """Measured, predicted and residual of every channel. Raises ValueError, one line."""
-    from topdress.console.reports.run_views import parts_of, run_views
+    from topdress.console.reports.run_views import list_effect_instances, make_run_views
     from topdress.control.diagnosis.extend import extend
 
-    columns, machine = _log_of(found)
-    views = run_views(columns, machine, extend(machine, found), ())
-    parts = parts_of(found.causes)
+    columns, machine = _find_diagnosed_log(found)
+    views = make_run_views(columns, machine, extend(machine, found), ())
+    parts = list_effect_instances(found.causes)
     columns_out: dict[str, list[Any]] = {name: [] for name in RESIDUAL_COLUMNS}
     for view in views:
-        nominal, predicted = view.predict(()), view.predict(view.own(parts))
+        nominal, predicted = view.predict(()), view.predict(view.select_own_parts(parts))
         columns_out["channel"] += [view.name] * len(view.measured)
         columns_out["unit"] += [view.unit] * len(view.measured)
         columns_out["time_s"] += view.time_s.tolist()
@@ -161,13 +172,13 @@ def frame_residuals(found: Diagnosis) -> Any:
         columns_out["nominal"] += nominal.tolist()
         columns_out["predicted"] += predicted.tolist()
         columns_out["residual"] += (view.measured - predicted).tolist()
-    return _frame(found, columns_out)
+    return _make_data_frame(found, columns_out)
 
 
 RESIDUAL_COLUMNS = ("channel", "unit", "time_s", "measured", "nominal", "predicted", "residual")
 
 
-def _frame(found: Diagnosis, columns: dict[str, list[Any]]) -> Any:
+def _make_data_frame(found: Diagnosis, columns: dict[str, list[Any]]) -> Any:
     library = found.frame_library or "pandas"
     try:
         return import_module(library).DataFrame(columns)
@@ -175,7 +186,7 @@ def _frame(found: Diagnosis, columns: dict[str, list[Any]]) -> Any:
         raise ValueError(f"a data frame needs {library}: pip install {library}") from None
 
 
-def _log_of(found: Diagnosis) -> tuple[Any, Machine]:
+def _find_diagnosed_log(found: Diagnosis) -> tuple[Any, Machine]:
     if found.seen_with is None:
         raise ValueError(
             "the log that this diagnosis is of is not with it: allowed is one that "
@@ -184,13 +195,14 @@ def _log_of(found: Diagnosis) -> tuple[Any, Machine]:
     return found.seen_with
 
 
-def framed(inside: str) -> str:
-    return f'<div class="topdress"><style>{COLOURS}</style>{inside}</div>'
+def wrap_html(inside: str) -> str:
+    """The HTML with the styles of a notebook's cell."""
+    return f'<div class="topdress"><style>{SCOPED_STYLE}</style>{inside}</div>'
 
 
-def machine_named(name: str) -> Machine:
-    """A machine file by its path, or by its name where it comes with topdress. Raises
-    ValueError, one line."""
+def load_named_machine(name: str) -> Machine:
+    """A machine file by its path, or by its name where it comes with topdress. Raises ValueError,
+    one line."""
     from topdress.drivers.files.config import load
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.kinds import MACHINE
@@ -201,18 +213,18 @@ def machine_named(name: str) -> Machine:
         raise ValueError(error.lines[0]) from None
 
 
-def format_html(found: Diagnosis) -> str:
+def format_notebook_html(found: Diagnosis) -> str:
     """Verdict, causes, errors by channel."""
     rows = []
     for cause in found.causes:
         value, interval = (
             ("not known", "")
             if cause.size.value is None
-            else with_interval(cause.size.value, cause.size.low, cause.size.high)
+            else format_with_interval(cause.size.value, cause.size.low, cause.size.high)
         )
         rows.append(
             (
-                title_of(cause.id),
+                find_effect_title(cause.id),
                 cause.id,
                 f"{value} {cause.size.unit}",
                 interval,
@@ -221,50 +233,59 @@ def format_html(found: Diagnosis) -> str:
             )
         )
     causes_html = (
-        table(("cause", "id", "size", "90 % interval", "probability", "what to do"), rows)
+        format_table(("cause", "id", "size", "90 % interval", "probability", "what to do"), rows)
         if rows
         else ""
     )
-    channels = table(
+    channels = format_table(
         ("channel", "rows", "error (r.m.s.)", "noise", "unit"),
         [
-            (one.channel, str(one.n), number(one.rmse), number(one.noise_floor), one.unit)
+            (
+                one.channel,
+                str(one.n),
+                format_number(one.rmse),
+                format_number(one.noise_floor),
+                one.unit,
+            )
             for one in found.channels
         ],
         frozenset({1, 2, 3}),
     )
     notes = "".join(
-        f"<li>{escape(one)}</li>" for one in (*found.findings, *describe_adoption(found))
+        f"<li>{escape_text(one)}</li>" for one in (*found.findings, *describe_adoption(found))
     )
-    return framed(
-        f"<p><b>{escape(VERDICTS[found.verdict][0])}</b>: {escape(sentence(found))}</p>"
-        f"{causes_html}{channels}{_predicted(found)}"
+    return wrap_html(
+        f"<p><b>{escape_text(VERDICT_WORDS[found.verdict][0])}</b>: "
+        f"{escape_text(format_verdict_line(found))}</p>"
+        f"{causes_html}{channels}{_format_predicted(found)}"
         f"{f'<ul>{notes}</ul>' if notes else ''}"
     )
 
 
-def _predicted(found: Diagnosis) -> str:
-    """Errors of each channel on the whole log: of the machine file, of the one with what it
-    takes up, of the rival."""
+def _format_predicted(found: Diagnosis) -> str:
+    """Errors of each channel on the whole log: of the machine file, of the extended one, of the
+    rival."""
 
-    def cell(value: float | None, over: tuple[str, ...] = ()) -> str:
+    def format_cell(value: float | None, over: tuple[str, ...] = ()) -> str:
         return (
-            "" if value is None else number(value) + (f" (over {', '.join(over)})" if over else "")
+            ""
+            if value is None
+            else format_number(value) + (f" (over {', '.join(over)})" if over else "")
         )
 
     rows = [
         (
             one.channel,
-            number(one.before),
-            number(one.file),
-            cell(one.said),
-            cell(one.rival, one.over),
+            format_number(one.before),
+            format_number(one.file),
+            format_cell(one.said),
+            format_cell(one.rival, one.over),
             one.unit,
         )
         for one in found.predicted
     ]
     return (
-        table(
+        format_table(
             (
                 "error of",
                 "machine file",
@@ -281,11 +302,12 @@ def _predicted(found: Diagnosis) -> str:
     )
 
 
-def pictures_of(found: Diagnosis) -> Pictures:
-    """What `topdress diagnose --report` draws. Raises ValueError, one line, without the log."""
-    from topdress.console.reports.pictures import pictures_of as drawn
+def draw_diagnosis(found: Diagnosis) -> Pictures:
+    """The pictures of `topdress diagnose --report`. Raises ValueError, one line, without the
+    log."""
+    from topdress.console.reports.pictures import draw_pictures as drawn
 
-    columns, machine = _log_of(found)
+    columns, machine = _find_diagnosed_log(found)
     tools: dict[str, Any] = {"columns": columns, "machine": machine}
     made = drawn(found, tools)
     every = (

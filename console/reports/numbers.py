@@ -5,37 +5,37 @@ from __future__ import annotations
 
 from math import floor, isfinite, log10
 
-MINUS = "\N{MINUS SIGN}"
+MINUS_SIGN = "\N{MINUS SIGN}"
 MOST_DECIMALS = 6
-MOST_DIGITS = 4  # of a value, however narrow its interval
+MOST_VALUE_DIGITS = 4  # of a value, however narrow its interval
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def format_number(value: float | None, digits: int = 3) -> str:
     """Value with so many significant digits; a dash where it is not known."""
     if value is None or not isfinite(value):
         return "\N{EN DASH}"
     if abs(value) < 0.5 * 10.0**-MOST_DECIMALS:
         return "0"
-    return fixed(value, digits - 1 - floor(log10(abs(value))))
+    return format_fixed(value, digits - 1 - floor(log10(abs(value))))
 
 
-def fixed(value: float, decimals: int) -> str:
+def format_fixed(value: float, decimals: int) -> str:
     """Value with so many decimals; negative ones round to tens, hundreds."""
     decimals = min(MOST_DECIMALS, decimals)
     text = f"{round(value, decimals):.{max(0, decimals)}f}"
     if not text.strip("-0."):
         return text.lstrip("-")
-    return text.replace("-", MINUS)
+    return text.replace("-", MINUS_SIGN)
 
 
-def plain(text: str) -> str:
-    """With a minus that every terminal has."""
-    return text.replace(MINUS, "-")
+def use_plain_minus(text: str) -> str:
+    """The text with a minus that every terminal has."""
+    return text.replace(MINUS_SIGN, "-")
 
 
-def short(value: float, digits: int = 3) -> str:
-    """Without the zeros behind that say nothing, for a terminal."""
-    text = plain(number(value, digits))
+def format_short(value: float, digits: int = 3) -> str:
+    """The number without trailing zeros, for a terminal."""
+    text = use_plain_minus(format_number(value, digits))
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
@@ -46,31 +46,32 @@ def count_decimals(half_width: float) -> int:
     return 1 - floor(log10(half_width))
 
 
-def with_interval(value: float, low: float | None, high: float | None) -> tuple[str, str]:
+def format_with_interval(value: float, low: float | None, high: float | None) -> tuple[str, str]:
     """Value, and its interval in words ("" where there is none), to the same decimals."""
     if low is None or high is None or not high > low:
-        return number(value), ""
+        return format_number(value), ""
     largest = max(abs(low), abs(high))
     decimals = max(
-        0, min(count_decimals(0.5 * (high - low)), MOST_DIGITS - 1 - floor(log10(largest)))
+        0, min(count_decimals(0.5 * (high - low)), MOST_VALUE_DIGITS - 1 - floor(log10(largest)))
     )
-    least, most = fixed(low, decimals), fixed(high, decimals)
-    return fixed(
+    least, most = format_fixed(low, decimals), format_fixed(high, decimals)
+    return format_fixed(
         value, decimals
     ), f"{least} to {most}" if least != most else "narrower than the last digit"
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """A probability that does not claim certainty."""
     return ">99 %" if share > 0.995 else "<1 %" if share < 0.005 else f"{100.0 * share:.0f} %"
 
 
 def format_p_value(value: float) -> str:
+    """A p value with three decimals."""
     return f"{value:.3f}" if value >= 0.001 else "<0.001"
 
 
-def span_of(duration_s: float) -> str:
-    """A duration as one reads it on a clock."""
+def format_duration(duration_s: float) -> str:
+    """A duration, s, as on a clock."""
     seconds = int(round(duration_s))
     if seconds < 120:
         return f"{seconds} s"

@@ -5,23 +5,28 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.binned import Axis, Binned
+from topdress.console.reports.binned import Axis, BinnedMeans
 from topdress.console.reports.chart import AFTER, BEFORE, PAPER, THIRD, Panel
 
 Array = npt.NDArray[np.float64]
 
 NOMINAL, EXTENDED, MEASURED = "nominal machine", "with the causes", "measured"
 # in place of the nominal machine, where there are several: each shows its own
-OTHERS = "with the other causes"
+OTHER_CAUSES = "with the other causes"
 # of a smooth nameless dependence, as in the machine model's own tables
 HALF_WAVES = 4
 
 
-def residual_panel(
-    panel: Panel, axis: Axis, before: Binned, after: Binned | None, unit: str, first: str = NOMINAL
+def draw_residual_panel(
+    panel: Panel,
+    axis: Axis,
+    before: BinnedMeans,
+    after: BinnedMeans | None,
+    unit: str,
+    first: str = NOMINAL,
 ) -> None:
-    """Means before (hollow, dashed; `first` says of what) and after (filled) over an axis, with
-    bands of 90 %; None: nothing is named."""
+    """Draw means before (hollow, dashed; `first` names their machine) and after (filled) over an
+    axis, with bands of 90 %; None: nothing is named."""
     series = [(before, BEFORE, "o", "--", first, -1.0)]
     if after is not None:
         series.append((after, AFTER, "s", "-", EXTENDED, 1.0))
@@ -47,7 +52,7 @@ def residual_panel(
 
 
 def _draw_means(
-    panel: Panel, means: Binned, colour: str, marker: str, dash: str, label: str, hollow: bool
+    panel: Panel, means: BinnedMeans, colour: str, marker: str, dash: str, label: str, hollow: bool
 ) -> None:
     panel.fill_between(means.at, means.mean - means.half, means.mean + means.half, colour)
     panel.plot(
@@ -63,20 +68,20 @@ def _draw_means(
     )
 
 
-def smooth_line(panel: Panel, at: Array, values: Array) -> None:
-    """Least-squares half-waves over the range of `at`: what the machine model would take up
-    without a name for it."""
+def draw_smooth_line(panel: Panel, at: Array, values: Array) -> None:
+    """Draw least-squares half-waves over the range of `at`: the smooth function that the machine
+    model would adopt without a name."""
     low, high = (
         np.percentile(at, (1.0, 99.0)) if len(at) > 200 else (float(at.min()), float(at.max()))
     )
     if not high > low:
         return
 
-    def waves(x: Array) -> Array:
+    def make_half_waves(x: Array) -> Array:
         share = np.clip((x - low) / (high - low), 0.0, 1.0)
         count = min(HALF_WAVES, max(1, len(np.unique(at)) - 2))
         return np.array([np.cos(np.pi * k * share) for k in range(count + 1)]).T
 
-    weights, *_ = np.linalg.lstsq(waves(at), values, rcond=None)
+    weights, *_ = np.linalg.lstsq(make_half_waves(at), values, rcond=None)
     fine = np.linspace(low, high, 120)
-    panel.plot(fine, waves(fine) @ weights, THIRD, width=2.2, label="smooth function")
+    panel.plot(fine, make_half_waves(fine) @ weights, THIRD, width=2.2, label="smooth function")

@@ -9,22 +9,23 @@ import numpy as np
 from topdress.console.reports import run_pictures, table_pictures
 from topdress.console.reports.chart import AFTER, PAPER, THIRD, ChartSheet
 from topdress.console.reports.html import Picture
-from topdress.console.reports.run_views import parts_of, run_views
-from topdress.console.reports.table_views import IN_STEPS, table_views
-from topdress.console.reports.term_words import sentence, variable_name
+from topdress.console.reports.run_views import list_effect_instances, make_run_views
+from topdress.console.reports.table_views import COARSE_CLOCK, make_table_views
+from topdress.console.reports.term_words import describe_term, name_variable
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.result import Diagnosis, TermFound
 
 
 # A term next to what the data themselves say, class by class of its variable.
-def term_picture(found: TermFound) -> Picture | None:
-    """None where the data hold no means to show."""
+def draw_term(found: TermFound) -> Picture | None:
+    """A term next to the means of the data, class by class of its variable; None where the data has
+    none."""
     if not found.seen:
         return None
     at, seen, by_term = np.array(found.seen).T
     over = found.term["over"]
     product = len(over) > 1
-    label = f"what the term says, {found.unit}" if product else variable_name(over[0]["name"])
+    label = f"what the term says, {found.unit}" if product else name_variable(over[0]["name"])
     sheet = ChartSheet(6.4, 3.4)
     panel, order = sheet.panel, np.argsort(at)
     panel.draw_level(0.0)
@@ -32,16 +33,19 @@ def term_picture(found: TermFound) -> Picture | None:
     panel.plot(at, seen, AFTER, dash="", marker="s", fill=PAPER, label="means of the data")
     panel.label(label, f"{found.stage} over nominal, {found.unit}", found.term["id"])
     return sheet.make_picture(
-        sentence(found.term),
-        f"{sentence(found.term)}. Squares are the data's own means in classes of equally "
+        describe_term(found.term),
+        f"{describe_term(found.term)}. Squares are the data's own means in classes of equally "
         "many rows, "
         "the line is the mean of the term there.",
     )
 
 
 class PictureSet(NamedTuple):
-    """`causes`: one entry for each cause; `left`: one for each entry of unexplained; `data`: of
-    the whole."""
+    """Holds the pictures of a diagnosis.
+
+    `causes`: one entry for each cause; `left`: one for each entry of unexplained; `data`: of the
+    whole.
+    """
 
     causes: tuple[tuple[Picture, ...], ...]
     left: tuple[Picture | None, ...]
@@ -49,51 +53,51 @@ class PictureSet(NamedTuple):
     terms: tuple[Picture | None, ...] = ()  # one for each term
 
 
-def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
+def draw_pictures(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
     """All pictures; none of the data where `tools` holds neither columns nor tables."""
     if "columns" in tools:
-        return _of_run(found, tools)
+        return _draw_run_pictures(found, tools)
     if "tables" in tools:
-        return _of_tables(found, tools)
+        return _draw_table_pictures(found, tools)
     return PictureSet(tuple(() for _ in found.causes), tuple(None for _ in found.unexplained), ())
 
 
-def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
-    of_this_run = parts_of(
+def _draw_run_pictures(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
+    of_this_run = list_effect_instances(
         [
             cause
             for cause in found.causes
             if cause.onset_s is not None or cause.until_s is not None or cause.grows
         ]
     )
-    views = run_views(
+    views = make_run_views(
         tools["columns"], tools["machine"], extend(tools["machine"], found), of_this_run
     )
-    parts = parts_of(found.causes)
+    parts = list_effect_instances(found.causes)
     causes = []
     for cause in found.causes:
-        own = parts_of([cause])
-        causes.append(tuple(run_pictures.cause_pictures(views, parts, own[0])) if own else ())
+        own = list_effect_instances([cause])
+        causes.append(tuple(run_pictures.draw_cause(views, parts, own[0])) if own else ())
     left = []
     for k, one in enumerate(found.unexplained):
         fit = found.tables[k] if k < len(found.tables) else None
-        left.append(run_pictures.left_picture(views, parts, one, fit))
+        left.append(run_pictures.draw_unexplained(views, parts, one, fit))
     over_time = run_pictures.draw_time_lines(views, parts)
-    terms = tuple(term_picture(one) for one in found.terms)
+    terms = tuple(draw_term(one) for one in found.terms)
     return PictureSet(tuple(causes), tuple(left), (over_time,) if over_time else (), terms)
 
 
-def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
-    views = table_views(tools["tables"], tools["machine"], found.causes)
+def _draw_table_pictures(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
+    views = make_table_views(tools["tables"], tools["machine"], found.causes)
     causes = []
     for cause in found.causes:
         phase = None
-        if cause.id == IN_STEPS and cause.size.value:
-            phase = table_pictures.phase_picture(views, cause.size.value)
+        if cause.id == COARSE_CLOCK and cause.size.value:
+            phase = table_pictures.draw_clock_phases(views, cause.size.value)
         causes.append((phase,) if phase else ())
-    left = tuple(table_pictures.left_picture(views, one) for one in found.unexplained)
+    left = tuple(table_pictures.draw_table_unexplained(views, one) for one in found.unexplained)
     return PictureSet(
         tuple(causes),
         left,
-        tuple(table_pictures.table_picture(view) for view in views),
+        tuple(table_pictures.draw_table_column(view) for view in views),
     )

@@ -7,18 +7,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.reports.binned import Axis, find_shown_share
+from topdress.console.reports.binned import Axis, calc_shown_share
 from topdress.console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, THIRD, ChartSheet, Panel
 from topdress.console.reports.html import Picture
 from topdress.console.reports.panels import (
     EXTENDED,
     MEASURED,
     NOMINAL,
-    OTHERS,
-    residual_panel,
-    smooth_line,
+    OTHER_CAUSES,
+    draw_residual_panel,
+    draw_smooth_line,
 )
-from topdress.console.reports.run_views import View, find_view
+from topdress.console.reports.run_views import ChannelView, find_view
 from topdress.control.diagnosis.result import TableFit, Unexplained
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.machine.machine import CATALOGUE
@@ -26,46 +26,46 @@ from topdress.control.machine.machine import CATALOGUE
 Array = npt.NDArray[np.float64]
 
 # of what an effect does: below it, means over the axis do not tell it
-LEAST_SHARE = 0.25
-ALL_SHARE = 0.8  # from here on they tell all
+LEAST_MEANS_SHARE = 0.25
+WHOLE_MEANS_SHARE = 0.8  # from here on they tell all
 # views whose rows are shown in full, and how long
 STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}
 TIME_BINS = 90
 RATE_BINS = 24  # a rate needs longer
 # of an effect's strength in a stretch: below it, it is an even one
-CHANGING = 0.01
-BAND = "The band is the 90 % interval of each mean."
+LEAST_CHANGE = 0.01
+BAND_NOTE = "The band is the 90 % interval of each mean."
 
 
-def cause_pictures(
-    views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance
+def draw_cause(
+    views: Sequence[ChannelView], parts: Sequence[EffectInstance], part: EffectInstance
 ) -> list[Picture]:
-    """One cause: its residual before and after along the variable that tells it, and a stretch
-    where it shows most."""
+    """The pictures of one cause: its residual before and after along its most telling variable, and
+    a stretch where it shows most."""
     found = find_view(views, parts, part)
     if found is None:
         return []
     view, effect = found
-    others = tuple(one for one in view.own(parts) if one != part)
-    first = OTHERS if others else NOMINAL
-    before, after = view.residual(others), view.residual(parts)
-    axis = view.axis_of(part, effect)
-    panels = _panels(view, axis, find_shown_share(axis, effect), part)
+    others = tuple(one for one in view.select_own_parts(parts) if one != part)
+    first = OTHER_CAUSES if others else NOMINAL
+    before, after = view.calc_residual(others), view.calc_residual(parts)
+    axis = view.find_effect_axis(part, effect)
+    panels = _choose_panels(view, axis, calc_shown_share(axis, effect), part)
     sheet = ChartSheet(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels))
     for panel, kind in zip(sheet.panels[0], panels, strict=True):
         if kind == "means":
-            memory = view.memory(after)
-            residual_panel(
+            memory = view.calc_noise_memory(after)
+            draw_residual_panel(
                 panel,
                 axis,
-                view.means(axis, before, memory),
-                view.means(axis, after, memory),
+                view.calc_axis_means(axis, before, memory),
+                view.calc_axis_means(axis, after, memory),
                 view.unit,
                 first,
             )
             panel.label(title="residual: measured less predicted")
         else:
-            _stretch(panel, view, others, effect, part)
+            _draw_stretch(panel, view, others, effect, part)
     title = f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after"
     sentences = []
     if "means" in panels:
@@ -75,7 +75,9 @@ def cause_pictures(
             if not others
             else "with the other causes in the machine and with this one, too"
         )
-        sentences.append(f"{_sentence(view.title)}, against {where}, {nominal}. {BAND}")
+        sentences.append(
+            f"{_capitalise_first(view.title)}, against {where}, {nominal}. {BAND_NOTE}"
+        )
     if "stretch" in panels:
         sentences.append(
             "The stretch is the one in which the effect does most."
@@ -85,19 +87,19 @@ def cause_pictures(
     return [sheet.make_picture(title, " ".join(sentences))]
 
 
-def _panels(view: View, axis: Axis, share: float, part: EffectInstance) -> list[str]:
-    """Means over the axis where they tell the effect; a stretch in full where they do not tell
-    all, or time matters."""
+def _choose_panels(view: ChannelView, axis: Axis, share: float, part: EffectInstance) -> list[str]:
+    """Means over the axis where they show the effect; a stretch in full where they do not show all,
+    or time matters."""
     stretch = view.name in STRETCH_S and (
-        share < ALL_SHARE or part.onset_s is not None or axis.sign is not None
+        share < WHOLE_MEANS_SHARE or part.onset_s is not None or axis.sign is not None
     )
-    means = share >= LEAST_SHARE or not stretch
+    means = share >= LEAST_MEANS_SHARE or not stretch
     return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
 
 
-def _stretch(
+def _draw_stretch(
     panel: Panel,
-    view: View,
+    view: ChannelView,
     others: tuple[EffectInstance, ...],
     effect: Array,
     part: EffectInstance,
@@ -106,7 +108,7 @@ def _stretch(
     step = float(np.median(np.diff(view.time_s)))
     count = min(len(effect), max(8, int(round(wide / step))))
     if part.onset_s is None:
-        begin = _most_telling(effect, count)
+        begin = _find_telling_rows(effect, count)
     else:
         begin = int(np.searchsorted(view.time_s, part.onset_s - 0.5 * wide))
     begin = max(0, min(begin, len(effect) - count))
@@ -116,7 +118,7 @@ def _stretch(
         at, view.measured[rows], INK, dash="", marker=".", size=7.0, opacity=0.55, label=MEASURED
     )
     panel.plot(
-        at, view.predict(others)[rows], BEFORE, dash="--", label=OTHERS if others else NOMINAL
+        at, view.predict(others)[rows], BEFORE, dash="--", label=OTHER_CAUSES if others else NOMINAL
     )
     panel.plot(at, view.predict((*others, part))[rows], AFTER, label=EXTENDED)
     panel.label("time, s", f"{view.quantity}, {view.unit}", "a stretch of the log")
@@ -124,39 +126,39 @@ def _stretch(
         panel.draw_moment(part.onset_s, label="onset")
 
 
-def _most_telling(effect: Array, count: int) -> int:
+def _find_telling_rows(effect: Array, count: int) -> int:
     """First of the `count` rows in which the effect changes most; where it is even, is
     strongest."""
     if count >= len(effect):
         return 0
 
-    def sums(series: Array) -> Array:
+    def sum_windows(series: Array) -> Array:
         total = np.concatenate(([0.0], np.cumsum(series)))
         return np.asarray(total[count:] - total[:-count])
 
-    strong = sums(effect**2)
-    changing = strong - sums(effect) ** 2 / count
-    return int(np.argmax(changing if changing.max() > CHANGING * strong.max() else strong))
+    strong = sum_windows(effect**2)
+    changing = strong - sum_windows(effect) ** 2 / count
+    return int(np.argmax(changing if changing.max() > LEAST_CHANGE * strong.max() else strong))
 
 
-def left_picture(
-    views: Sequence[View],
+def draw_unexplained(
+    views: Sequence[ChannelView],
     parts: Sequence[EffectInstance],
     left: Unexplained,
     fit: TableFit | None,
 ) -> Picture | None:
-    """What no effect explains: the residual along the variable named, and the smooth function
-    that takes it up."""
+    """What no effect explains: the residual along the variable named, and the smooth function that
+    fits it."""
     view = next((v for v in views if v.name == left.channel and left.variable in v.axes), None)
     if view is None:
         return None
     axis = view.axes[left.variable]
-    after = view.residual(parts)
-    named = bool(view.own(parts))
+    after = view.calc_residual(parts)
+    named = bool(view.select_own_parts(parts))
     sheet = ChartSheet(9.4 if fit else 6.4, 3.4, columns=2 if fit else 1)
     panel, colour = sheet.panel, AFTER if named else BEFORE
     panel.draw_level(0.0)
-    means = view.means(axis, after, view.memory(after))
+    means = view.calc_axis_means(axis, after, view.calc_noise_memory(after))
     panel.plot_intervals(
         means.at,
         means.mean,
@@ -168,20 +170,20 @@ def left_picture(
     )
     panel.label(axis.label, f"residual, {view.unit}", "residual: measured less predicted")
     if fit:
-        _extension(sheet.panels[0][1], fit, axis)
+        _draw_extension(sheet.panels[0][1], fit, axis)
     elif not axis.names and view.segments is None:
         known = np.isfinite(axis.values)
-        smooth_line(panel, axis.values[known], after[known])
+        draw_smooth_line(panel, axis.values[known], after[known])
     title = f"{view.title}, against {axis.label}"
     return sheet.make_picture(
         title,
-        f"{_sentence(view.title)}, against {axis.label}: what is left"
+        f"{_capitalise_first(view.title)}, against {axis.label}: what is left"
         f"{' along with the causes named' if named else ''}, and the smooth function that fits it. "
-        f"{BAND}",
+        f"{BAND_NOTE}",
     )
 
 
-def _extension(panel: Panel, fit: TableFit, axis: Axis) -> None:
+def _draw_extension(panel: Panel, fit: TableFit, axis: Axis) -> None:
     unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
     nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
     panel.draw_level(0.0)
@@ -193,31 +195,33 @@ def _extension(panel: Panel, fit: TableFit, axis: Axis) -> None:
     )
 
 
-def draw_time_lines(views: Sequence[View], parts: Sequence[EffectInstance]) -> Picture | None:
-    """Residual of every channel over the run, of the machine file as it was and with what it
-    takes up, with the onsets."""
+def draw_time_lines(
+    views: Sequence[ChannelView], parts: Sequence[EffectInstance]
+) -> Picture | None:
+    """Residual of every channel over the run, of the machine file as it was and with its additions,
+    with the onsets."""
     if not views:
         return None
     sheet = ChartSheet(9.4, 1.1 + 1.35 * len(views), rows=len(views), shares_x=True)
     for (panel,), view in zip(sheet.panels, views, strict=True):
-        _time_line(panel, view, view.own(parts), parts)
+        _draw_time_line(panel, view, view.select_own_parts(parts), parts)
     sheet.panels[-1][0].label("time since the log began, min")
     title = "residual of every channel over time"
     return sheet.make_picture(
-        title, "Residual of every channel over the run, in means of equal times. " + BAND
+        title, "Residual of every channel over the run, in means of equal times. " + BAND_NOTE
     )
 
 
-def _time_line(
-    panel: Panel, view: View, own: Sequence[EffectInstance], parts: Sequence[EffectInstance]
+def _draw_time_line(
+    panel: Panel, view: ChannelView, own: Sequence[EffectInstance], parts: Sequence[EffectInstance]
 ) -> None:
-    rows, title = _rows_for_time(view, own)
-    before = view.residual(())[rows]
-    after = view.residual(parts)[rows] if own else None
+    rows, title = _select_time_rows(view, own)
+    before = view.calc_residual(())[rows]
+    after = view.calc_residual(parts)[rows] if own else None
     if view.of_file is not None and (own or bool(np.any(view.of_file != view.predict(())))):
         after = (view.measured - view.of_file)[rows]
-    memory = view.memory(before if after is None else after)
-    even = _in_even_bins(view, view.time_s[rows] / 60.0)
+    memory = view.calc_noise_memory(before if after is None else after)
+    even = _make_bin_means(view, view.time_s[rows] / 60.0)
     panel.draw_level(0.0)
     for series, colour, dash, label in (
         (before, BEFORE, "--", NOMINAL),
@@ -234,33 +238,35 @@ def _time_line(
     panel.title_colour = INK if own else DIM
 
 
-def _rows_for_time(view: View, own: Sequence[EffectInstance]) -> tuple[npt.NDArray[np.bool_], str]:
-    """All rows; of the heads, those of the head that is named or stands off most."""
+def _select_time_rows(
+    view: ChannelView, own: Sequence[EffectInstance]
+) -> tuple[npt.NDArray[np.bool_], str]:
+    """All rows; of the heads, those of the head that is named or deviates most."""
     if view.member is None:
         return np.ones(len(view.measured), bool), view.quantity
     heads = np.unique(view.member).tolist()
     named = [part.member for part in own if part.member in heads]
-    off = view.residual(())
+    off = view.calc_residual(())
     head = named[0] if named else max(heads, key=lambda k: abs(float(off[view.member == k].mean())))
     return view.member == head, f"head {head} less the mean of all heads"
 
 
-def _in_even_bins(
-    view: View, minutes: Array
+def _make_bin_means(
+    view: ChannelView, minutes: Array
 ) -> Callable[[Array, float], tuple[Array, Array, Array]]:
-    """(middle of each bin, mean, half of the interval), NaN where a bin says nothing."""
-    cell, middle = view.even_bins(minutes, TIME_BINS if view.segments is None else RATE_BINS)
+    """(middle of each bin, mean, half of the interval), NaN where a bin has none."""
+    cell, middle = view.make_even_bins(minutes, TIME_BINS if view.segments is None else RATE_BINS)
     count = len(middle)
 
-    def means(series: Array, memory: float) -> tuple[Array, Array, Array]:
-        found = view.means(cell, series, memory)
+    def calc_bin_means(series: Array, memory: float) -> tuple[Array, Array, Array]:
+        found = view.calc_axis_means(cell, series, memory)
         places = np.round(found.at).astype(int)
         mean, half = np.full(count, np.nan), np.full(count, np.nan)
         mean[places], half[places] = found.mean, found.half
         return middle, mean, half
 
-    return means
+    return calc_bin_means
 
 
-def _sentence(text: str) -> str:
+def _capitalise_first(text: str) -> str:
     return text[0].upper() + text[1:]

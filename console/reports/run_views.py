@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from topdress.console.reports.binned import (
     Axis,
-    Binned,
-    bin_rates,
-    binned,
-    find_memory,
-    find_shown_share,
-    telling,
+    BinnedMeans,
+    calc_binned_means,
+    calc_binned_rates,
+    calc_correlation,
+    calc_shown_share,
+    find_telling_axis,
 )
 from topdress.control.diagnosis.prediction.on_log import OnLog
 from topdress.control.diagnosis.result import Cause
@@ -36,9 +36,9 @@ from topdress.control.machine.stage_runner import MOST_STEP_S
 Array = npt.NDArray[np.float64]
 
 # rows on either side: what changes more slowly is not the scale's noise
-SLOW = 15
-AFTER_CHANGE_S = 3.0  # a drive has answered by then
-STAGE_OF_VIEW = {
+SLOW_ROWS = 15
+SETTLED_AFTER_S = 3.0  # a drive has answered by then
+VIEW_STAGES = {
     "shaft": ("shaft",),
     "gate": ("gate",),
     "flow": ("flow", "gate"),
@@ -49,18 +49,18 @@ STAGE_OF_VIEW = {
     "gate_effort": ("effort",),
 }
 RUN_WITH_TIME = ("time_s", "hopper_kg", "moved")
-FIRST = {"gate": ("opening_mm",), "speed": ("working", "speed_mps"), "heads": ("head", "ndvi")}
+FIRST_AXES = {"gate": ("opening_mm",), "speed": ("working", "speed_mps"), "heads": ("head", "ndvi")}
 # of what an effect does must time tell beyond what any other axis tells
-TIME_MORE = 0.08
+LEAST_TIME_GAIN = 0.08
 # though time may tell as much
-OWN_AXIS = {"flow.hopper_head": "hopper_kg", "gate.lost_steps": "moved"}
+OWN_AXES = {"flow.hopper_head": "hopper_kg", "gate.lost_steps": "moved"}
 
 
-ROWS_IN_BIN = 6  # of time, at least on average
+LEAST_ROWS_IN_BIN = 6  # of time, at least on average
 
 
-class View(NamedTuple):
-    """One channel. `predict(parts)` is what the machine with these effects would have read,
+class ChannelView(NamedTuple):
+    """Holds one channel. `predict(parts)` gives the readings of the machine with these effects,
     (n,) in `unit`."""
 
     name: str
@@ -78,32 +78,34 @@ class View(NamedTuple):
 
     @property
     def title(self) -> str:
+        """Title of the residual."""
         return f"{self.quantity}: measured less predicted"
 
-    def residual(self, parts: Sequence[EffectInstance]) -> Array:
-        return self.measured - self.predict(self.own(parts))
+    def calc_residual(self, parts: Sequence[EffectInstance]) -> Array:
+        """Measured less predicted under these effects, (n,)."""
+        return self.measured - self.predict(self.select_own_parts(parts))
 
-    def effect(self, parts: Sequence[EffectInstance], part: EffectInstance) -> Array:
-        """What one of the effects does to the rows along with the others, (n,)."""
-        own = self.own(parts)
+    def calc_part_effect(self, parts: Sequence[EffectInstance], part: EffectInstance) -> Array:
+        """The effect of one of the parts on the rows along with the others, (n,)."""
+        own = self.select_own_parts(parts)
         more = self.predict(own) - self.predict(tuple(one for one in own if one != part))
         return more if self.segments is None else np.diff(more, prepend=more[0])
 
-    def means(self, axis: Axis, residual: Array, memory: float) -> Binned:
-        """Means of a residual (n,) over an axis; where its rate is shown, in g/s, out of the
-        hopper positive."""
+    def calc_axis_means(self, axis: Axis, residual: Array, memory: float) -> BinnedMeans:
+        """Means of a residual (n,) over an axis; where its rate is shown, in g/s, out of the hopper
+        positive."""
         if self.segments is None:
-            return binned(axis, residual, memory)
-        rates = bin_rates(
+            return calc_binned_means(axis, residual, memory)
+        rates = calc_binned_rates(
             axis, residual, float(np.median(np.diff(self.time_s))), self.segments, memory
         )
-        return Binned(rates.at, -1000.0 * rates.mean, 1000.0 * rates.half)
+        return BinnedMeans(rates.at, -1000.0 * rates.mean, 1000.0 * rates.half)
 
-    def even_bins(self, minutes: Array, most: int) -> tuple[Axis, Array]:
-        """The rows, at these minutes (n,), by even bins of time, `most` at most: the bin of
-        each, and their middles."""
+    def make_even_bins(self, minutes: Array, most: int) -> tuple[Axis, Array]:
+        """The rows, at these minutes (n,), by even bins of time, `most` at most: the bin of each,
+        and their middles."""
         low, high = float(minutes.min()), float(minutes.max())
-        count = max(2, min(most, len(minutes) // ROWS_IN_BIN))
+        count = max(2, min(most, len(minutes) // LEAST_ROWS_IN_BIN))
         width = (high - low) / count or 1.0
         index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
         return (
@@ -111,41 +113,43 @@ class View(NamedTuple):
             np.asarray(low + (np.arange(count) + 0.5) * width, np.float64),
         )
 
-    def memory(self, residual: Array) -> float:
+    def calc_noise_memory(self, residual: Array) -> float:
         """Correlation of the residual's neighbouring noise."""
         if self.segments is None:
-            return find_memory(residual)
+            return calc_correlation(residual)
         slow = np.convolve(
-            np.pad(residual, SLOW, mode="edge"),
-            np.ones(2 * SLOW + 1) / (2 * SLOW + 1),
+            np.pad(residual, SLOW_ROWS, mode="edge"),
+            np.ones(2 * SLOW_ROWS + 1) / (2 * SLOW_ROWS + 1),
             mode="valid",
         )
-        return find_memory(residual - slow)
+        return calc_correlation(residual - slow)
 
-    def axis_of(self, part: EffectInstance, effect: Array) -> Axis:
-        """The axis along which what the effect does to the rows (n,) shows most."""
-        own = self.axes.get(OWN_AXIS.get(part.id, ""))
+    def find_effect_axis(self, part: EffectInstance, effect: Array) -> Axis:
+        """The axis along which the effect on the rows (n,) shows most."""
+        own = self.axes.get(OWN_AXES.get(part.id, ""))
         if own is not None:
             return own
-        best = telling(
+        best = find_telling_axis(
             [axis for name, axis in self.axes.items() if name not in RUN_WITH_TIME]
             # at one command all along, time alone moves
             or list(self.axes.values()),
             effect,
         )
-        late = telling([self.axes[name] for name in RUN_WITH_TIME if name in self.axes], effect)
-        more = 0.0 if part.onset_s is not None else TIME_MORE
+        late = find_telling_axis(
+            [self.axes[name] for name in RUN_WITH_TIME if name in self.axes], effect
+        )
+        more = 0.0 if part.onset_s is not None else LEAST_TIME_GAIN
         return (
-            late if find_shown_share(late, effect) > find_shown_share(best, effect) + more else best
+            late if calc_shown_share(late, effect) > calc_shown_share(best, effect) + more else best
         )
 
-    def own(self, parts: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
-        """Those effects that this channel can feel, as many beginnings and ends as one run may
+    def select_own_parts(self, parts: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
+        """The effects that this channel can feel, as many beginnings and ends as one run may
         have."""
         kept: list[EffectInstance] = []
         for part in parts:
             if (
-                CATALOGUE[part.id].stage in STAGE_OF_VIEW[self.name]
+                CATALOGUE[part.id].stage in VIEW_STAGES[self.name]
                 and len({time_s for one in (*kept, part) for time_s in one.switches})
                 <= MAX_SWITCHES
             ):
@@ -153,7 +157,7 @@ class View(NamedTuple):
         return tuple(kept)
 
 
-def parts_of(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
+def list_effect_instances(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
     """Causes as the model takes them; those without a size are left out."""
     found = []
     for cause in causes:
@@ -171,53 +175,56 @@ def parts_of(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
 
 
 def find_view(
-    views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance
-) -> tuple[View, Array] | None:
+    views: Sequence[ChannelView], parts: Sequence[EffectInstance], part: EffectInstance
+) -> tuple[ChannelView, Array] | None:
     """The view of the effect's own stage where it shows there, else the one in which it shows
     most."""
-    best: tuple[float, View, Array] | None = None
+    best: tuple[float, ChannelView, Array] | None = None
     for view in views:
-        own = view.own(parts)
+        own = view.select_own_parts(parts)
         if part not in own:
             continue
-        effect = view.effect(parts, part)
-        z = float(np.sqrt(np.sum(effect**2)) / max(1e-12, float(np.std(view.residual(parts)))))
+        effect = view.calc_part_effect(parts, part)
+        z = float(np.sqrt(np.sum(effect**2)) / max(1e-12, float(np.std(view.calc_residual(parts)))))
         z *= 1e6 if view.name == CATALOGUE[part.id].stage else 1.0
         if z > 0.0 and (best is None or z > best[0]):
             best = (z, view, effect)
     return None if best is None else (best[1], best[2])
 
 
-def run_views(
+def make_run_views(
     columns: Mapping[str, npt.NDArray[Any]],
     machine: Machine,
     file: Machine | None = None,
     of_this_run: tuple[EffectInstance, ...] = (),
-) -> tuple[View, ...]:
-    """Views of a run log's columns (contract of the run log), in the order of the stages. file
-    : the machine file with what it takes up; of_this_run : effects along with it that no file
-    takes up.
+) -> tuple[ChannelView, ...]:
+    """Views of a run log's columns (contract of the run log), in the order of the stages.
 
-    Raises ValueError with one line where the log has no usable time column.
+    file: the extended machine file; of_this_run: further effects that no file adopts. Raises
+    ValueError with one line where the log has no usable time column.
     """
     log = gate(columns)
     data = run_data(log, machine)
-    found: list[View] = []
+    found: list[ChannelView] = []
     of_file = {} if file is None else OnLog(log, data, machine).predicted(file, parts=of_this_run)
     for name, channel in channels(data, machine).items():
         if name == "scale":
-            found.append(_flow(channel, data, machine)._replace(of_file=of_file.get(name)))
-        found.append(_view(name, channel, data, machine)._replace(of_file=of_file.get(name)))
+            found.append(
+                _make_flow_view(channel, data, machine)._replace(of_file=of_file.get(name))
+            )
+        found.append(
+            _make_channel_view(name, channel, data, machine)._replace(of_file=of_file.get(name))
+        )
     return tuple(found)
 
 
-def _predictor(
+def _make_predictor(
     channel: ChannelSeries, machine: Machine
 ) -> Callable[[tuple[EffectInstance, ...]], Array]:
     base = list_stages(machine)
     known: dict[tuple[EffectInstance, ...], Array] = {}
 
-    def _grown(part: EffectInstance) -> Array:
+    def _calc_grown_effect(part: EffectInstance) -> Array:
         """What grows is no switch of the schedule: what it would do all along, weighted with
         its course."""
         whole = channel.predict(
@@ -227,16 +234,18 @@ def _predictor(
             whole - channel.predict(schedule(base, ()), MOST_STEP_S), channel, part
         )
 
-    def predict(parts: tuple[EffectInstance, ...]) -> Array:
+    def predict_with(parts: tuple[EffectInstance, ...]) -> Array:
         if parts not in known:
             steady = channel.predict(schedule(base, parts), MOST_STEP_S)
-            known[parts] = steady + sum(_grown(part) for part in parts if part.grows)
+            known[parts] = steady + sum(_calc_grown_effect(part) for part in parts if part.grows)
         return known[parts]
 
-    return predict
+    return predict_with
 
 
-def _view(name: str, channel: ChannelSeries, data: RunData, machine: Machine) -> View:
+def _make_channel_view(
+    name: str, channel: ChannelSeries, data: RunData, machine: Machine
+) -> ChannelView:
     titles = {
         "shaft": "shaft speed",
         "gate": "opening",
@@ -248,11 +257,11 @@ def _view(name: str, channel: ChannelSeries, data: RunData, machine: Machine) ->
     }
     copies = channel.copies
     time_s = np.tile(channel.grid.even_s, copies)
-    axes = _recorded(data, time_s)
+    axes = _list_recorded_axes(data, time_s)
     member = None
     drive = data.shaft if name == "shaft" else data.gate if name == "gate" else None
     if drive is not None:
-        axes = {**axes, **_after_changes(drive, channel.grid.even_s)}
+        axes = {**axes, **_make_change_axes(drive, channel.grid.even_s)}
     if name == "speed" and data.speed is not None:
         axes["working"] = Axis(
             "working",
@@ -270,19 +279,19 @@ def _view(name: str, channel: ChannelSeries, data: RunData, machine: Machine) ->
             "ndvi": Axis("ndvi", np.tile(channel.grid.of(data.heads.mean), copies)),
             **axes,
         }
-    return View(
+    return ChannelView(
         name,
         titles[name],
         channel.unit,
         time_s,
         channel.measured,
-        _predictor(channel, machine),
-        _ordered(axes, name),
+        _make_predictor(channel, machine),
+        _sort_axes(axes, name),
         member,
     )
 
 
-def _recorded(data: RunData, time_s: Array) -> dict[str, Axis]:
+def _list_recorded_axes(data: RunData, time_s: Array) -> dict[str, Axis]:
     return {
         name: Axis(
             name, time_s / 60.0 if name == "time_s" else np.interp(time_s, data.time_s, values)
@@ -292,14 +301,15 @@ def _recorded(data: RunData, time_s: Array) -> dict[str, Axis]:
     }
 
 
-def _ordered(axes: dict[str, Axis], view: str) -> dict[str, Axis]:
-    """Of axes that tell as much the first is taken: the channel's own stands there."""
-    first = {name: axes[name] for name in FIRST.get(view, ()) if name in axes}
+def _sort_axes(axes: dict[str, Axis], view: str) -> dict[str, Axis]:
+    """The axes in the order of preference: of equally telling axes the first is taken, so the
+    channel's own comes first."""
+    first = {name: axes[name] for name in FIRST_AXES.get(view, ()) if name in axes}
     return {**first, **{name: axis for name, axis in axes.items() if name not in first}}
 
 
-def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
-    """Seconds since the command changed, turned by the way it went; the way itself; the
+def _make_change_axes(drive: Drive, time_s: Array) -> dict[str, Axis]:
+    """Seconds since the command changed, turned by its direction; the direction itself; the
     distance moved so far."""
     change = np.diff(drive.command, prepend=drive.command[0])
     change[~np.isfinite(change)] = 0.0
@@ -313,27 +323,27 @@ def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
     ways = ("slowing down", "speeding up") if drive.name == "shaft" else ("closing", "opening")
     found = {
         "way": Axis("way", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
-        "since_change": Axis("since_change", np.where(since < AFTER_CHANGE_S, since, np.nan), way),
+        "since_change": Axis("since_change", np.where(since < SETTLED_AFTER_S, since, np.nan), way),
     }
     if drive.name == "gate":
         found["moved"] = Axis("moved", moved)
     return found
 
 
-def _flow(channel: ChannelSeries, data: RunData, machine: Machine) -> View:
+def _make_flow_view(channel: ChannelSeries, data: RunData, machine: Machine) -> ChannelView:
     """Flow read off the scale: the same kg, of which the rate is shown."""
     time_s = channel.grid.even_s
     jumps = data.hopper.jumps if data.hopper is not None else ()
     starts = [data.hopper.time_s[jump] for jump in jumps] if data.hopper is not None else []
     segments = np.searchsorted(np.array(starts), time_s, side="right").astype(np.int64)
-    return View(
+    return ChannelView(
         "flow",
         "flow, read off the scale",
         "g/s",
         time_s,
         channel.measured,
-        _predictor(channel, machine),
-        _ordered(_recorded(data, time_s), "flow"),
+        _make_predictor(channel, machine),
+        _sort_axes(_list_recorded_axes(data, time_s), "flow"),
         None,
         segments,
     )

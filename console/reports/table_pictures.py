@@ -8,36 +8,36 @@ import numpy as np
 import numpy.typing as npt
 from topdress.console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, ChartSheet, Panel
 from topdress.console.reports.html import Picture
-from topdress.console.reports.panels import EXTENDED, MEASURED, NOMINAL, smooth_line
-from topdress.console.reports.table_views import Group, MeasuredColumn
-from topdress.console.reports.variables import recorded
+from topdress.console.reports.panels import EXTENDED, MEASURED, NOMINAL, draw_smooth_line
+from topdress.console.reports.table_views import MeasuredColumn, RowGroup
+from topdress.console.reports.variables import find_variable
 from topdress.control.diagnosis.result import Unexplained
 
 Array = npt.NDArray[np.float64]
 
 # lines of one model in a panel; more settings are shown as measured against predicted
-MOST_LINES = 4
+MOST_MODEL_LINES = 4
 # of a step between values: so far replicates and labels are set apart
-SPREAD = 0.2
-MARKERS = ("o", "s", "^", "D", "v", "P")
-PHASES = 12
+JITTER_SHARE = 0.2
+SERIES_MARKERS = ("o", "s", "^", "D", "v", "P")
+PHASE_BINS = 12
 
 
-def table_picture(view: MeasuredColumn) -> Picture:
+def draw_table_column(view: MeasuredColumn) -> Picture:
     """Points with both models' lines above, residuals before and after below."""
     named = any(group.held for group in view.groups)
     columns = max(1, sum(bool(group.label) for group in view.groups))
     sheet = ChartSheet(9.4 if columns > 1 else 6.6, 5.6, 2, columns, shares_y=True)
     for column, group in enumerate(view.groups):
         above, below = sheet.panels[0][column], sheet.panels[1][column]
-        _models(above, view, group, named, first=column == 0)
-        _left(below, view, group, named, first=column == 0)
+        _draw_models(above, view, group, named, first=column == 0)
+        _draw_residuals(below, view, group, named, first=column == 0)
         above.label(title=group.label)
     title = f"{view.name}: points, model lines and residuals"
-    return sheet.make_picture(title, _caption(view, named))
+    return sheet.make_picture(title, _format_caption(view, named))
 
 
-def _caption(view: MeasuredColumn, named: bool) -> str:
+def _format_caption(view: MeasuredColumn, named: bool) -> str:
     path, column = view.table, view.column
     table = path.replace("\\", "/").rsplit("/", 1)[-1]
     models = (
@@ -58,13 +58,15 @@ def _caption(view: MeasuredColumn, named: bool) -> str:
     return " ".join(said)
 
 
-def _models(panel: Panel, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
+def _draw_models(
+    panel: Panel, view: MeasuredColumn, group: RowGroup, named: bool, first: bool
+) -> None:
     rows = group.rows
-    sets = _settings(view, rows)
-    if view.main and len(sets) <= MOST_LINES:
+    sets = _split_settings(view, rows)
+    if view.main and len(sets) <= MOST_MODEL_LINES:
         x = view.variables[view.main]
         for k, (words, inside) in enumerate(sets):
-            marker = MARKERS[k % len(MARKERS)]
+            marker = SERIES_MARKERS[k % len(SERIES_MARKERS)]
             panel.plot(
                 x[inside],
                 view.observed[inside],
@@ -76,14 +78,14 @@ def _models(panel: Panel, view: MeasuredColumn, group: Group, named: bool, first
                 opacity=0.8,
                 label=f"{MEASURED}{words}",
             )
-            for series, colour, line, label in _lines(view, named):
-                at, mean = _by_value(x[inside], series[inside])
+            for series, colour, line, label in _list_model_lines(view, named):
+                at, mean = _calc_value_means(x[inside], series[inside])
                 panel.plot(at, mean, colour, dash=line, width=1.8, label=label)
         panel.label(
-            recorded(view.main, "table").label, f"{view.column}, {view.unit}" if first else ""
+            find_variable(view.main, "table").label, f"{view.column}, {view.unit}" if first else ""
         )
         return
-    for series, colour, _, label in _lines(view, named):
+    for series, colour, _, label in _list_model_lines(view, named):
         hollow = colour == BEFORE
         panel.plot(
             series[rows],
@@ -101,18 +103,18 @@ def _models(panel: Panel, view: MeasuredColumn, group: Group, named: bool, first
     panel.label(f"predicted, {view.unit}", f"{MEASURED}, {view.unit}" if first else "")
 
 
-def _lines(view: MeasuredColumn, named: bool) -> list[tuple[Array, str, str, str]]:
+def _list_model_lines(view: MeasuredColumn, named: bool) -> list[tuple[Array, str, str, str]]:
     lines = [(view.nominal, BEFORE, "--", NOMINAL)]
     return [*lines, (view.extended, AFTER, "-", EXTENDED)] if named else lines
 
 
-def _settings(
+def _split_settings(
     view: MeasuredColumn, rows: npt.NDArray[np.bool_]
 ) -> list[tuple[str, npt.NDArray[np.bool_]]]:
     """Rows that differ in nothing that moves the model but the main variable, with words where
     there are several."""
     others = [name for name in view.variables if name not in (view.main, "replicate")]
-    moving = [name for name in others if not _follows(view, name)]
+    moving = [name for name in others if not _is_without_effect(view, name)]
     keys = (
         list(zip(*[np.round(view.variables[name], 9).tolist() for name in moving], strict=True))
         if moving
@@ -122,14 +124,14 @@ def _settings(
     found = []
     for kind in kinds:
         words = ", ".join(
-            f"{recorded(n, 'table').name} {v:g}" for n, v in zip(moving, kind, strict=True)
+            f"{find_variable(n, 'table').name} {v:g}" for n, v in zip(moving, kind, strict=True)
         )
         inside = rows & np.array([key == kind for key in keys])
         found.append((f" ({words})" if len(kinds) > 1 else "", inside))
     return found
 
 
-def _follows(view: MeasuredColumn, name: str) -> bool:
+def _is_without_effect(view: MeasuredColumn, name: str) -> bool:
     """Whether both models are the same wherever the main variable is, whatever this one is."""
     if not view.main:
         return False
@@ -142,16 +144,18 @@ def _follows(view: MeasuredColumn, name: str) -> bool:
     return True
 
 
-def _left(panel: Panel, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
+def _draw_residuals(
+    panel: Panel, view: MeasuredColumn, group: RowGroup, named: bool, first: bool
+) -> None:
     rows = group.rows
     x = view.variables[view.main] if view.main else np.arange(len(view.observed), dtype=float)
-    step = _step(x)
+    step = _find_value_step(x)
     panel.draw_level(0.0)
     series = [(view.before, BEFORE, "o", "--", NOMINAL, -1.0)]
     if named:
         series.append((view.after, AFTER, "s", "-", EXTENDED, 1.0))
     for values, colour, marker, line, label, side in series:
-        shift = side * SPREAD * 0.5 * step if named else 0.0
+        shift = side * JITTER_SHARE * 0.5 * step if named else 0.0
         fill = PAPER if side < 0 else colour
         panel.plot(
             x[rows] + shift,
@@ -163,30 +167,30 @@ def _left(panel: Panel, view: MeasuredColumn, group: Group, named: bool, first: 
             opacity=0.55,
             fill="none" if side < 0 else colour,
         )
-        at, mean = _by_value(x[rows], values[rows])
+        at, mean = _calc_value_means(x[rows], values[rows])
         panel.plot(
             at + shift, mean, colour, dash=line, width=1.4, marker=marker, fill=fill, label=label
         )
     panel.label(
-        recorded(view.main, "table").label if view.main else "row",
+        find_variable(view.main, "table").label if view.main else "row",
         f"residual, {view.unit}" if first else "",
     )
 
 
-def _step(x: Array) -> float:
+def _find_value_step(x: Array) -> float:
     kinds = np.unique(x)
     return float(np.min(np.diff(kinds))) if len(kinds) > 1 else 1.0
 
 
-def _by_value(x: Array, y: Array) -> tuple[Array, Array]:
+def _calc_value_means(x: Array, y: Array) -> tuple[Array, Array]:
     """Means of y at each value of x."""
     kinds, index = np.unique(x, return_inverse=True)
     return kinds, np.bincount(index, y) / np.bincount(index)
 
 
-def left_picture(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture | None:
-    """What no effect explains, along the setting that is named, with the smooth function
-    through it."""
+def draw_table_unexplained(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture | None:
+    """What no effect explains, along the setting that is named, with the smooth function through
+    it."""
     view = next(
         (
             v
@@ -205,7 +209,7 @@ def left_picture(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture 
     panel.draw_level(0.0)
     if left.variable in view.variables:
         x = view.variables[left.variable]
-        label = recorded(left.variable, "table").label
+        label = find_variable(left.variable, "table").label
     else:
         x = np.zeros(len(view.observed))
         for k, group in enumerate(view.groups):
@@ -224,7 +228,7 @@ def left_picture(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture 
         label=EXTENDED if named else NOMINAL,
     )
     if left.variable in view.variables and len(np.unique(x)) > 2:
-        smooth_line(panel, x, view.after)
+        draw_smooth_line(panel, x, view.after)
     panel.label(label, f"residual, {view.unit}")
     return sheet.make_picture(
         f"{view.name}: what is left along {left.variable}",
@@ -233,17 +237,17 @@ def left_picture(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture 
     )
 
 
-def phase_picture(views: Sequence[MeasuredColumn], step_s: float) -> Picture | None:
+def draw_clock_phases(views: Sequence[MeasuredColumn], step_s: float) -> Picture | None:
     """Where within a step of a coarse clock the times lie: even, if there is none."""
     view = next((v for v in views if v.unit == "s"), None)
     if view is None or step_s <= 0.0:
         return None
     phase = np.mod(view.observed / step_s + 0.5, 1.0) - 0.5
     sheet = ChartSheet(6.4, 2.8)
-    edges = np.linspace(-0.5, 0.5, PHASES + 1)
+    edges = np.linspace(-0.5, 0.5, PHASE_BINS + 1)
     heights = np.histogram(phase, edges)[0]
     sheet.panel.draw_bars(edges, heights, AFTER, edge_colour=PAPER, label=MEASURED)
-    expected = len(phase) / PHASES
+    expected = len(phase) / PHASE_BINS
     sheet.panel.draw_level(expected, BEFORE, dash="--", width=1.6, label="expected without steps")
     sheet.panel.label(f"time less the nearest multiple of {step_s:.4f} s, in steps", "rows")
     title = "times within a step of the clock"

@@ -25,13 +25,13 @@ from topdress.control.machine.machine import CATALOGUE, Machine
 Array = npt.NDArray[np.float64]
 
 # shows in how the times heap, not in what the machine does
-IN_STEPS = LAG_COARSE_CLOCK.id
+COARSE_CLOCK = LAG_COARSE_CLOCK.id
 # shown against only where nothing else varies
-UNSORTED = ("replicate", "area_m2", "duration_s")
+LAST_RESORT_NAMES = ("replicate", "area_m2", "duration_s")
 
 
 class CausePart(NamedTuple):
-    """A cause as the model takes it. `scope`: the rows that it holds in, as its cause names
+    """Holds a cause as the model takes it. `scope`: the rows in which it holds, as its cause names
     them; None: all."""
 
     effect: SizedEffect
@@ -39,12 +39,13 @@ class CausePart(NamedTuple):
 
     @property
     def id(self) -> str:
+        """Id of the effect."""
         return self.effect.candidate.id
 
 
-class Group(NamedTuple):
-    """Rows of one label (all rows, "", where the table has none), and which effects hold in
-    them."""
+class RowGroup(NamedTuple):
+    """Holds rows of one label (all rows, "", where the table has none), and the effects that hold
+    there."""
 
     label: str
     rows: npt.NDArray[np.bool_]
@@ -53,7 +54,7 @@ class Group(NamedTuple):
 
 
 class MeasuredColumn(NamedTuple):
-    """One measured column. Arrays (n,) in `unit`."""
+    """Holds one measured column. Arrays (n,) in `unit`."""
 
     table: str  # its path
     column: str  # what was measured
@@ -65,22 +66,25 @@ class MeasuredColumn(NamedTuple):
     variables: dict[str, Array]
     # the variable to show it against, "" where none varies
     main: str
-    groups: tuple[Group, ...]
+    groups: tuple[RowGroup, ...]
 
     @property
     def name(self) -> str:
+        """Table and column."""
         return f"{self.table} {self.column}".strip()
 
     @property
     def before(self) -> Array:
+        """Measured less nominal, (n,)."""
         return self.observed - self.nominal
 
     @property
     def after(self) -> Array:
+        """Measured less extended, (n,)."""
         return self.observed - self.extended
 
 
-def table_views(
+def make_table_views(
     tables: Sequence[BenchTable], machine: Machine, causes: Sequence[Cause]
 ) -> tuple[MeasuredColumn, ...]:
     """Views of every measured column, in the order of the tables.
@@ -92,16 +96,18 @@ def table_views(
             SizedEffect(TableCandidate(cause.id, cause.member), cause.size.value), cause.scope
         )
         for cause in causes
-        if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None
+        if cause.id in CATALOGUE and cause.id != COARSE_CLOCK and cause.size.value is not None
     )
     return tuple(
-        _view(piece, machine, parts)
+        _make_column_view(piece, machine, parts)
         for table in without_duplicates(list(map(usable, tables)), machine).tables
         for piece in make_pieces(table, machine)
     )
 
 
-def _view(piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]) -> MeasuredColumn:
+def _make_column_view(
+    piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]
+) -> MeasuredColumn:
     nominal = piece.predict(machine)
     felt = dict.fromkeys(
         part.id
@@ -119,7 +125,7 @@ def _view(piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]) -> 
             )[rows]
         names = {part.id for part in held}
         groups.append(
-            Group(
+            RowGroup(
                 text,
                 rows,
                 tuple(n for n in felt if n in names),
@@ -137,19 +143,19 @@ def _view(piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]) -> 
         nominal,
         extended,
         variables,
-        _main(variables, extended - nominal, nominal),
+        _find_main_variable(variables, extended - nominal, nominal),
         tuple(groups),
     )
 
 
-def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
-    """The variable that the effects follow most, else the one that the machine does."""
-    names = [name for name in variables if name not in UNSORTED] or list(variables)
+def _find_main_variable(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
+    """The variable that the effects follow most, else the one that the machine follows."""
+    names = [name for name in variables if name not in LAST_RESORT_NAMES] or list(variables)
     if not names:
         return ""
     series = effect if np.ptp(effect) > 1e-9 * (1.0 + float(np.abs(effect).max())) else nominal
 
-    def spread(name: str) -> float:
+    def calc_spread(name: str) -> float:
         kinds, index = np.unique(variables[name], return_inverse=True)
         if len(kinds) > 0.6 * len(series) and len(kinds) > 3:
             rank = np.argsort(np.argsort(variables[name]))
@@ -158,4 +164,4 @@ def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
         means = np.bincount(index, series - series.mean()) / counts
         return round(float(np.sum(counts * means**2)), 12)
 
-    return max(names, key=spread)
+    return max(names, key=calc_spread)

@@ -8,23 +8,23 @@ from collections.abc import Mapping
 from typing import Any
 
 from topdress.console.locale import N_, _
-from topdress.console.reports.numbers import short
+from topdress.console.reports.numbers import format_short
 from topdress.control.machine.form import FORMS
 from topdress.control.machine.machine import CATALOGUE, Change
 from topdress.control.machine.term_sums import not_compensated, partly_compensated
 from topdress.control.machine.terms import STAGE_OF, VARIABLES, Acts, Term, parse_term
 from topdress.drivers.plugins import EffectPlugin, effects
 
-LEAST_SHOWN = 1e-3  # of a change for each unit of a variable
+LEAST_SHOWN_CHANGE = 1e-3  # of a change for each unit of a variable
 
-WHAT = {
+STAGE_NAMES = {
     "shaft": N_("Shaft speed"),
     "gate": N_("Opening"),
     "flow": N_("Flow"),
     "scale": N_("Scale reading"),
     "speed": N_("Wheel speed"),
 }
-VARIABLE = {
+VARIABLE_NAMES = {
     "shaft_rpm": N_("shaft speed"),
     "opening_mm": N_("opening"),
     "hopper_kg": N_("hopper level"),
@@ -36,7 +36,7 @@ VARIABLE = {
     "time_s": N_("time"),
     "shaft_angle_deg": N_("shaft angle"),
 }
-WHY_NOT = (
+REFUSAL_REASONS = (
     N_("it holds for a span of one run"),  # as the machine model says it
     N_("control does not know the shaft's angle when what it commands comes to pass"),
     N_("control does not read the wheel through it"),
@@ -45,15 +45,15 @@ WHY_NOT = (
 )
 
 
-def sentence(plain: Mapping[str, Any]) -> str:
-    """Of a term as plain data (`result.TermFound.term`)."""
+def describe_term(plain: Mapping[str, Any]) -> str:
+    """A term as plain data (`result.TermFound.term`) in one sentence."""
     term = Term.model_validate(plain)
-    said = _said(term)
+    said = _describe_form(term)
     ranges = [
         _("{variable} between {low} and {high} {unit}").format(
-            variable=variable_name(one.name),
-            low=short(one.valid[0], 2),
-            high=short(one.valid[1], 2),
+            variable=name_variable(one.name),
+            low=format_short(one.valid[0], 2),
+            high=format_short(one.valid[1], 2),
             unit=one.unit_shown,
         )
         for one in term.over
@@ -64,17 +64,19 @@ def sentence(plain: Mapping[str, Any]) -> str:
         said += (
             "; "
             + _("seen between {low} and {high} {unit}")
-            .format(low=short(low, 2), high=short(high, 2), unit=term.over[0].unit_shown)
+            .format(
+                low=format_short(low, 2), high=format_short(high, 2), unit=term.over[0].unit_shown
+            )
             .rstrip()
         )
     elif ranges:
         said += "; " + _("seen with {ranges}").format(ranges=", ".join(ranges))
     return said + "".join(
-        f" ({one.title}: {one.advice})" for one in effects().values() if _alike(term, one)
+        f" ({one.title}: {one.advice})" for one in effects().values() if _is_plugin_term(term, one)
     )
 
 
-def _alike(term: Term, plugin: EffectPlugin) -> bool:
+def _is_plugin_term(term: Term, plugin: EffectPlugin) -> bool:
     try:
         other = parse_term(plugin.term.format(size="1"), Term.model_validate)
     except ValueError:  # of another package: a term that there is not
@@ -83,7 +85,7 @@ def _alike(term: Term, plugin: EffectPlugin) -> bool:
 
 
 def describe_compensation(plain: Mapping[str, Any]) -> str:
-    """What control does about a term once the machine file has it."""
+    """The control's answer to a term once the machine file has it."""
     term = Term.model_validate(plain)
     if why := not_compensated(term):
         return _("Control cannot correct for it: {why}").format(why=_(why))
@@ -92,12 +94,12 @@ def describe_compensation(plain: Mapping[str, Any]) -> str:
     return _("Control corrects for it")
 
 
-def variable_name(name: str) -> str:
+def name_variable(name: str) -> str:
     """A variable in words; a further column by its own name."""
-    return _(VARIABLE[name]) if name in VARIABLE else name
+    return _(VARIABLE_NAMES[name]) if name in VARIABLE_NAMES else name
 
 
-def _said(term: Term) -> str:
+def _describe_form(term: Term) -> str:
     form, first, last = FORMS[term.form], term.over[0], term.over[-1]
     words = form.said(term)
     # A change is given for so many units of its variable that it is no nought: a load in grams
@@ -108,30 +110,34 @@ def _said(term: Term) -> str:
         if value != 0.0
     ]
     of = (
-        10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes))))
+        10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN_CHANGE / max(sizes))))
         if sizes and form.each_unit
         else 1.0
     )
     per = first.unit_shown or _("unit")
-    what = N_("Scale drift") if term.acts_on is Acts.SCALE_KG_MIN else WHAT[STAGE_OF[term.acts_on]]
+    what = (
+        N_("Scale drift")
+        if term.acts_on is Acts.SCALE_KG_MIN
+        else STAGE_NAMES[STAGE_OF[term.acts_on]]
+    )
     return _(form.sentences[words.which]).format(
         what=_(what),
         unit=term.unit,
-        x=variable_name(first.name),
+        x=name_variable(first.name),
         per=per if of == 1.0 else f"{of:.0f} {per}",
-        y=variable_name(last.name),
+        y=name_variable(last.name),
         per2=last.unit_shown or _("unit"),
-        **{name: _signed(of * value, term.unit) for name, value in words.changes.items()},
+        **{name: _format_signed(of * value, term.unit) for name, value in words.changes.items()},
         **{
-            name: short(of * value if name == "size" else value, 2)
+            name: format_short(of * value if name == "size" else value, 2)
             for name, value in words.numbers.items()
         },
-        **{name: short(value, 4) for name, value in words.times_s.items()},
+        **{name: format_short(value, 4) for name, value in words.times_s.items()},
     )
 
 
-def _signed(value: float, unit: str) -> str:
-    return f"{'+' if value > 0.0 else ''}{short(value, 2)} {unit}"
+def _format_signed(value: float, unit: str) -> str:
+    return f"{'+' if value > 0.0 else ''}{format_short(value, 2)} {unit}"
 
 
 def compare_side_by_side(change: Change) -> list[str]:
@@ -143,13 +149,13 @@ def compare_side_by_side(change: Change) -> list[str]:
         for one in change.effects
     ]
     terms = [
-        f"  {term.id}: {_('none')} -> {sentence(term.model_dump(mode='json'))}"
+        f"  {term.id}: {_('none')} -> {describe_term(term.model_dump(mode='json'))}"
         for term in change.terms
     ]
     return [*lines, *terms]
 
 
-_unmatched = set(VARIABLE) ^ set(VARIABLES)
+_unmatched = set(VARIABLE_NAMES) ^ set(VARIABLES)
 if _unmatched:
     raise RuntimeError(
         f"variables without words, or words without a variable: {', '.join(sorted(_unmatched))}"

@@ -8,16 +8,18 @@ from topdress.console.locale import N_, _
 
 
 class NamedVariable(NamedTuple):
+    """Names a variable in words, with its unit."""
+
     name: str
     unit: str = ""
 
     @property
     def label(self) -> str:
-        """For an axis, in the language in use."""
+        """The name for an axis, in the language in use."""
         return f"{_(self.name)}, {_(self.unit)}" if self.unit else _(self.name)
 
 
-OF_RUNS = {
+RUN_VARIABLES = {
     "shaft_rpm": NamedVariable(N_("shaft speed commanded"), "r/min"),
     "opening_mm": NamedVariable(N_("opening commanded"), "mm"),
     "supply_v": NamedVariable(N_("supply"), "V"),
@@ -34,7 +36,7 @@ OF_RUNS = {
     "working": NamedVariable(N_("out of work / in work")),
     "since_change": NamedVariable(N_("seconds since the command changed")),
 }
-OF_TABLES = {
+TABLE_VARIABLES = {
     "shaft_rpm": NamedVariable(N_("shaft speed"), "r/min"),
     "opening_mm": NamedVariable(N_("opening"), "mm"),
     "duration_s": NamedVariable(N_("duration"), "s"),
@@ -55,7 +57,9 @@ OF_TABLES = {
 }
 
 
-def recorded(name: str, kind: str = "run") -> NamedVariable:
+def find_variable(name: str, kind: str = "run") -> NamedVariable:
     """The variable of a run log, or of a table; by its own name where it is not known."""
-    first, second = (OF_RUNS, OF_TABLES) if kind == "run" else (OF_TABLES, OF_RUNS)
+    first, second = (
+        (RUN_VARIABLES, TABLE_VARIABLES) if kind == "run" else (TABLE_VARIABLES, RUN_VARIABLES)
+    )
     return first.get(name) or second.get(name) or NamedVariable(name)

@@ -7,6 +7,6 @@ Files:
 """
 
 # in a tab's environment: the server's process, whose end is the tab's own
-SERVER = "TOPDRESS_SERVER"
+SERVER_VARIABLE = "TOPDRESS_SERVER"
 # and from where it was opened: wrong keys are counted by that
-ADDRESS = "TOPDRESS_ADDRESS"
+ADDRESS_VARIABLE = "TOPDRESS_ADDRESS"

@@ -27,26 +27,26 @@ from topdress.console.attached import clean_name
 from topdress.console.serve.tab import TabConsole
 
 # consoles at once, counted until their processes have ended
-TABS = 6
+MOST_TABS = 6
 # a tablet that went away is noticed in 15 s; with 3 s tabs of busy computers were ended
 HEARTBEAT_S = 10.0
 LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
 MOST_COLUMNS, MOST_ROWS = 400, 200
 MESSAGE_BYTES = 16_384  # of a tab's message: a paste
-MESSAGES_S = 100.0  # a second, each tab
+MESSAGES_PER_S = 100.0  # a second, each tab
 PING_CHARACTERS = 100
 # a browser answers that its socket closes, or is not waited for
-CLOSES_WITHIN_S = 0.4
+CLOSE_TIMEOUT_S = 0.4
 # that the system holds, and that may come on top of these in one turn
-COMES_AT_ONCE = 32
+MOST_BACKLOG = 32
 # of the log: who sends rubbish fills no disk with what is said of it
-LINES_A_MINUTE = 20
-HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
-_PAGE = Path(__file__).with_name("page.html")
+LOG_LINES_A_MINUTE = 20
+HOST_PATTERN = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
+_PAGE_FILE = Path(__file__).with_name("page.html")
 
 
-class Room(NamedTuple):
-    """For connections that are no tab."""
+class ConnectionQuota(NamedTuple):
+    """Bounds the connections that are no tab."""
 
     # at once, six of each browser that loads the page; 1,024 files may be open
     connections: int = 64
@@ -55,49 +55,51 @@ class Room(NamedTuple):
     looked_s: float = 1.0  # how often
 
 
-ROOM = Room()
+QUOTA = ConnectionQuota()
 
 
 class TabletServer(Server):
-    """command: program and arguments, started once for each tab. host, port: where it listens."""
+    """Serves the console to browsers, one process a tab.
 
-    def __init__(self, command: Sequence[str], host: str, port: int, room: Room = ROOM) -> None:
+    command: program and arguments, started once for each tab. host, port: where it listens.
+    """
+
+    def __init__(
+        self, command: Sequence[str], host: str, port: int, room: ConnectionQuota = QUOTA
+    ) -> None:
         super().__init__(" ".join(command), host=host, port=port, title="topdress")
         self._arguments, self._room = tuple(command), room
-        self._page = _PAGE.read_text(encoding="utf-8")
+        self._page = _PAGE_FILE.read_text(encoding="utf-8")
         self._consoles: dict[TabConsole, web.WebSocketResponse] = {}
         self._asked: dict[web.WebSocketResponse, web.Request] = {}  # of each tab
         self.tabs = 0
 
     def serve(self, debug: bool = False) -> None:
-        """Until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s later
-        at most.
-
-        Raises OSError where it cannot listen.
-        """
+        """Serve until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s
+        later at most. Raises OSError where it cannot listen."""
         self.initialize_logging()
         with contextlib.suppress(KeyboardInterrupt):  # Windows
-            asyncio.run(self._serve())
+            asyncio.run(self._serve_until_signal())
 
-    async def _serve(self) -> None:
+    async def _serve_until_signal(self) -> None:
         loop, asked = asyncio.get_running_loop(), asyncio.Event()
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             with contextlib.suppress(NotImplementedError, AttributeError):  # Windows
                 loop.add_signal_handler(getattr(signal, name), asked.set)
-        runner = web.AppRunner(await self._make_app(), shutdown_timeout=CLOSES_WITHIN_S)
+        runner = web.AppRunner(await self._make_app(), shutdown_timeout=CLOSE_TIMEOUT_S)
         await runner.setup()
         try:
             assert runner.server is not None
-            doors = Doors(
+            doors = ConnectionGate(
                 runner.server,
                 lambda: {request.protocol for request in self._asked.values()},
                 loop.time,
                 self._room,
             )
-            listening = await loop.create_server(doors, self.host, self.port, backlog=COMES_AT_ONCE)
+            listening = await loop.create_server(doors, self.host, self.port, backlog=MOST_BACKLOG)
             try:
                 while not asked.is_set():
-                    doors.look()
+                    doors.end_overdue()
                     with contextlib.suppress(TimeoutError):
                         await asyncio.wait_for(asked.wait(), self._room.looked_s)
             finally:
@@ -106,33 +108,36 @@ class TabletServer(Server):
             await runner.cleanup()
 
     async def on_shutdown(self, app: web.Application) -> None:
-        """All tabs at once: the console, then its socket, for which the web server would wait
+        """End all tabs at once: the console, then its socket, for which the web server would wait
         twice as long again."""
-        await asyncio.gather(*(_ended(console, tab) for console, tab in self._consoles.items()))
+        await asyncio.gather(
+            *(_end_console_and_tab(console, tab) for console, tab in self._consoles.items())
+        )
 
     async def _make_app(self) -> web.Application:
-        """With a path for sockets of tabs that have a name: textual-serve's script puts its own
-        query behind it."""
+        """The web application with a path for sockets of tabs that have a name: textual-serve's
+        script puts its own query behind it."""
         app = await super()._make_app()
         app.add_routes([web.get("/ws/{name}", self.handle_websocket)])
         return app
 
     def initialize_logging(self) -> None:
         quiet = logging.StreamHandler()
-        quiet.addFilter(Few(time.monotonic))
+        quiet.addFilter(RateLimitedFilter(time.monotonic))
         logging.basicConfig(level="WARNING", format="%(message)s", handlers=[quiet])
 
     async def on_startup(self, app: web.Application) -> None:
-        """Silent: the command says where it listens."""
+        """Print nothing: the command says where it listens."""
 
     async def handle_index(self, request: web.Request) -> web.Response:
+        """Answer a request for the page; its name must be one of this machine's."""
         if not is_host_allowed(request.host, self.host):
             raise web.HTTPForbidden(text="this name is not mine")
         scheme = "wss" if request.secure else "ws"
         name = quote(clean_name(request.query.get("name")), safe="")
         address = html.escape(f"{scheme}://{request.host}/ws{'/' + name if name else ''}")
         page = self._page.replace("{{ socket }}", address)
-        size = number(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
+        size = parse_bounded_int(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
         return web.Response(
             text=page.replace("{{ font_size }}", str(size)),
             content_type="text/html",
@@ -140,16 +145,16 @@ class TabletServer(Server):
         )
 
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
-        """One tab: its app process lives as long as its socket."""
+        """Serve one tab: its app process lives as long as its socket."""
         origin = request.headers.get("Origin")
         if not is_host_allowed(request.host, self.host) or (
             origin and urlsplit(origin).netloc != request.host
         ):
             raise web.HTTPForbidden(text="another page may not open this console")
-        if self.tabs >= TABS:
-            raise web.HTTPServiceUnavailable(text=f"{TABS} tabs are open already")
+        if self.tabs >= MOST_TABS:
+            raise web.HTTPServiceUnavailable(text=f"{MOST_TABS} tabs are open already")
         tab = web.WebSocketResponse(
-            heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES, timeout=CLOSES_WITHIN_S
+            heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES, timeout=CLOSE_TIMEOUT_S
         )
         self.tabs += 1
         self._asked[tab] = request
@@ -157,9 +162,9 @@ class TabletServer(Server):
             await tab.prepare(request)
             await self._serve_tab(
                 tab,
-                name_of(request),
-                number(request.query.get("width"), 80, 1, MOST_COLUMNS),
-                number(request.query.get("height"), 24, 1, MOST_ROWS),
+                find_tab_name(request),
+                parse_bounded_int(request.query.get("width"), 80, 1, MOST_COLUMNS),
+                parse_bounded_int(request.query.get("height"), 24, 1, MOST_ROWS),
             )
         finally:
             self.tabs -= 1
@@ -169,7 +174,7 @@ class TabletServer(Server):
     async def _serve_tab(
         self, tab: web.WebSocketResponse, name: str, width: int, height: int
     ) -> None:
-        async def close() -> None:
+        async def close_tab() -> None:
             await tab.close()
 
         service = TabConsole(
@@ -178,7 +183,7 @@ class TabletServer(Server):
             self._asked[tab].remote or "",
             write_bytes=tab.send_bytes,
             write_str=tab.send_str,
-            close=close,
+            close=close_tab,
             download_manager=self.download_manager,
         )
         self._consoles[service] = tab
@@ -188,27 +193,27 @@ class TabletServer(Server):
         except (ValueError, KeyError, IndexError, TypeError, AssertionError, RecursionError):
             await tab.close(code=WSCloseCode.POLICY_VIOLATION, message=b"not a message of the page")
         finally:
-            await service.end()
+            await service.end_console()
             del self._consoles[service]
 
     async def _process_messages(self, tab: web.WebSocketResponse, service: AppService) -> None:
-        """As the page sends them, one after the other and no faster than anybody types, every
+        """Pass the page's messages on, one after the other and no faster than anybody types, every
         number in its range.
 
-        Raises ValueError and its like for what is no message of the page.
+        Raises ValueError and its like for a message that the page does not send.
         """
-        pace = MessagePace(asyncio.get_running_loop().time)
+        pace = MessageThrottle(asyncio.get_running_loop().time)
         async for message in tab:
             if message.type is not web.WSMsgType.TEXT:
                 continue
-            await asyncio.sleep(pace.wait_s())
+            await asyncio.sleep(pace.calc_wait_s())
             kind, *rest = json.loads(message.data)
             if kind == "stdin":
                 await service.send_bytes(str(rest[0]).encode("utf-8", "replace"))
             elif kind == "resize":
                 await service.set_terminal_size(
-                    number(rest[0]["width"], 80, 1, MOST_COLUMNS),
-                    number(rest[0]["height"], 24, 1, MOST_ROWS),
+                    parse_bounded_int(rest[0]["width"], 80, 1, MOST_COLUMNS),
+                    parse_bounded_int(rest[0]["height"], 24, 1, MOST_ROWS),
                 )
             elif kind == "ping":
                 await tab.send_json(["pong", str(rest[0])[:PING_CHARACTERS]])
@@ -216,21 +221,23 @@ class TabletServer(Server):
                 await getattr(service, kind)()
 
 
-async def _ended(console: TabConsole, tab: web.WebSocketResponse) -> None:
-    """A tablet that fell asleep neither reads nor answers: it is left after `CLOSES_WITHIN_S`."""
-    await console.end()
+async def _end_console_and_tab(console: TabConsole, tab: web.WebSocketResponse) -> None:
+    """End a console, then its socket. A tablet that fell asleep neither reads nor answers: it is
+    left after `CLOSE_TIMEOUT_S`."""
+    await console.end_console()
     with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(CLOSES_WITHIN_S):
+        async with asyncio.timeout(CLOSE_TIMEOUT_S):
             await tab.close(code=WSCloseCode.GOING_AWAY)
 
 
-class Doors:
-    """Makes the protocol of each connection that is accepted, and room for it: a connection
-    that is no tab has `room.connection_s`, and of more than `room.connections` the oldest goes,
-    of the address that has the most. So who opens any number and says nothing takes neither all
-    descriptors nor another one's place.
+class ConnectionGate:
+    """Makes the protocol of each connection that is accepted, and room for it.
 
-    server: of aiohttp. tabs: connections that are one; they are bounded by themselves, and stay.
+    A connection that is no tab has `room.connection_s`, and of more than `room.connections` the
+    oldest ends, of the address that has the most. So a client that opens any number and says
+    nothing takes neither all descriptors nor another client's place.
+
+    server: of aiohttp. tabs: connections that are tabs; they are bounded by themselves, and stay.
     """
 
     def __init__(
@@ -238,17 +245,17 @@ class Doors:
         server: web.Server,
         tabs: Callable[[], set[Any]],
         clock: Callable[[], float],
-        room: Room,
+        room: ConnectionQuota,
     ) -> None:
         self._server, self._tabs, self._clock, self._room = server, tabs, clock, room
         self._since_s: dict[RequestHandler, float] = {}
 
     def __call__(self) -> RequestHandler:
-        self.look()
+        self.end_overdue()
         return self._server()
 
-    def look(self) -> None:
-        """End those whose time is over, and make room for one more."""
+    def end_overdue(self) -> None:
+        """End connections whose time is over, and make room for one more."""
         now_s, tabs = self._clock(), self._tabs()
         open_now = [
             one
@@ -256,33 +263,34 @@ class Doors:
             if one.transport is not None and one not in tabs and not one.transport.is_closing()
         ]
         self._since_s = {one: self._since_s.get(one, now_s) for one in open_now}
-        addresses = Counter(map(_address, open_now))
+        addresses = Counter(map(_find_peer_address, open_now))
         most = max(addresses.values(), default=0)
-        crowd = [one for one in open_now if addresses[_address(one)] == most]
+        crowd = [one for one in open_now if addresses[_find_peer_address(one)] == most]
         over = [one for one in open_now if now_s - self._since_s[one] > self._room.connection_s]
         for one in {*over, *crowd[: max(0, len(open_now) - self._room.connections + 1)]}:
             assert one.transport is not None
             one.transport.abort()
 
 
-def _address(connection: RequestHandler) -> object:
+def _find_peer_address(connection: RequestHandler) -> object:
     assert connection.transport is not None
     return (connection.transport.get_extra_info("peername") or ("",))[0]
 
 
-class Few(logging.Filter):
-    """At most `LINES_A_MINUTE`, without traces of calls; how many were left out is said by the
-    next one."""
+class RateLimitedFilter(logging.Filter):
+    """Passes at most `LOG_LINES_A_MINUTE`, without traces of calls; the next line says how many
+    were left out."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         super().__init__()
         self._clock, self._since_s, self._said, self._left_out = clock, clock(), 0, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
+        """Whether the line is printed."""
         if self._clock() - self._since_s > 60.0:
             self._since_s, self._said = self._clock(), 0
         self._said += 1
-        if self._said > LINES_A_MINUTE:
+        if self._said > LOG_LINES_A_MINUTE:
             self._left_out += 1
             return False
         left_out, self._left_out = self._left_out, 0
@@ -294,22 +302,23 @@ class Few(logging.Filter):
         return True
 
 
-class MessagePace:
-    """How long to wait before the next message is taken: `MESSAGES_S` a second on the mean, a
+class MessageThrottle:
+    """Measures how long to wait before the next message is taken: `MESSAGES_PER_S` on the mean, a
     burst of a second."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock, self._due_s = clock, clock()
 
-    def wait_s(self) -> float:
+    def calc_wait_s(self) -> float:
+        """Seconds to wait before the next message."""
         now_s = self._clock()
-        self._due_s = max(self._due_s, now_s - 1.0) + 1.0 / MESSAGES_S
+        self._due_s = max(self._due_s, now_s - 1.0) + 1.0 / MESSAGES_PER_S
         return max(0.0, self._due_s - now_s)
 
 
-def name_of(request: web.Request) -> str:
-    """What the others at the machine call a tab: as its page's address says behind `?name=`,
-    which the page puts into the path of its socket, else where it is."""
+def find_tab_name(request: web.Request) -> str:
+    """The name of a tab among the consoles of the machine: as its page's address says behind
+    `?name=`, which the page puts into the path of its socket, else its computer's address."""
     return clean_name(request.match_info.get("name")) or clean_name(
         f"tablet {request.remote or ''}"
     )
@@ -317,9 +326,11 @@ def name_of(request: web.Request) -> str:
 
 def is_host_allowed(asked: str, listening: str) -> bool:
     """Whether a request means this server: an address, localhost, or a name of this machine.
-    Any other name that leads here was made to lead here by somebody else's page; what is
-    neither a name nor an address leads nowhere."""
-    if not HOST.fullmatch(asked):
+
+    Any other name that leads here was made to lead here by somebody else's page; a text that is
+    neither a name nor an address leads nowhere.
+    """
+    if not HOST_PATTERN.fullmatch(asked):
         return False
     name = (urlsplit(f"//{asked}").hostname or "").lower()
     own = socket.gethostname().lower()
@@ -338,8 +349,8 @@ def is_host_allowed(asked: str, listening: str) -> bool:
     return True
 
 
-def number(text: Any, usual: int, least: int, most: int) -> int:
-    """A whole number out of a query, held in its range."""
+def parse_bounded_int(text: Any, usual: int, least: int, most: int) -> int:
+    """A whole number of a query, clamped to its range; `usual` where it is none."""
     try:
         return max(least, min(most, int(text)))
     except (ArithmeticError, TypeError, ValueError):

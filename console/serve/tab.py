@@ -12,17 +12,20 @@ from typing import Any
 
 from textual_serve.app_service import AppService
 from topdress.console.attached import NAME_VARIABLE
-from topdress.console.serve import ADDRESS, SERVER
+from topdress.console.serve import ADDRESS_VARIABLE, SERVER_VARIABLE
 
 # idle a console that was asked to end takes 0.2 s; after this the system tells it ...
-QUIT_S = 0.5
+QUIT_TIMEOUT_S = 0.5
 # ... and within this, or is killed: together half of the 2 s in which all have ended
-TERMINATE_S = 0.2
+TERMINATE_TIMEOUT_S = 0.2
 
 
 class TabConsole(AppService):
-    """command: program and arguments; no shell stands between, which would end in the console's
-    place. name: what the others at the machine call it. address: from where it was opened."""
+    """Runs one tab's console as a process.
+
+    command: program and arguments; no shell stands between, which would end in the console's place.
+    name: what the others at the machine call it. address: from where it was opened.
+    """
 
     def __init__(self, command: Sequence[str], name: str, address: str, **options: Any) -> None:
         super().__init__(" ".join(command), **options)
@@ -47,44 +50,44 @@ class TabConsole(AppService):
 
     def _build_environment(self, width: int = 80, height: int = 24) -> dict[str, str]:
         return super()._build_environment(width, height) | {
-            SERVER: str(os.getpid()),
+            SERVER_VARIABLE: str(os.getpid()),
             NAME_VARIABLE: self._name,
-            ADDRESS: self._address,
+            ADDRESS_VARIABLE: self._address,
         }
 
     async def run(self) -> None:
-        """As of any console; one that ends by itself closes its tab."""
+        """Run as any console; one that ends by itself closes its tab."""
         try:
             await super().run()
         finally:
             if self._ending is None:
                 await self.remote_close()
 
-    async def end(self) -> None:
-        """Returns once the console and all that it started have ended: asked, then made to.
-        Takes 2 s at most."""
+    async def end_console(self) -> None:
+        """Return once the console and all that it started have ended: asked, then killed. Takes 2 s
+        at most."""
         if self._ending is None:
-            self._ending = asyncio.create_task(self._end())
+            self._ending = asyncio.create_task(self._end_process())
         await asyncio.shield(self._ending)
 
-    async def _end(self) -> None:
+    async def _end_process(self) -> None:
         process = self._process
         if process is None:
             return
-        await self._asked_to_quit(process)
+        await self._request_quit(process)
         # else it would say that a console that is ended failed to start
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
-        _signal_group(process, "SIGTERM")
+        _send_group_signal(process, "SIGTERM")
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(process.wait(), TERMINATE_S)
-        _signal_group(process, "SIGKILL")
+            await asyncio.wait_for(process.wait(), TERMINATE_TIMEOUT_S)
+        _send_group_signal(process, "SIGKILL")
         await process.wait()
 
-    async def _asked_to_quit(self, process: asyncio.subprocess.Process) -> None:
+    async def _request_quit(self, process: asyncio.subprocess.Process) -> None:
         with contextlib.suppress(TimeoutError, OSError, RuntimeError):
-            async with asyncio.timeout(QUIT_S):
+            async with asyncio.timeout(QUIT_TIMEOUT_S):
                 await self._download_manager.cancel_app_downloads(
                     app_service_id=self.app_service_id
                 )
@@ -92,9 +95,9 @@ class TabConsole(AppService):
                 await process.wait()
 
 
-def _signal_group(process: asyncio.subprocess.Process, name: str) -> None:
-    """To the console and what it started; on Windows to the console alone. No such group: all
-    have ended."""
+def _send_group_signal(process: asyncio.subprocess.Process, name: str) -> None:
+    """Send a signal to the console and all that it started; on Windows to the console alone. No
+    such group: all have ended."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         if os.name == "posix":
             os.killpg(process.pid, getattr(signal, name))

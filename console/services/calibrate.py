@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 CURVE_POINTS = 40
 # a bench table is small; larger CSV files are not offered
-MOST_BYTES = 1_000_000
-SPREAD_MM = 0.5  # openings closer than this are one opening
+MOST_TABLE_BYTES = 1_000_000
+SAME_OPENING_MM = 0.5  # openings closer than this are one opening
 
 
-def calibrate_job(
+def make_calibrate_service(
     machine: Machine,
     wheel_circumference_m: float | None = None,
     folder: Path | None = None,
@@ -45,9 +45,11 @@ def calibrate_job(
 ) -> CalibrateService:
     """The calibrations of this machine.
 
-    wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where
-    new machine files go; the run logs' folder is next to it. tables: further folders in which
-    lag tables are looked for.
+    Parameters
+    ----------
+    wheel_circumference_m: by which a cab file counts the wheel; None: the machine's.
+    folder: where new machine files go; the run logs' folder is next to it.
+    tables: further folders in which lag tables are searched.
     """
     place = folder or find_data_folder() / "machines"
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
@@ -64,13 +66,13 @@ def calibrate_job(
         expected_kg=lambda shaft_rpm, opening_mm, revolutions: (
             grams_per_rev(machine.flow, shaft_rpm, opening_mm) * revolutions / 1000.0
         ),
-        fit_catch=lambda caught: fit_catch(machine, caught),
-        lag_tables=lambda: lag_tables(look_in),
+        fit_catch=lambda caught: fit_catch_test(machine, caught),
+        lag_tables=lambda: find_lag_tables(look_in),
         open_lag_table=lambda path: open_lag_table(Path(path).expanduser()),
-        fit_lag=lambda path, label: fit_lag(machine, path, label),
-        fit_wheel=lambda samples: fit_wheel(machine, counted_m, samples),
-        fit_effort=lambda path: fit_effort(machine, path),
-        save=lambda fitted, name: save(machine, fitted, name, place, counted_m),
+        fit_lag=lambda path, label: fit_lag_table(machine, path, label),
+        fit_wheel=lambda samples: fit_wheel_drive(machine, counted_m, samples),
+        fit_effort=lambda path: fit_drive_effort(machine, path),
+        save=lambda fitted, name: save_calibrated(machine, fitted, name, place, counted_m),
         name_for=lambda kind: (
             free_path(place, f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}", ".yaml").stem
         ),
@@ -81,13 +83,13 @@ def calibrate_job(
 # --------------------------------------------------------------------------------------------------
 
 
-def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
-    """Flow per turn from weighed catches, with the line over opening (over shaft speed where
-    only that was changed)."""
+def fit_catch_test(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
+    """Flow per turn from weighed catches, with the line over opening (over shaft speed where only
+    that was changed)."""
     from scipy.special import stdtrit
     from topdress.control.calibration.flow_fit import fit_flow
 
-    _machine, flow = fit_flow(catch_table(caught, "catch test"), machine)
+    _machine, flow = fit_flow(make_catch_table(caught, "catch test"), machine)
     slope = flow.grams_per_rev_mm.value
     offset = flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0
     falloff = flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0
@@ -99,33 +101,49 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
         * (1.0 + 1.0 / flow.rows_used) ** 0.5
     )
 
-    def full(opening_mm: float) -> float:
+    def calc_full_g_rev(opening_mm: float) -> float:
         return slope * opening_mm + offset
 
-    def fills(shaft_rpm: float) -> float:
+    def calc_fill_share(shaft_rpm: float) -> float:
         return 1.0 - falloff / 100.0 * (shaft_rpm / machine.flow.full_rpm) ** 3
 
     low_mm, high_mm = flow.opening_mm
     low_rpm, high_rpm = flow.shaft_rpm
-    by_speed = high_mm - low_mm < SPREAD_MM and high_rpm > low_rpm
+    by_speed = high_mm - low_mm < SAME_OPENING_MM and high_rpm > low_rpm
     middle_mm = sum(one.opening_mm for one in caught) / len(caught)
     middle_rpm = sum(one.shaft_rpm for one in caught) / len(caught)
     if by_speed:
         points = tuple(
-            (one.shaft_rpm, one.grams_per_revolution * full(middle_mm) / full(one.opening_mm))
+            (
+                one.shaft_rpm,
+                one.grams_per_revolution
+                * calc_full_g_rev(middle_mm)
+                / calc_full_g_rev(one.opening_mm),
+            )
             for one in caught
         )
-        line = [(x, full(middle_mm) * fills(x)) for x in _steps(low_rpm, high_rpm)]
+        line = [
+            (x, calc_full_g_rev(middle_mm) * calc_fill_share(x))
+            for x in _make_even_steps(low_rpm, high_rpm)
+        ]
     else:
         points = tuple(
-            (one.opening_mm, one.grams_per_revolution * fills(middle_rpm) / fills(one.shaft_rpm))
+            (
+                one.opening_mm,
+                one.grams_per_revolution
+                * calc_fill_share(middle_rpm)
+                / calc_fill_share(one.shaft_rpm),
+            )
             for one in caught
         )
-        line = [(x, full(x) * fills(middle_rpm)) for x in _steps(low_mm, high_mm)]
+        line = [
+            (x, calc_full_g_rev(x) * calc_fill_share(middle_rpm))
+            for x in _make_even_steps(low_mm, high_mm)
+        ]
     estimates = (
-        _estimate("grams_per_rev_mm", flow.grams_per_rev_mm, "g/rev/mm", 4),
-        _estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
-        _estimate("fill_falloff", flow.fill_falloff_percent, "%", 1),
+        _make_estimate("grams_per_rev_mm", flow.grams_per_rev_mm, "g/rev/mm", 4),
+        _make_estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
+        _make_estimate("fill_falloff", flow.fill_falloff_percent, "%", 1),
     )
     return Calibrated(
         "catch",
@@ -139,7 +157,8 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     )
 
 
-def catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
+def make_catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
+    """The weighed catches as a bench table."""
     import numpy as np
     from topdress.control.calibration.bench_table import BenchTable
 
@@ -151,8 +170,8 @@ def catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
     )
 
 
-def catch_csv(caught: Sequence[CatchPoint]) -> str:
-    """A catch bench table: shaft_rpm and duration_s are such that their product is the counted
+def format_catch_csv(caught: Sequence[CatchPoint]) -> str:
+    """The text of a catch bench table: the product of shaft_rpm and duration_s is the counted
     revolutions."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -174,14 +193,14 @@ def catch_csv(caught: Sequence[CatchPoint]) -> str:
 # --------------------------------------------------------------------------------------------------
 
 
-def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
-    """Lag tables in these folders, the newest first. What is no lag table is passed over."""
+def find_lag_tables(folders: Sequence[Path]) -> list[LagTable]:
+    """Lag tables in these folders, the newest first. Other files are passed over."""
     found = []
     files = {
         path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")
     }
     for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
-        if path.stat().st_size > MOST_BYTES or "shaft_rpm" not in _head(path):
+        if path.stat().st_size > MOST_TABLE_BYTES or "shaft_rpm" not in _read_header_line(path):
             continue
         try:
             found.append(open_lag_table(path))
@@ -190,13 +209,13 @@ def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
     return found
 
 
-def _head(path: Path) -> str:
+def _read_header_line(path: Path) -> str:
     with path.open("rb") as file:
         return file.read(500).decode("utf-8", "replace").split("\n")[0]
 
 
 def open_lag_table(path: Path) -> LagTable:
-    """Raises ValueError in one line where it is no lag table that can be fitted."""
+    """The lag table at a path. Raises ValueError in one line where it cannot be fitted."""
     from topdress.drivers.files.bench_table import read_bench_table
 
     table = read_bench_table(path, "lag")
@@ -208,7 +227,7 @@ def open_lag_table(path: Path) -> LagTable:
     return LagTable(str(path), table.rows, labels)
 
 
-def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
+def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     """The lag line of a table, with its points in and outside the range."""
     import numpy as np
     from scipy.special import stdtrit
@@ -221,7 +240,7 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
         tube = settle_tube(table, machine)[1]
         return Calibrated(
             "lag",
-            (_estimate("carried_share", tube.carried_share, "", 2),),
+            (_make_estimate("carried_share", tube.carried_share, "", 2),),
             scatter=f"{tube.scatter_s:.3f} s",
             source=(path, label),
         )
@@ -239,18 +258,23 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
     middle, about = float(np.mean(used)), float(np.sum((used - np.mean(used)) ** 2))
     quantile = float(stdtrit(line.rows_used - 2, 0.95)) * line.residual_sd_s
 
-    def band(x: float) -> float:
+    def calc_half_band_s(x: float) -> float:
         return quantile * math.sqrt(1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about)
 
     curve = tuple(
-        CurvePoint(x, line.lag_s(x), line.lag_s(x) - band(x), line.lag_s(x) + band(x))
-        for x in _steps(line.from_rpm, line.to_rpm)
+        CurvePoint(
+            x,
+            line.lag_s(x),
+            line.lag_s(x) - calc_half_band_s(x),
+            line.lag_s(x) + calc_half_band_s(x),
+        )
+        for x in _make_even_steps(line.from_rpm, line.to_rpm)
     )
     return Calibrated(
         "lag",
         (
-            _estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
-            _estimate("intercept", line.intercept_s, "s", 3),
+            _make_estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
+            _make_estimate("intercept", line.intercept_s, "s", 3),
         ),
         points,
         curve,
@@ -266,16 +290,20 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
 # --------------------------------------------------------------------------------------------------
 
 
-def fit_wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample]) -> Calibrated:
-    """The circumference from a straight drive; counted_m: the one by which its wheel speed was
-    counted."""
-    _machine, fit = _wheel(machine, counted_m, samples)
+def fit_wheel_drive(
+    machine: Machine, counted_m: float, samples: Sequence[WheelSample]
+) -> Calibrated:
+    """The circumference from a straight drive; counted_m: the circumference by which its wheel
+    speed was counted, m."""
+    _machine, fit = _fit_wheel_machine(machine, counted_m, samples)
     return Calibrated(
-        "wheel", (_estimate("circumference", fit.circumference_m, "m", 4),), source=tuple(samples)
+        "wheel",
+        (_make_estimate("circumference", fit.circumference_m, "m", 4),),
+        source=tuple(samples),
     )
 
 
-def _wheel(
+def _fit_wheel_machine(
     machine: Machine, counted_m: float, samples: Sequence[WheelSample], today: str = ""
 ) -> tuple[Machine, WheelFit]:
     import numpy as np
@@ -294,9 +322,9 @@ def _wheel(
 # --------------------------------------------------------------------------------------------------
 
 
-def fit_effort(machine: Machine, path: str) -> Calibrated:
-    """What the drives take, from a run log as far as it is written; what is saved is what was
-    fitted."""
+def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
+    """The effort of the drives, from a run log as far as it is written; the fit is also what is
+    saved."""
     from topdress.control.diagnosis.runs import effort_reference
     from topdress.drivers.files.any_log import open_log
 
@@ -304,7 +332,7 @@ def fit_effort(machine: Machine, path: str) -> Calibrated:
         dict(open_log(Path(path)).columns), machine, path, date=day_clock.today().isoformat()
     )
     numbers = [
-        _estimate(cast(Number, place.removeprefix("effort.")), one, unit, 4)
+        _make_estimate(cast(Number, place.removeprefix("effort.")), one, unit, 4)
         for fit in fits
         for place, one, unit in fit.numbers
     ]
@@ -317,8 +345,10 @@ def fit_effort(machine: Machine, path: str) -> Calibrated:
 # --------------------------------------------------------------------------------------------------
 
 
-def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_m: float) -> str:
-    """Writes the new machine file, and next to it the table it comes from; returns its path.
+def save_calibrated(
+    machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_m: float
+) -> str:
+    """Write the new machine file, and next to it the table it comes from; returns its path.
 
     Raises ValueError in one line where the name is taken, OSError where it cannot be written.
     """
@@ -340,7 +370,7 @@ def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_
     if fitted.kind == "effort":
         (new,) = fitted.source
     elif fitted.kind == "wheel":
-        new, _fit = _wheel(machine, counted_m, fitted.source, today)
+        new, _fit = _fit_wheel_machine(machine, counted_m, fitted.source, today)
     elif fitted.kind == "lag":
         table, label = fitted.source
         read = read_bench_table(Path(table), "lag")
@@ -350,17 +380,19 @@ def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_
         if read.running().any():
             new, _tube = settle_tube(read, new, date=today)
     else:
-        write_atomically(table_path, catch_csv(fitted.source))
+        write_atomically(table_path, format_catch_csv(fitted.source))
         new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)
     config.save(path, new, MACHINE)
     return str(path)
 
 
-def _steps(low: float, high: float) -> list[float]:
+def _make_even_steps(low: float, high: float) -> list[float]:
     return [low + (high - low) * k / (CURVE_POINTS - 1) for k in range(CURVE_POINTS)]
 
 
-def _estimate(name: Number, interval: FittedInterval | None, unit: str, decimals: int) -> Estimate:
+def _make_estimate(
+    name: Number, interval: FittedInterval | None, unit: str, decimals: int
+) -> Estimate:
     if interval is None:
         return Estimate(name, None, None, None, unit, decimals)
     return Estimate(name, interval.value, interval.low, interval.high, unit, decimals)

@@ -29,11 +29,11 @@ from topdress.console.app.pages.diagnosis.service import (
     Tell,
     WorkStopped,
 )
-from topdress.console.reports.diagnosis_wording import others
+from topdress.console.reports.diagnosis_wording import list_rivals
 from topdress.console.services.diagnosis_job import REPORT, RESULT, VIEW, DiagnosisOrder
-from topdress.console.services.foreign_files import is_listed, may_be_brought_in
+from topdress.console.services.foreign_files import is_importable, is_likely_log
 from topdress.console.services.launcher import find_data_folder
-from topdress.console.threads import ONE_THREAD
+from topdress.console.threads import ONE_THREAD_VARIABLES
 from topdress.drivers import day_clock
 from topdress.drivers.files.atomic import free_path
 from topdress.drivers.files.extras import extra_line, installer, is_there, need, requirements
@@ -42,16 +42,15 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
 
 MOST_FILES = 200
-DIAGNOSIS = "diagnosis"  # the extra
-PROGRAM = ("-P", "-m", "topdress.console.services.diagnosis_job")
+DIAGNOSIS_EXTRA = "diagnosis"  # the extra
+JOB_ARGUMENTS = ("-P", "-m", "topdress.console.services.diagnosis_job")
 
 
 class DiagnosisFiles:
-    """`console.app.pages.diagnosis.service.DiagnosisService` on real files.
+    """Implements `console.app.pages.diagnosis.service.DiagnosisService` on real files.
 
-    folders: where logs and tables are looked for. machine: of data that names none. effects:
-    planted in the simulated machine of this console; a separating run is driven on a machine
-    that has them.
+    folders: where logs and tables are searched. machine: of data that names none. effects: planted
+    in the simulated machine of this console; a separating run is driven on a machine that has them.
     """
 
     def __init__(
@@ -70,12 +69,14 @@ class DiagnosisFiles:
     # --- files
     # ----------------------------------------------------------------------------------------------
 
-    def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
+    def list_sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
+        """Logs and tables of the folders, the newest first; running_log: the log that is being
+        written."""
         found: dict[Path, float] = {}
         for folder in self.folders:
             with contextlib.suppress(OSError):
                 for path in folder.iterdir():
-                    if is_listed(path):
+                    if is_likely_log(path):
                         with contextlib.suppress(OSError):
                             found[path.resolve()] = path.stat().st_mtime
         if running_log and Path(running_log).is_file():
@@ -84,32 +85,36 @@ class DiagnosisFiles:
         listed = []
         for path in sorted(found, key=lambda one: -found[one])[:MOST_FILES]:
             with contextlib.suppress(OSError, ValueError):
-                listed.append(_source(path)._replace(working=path == running))
+                listed.append(_make_source(path)._replace(working=path == running))
         return tuple(listed)
 
-    def source(self, path: str) -> DiagnosisSource:
+    def find_source(self, path: str) -> DiagnosisSource:
+        """The log or table at a typed path. Raises ValueError."""
         if not path.strip():
             raise ValueError("no file is named")
         whole = Path(path.strip()).expanduser()
         try:
-            return _source(whole.resolve())
+            return _make_source(whole.resolve())
         except OSError as error:
             raise ValueError(f"{whole}: {error.strerror or error}") from None
 
-    def machines(self) -> tuple[str, ...]:
+    def list_machines(self) -> tuple[str, ...]:
+        """Shipped machines by name, then adopted ones by path."""
         from topdress.drivers.files.config import shipped
 
         adopted = sorted(str(path) for path in (self.own / "machines").glob("*.yaml"))
         return (*shipped("machines"), *adopted)
 
     def is_installed(self) -> bool:
-        return is_there(DIAGNOSIS)
+        """Whether the extra diagnosis is installed."""
+        return is_there(DIAGNOSIS_EXTRA)
 
     # --- long work
     # ----------------------------------------------------------------------------------------------
 
-    def install(self, tell: Tell, stop: Stop) -> None:
-        command = [*installer(), *requirements(DIAGNOSIS)]
+    def install_extra(self, tell: Tell, stop: Stop) -> None:
+        """Install the extra diagnosis."""
+        command = [*installer(), *requirements(DIAGNOSIS_EXTRA)]
         tell(0.0, "installing")
         try:
             with subprocess.Popen(
@@ -130,15 +135,16 @@ class DiagnosisFiles:
         importlib.invalidate_caches()
         if child.returncode or not self.is_installed():
             why = trouble[-1] if trouble else f"ended with {child.returncode}"
-            raise ValueError(f"{extra_line(DIAGNOSIS)}: {why}")
+            raise ValueError(f"{extra_line(DIAGNOSIS_EXTRA)}: {why}")
 
-    def diagnose(
+    def run_diagnosis(
         self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
     ) -> DiagnosisView:
-        return self._worked(
+        """Diagnose a log or table on a machine (None: the one that the data names)."""
+        return self._run_order(
             DiagnosisOrder(
                 source.path,
-                str(self._folder()),
+                str(self._make_job_folder()),
                 source.kind,
                 machine,
                 self.machine,
@@ -148,14 +154,16 @@ class DiagnosisFiles:
             stop,
         )
 
-    def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
+    def drive_separating_run(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
+        """Drive the run that separates the rivals on the simulated machine, and diagnose its
+        log."""
         if not found.drives:
             raise ValueError("this run cannot be driven on the simulated machine")
-        planted = self.effects or tuple(text for text in (_as_planted(found),) if text)
-        return self._worked(
+        planted = self.effects or tuple(text for text in (_format_likeliest_cause(found),) if text)
+        return self._run_order(
             DiagnosisOrder(
                 found.found.data.path,
-                str(self._folder()),
+                str(self._make_job_folder()),
                 "run",
                 None,
                 self.machine,
@@ -166,43 +174,44 @@ class DiagnosisFiles:
             stop,
         )
 
-    def compare(
+    def compare_machines(
         self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
     ) -> ComparedShown:
+        """Compare a machine file before and after its last change on a log."""
         order = DiagnosisOrder(
-            source.path, str(self._folder()), "run", machine, self.machine, compare=True
+            source.path, str(self._make_job_folder()), "run", machine, self.machine, compare=True
         )
-        self._done(order, tell, stop)
+        self._run_job_process(order, tell, stop)
         made = Path(order.folder) / REPORT
         stem = f"{Path(source.path).stem}-compared"
-        report = _kept(made, self.own / "reports", stem, ".html") if made.exists() else ""
+        report = _copy_to_folder(made, self.own / "reports", stem, ".html") if made.exists() else ""
         plain = json.loads((Path(order.folder) / RESULT).read_text(encoding="utf-8"))
         return ComparedShown(
             tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report
         )
 
-    def _worked(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> DiagnosisView:
+    def _run_order(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> DiagnosisView:
         from topdress.drivers.files.plain import typed
 
-        self._done(order, tell, stop)
+        self._run_job_process(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
         return typed(DiagnosisView, plain)._replace(folder=order.folder)
 
-    def _done(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> None:
-        """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of
-        one line."""
-        need("a diagnosis", DIAGNOSIS)
+    def _run_job_process(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> None:
+        """Do the work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one
+        line."""
+        need("a diagnosis", DIAGNOSIS_EXTRA)
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
         trouble = Path(order.folder) / "trouble.txt"
         with (
             trouble.open("wb") as heard,
             subprocess.Popen(
-                [sys.executable, *PROGRAM, str(orders)],
+                [sys.executable, *JOB_ARGUMENTS, str(orders)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=heard,
-                env=os.environ | ONE_THREAD,
+                env=os.environ | ONE_THREAD_VARIABLES,
                 start_new_session=True,
                 text=True,
             ) as child,
@@ -231,7 +240,7 @@ class DiagnosisFiles:
                 why or (lines[-1] if lines else f"the diagnosis ended with code {child.returncode}")
             )
 
-    def _folder(self) -> Path:
+    def _make_job_folder(self) -> Path:
         if self._scratch is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="topdress-")
         self._made += 1
@@ -242,7 +251,8 @@ class DiagnosisFiles:
     # --- what is kept
     # --------------------------------------------------------------------------------------------
 
-    def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
+    def adopt_effects(self, found: DiagnosisView, chosen: Adoption) -> str:
+        """Write the machine file with the chosen effects; returns its path. Raises ValueError."""
         if not found.adoptable:
             raise ValueError(
                 "nothing here can be adopted" + "".join(f"; {why}" for why in found.refused)
@@ -255,50 +265,56 @@ class DiagnosisFiles:
             )
         if not offer.file:
             raise ValueError("; ".join(offer.refused) or "a machine file with it would be as it is")
-        return _kept(
+        return _copy_to_folder(
             Path(found.folder) / offer.file,
             self.own / "machines",
             f"{found.found.data.machine}-{day_clock.today().isoformat()}",
             ".yaml",
-            _said_by(found, chosen),
+            _format_choice_comment(found, chosen),
         )
 
-    def last_change(self, machine: str | None) -> tuple[str, ...]:
+    def describe_last_change(self, machine: str | None) -> tuple[str, ...]:
+        """Lines on the last change of a machine file; none where there was none."""
         from topdress.console.reports.term_words import compare_side_by_side
         from topdress.control.machine.history import last_change
 
-        change = last_change(self._machine(machine))
+        change = last_change(self._load_machine(machine))
         return (
             ()
             if change is None
             else (f"{change.date}, {change.data}", *compare_side_by_side(change))
         )
 
-    def take_back(self, machine: str | None) -> str:
+    def undo_last_change(self, machine: str | None) -> str:
+        """Write the machine file without its last change; returns its path."""
         from topdress.control.machine.history import undone
         from topdress.drivers.files.config import save
         from topdress.drivers.files.kinds import MACHINE
 
         today = day_clock.today().isoformat()
-        back = undone(self._machine(machine), date=today)
+        back = undone(self._load_machine(machine), date=today)
         path = free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
         path.parent.mkdir(parents=True, exist_ok=True)
         save(path, back, MACHINE)
         return str(path)
 
-    def _machine(self, machine: str | None) -> Machine:
+    def _load_machine(self, machine: str | None) -> Machine:
         from topdress.drivers.files.config import load
         from topdress.drivers.files.kinds import MACHINE
 
         found: Machine = load(machine or self.machine, MACHINE).model
         return found
 
-    def export(self, found: DiagnosisView, what: Export) -> str:
+    def export_result(self, found: DiagnosisView, what: Export) -> str:
+        """Copy the report or the JSON result to the user's folder; returns its path."""
         made = Path(found.folder) / (REPORT if what == "report" else RESULT)
         stem = f"{Path(found.source).stem}-diagnosis"
-        return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
+        return _copy_to_folder(
+            made, self.own / "reports", stem, ".html" if what == "report" else ".json"
+        )
 
-    def write_run(self, found: DiagnosisView) -> str:
+    def write_separating_job(self, found: DiagnosisView) -> str:
+        """Write the separating run as a job file; returns its path. Raises ValueError."""
         from topdress.console.services.separating_run import make_drive
         from topdress.drivers.files.config import load, save
         from topdress.drivers.files.kinds import JOB, MACHINE
@@ -325,12 +341,12 @@ class DiagnosisFiles:
         return str(path)
 
 
-def _source(path: Path) -> DiagnosisSource:
-    """Raises OSError, and ValueError for a file that is no run log, no bench table and nothing
-    that import reads."""
+def _make_source(path: Path) -> DiagnosisSource:
+    """The source at a path. Raises OSError, and ValueError for a file that is no run log, no bench
+    table and nothing that import reads."""
     status = path.stat()
-    kind = _kind(path)
-    if kind is None and may_be_brought_in(path):
+    kind = _find_source_kind(path)
+    if kind is None and is_importable(path):
         kind = IMPORT
     if kind is None:
         raise ValueError(
@@ -342,8 +358,8 @@ def _source(path: Path) -> DiagnosisSource:
     return DiagnosisSource(str(path), path.name, kind, changed, said, bytes=size)
 
 
-def _kind(path: Path) -> str | None:
-    """Run, that of a bench table, or None: what the import may read."""
+def _find_source_kind(path: Path) -> str | None:
+    """Run, the kind of a bench table, or None: a file that the import may read."""
     if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
     from topdress.drivers.files.imports.trouble import TableError
@@ -358,10 +374,10 @@ def _kind(path: Path) -> str | None:
         return None
 
 
-def _as_planted(found: DiagnosisView) -> str:
+def _format_likeliest_cause(found: DiagnosisView) -> str:
     """The likeliest doubtful cause at its size, where this console planted nothing of its own."""
     known = [cause for cause in found.found.causes if cause.size.value is not None]
-    doubtful = [cause for cause in known if others(cause)] or known
+    doubtful = [cause for cause in known if list_rivals(cause)] or known
     if not doubtful:
         return ""
     cause = doubtful[0]
@@ -370,12 +386,13 @@ def _as_planted(found: DiagnosisView) -> str:
     return f"{cause.id}={cause.size.value:.4g}{onset}{member}"
 
 
-def _said_by(found: DiagnosisView, chosen: Adoption) -> str:
+def _format_choice_comment(found: DiagnosisView, chosen: Adoption) -> str:
     """The operator's choice as a comment of the file; empty where there was none."""
     if not chosen.why:
         return ""
     groups = [
-        "; ".join((one.id, *(rival for rival, _share in others(one)))) for one in undecided(found)
+        "; ".join((one.id, *(rival for rival, _share in list_rivals(one))))
+        for one in undecided(found)
     ]
     picked = [one.id for one in undecided(found) if one.id in chosen.ids]
     return "".join(
@@ -388,7 +405,7 @@ def _said_by(found: DiagnosisView, chosen: Adoption) -> str:
     )
 
 
-def _kept(made: Path, folder: Path, stem: str, ending: str, before: str = "") -> str:
+def _copy_to_folder(made: Path, folder: Path, stem: str, ending: str, before: str = "") -> str:
     from topdress.drivers.files.atomic import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)

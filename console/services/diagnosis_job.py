@@ -24,22 +24,24 @@ if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Diagnosis
     from topdress.control.machine.machine import Machine
 
-Tell = Callable[[float, str], None]
+TellProgress = Callable[[float, str], None]
 
 VIEW, RESULT, REPORT = "view.json", "result.json", "report.html"
-RUN_LOG = "separating.csv"
-DRIVING = 0.55  # share of the whole that simulating takes
-LEAST_STEP = 0.004  # of the share, that is worth a line
-NICE = 10  # the control loop comes first
+RUN_LOG_NAME = "separating.csv"
+DRIVING_SHARE = 0.55  # share of the whole that simulating takes
+LEAST_SHARE_STEP = 0.004  # of the share, that is worth a line
+NICENESS = 10  # the control loop comes first
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class DiagnosisOrder:
-    """machine None: the one that the log names, else `default_machine`. manoeuvre: drive this
-    run first and diagnose its log instead of `data`. planted: effects of the machine that
-    drives it (grammar of `simulate --effect`). logs: folder of the log that data of kind import
-    becomes first. compare: `machine` as it was before its last change and as it is, held
-    against the log."""
+    """Describes the work of one process.
+
+    machine None: the one that the log names, else `default_machine`. manoeuvre: drive this run
+    first and diagnose its log instead of `data`. planted: effects of the machine that drives it
+    (grammar of `simulate --effect`). logs: folder of the log that data of kind import becomes
+    first. compare: compare `machine` before and after its last change on the log.
+    """
 
     data: str
     folder: str
@@ -53,41 +55,43 @@ class DiagnosisOrder:
     compare: bool = False
 
 
-def work(order: DiagnosisOrder, tell: Tell) -> None:
-    """Everything; raises ValueError, OSError or a ConfigError of one line."""
+def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
+    """Do the work of an order; raises ValueError, OSError or a ConfigError of one line."""
     if order.compare:
-        compared_before_and_after(order, tell)
+        compare_before_and_after(order, tell)
         return
     notes: tuple[str, ...] = ()
     if order.kind == IMPORT:
-        from topdress.console.services.foreign_files import brought_in
+        from topdress.console.services.foreign_files import import_file_as_log
 
         tell(0.0, "importing")
-        log, notes = brought_in(Path(order.data), Path(order.logs))
+        log, notes = import_file_as_log(Path(order.data), Path(order.logs))
         order = dataclasses.replace(order, data=str(log), kind="run")
-    machine = machine_of(order)
+    machine = find_order_machine(order)
     data, name, done = Path(order.data), Path(order.data).name, 0.0
     if order.manoeuvre:
-        data = Path(order.folder) / RUN_LOG
-        name, done = data.name, DRIVING
-        drive(order, machine, data, lambda share, stage: tell(DRIVING * share, stage))
+        data = Path(order.folder) / RUN_LOG_NAME
+        name, done = data.name, DRIVING_SHARE
+        drive_simulated_run(
+            order, machine, data, lambda share, stage: tell(DRIVING_SHARE * share, stage)
+        )
 
-    def later(share: float, stage: str) -> None:
+    def tell_later_share(share: float, stage: str) -> None:
         tell(done + (1.0 - done) * share, stage)
 
-    _diagnosed(order, machine, data, name, notes, later)
+    _diagnose_and_write(order, machine, data, name, notes, tell_later_share)
 
 
-def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
-    """Errors of a machine file on a log before and after its last change, in words and as a
-    page."""
-    from topdress.console.reports.compare_page import compare_page, plain
+def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
+    """Write the errors of a machine file on a log before and after its last change, in words and as
+    a page."""
+    from topdress.console.reports.compare_page import list_plain_data, make_compare_page
     from topdress.control.diagnosis.runs.compared import compared
     from topdress.control.machine.history import undone
     from topdress.drivers.files.any_log import open_log
     from topdress.drivers.files.atomic import write_atomically
 
-    after = machine_of(order)
+    after = find_order_machine(order)
     tell(0.0, "reading")
     found = compared(
         dict(open_log(Path(order.data)).columns),
@@ -97,19 +101,21 @@ def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     )
     logs, old = [(order.data, found)], f"{order.machine}, before its last change"
     tell(0.85, "report")
-    write_atomically(Path(order.folder) / RESULT, json.dumps(plain(logs)))
-    write_atomically(Path(order.folder) / REPORT, compare_page(logs, old, str(order.machine)))
+    write_atomically(Path(order.folder) / RESULT, json.dumps(list_plain_data(logs)))
+    write_atomically(Path(order.folder) / REPORT, make_compare_page(logs, old, str(order.machine)))
 
 
-def machine_of(order: DiagnosisOrder) -> Machine:
-    """The machine that the data is held against."""
-    from topdress.console.services.live_check import machine_of_log
+def find_order_machine(order: DiagnosisOrder) -> Machine:
+    """The machine with which the data is compared."""
+    from topdress.console.services.live_check import load_log_machine
 
-    return machine_of_log(Path(order.data), order.machine, order.default_machine)
+    return load_log_machine(Path(order.data), order.machine, order.default_machine)
 
 
-def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> None:
-    """The separating run on the simulated machine, as an ordinary run log."""
+def drive_simulated_run(
+    order: DiagnosisOrder, machine: Machine, out: Path, tell: TellProgress
+) -> None:
+    """Drive the separating run on the simulated machine, as an ordinary run log."""
     from topdress.console.services.separating_run import make_drive
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.simulation.assembly import (
@@ -144,17 +150,17 @@ def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> Non
         writer.close()
 
 
-def _diagnosed(
+def _diagnose_and_write(
     order: DiagnosisOrder,
     machine: Machine,
     data: Path,
     name: str,
     notes: tuple[str, ...],
-    tell: Tell,
+    tell: TellProgress,
 ) -> None:
-    """notes: of bringing the data in."""
+    """Diagnose the data and write view, result and report. notes: of the import."""
     from topdress.console.app.pages.diagnosis.adoption import list_selections
-    from topdress.console.services.diagnosis_view import found_of, mean_target
+    from topdress.console.services.diagnosis_view import calc_mean_target, make_diagnosis_view
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.plain import plain
 
@@ -173,7 +179,7 @@ def _diagnosed(
         )
         said = dict.fromkeys((*notes, *map(str, log.findings), *found.findings))
         found = dataclasses.replace(found, findings=tuple(said))
-        tools, target = {"columns": columns, "machine": machine}, mean_target(columns)
+        tools, target = {"columns": columns, "machine": machine}, calc_mean_target(columns)
     else:
         from topdress.control.diagnosis.tables.diagnose import diagnose_tables
         from topdress.drivers.files.bench_table import read_bench_table
@@ -184,31 +190,31 @@ def _diagnosed(
         )
         tools = {"tables": tables, "machine": machine}
     tell(0.86, "pictures")
-    view = found_of(found, tools, name, target, order.planted)
+    view = make_diagnosis_view(found, tools, name, target, order.planted)
     offers = []
     for number, ids in enumerate(list_selections(view)):
         file = f"machine-{number}.yaml"
-        offers.append(_offer(found, ids, machine, data, folder / file))
+        offers.append(_write_adoption_offer(found, ids, machine, data, folder / file))
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
     write_atomically(folder / VIEW, json.dumps(plain(view._replace(offers=tuple(offers)))))
     tell(0.9, "report")
-    _report(found, tools, folder / REPORT)
+    _write_report(found, tools, folder / REPORT)
 
 
-def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
-    """Writes the page with pictures."""
-    from topdress.console.reports.diagnosis_html import diagnosis_page
+def _write_report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
+    """Write the page with pictures."""
+    from topdress.console.reports.diagnosis_html import make_diagnosis_page
     from topdress.drivers.files.atomic import write_atomically
 
     with_date = tools | {"date": day_clock.today().isoformat()}
-    write_atomically(path, diagnosis_page(found, with_date))
+    write_atomically(path, make_diagnosis_page(found, with_date))
 
 
-def _offer(
+def _write_adoption_offer(
     found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path
 ) -> AdoptionOffer:
-    """The machine file with what may be adopted, for the page to put in its place when the
-    operator says so; and what changed in it, a line each."""
+    """Write the machine file with the effects that may be adopted, for the page to put in its place
+    when the operator agrees; returns it with its changes, a line each."""
     from topdress.console.reports.diagnosis_wording import format_whole_id
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.diagnosis.extend import extend
@@ -238,44 +244,45 @@ def _offer(
     return AdoptionOffer(ids, path.name, tuple(compare_side_by_side(extended.history[-1])), refused)
 
 
-def teller() -> Tell:
-    """Progress lines on stdout, not more often than somebody can see."""
+def make_progress_teller() -> TellProgress:
+    """A function that prints progress lines on stdout, not more often than a person can see."""
     last = -1.0
 
-    def tell(share: float, stage: str) -> None:
+    def tell_progress(share: float, stage: str) -> None:
         nonlocal last
-        if share - last >= LEAST_STEP or share < last:
+        if share - last >= LEAST_SHARE_STEP or share < last:
             last = share
-            _say({"share": round(share, 3), "stage": stage})
+            _print_json_line({"share": round(share, 3), "stage": stage})
 
-    return tell
+    return tell_progress
 
 
-def _say(what: dict[str, Any]) -> None:
+def _print_json_line(what: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(what) + "\n")
     sys.stdout.flush()
 
 
-def main(path: str) -> int:
+def run_job(path: str) -> int:
+    """Carry out the order in the file at `path`; returns the exit code."""
     from topdress.drivers.files.config import ConfigError
     from topdress.drivers.files.plain import typed
 
     if hasattr(os, "nice"):
-        os.nice(NICE)
+        os.nice(NICENESS)
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
-        work(typed(DiagnosisOrder, said), teller())
+        carry_out_order(typed(DiagnosisOrder, said), make_progress_teller())
     except OpenQuestions as asked:
-        _say({"questions": asked.questions, "import_file": asked.import_file})
+        _print_json_line({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:
-        _say({"error": error.lines[0]})
+        _print_json_line({"error": error.lines[0]})
     except (ValueError, OSError) as error:
-        _say({"error": (str(error).splitlines() or [type(error).__name__])[0]})
+        _print_json_line({"error": (str(error).splitlines() or [type(error).__name__])[0]})
     else:
-        _say({"done": True})
+        _print_json_line({"done": True})
         return 0
     return 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(run_job(sys.argv[1]))

@@ -9,15 +9,18 @@ if TYPE_CHECKING:
     from topdress.control.field.job import Ground
 
 # corners nearer than this to the straight line between their neighbours are left out
-LOST_M = 0.1
+LEAST_CORNER_M = 0.1
 # from the job's origin; a field that lies farther off has a plane of its own
 SAME_PLANE_M = 20_000.0
 
 
-def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> tuple[Ground, float]:
-    """The job's field with this edge, and its area, ha. ring_deg: (lat, lon), not closed.
+def make_driven_field(
+    ground: Ground, ring_deg: tuple[tuple[float, float], ...]
+) -> tuple[Ground, float]:
+    """The job's field with this edge, and its area, ha.
 
-    Raises ValueError in one line: too few corners, edges that cross.
+    ring_deg: (lat, lon), not closed. Raises ValueError in one line: too few corners, edges that
+    cross.
     """
     from shapely.geometry import Polygon
     from topdress.control.field.boundary import Boundary, largest_part
@@ -31,7 +34,7 @@ def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> t
     plane = TangentPlane(*origin)
     # where the end was driven over the beginning: what is enclosed counts
     thinned = largest_part(Polygon([plane.to_m(lat, lon) for lat, lon in ring_deg])).simplify(
-        LOST_M
+        LEAST_CORNER_M
     )
     if thinned.is_empty or thinned.area <= 0.0:
         raise ValueError("boundary: nothing is enclosed by it: allowed is a way round a field")

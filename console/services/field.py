@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from topdress.drivers.files.run_meta import RunMeta
 
 MOST_CELLS = 250_000
-FINEST_M = 1.0
-_SLICE = 20_000  # cells asked at once
+FINEST_CELL_M = 1.0
+_SLICE_CELLS = 20_000  # cells asked at once
 
 
-def field_picture(frame: Frame) -> FieldPicture | None:
-    """Of the job in the frame's log; None where the log does not say its job.
+def make_field_picture(frame: Frame) -> FieldPicture | None:
+    """The picture of the job in the frame's log; None where the log does not name its job.
 
     Raises ValueError, one line, where the job's files cannot be read.
     """
@@ -45,9 +45,9 @@ def field_picture(frame: Frame) -> FieldPicture | None:
     try:
         job = JOB.model.model_validate(dict(meta.job))
         machine = MACHINE.model.model_validate(dict(meta.machine)) if meta.machine else None
-        picture = picture_of(
+        picture = make_job_picture(
             job,
-            folder_of(meta, job, described.parent),
+            find_job_folder(meta, job, described.parent),
             2.4 if machine is None else machine.geometry.working_width_m,
         )
         if machine is None or not machine.switched:
@@ -59,7 +59,7 @@ def field_picture(frame: Frame) -> FieldPicture | None:
         raise ValueError(" ".join(str(error).split())) from None
 
 
-def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
+def find_map_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """The plane on which the loop of a log worked, where it was its map's: a job without an
     outline, with a map that can still be read; log_folder: the log's folder."""
     from topdress.drivers.files.kinds import JOB
@@ -68,7 +68,9 @@ def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     try:
         job = JOB.model.model_validate(dict(meta.job or {}))
         profile = (
-            None if job.field.boundary_m else map_of_job(job, folder_of(meta, job, log_folder))
+            None
+            if job.field.boundary_m
+            else map_of_job(job, find_job_folder(meta, job, log_folder))
         )
     except (ValueError, OSError):
         return None
@@ -76,19 +78,19 @@ def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
 
 
 def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
-    """The plane on which the loop of a log worked: its field's, else its map's; None: that of
-    the first fix."""
+    """The plane on which the loop of a log worked: its field's, else its map's; None: that of the
+    first fix."""
     from topdress.control.field.job import Ground
     from topdress.control.geodesy import TangentPlane
 
     field = dict((meta.job or {}).get("field") or {})
     if not field.get("boundary_m"):
-        return plane_of_map(meta, log_folder)
+        return find_map_plane(meta, log_folder)
     ground = Ground.model_validate(field)
     return TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
 
 
-def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
+def make_job_picture(job: Job, folder: Path, width_m: float) -> FieldPicture:
     """Outline and plan of a job whose files lie in `folder`. Raises ValueError, OSError."""
     from topdress.control.field.boundary import Boundary
     from topdress.drivers.files.prescriptions.for_job import map_of_job
@@ -100,13 +102,13 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
         spread = job.field.spread_ground(0.0)
         rings = () if spread is None else spread.rings
     profile = map_of_job(job, folder)
-    planned = None if profile is None else _planned(job, folder, profile, rings)
+    planned = None if profile is None else _sample_planned_rates(job, folder, profile, rings)
     return FieldPicture(job.field.title or job.title or job.id, rings, area_ha, width_m, planned)
 
 
-def folder_of(meta: RunMeta, job: Job, log_folder: Path) -> Path:
-    """Where map and plants of a recorded job are looked for: next to the log where they lie
-    there, else next to the job file of the run."""
+def find_job_folder(meta: RunMeta, job: Job, log_folder: Path) -> Path:
+    """Where map and plants of a recorded job are searched: next to the log where they lie there,
+    else next to the job file of the run."""
     names = job.named_files
     written = meta.extra.get("job_folder")
     if not isinstance(written, str) or all((log_folder / name).exists() for name in names):
@@ -114,9 +116,11 @@ def folder_of(meta: RunMeta, job: Job, log_folder: Path) -> Path:
     return Path(written)
 
 
-def _planned(job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...]) -> Planned:
-    """The map looked at in the middles of square cells, no more than MOST_CELLS of them; NaN
-    outside the field."""
+def _sample_planned_rates(
+    job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...]
+) -> Planned:
+    """The map sampled in the middles of square cells, no more than MOST_CELLS; NaN outside the
+    field."""
     from topdress.control.field.boundary import Boundary
     from topdress.control.orders import TargetSource
     from topdress.drivers.files.prescriptions.read import read_prescription
@@ -128,7 +132,7 @@ def _planned(job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...
         corners.min(axis=0).tolist(),
         corners.max(axis=0).tolist(),
     )
-    cell_m = max(FINEST_M, math.sqrt((east_m - west_m) * (north_m - south_m) / MOST_CELLS))
+    cell_m = max(FINEST_CELL_M, math.sqrt((east_m - west_m) * (north_m - south_m) / MOST_CELLS))
     columns, rows = (
         max(1, math.ceil(span / cell_m)) for span in (east_m - west_m, north_m - south_m)
     )
@@ -136,9 +140,9 @@ def _planned(job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...
     norths = south_m + (np.arange(rows) + 0.5) * cell_m
     places = np.column_stack((np.tile(easts, rows), np.repeat(norths, columns)))
     rates = np.full(len(places), np.nan, dtype=np.float32)
-    for begin in range(0, len(places), _SLICE):
-        targets = profile.prescription.targets_at(places[begin : begin + _SLICE])
-        rates[begin : begin + _SLICE] = [
+    for begin in range(0, len(places), _SLICE_CELLS):
+        targets = profile.prescription.targets_at(places[begin : begin + _SLICE_CELLS])
+        rates[begin : begin + _SLICE_CELLS] = [
             target.rate_kg_ha if target.source is TargetSource.MAP else np.nan for target in targets
         ]
     if rings:

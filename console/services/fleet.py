@@ -25,52 +25,52 @@ from typing import Any
 
 from topdress.console.services.fleet_job import (
     FORMAT,
-    Options,
-    checksum,
-    each,
+    StoreOptions,
+    calc_checksum,
     hash_first_bytes,
     list_side_urls,
+    make_record,
     read_first_line,
     read_record,
-    record,
+    run_each,
 )
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.extras import need
 
 LOGS, SEEN = "logs", "seen.json"
-SUFFIXES = (".csv", ".parquet", ".pq")
-ASIDE = (".truth.csv",)
+LOG_SUFFIXES = (".csv", ".parquet", ".pq")
+SKIPPED_SUFFIXES = (".truth.csv",)
 # tasks in the cluster for each of its threads: few, so that cancelling is quick
-AHEAD = 4
+TASKS_PER_THREAD = 4
 # checksums in a task: of a short log one takes less than the task
-TOGETHER = 16
-MEMORY = "2GB"  # of a local worker
+CHECKSUMS_PER_TASK = 16
+WORKER_MEMORY = "2GB"  # of a local worker
 # Dask gives memory back at every 64 kB that are free. glibc then maps and unmaps each array
 # above 128 kB anew, which takes half of a diagnosis (mallopt(3): "dynamic mmap threshold").
 # None: as it was set outside, else glibc's own.
-ENVIRONMENT: dict[str, Any] = {
+DASK_SETTINGS: dict[str, Any] = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
     # nobody asks them
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
 # folders of which every worker reads a log's first bytes
-MOST_LOOKED_AT = 100
+MOST_PROBED_FOLDERS = 100
 # how long a scheduler, and the first of its workers, are waited for
 CONNECT_S, JOIN_S = 10.0, 30.0
-LOOK_S = 2.0  # how often it is looked whether a worker is left
+WATCH_PERIOD_S = 2.0  # how often it is looked whether a worker is left
 
-GONE = "the scheduler is gone: what is done is kept; the same command goes on"
-NONE_LEFT = "no worker is left: what is done is kept; the same command goes on"
+SCHEDULER_GONE = "the scheduler is gone: what is done is kept; the same command goes on"
+NO_WORKER_LEFT = "no worker is left: what is done is kept; the same command goes on"
 # loggers: they tell in traces what is reported here in a line
-LOUD = ("distributed", "tornado", "asyncio")
+NOISY_LOGGERS = ("distributed", "tornado", "asyncio")
 
-Tell = Callable[[int, int, str], None]  # done, of how many, what
+TellFleet = Callable[[int, int, str], None]  # done, of how many, what
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Found:
-    """Records by path, errors by path, how many were known before, and how many are the same
+class FleetFindings:
+    """Holds records by path, errors by path, how many were known before, and how many have the same
     bytes as others."""
 
     records: tuple[Mapping[str, Any], ...]
@@ -84,44 +84,46 @@ class Found:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Asked:
-    """What is wanted of every log. options: of fsspec, for URLs; retry: logs that could not be
+class FleetRequest:
+    """Describes the work on every log. options: of fsspec, for URLs; retry: logs that could not be
     read are tried again."""
 
     machine: Mapping[str, Any]
     salt: str
-    options: Options = dataclasses.field(default_factory=dict)
+    options: StoreOptions = dataclasses.field(default_factory=dict)
     retry: bool = False
 
 
 @contextlib.contextmanager
-def cluster(scheduler: str | None, workers: int, connect_s: float = CONNECT_S) -> Iterator[Any]:
-    """A Dask client: of the scheduler at an address, else of workers on this computer. Raises
+def open_cluster(
+    scheduler: str | None, workers: int, connect_s: float = CONNECT_S
+) -> Iterator[Any]:
+    """Open a Dask client: of the scheduler at an address, else of workers on this computer. Raises
     MissingExtra, OSError.
 
-    Whoever reaches a Dask scheduler runs code as its user. So our own takes only who has a
-    certificate of an authority that was made for this run; what its workers put on the disk
-    lies in a folder of this user's.
+    Whoever reaches a Dask scheduler runs code as its user. So our own takes only clients with a
+    certificate of an authority that was made for this run; files of its workers lie in a folder of
+    this user's.
     """
     need("a fleet", "fleet", "diagnosis")
     import dask
     from distributed import Client, LocalCluster, Security
 
     for name in logging.root.manager.loggerDict:
-        if name.startswith(LOUD):
+        if name.startswith(NOISY_LOGGERS):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
-        with _of(scheduler, Client, connect_s) as client:
+        with _open_client(scheduler, Client, connect_s) as client:
             yield client
         return
     with tempfile.TemporaryDirectory(prefix="topdress-fleet-", ignore_cleanup_errors=True) as room:
         try:
-            with _deaf(), dask.config.set(ENVIRONMENT):
+            with _ignore_interrupts(), dask.config.set(DASK_SETTINGS):
                 local = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
                     processes=True,
-                    memory_limit=MEMORY,
+                    memory_limit=WORKER_MEMORY,
                     dashboard_address=None,
                     host="127.0.0.1",
                     protocol="tls://",
@@ -135,9 +137,9 @@ def cluster(scheduler: str | None, workers: int, connect_s: float = CONNECT_S) -
 
 
 @contextlib.contextmanager
-def _deaf() -> Iterator[None]:
-    """Processes that begin here do not hear Ctrl-C: it is this one's to end them, without a
-    trace from each."""
+def _ignore_interrupts() -> Iterator[None]:
+    """Keep Ctrl-C from processes that begin here: this process ends them, without a trace from
+    each."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -149,9 +151,9 @@ def _deaf() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _of(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[Any]:
-    """A client of a scheduler that is there, with workers that can do the work. Raises OSError,
-    in one line."""
+def _open_client(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[Any]:
+    """Open a client of a running scheduler, with workers that can do the work. Raises OSError, in
+    one line."""
     try:
         client = make(scheduler, set_as_default=False, timeout=connect_s)
     # of an address that it does not know Dask has many words
@@ -167,17 +169,17 @@ def _of(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[
                 "least one "
                 f"(dask worker {scheduler})"
             ) from None
-        for line in unlike(client.get_versions()):
+        for line in list_version_clashes(client.get_versions()):
             raise OSError(f"{scheduler}: {line}")
-        for line in list_without_topdress(_formats(client)):
+        for line in list_without_topdress(_read_record_formats(client)):
             raise OSError(f"{scheduler}: {line}")
         yield client
 
 
-def _formats(client: Any) -> dict[str, Any]:
-    """By scheduler and worker the format of records that its topdress makes; what was raised
-    where it has none."""
-    asked = (pkgutil.resolve_name, f"{record.__module__}:FORMAT")
+def _read_record_formats(client: Any) -> dict[str, Any]:
+    """By scheduler and worker the format of records that its topdress makes; the exception where it
+    has none."""
+    asked = (pkgutil.resolve_name, f"{make_record.__module__}:FORMAT")
     answers = {
         f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()
     }
@@ -188,7 +190,7 @@ def _formats(client: Any) -> dict[str, Any]:
 
 
 def list_without_topdress(formats: Mapping[str, Any]) -> Iterator[str]:
-    """Who has no topdress, or one that makes other records, a line each."""
+    """One line for each worker that has no topdress, or one that makes other records."""
     for who, said in formats.items():
         if isinstance(said, BaseException):
             yield (
@@ -199,9 +201,11 @@ def list_without_topdress(formats: Mapping[str, Any]) -> Iterator[str]:
             yield f"{who} has a topdress that makes records {said}: allowed {FORMAT}"
 
 
-def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
-    """What makes a scheduler or worker unable to work with this program, a line each. versions:
-    as Dask tells them."""
+def list_version_clashes(versions: Mapping[str, Any]) -> Iterator[str]:
+    """One line for each reason that makes a scheduler or worker unable to work with this program.
+
+    versions: as Dask gives them.
+    """
     here = versions["client"]
     others = {
         "the scheduler": versions["scheduler"],
@@ -226,22 +230,22 @@ def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-def find_logs(paths: Sequence[str], out: Path, options: Options | None = None) -> list[str]:
-    """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each
-    once, in order. Of what lies in `out` only what was named itself: that is refused before it
-    is written over.
+def find_logs(paths: Sequence[str], out: Path, options: StoreOptions | None = None) -> list[str]:
+    """Files, the logs in folders at any depth, and those that stars and fsspec URLs stand for; each
+    once, in order.
 
-    Raises OSError for one that is not there.
+    Of the files in `out` only those that were named themselves: they are refused before they are
+    overwritten. Raises OSError for a path that is not there.
     """
     found: list[str] = []
     for where in paths:
         if "://" in where:
-            found += _at_url(where, options or {})
+            found += _list_url_logs(where, options or {})
         elif Path(where).is_dir():
             found += [
                 str(file)
                 for file in sorted(Path(where).rglob("*"))
-                if _is_log(file.name) and file.is_file()
+                if _is_log_name(file.name) and file.is_file()
             ]
         elif any(sign in where for sign in "*?["):
             import glob
@@ -261,15 +265,15 @@ def find_logs(paths: Sequence[str], out: Path, options: Options | None = None) -
     ]
 
 
-def _is_log(name: str) -> bool:
+def _is_log_name(name: str) -> bool:
     return (
-        name.lower().endswith(SUFFIXES)
-        and not name.lower().endswith(ASIDE)
+        name.lower().endswith(LOG_SUFFIXES)
+        and not name.lower().endswith(SKIPPED_SUFFIXES)
         and not name.startswith(".")
     )
 
 
-def _at_url(where: str, options: Options) -> list[str]:
+def _list_url_logs(where: str, options: StoreOptions) -> list[str]:
     need("a URL", "fleet")
     import fsspec
 
@@ -281,28 +285,28 @@ def _at_url(where: str, options: Options) -> list[str]:
     return [
         system.unstrip_protocol(name)
         for name in sorted(names)
-        if _is_log(name.split("/")[-1]) or name == path
+        if _is_log_name(name.split("/")[-1]) or name == path
     ]
 
 
-def diagnosed(
+def diagnose_fleet(
     client: Any,
     paths: Sequence[str],
-    asked: Asked,
+    asked: FleetRequest,
     out: Path,
-    tell: Tell,
-    record: Callable[..., dict[str, Any]] = record,
-) -> Found:
-    """Every log's record, as `record` makes it. KeyboardInterrupt passes through: what is done
-    is kept.
+    tell: TellFleet,
+    record: Callable[..., dict[str, Any]] = make_record,
+) -> FleetFindings:
+    """Every log's record, as `record` makes it. KeyboardInterrupt passes through: finished records
+    are kept.
 
-    Only workers that see the logs are asked. A fault that is not the log's own is tried once
-    more when all else is done, and is never kept: the next run tries again. Raises OSError
-    where no worker sees the logs.
+    Only workers that see the logs are asked. A fault that is not the log's own is tried once more
+    when all else is done, and is never kept: the next run tries again. Raises OSError where no
+    worker sees the logs.
     """
     (out / LOGS).mkdir(parents=True, exist_ok=True)
-    seen = _seen(out)
-    found = _states(paths, asked.options)
+    seen = _read_seen_files(out)
+    found = _find_file_states(paths, asked.options)
     marks = {path: state and f"{state} {asked.salt}" for path, (state, _sides) in found.items()}
     keys = {
         path: seen[path][1]
@@ -315,25 +319,27 @@ def diagnosed(
     blind: dict[str, str] = {}
     gone: list[str] = []
     try:
-        blind = _blind(
+        blind = _find_blind_workers(
             client,
             [
                 path
                 for path in paths
-                if asked.retry or path not in keys or not _place(out, keys[path]).is_file()
+                if asked.retry
+                or path not in keys
+                or not _make_record_path(out, keys[path]).is_file()
             ],
             asked.options,
         )
-        work = _Work(client, [who for who in client.nthreads() if who not in blind])
+        work = _FleetTasks(client, [who for who in client.nthreads() if who not in blind])
         gone = work.gone
         for number, (path, key, why) in enumerate(
-            work.twice(
-                checksum,
+            work.run_with_retry(
+                calc_checksum,
                 {
-                    path: (_whole(path), asked.options, asked.salt, found[path][1])
+                    path: (_make_absolute(path), asked.options, asked.salt, found[path][1])
                     for path in unknown
                 },
-                TOGETHER,
+                CHECKSUMS_PER_TASK,
             )
         ):
             if why:
@@ -342,22 +348,23 @@ def diagnosed(
                 keys[path] = key
                 seen[path] = (marks[path], key)
             tell(number + 1, len(unknown), "looking at the files")
-        _write_seen(out, seen)
+        _write_seen_files(out, seen)
         first: dict[str, str] = {}
         for path, key in keys.items():
             first.setdefault(key, path)
         kept = {
             key: one
             for key in first
-            if (one := _kept(out, key)) is not None and not (asked.retry and "error" in one)
+            if (one := _read_kept_record(out, key)) is not None
+            and not (asked.retry and "error" in one)
         }
         todo = {path: key for key, path in first.items() if key not in kept}
         known = len(kept)
         for number, (path, made, why) in enumerate(
-            work.twice(
+            work.run_with_retry(
                 record,
                 {
-                    path: (_whole(path), asked.options, asked.machine, found[path][1])
+                    path: (_make_absolute(path), asked.options, asked.machine, found[path][1])
                     for path in todo
                 },
             )
@@ -365,22 +372,22 @@ def diagnosed(
             # what no worker survived, or was not the log's own fault
             if why:
                 errors[path] = why
-            elif "://" not in path and _state(path) != found[path][0]:
+            elif "://" not in path and _find_file_state(path) != found[path][0]:
                 errors[path] = "it was written while it was read: the same command reads it again"
                 seen.pop(path, None)
             else:
                 text = json.dumps({**made, "path": path})
                 # what a power loss takes is made anew
-                write_atomically(_place(out, todo[path]), text, kept=False)
+                write_atomically(_make_record_path(out, todo[path]), text, kept=False)
                 kept[todo[path]] = read_record(text)
             tell(known + number + 1, len(first), "diagnosing")
     finally:
-        _write_seen(out, seen)
+        _write_seen_files(out, seen)
     every = [{"key": key, **kept[key], "path": path} for key, path in first.items() if key in kept]
     records = list({one.get("content", one["key"]): one for one in reversed(every)}.values())[::-1]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
     twins = len(keys) - len(first) + len(every) - len(records)
-    return Found(
+    return FleetFindings(
         tuple(one for one in records if "error" not in one),
         tuple(sorted(broken)),
         known,
@@ -393,25 +400,25 @@ def diagnosed(
     )
 
 
-def _whole(path: str) -> str:
+def _make_absolute(path: str) -> str:
     """A path that means the same in every folder; a worker's is not this one's."""
     return path if "://" in path else str(Path(path).absolute())
 
 
-def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str]:
-    """Workers that do not read the first bytes of a log of every folder as they are read here,
-    and why.
+def _find_blind_workers(client: Any, paths: Sequence[str], options: StoreOptions) -> dict[str, str]:
+    """Workers that do not read the first bytes of a log of every folder as they are read here, and
+    why.
 
     Raises OSError where none does.
     """
     one_of_each = {path.replace("\\", "/").rpartition("/")[0]: path for path in reversed(paths)}
     blind: dict[str, str] = {}
-    for path in list(one_of_each.values())[:MOST_LOOKED_AT]:
-        here = hash_first_bytes(_whole(path), options)
+    for path in list(one_of_each.values())[:MOST_PROBED_FOLDERS]:
+        here = hash_first_bytes(_make_absolute(path), options)
         if here[1]:  # gone, or broken: it is listed as such
             continue
         for who, said in client.run(
-            hash_first_bytes, _whole(path), options, on_error="return"
+            hash_first_bytes, _make_absolute(path), options, on_error="return"
         ).items():
             if said != here:
                 # else the worker's own error
@@ -426,50 +433,54 @@ def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str
     return {who.removeprefix("worker "): why for who, why in blind.items()}
 
 
-def _kept(out: Path, key: str) -> dict[str, Any] | None:
+def _read_kept_record(out: Path, key: str) -> dict[str, Any] | None:
     """A record of an earlier run; None where there is none that can be read."""
     try:
-        made = read_record(_place(out, key).read_text(encoding="utf-8"))
+        made = read_record(_make_record_path(out, key).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return made if isinstance(made, dict) and made.get("format") == FORMAT else None
 
 
-class _Work:
-    """Tasks for the workers that see the logs: for all, also those that come later, where none
-    is blind."""
+class _FleetTasks:
+    """Submits tasks to the workers that see the logs: to all, also those that come later, where
+    each sees them."""
 
     def __init__(
-        self, client: Any, workers: Sequence[str], join_s: float = JOIN_S, look_s: float = LOOK_S
+        self,
+        client: Any,
+        workers: Sequence[str],
+        join_s: float = JOIN_S,
+        look_s: float = WATCH_PERIOD_S,
     ) -> None:
         self._client, self._join_s, self._look_s = client, join_s, look_s
         threads = client.nthreads()
         self._there = set(threads)
         # Addresses of the workers that ended while they were wanted.
         self.gone: list[str] = []
-        self._room = max(1, AHEAD * sum(threads.get(who, 1) for who in workers))
+        self._room = max(1, TASKS_PER_THREAD * sum(threads.get(who, 1) for who in workers))
         self._where: dict[str, Any] = (
             {} if len(workers) == len(threads) else {"workers": list(workers)}
         )
 
-    def twice(
+    def run_with_retry(
         self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
     ) -> Iterator[tuple[str, Any, str]]:
-        """As `once`; what failed for no fault of the log is done again, by itself, when all
-        else is done."""
+        """Run as `run_once`; a task that failed for no fault of its log is done again, by itself,
+        when all else is done."""
         again: dict[str, tuple[Any, ...]] = {}
-        for path, made, why in self.once(work, todo, together):
+        for path, made, why in self.run_once(work, todo, together):
             if why:
                 again[path] = todo[path]
             else:
                 yield path, made, why
-        yield from self.once(work, again)
+        yield from self.run_once(work, again)
 
-    def once(
+    def run_once(
         self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
     ) -> Iterator[tuple[str, Any, str]]:
-        """(path, result, "") or (path, None, why), as they are done; of a worker that dies
-        another does the tasks.
+        """(path, result, "") or (path, None, why), as they are done; of a worker that dies another
+        does the tasks.
 
         together: how many a task does, where each worker has some.
         """
@@ -481,22 +492,24 @@ class _Work:
         running: dict[Any, list[str]] = {}
         done = as_completed(loop=self._client.loop)
 
-        def put() -> None:
+        def submit_next() -> None:
             if some := dict(itertools.islice(waiting, together)):
                 future = self._client.submit(
-                    each, work, list(some.values()), pure=False, **self._where
+                    run_each, work, list(some.values()), pure=False, **self._where
                 )
                 running[future] = list(some)
                 done.add(future)
 
         for _ in range(min(self._room, len(todo))):
-            put()
+            submit_next()
         over, alone = threading.Event(), threading.Event()
-        threading.Thread(target=self._until_alone, args=(running, over, alone), daemon=True).start()
+        threading.Thread(
+            target=self._watch_workers, args=(running, over, alone), daemon=True
+        ).start()
         try:
             for futures in done.batches():
                 if any(future.status == "cancelled" for future in futures):
-                    raise OSError(NONE_LEFT if alone.is_set() else GONE)
+                    raise OSError(NO_WORKER_LEFT if alone.is_set() else SCHEDULER_GONE)
                 whole = [future for future in futures if future.status == "finished"]
                 # what is ready, at one time
                 results = dict(zip(whole, self._client.gather(whole), strict=True))
@@ -506,21 +519,21 @@ class _Work:
                         (None, read_first_line(future.exception()))
                     ] * len(paths)
                     future.release()
-                    put()
+                    submit_next()
                     for path, (result, why) in zip(paths, made, strict=True):
                         yield path, result, why
         except (CommClosedError, CancelledError):
-            raise OSError(GONE) from None
+            raise OSError(SCHEDULER_GONE) from None
         finally:
             over.set()
             with contextlib.suppress(CommClosedError, CancelledError):
                 self._client.cancel(list(running))
 
-    def _until_alone(
+    def _watch_workers(
         self, running: Mapping[Any, Any], over: threading.Event, alone: threading.Event
     ) -> None:
-        """Notes workers that end. Where no worker is left, and none comes for as long as the
-        first was waited for, nobody would ever do what is asked: it is taken back."""
+        """Note workers that end. Where no worker is left, and none comes for as long as the first
+        was waited for, nobody would ever do the work: it is cancelled."""
         missed = 0.0
         while not over.wait(self._look_s):
             # that a scheduler is gone shows in its tasks
@@ -536,11 +549,11 @@ class _Work:
                 return
 
 
-def _place(out: Path, key: str) -> Path:
+def _make_record_path(out: Path, key: str) -> Path:
     return out / LOGS / f"{key}.json"
 
 
-def _seen(out: Path) -> dict[str, tuple[str, str]]:
+def _read_seen_files(out: Path) -> dict[str, tuple[str, str]]:
     try:
         answers = json.loads((out / SEEN).read_text(encoding="utf-8"))
         return {path: (mark, key) for path, (mark, key) in answers.items()}
@@ -548,17 +561,19 @@ def _seen(out: Path) -> dict[str, tuple[str, str]]:
         return {}
 
 
-def _write_seen(out: Path, seen: Mapping[str, tuple[str, str]]) -> None:
+def _write_seen_files(out: Path, seen: Mapping[str, tuple[str, str]]) -> None:
     write_atomically(out / SEEN, json.dumps(seen))
 
 
-def _states(paths: Sequence[str], options: Options) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """By path what tells whether it is as it was without reading it, "" where that is not
-    known; and of one at a URL what lies next to it, by one listing of each folder."""
+def _find_file_states(
+    paths: Sequence[str], options: StoreOptions
+) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """By path a state that changes with the file, without reading it, "" where that is not known;
+    and of a URL the files next to it, by one listing of each folder."""
     states, folders = dict[str, tuple[str, tuple[str, ...]]](), dict[str, dict[str, Any]]()
     for path in paths:
         if "://" not in path:
-            states[path] = _state(path), ()
+            states[path] = _find_file_state(path), ()
             continue
         import fsspec
 
@@ -582,7 +597,7 @@ def _states(paths: Sequence[str], options: Options) -> dict[str, tuple[str, tupl
     return states
 
 
-def _state(path: str) -> str:
+def _find_file_state(path: str) -> str:
     from topdress.drivers.files.any_log import import_file
 
     try:

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from topdress.drivers.files.read_log import RunLog
 
 FORMAT = "topdress-fleet-log/3"
-BLOCK = 1 << 20
+BLOCK_BYTES = 1 << 20
 FIRST_BYTES = 4096
 # of a log: what is shorter shows no level of a hopper and no course
-LEAST_S = 20.0
-SHARED = ("product", "operator", "field")
-Options = Mapping[str, str]  # of fsspec, for logs at URLs
+LEAST_LOG_S = 20.0
+SHARED_WORDS = ("product", "operator", "field")
+StoreOptions = Mapping[str, str]  # of fsspec, for logs at URLs
 
 
-def hash_first_bytes(where: str, options: Options) -> tuple[str, str]:
+def hash_first_bytes(where: str, options: StoreOptions) -> tuple[str, str]:
     """SHA-256 of a log's first bytes, and why they cannot be read; one of the two is empty."""
     try:
         if "://" in where:
@@ -42,13 +42,13 @@ def hash_first_bytes(where: str, options: Options) -> tuple[str, str]:
         return "", read_first_line(error)
 
 
-def each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[tuple[Any, str]]:
-    """What is made of each, and why nothing is: it was raised, or the worker and not the log
+def run_each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[tuple[Any, str]]:
+    """The result for each, and why there is none: the exception, or that the worker and not the log
     was at fault."""
-    return [_one(work, arguments) for arguments in of]
+    return [_run_guarded(work, arguments) for arguments in of]
 
 
-def _one(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str]:
+def _run_guarded(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str]:
     try:
         made = work(*arguments)
     except Exception as error:  # one log of thousands never stops the rest
@@ -58,17 +58,17 @@ def _one(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str
     return made, ""
 
 
-def checksum(where: str, options: Options, salt: str, sides: Sequence[str] = ()) -> str:
-    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of what else decides its
-    record. sides: as `local` takes them.
+def calc_checksum(where: str, options: StoreOptions, salt: str, sides: Sequence[str] = ()) -> str:
+    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of all else that decides its
+    record. sides: as `open_local_copy` takes them.
 
-    Raises OSError; where there is no such file too: all that a worker does not see would have
-    one checksum.
+    Raises OSError; also where there is no such file: all that a worker does not see would have one
+    checksum.
     """
     from topdress.drivers.files.any_log import import_file
 
     digest = hashlib.sha256(salt.encode())
-    with local(where, options, sides) as path:
+    with open_local_copy(where, options, sides) as path:
         path.stat()
         for file in (
             path,
@@ -77,21 +77,21 @@ def checksum(where: str, options: Options, salt: str, sides: Sequence[str] = ())
         ):
             if file.is_file():
                 with file.open("rb") as opened:
-                    while block := opened.read(BLOCK):
+                    while block := opened.read(BLOCK_BYTES):
                         digest.update(block)
             digest.update(b"\0")
     return digest.hexdigest()
 
 
-def record(
-    where: str, options: Options, machine: Mapping[str, Any], sides: Sequence[str] = ()
+def make_record(
+    where: str, options: StoreOptions, machine: Mapping[str, Any], sides: Sequence[str] = ()
 ) -> dict[str, Any]:
     """The record of one log, of plain values. machine: for logs that name none. sides: as
-    `local` takes them.
+    `open_local_copy` takes them.
 
-    Whatever is wrong with it is a record too: {"error": one line, "lasting": whether it is the
-    log's own fault}. What a reader refuses is the log's; no such file, no memory, a package
-    that is missing are the worker's.
+    A fault of a log is a record too: {"error": one line, "lasting": whether it is the log's own
+    fault}. What a reader refuses is the log's; a missing file, no memory, a package that is missing
+    are the worker's.
     """
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.config import ConfigError
@@ -99,9 +99,9 @@ def record(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     began = time.perf_counter(), time.process_time()
     try:
-        with local(where, options, sides) as path:
+        with open_local_copy(where, options, sides) as path:
             path.open("rb").close()
-            made = _judged(where, options, path, Machine.model_validate(machine))
+            made = _diagnose_log(where, options, path, Machine.model_validate(machine))
             return {
                 **made,
                 "took_s": time.perf_counter() - began[0],
@@ -119,15 +119,15 @@ def record(
 
 
 def read_record(text: str) -> Any:
-    """A record from its file, in a third of the memory: forms as arrays, a word that all
-    records say once for all.
+    """A record from its file, in a third of the memory: forms as arrays, a word that all records
+    share once for all.
 
-    Raises ValueError for what is no JSON.
+    Raises ValueError for text that is no JSON.
     """
     import numpy as np
     from topdress.control.diagnosis.season.evidence import QuadraticForm
 
-    def small(of: dict[str, Any]) -> Any:
+    def compact_object(of: dict[str, Any]) -> Any:
         if "normal" in of:
             numbers: Any = {name: np.array(of[name]) for name in ("normal", "right", "pulls")}
             return QuadraticForm(
@@ -140,23 +140,27 @@ def read_record(text: str) -> Any:
             for name, value in of.items()
         }
 
-    return json.loads(text, object_hook=small)
+    return json.loads(text, object_hook=compact_object)
 
 
 def read_first_line(error: Exception) -> str:
+    """First line of an exception's message, else its class."""
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def _judged(where: str, options: Options, path: Path, default: Machine) -> dict[str, Any]:
+def _diagnose_log(
+    where: str, options: StoreOptions, path: Path, default: Machine
+) -> dict[str, Any]:
     from topdress.control.diagnosis.season.evidence import evidence
     from topdress.drivers.files.any_log import open_log
     from topdress.drivers.files.config import validated
     from topdress.drivers.files.kinds import MACHINE
 
     log = open_log(path)
-    if log.duration_s < LEAST_S:
+    if log.duration_s < LEAST_LOG_S:
         raise ValueError(
-            f"{where}: {log.duration_s:.0f} s long: allowed is a log of {LEAST_S:.0f} s and more"
+            f"{where}: {log.duration_s:.0f} s long: allowed is a log of {LEAST_LOG_S:.0f} s "
+            f"and more"
         )
     machine = default
     if log.meta is not None and log.meta.machine is not None:
@@ -166,14 +170,14 @@ def _judged(where: str, options: Options, path: Path, default: Machine) -> dict[
     return {
         "format": FORMAT,
         "path": where,
-        "content": _content(log),
+        "content": _hash_measurements(log),
         "rows": len(log),
         "duration_s": log.duration_s,
         "model": machine.id,
         "nominal": hashlib.sha256(machine.model_dump_json().encode()).hexdigest(),
-        "unit": _known(log, "unit") or _folder(where),
-        **_time(log, path, where, options),
-        "shared": {name: _known(log, name) for name in SHARED},
+        "unit": _read_sidecar_word(log, "unit") or _find_folder_name(where),
+        **_find_log_time(log, path, where, options),
+        "shared": {name: _read_sidecar_word(log, name) for name in SHARED_WORDS},
         "verdict": found.verdict,
         "worked": seen.worked._asdict(),
         "percent": seen.percent,
@@ -193,8 +197,8 @@ def _judged(where: str, options: Options, path: Path, default: Machine) -> dict[
     }
 
 
-def _content(log: RunLog) -> str:
-    """SHA-256 of what was measured: the same run as text and as Parquet is one log."""
+def _hash_measurements(log: RunLog) -> str:
+    """SHA-256 of the measured columns: the same run as text and as Parquet is one log."""
     import numpy as np
 
     digest = hashlib.sha256()
@@ -207,23 +211,23 @@ def _content(log: RunLog) -> str:
     return digest.hexdigest()
 
 
-def _known(log: RunLog, name: str) -> str:
-    """As the log's sidecar says."""
+def _read_sidecar_word(log: RunLog, name: str) -> str:
+    """The value of a name in the log's sidecar."""
     said = "" if log.meta is None else log.meta.extra.get(name)
     if not said and name == "field" and log.meta is not None and log.meta.job is not None:
         said = (log.meta.job.get("field") or {}).get("title")
     return str(said or "")
 
 
-def _folder(where: str) -> str:
-    """The name of the folder in which it lies: where nobody says which machine a log is of."""
+def _find_folder_name(where: str) -> str:
+    """The name of the folder in which it lies: the machine of a log that names none."""
     parts = where.replace("\\", "/").rstrip("/").split("/")
     return parts[-2] if len(parts) > 1 else ""
 
 
-def _time(log: RunLog, path: Path, where: str, options: Options) -> dict[str, Any]:
-    """When the log began, in days since 1970, and who says so: its sidecar, its first fix, else
-    its file: the one in the store; our copy where a store tells no times."""
+def _find_log_time(log: RunLog, path: Path, where: str, options: StoreOptions) -> dict[str, Any]:
+    """When the log began, in days since 1970, and the source: its sidecar, its first fix, else its
+    file: the one in the store; our copy where a store has no times."""
     first = next((str(text) for text in log.texts("utc")[:10_000] if text), None)
     for whence, said in (
         ("sidecar", None if log.meta is None else log.meta.started_utc),
@@ -249,12 +253,11 @@ def find_epoch_days(said: str) -> float:
 
 
 @contextlib.contextmanager
-def local(where: str, options: Options, sides: Sequence[str] = ()) -> Iterator[Path]:
-    """The file at a path or fsspec URL as a file of this computer, and next to it what lies
-    next to it there.
+def open_local_copy(where: str, options: StoreOptions, sides: Sequence[str] = ()) -> Iterator[Path]:
+    """The file at a path or fsspec URL as a file of this computer, with its side files next to it.
 
-    sides: of a URL, the places in the store of the sidecar and import files that are there.
-    Raises OSError.
+    sides: of a URL, the places in the store of the sidecar and import files that are there. Raises
+    OSError.
     """
     if "://" not in where:
         yield Path(where)
@@ -269,8 +272,8 @@ def local(where: str, options: Options, sides: Sequence[str] = ()) -> Iterator[P
 
 
 def list_side_urls(path: str) -> tuple[str, ...]:
-    """Where a log's sidecar and import files would be. Of http a path is the whole URL: as a
-    file's path it would lose a stroke."""
+    """Places of a log's sidecar and import files. Of http a path is the whole URL: as a file's path
+    it would lose a stroke."""
     from topdress.drivers.files.any_log import OF_FOLDER, OWN
 
     folder, stroke, name = path.rpartition("/")

@@ -6,34 +6,34 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from topdress.console.services.fleet_job import SHARED, find_epoch_days
+from topdress.console.services.fleet_job import SHARED_WORDS, find_epoch_days
 
-COLUMNS = ("log", "unit", *SHARED, "time")
+LIST_COLUMNS = ("log", "unit", *SHARED_WORDS, "time")
 
 
-class Listed(NamedTuple):
-    """of: by log, what its row says. unused: a line for each row that is of no log, and why.
-    silent: logs without a row."""
+class ListedLogs(NamedTuple):
+    """Holds the rows of the list by log. of: by log, the values of its row. unused: a line for each
+    row that belongs to no log, and why. silent: number of logs without a row."""
 
     of: Mapping[str, Mapping[str, str]]
     unused: tuple[str, ...]
     silent: int
 
 
-def listed(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> Listed:
-    """A row is of the log whose path ends, folder by folder, as the row says; or, of a path
-    that was written on another computer, that ends as the log's path as it was given. One log
-    only: a row that fits several is of none.
+def match_rows(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> ListedLogs:
+    """The log of each row: the log whose path ends, folder by folder, as the row says; or, of a
+    path that was written on another computer, that ends as the log's path as it was given. One log
+    only: a row that fits several belongs to none.
 
-    rows: of COLUMNS. Raises ValueError for a time that is none.
+    rows: of LIST_COLUMNS. Raises ValueError for a wrong time.
     """
-    parts = {log: _parts(log) for log in logs}
+    parts = {log: _split_path(log) for log in logs}
     ends = Counter("/".join(one[k:]) for one in parts.values() for k in range(len(one)))
     by_end = {"/".join(one[k:]): log for log, one in parts.items() for k in range(len(one))}
     whole = {"/".join(one): log for log, one in parts.items()}
     of, unused = dict[str, Mapping[str, str]](), list[str]()
     for number, row in enumerate(rows, 1):
-        said = _parts(row["log"])
+        said = _split_path(row["log"])
         path, longer = "/".join(said), ["/".join(said[k:]) for k in range(1, len(said))]
         log = whole.get(path) or (by_end.get(path) if ends[path] == 1 else None)
         log = log or (
@@ -58,15 +58,15 @@ def listed(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> Listed:
             unused.append(f"row {number}: {row['log']}: {why}")
         else:
             of[log] = row
-    return Listed(of, tuple(unused), len(logs) - len(of))
+    return ListedLogs(of, tuple(unused), len(logs) - len(of))
 
 
-def _parts(path: str) -> list[str]:
+def _split_path(path: str) -> list[str]:
     return [part for part in path.strip().replace("\\", "/").split("/") if part not in ("", ".")]
 
 
-def with_words(record: Mapping[str, Any], row: Mapping[str, str]) -> dict[str, Any]:
-    """A log's record with what its row says in place of what its sidecar does."""
+def apply_list_row(record: Mapping[str, Any], row: Mapping[str, str]) -> dict[str, Any]:
+    """A log's record with the values of its row in place of its sidecar's."""
     time = {"time_d": find_epoch_days(row["time"]), "time_from": "list"} if row.get("time") else {}
     return {
         **record,

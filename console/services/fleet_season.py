@@ -22,16 +22,20 @@ from topdress.drivers import day_clock
 FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0
 
 
-class Aside(NamedTuple):
-    """A log whose clock cannot be right: it is diagnosed, and left out of the courses and sums."""
+class MistimedLog(NamedTuple):
+    """Names a log whose clock cannot be right: it is diagnosed, and left out of the courses and
+    sums."""
 
     path: str
     date: str
 
 
 class Season(NamedTuple):
-    """units: of effects. broken: path and why. by_file_date: logs that tell no time but that of
-    their file."""
+    """Holds the records of a fleet put together.
+
+    units: of effects. broken: path and why. by_file_date: logs that have no time but that of their
+    file.
+    """
 
     machines: tuple[MachineSeason, ...]
     fit: SeasonFit
@@ -39,21 +43,24 @@ class Season(NamedTuple):
     logs: tuple[OwnersLog, ...]
     units: Mapping[str, str]
     broken: tuple[tuple[str, str], ...]
-    aside: tuple[Aside, ...] = ()
+    aside: tuple[MistimedLog, ...] = ()
     by_file_date: int = 0
 
 
-def season(
+def make_season(
     records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str]], now_d: float
 ) -> Season:
-    """records: as `fleet_job.read_record` reads them, with their key. now_d: days since 1970."""
-    timely, aside = list[Mapping[str, Any]](), list[Aside]()
+    """The season of a fleet.
+
+    records: as `fleet_job.read_record` reads them, with their key. now_d: days since 1970.
+    """
+    timely, aside = list[Mapping[str, Any]](), list[MistimedLog]()
     for one in records:
         if FIRST_DAY <= one["time_d"] <= now_d + DAY_AHEAD:
             timely.append(one)
         else:
-            aside.append(Aside(one["path"], _date(one["time_d"])))
-    named = one_spelling(timely)
+            aside.append(MistimedLog(one["path"], _format_date(one["time_d"])))
+    named = unify_spelling(timely)
     logs = [
         OneLog(one["key"], one["unit"], one["time_d"], tuple(one["forms"]), one["shared"])
         for one in named
@@ -85,13 +92,16 @@ def season(
     )
 
 
-def one_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Names that differ in capitals or blanks only are one, spelt as most logs do; a machine
-    whose logs are held against several models is several."""
+def unify_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Records whose names are spelt alike where they differ in capitals or blanks only, as most
+    logs do; a machine whose logs have several models is several."""
     every = list(records)
     factors = sorted({name for one in every for name in one["shared"]})
-    unit = _spelt(one["unit"] for one in every)
-    spelt = {name: _spelt(one["shared"].get(name, "") for one in every) for name in factors}
+    unit = _find_common_spelling(one["unit"] for one in every)
+    spelt = {
+        name: _find_common_spelling(one["shared"].get(name, "") for one in every)
+        for name in factors
+    }
     models: dict[str, set[str]] = {}
     for one in every:
         models.setdefault(unit[one["unit"]], set()).add(one["model"])
@@ -110,20 +120,20 @@ def one_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _spelt(names: Iterable[str]) -> dict[str, str]:
-    """Each spelling's commonest one."""
+def _find_common_spelling(names: Iterable[str]) -> dict[str, str]:
+    """The commonest spelling of each name."""
     counts = Counter(names)
     best: dict[str, str] = {}
     for name, _ in counts.most_common():
-        best.setdefault(_plain(name), " ".join(name.split()))
-    return {name: best[_plain(name)] for name in counts}
+        best.setdefault(_fold_name(name), " ".join(name.split()))
+    return {name: best[_fold_name(name)] for name in counts}
 
 
-def _plain(name: str) -> str:
+def _fold_name(name: str) -> str:
     return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 
 
-def _date(time_d: float) -> str:
+def _format_date(time_d: float) -> str:
     """The day, or its number where no calendar reaches it."""
     try:
         return day_clock.moment(time_d * 86_400.0).date().isoformat()

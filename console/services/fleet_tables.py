@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _TEXT, _NUMBER, _COUNT = "Utf8", "Float64", "Int64"
 # Every column of every table, so that an empty one has them too.
-TABLES = {
+TABLE_COLUMNS = {
     "logs": {
         "path": _TEXT,
         "checksum": _TEXT,
@@ -110,7 +110,7 @@ TABLES = {
 
 
 def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) -> None:
-    """`TABLES`, each a Parquet file in `out`. Raises OSError."""
+    """Write `TABLE_COLUMNS`, each a Parquet file in `out`. Raises OSError."""
     import polars as pl
 
     fit = of.fit
@@ -179,7 +179,7 @@ def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) ->
             for cost in one.costs
         ],
     }
-    for name, columns in TABLES.items():
+    for name, columns in TABLE_COLUMNS.items():
         data = io.BytesIO()
         rows = [{column: row.get(column) for column in columns} for row in tables[name]]
         schema = {column: getattr(pl, kind) for column, kind in columns.items()}

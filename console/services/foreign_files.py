@@ -9,32 +9,32 @@ from topdress.console.app.pages.diagnosis.service import OpenQuestions
 from topdress.drivers.files.atomic import free_path
 from topdress.drivers.files.what_it_is import FOREIGN, TABLES
 
-READ = TABLES | FOREIGN
+READ_SUFFIXES = TABLES | FOREIGN
 # may be logs, and often are something else
-LISTED = READ - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}
+LISTED_SUFFIXES = READ_SUFFIXES - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}
 TASK, TASK_FOLDER = "taskdata.xml", "taskdata"
-IMPORT_FILE = ".import.yaml"
-YAML = (".yaml", ".yml")
+IMPORT_FILE_SUFFIX = ".import.yaml"
+YAML_SUFFIXES = (".yaml", ".yml")
 
 
-def is_listed(path: Path) -> bool:
-    """Whether the name, or for folders and zips what lies in them, makes it likely that this is
-    a log or a table, or how one is read."""
+def is_likely_log(path: Path) -> bool:
+    """Whether the name, or for folders and zips the content, makes it likely that this is a log or
+    a table, or an import file."""
     name = path.name.lower()
     return (
         not name.startswith(".")
         and not name.endswith(".truth.csv")
         and (
-            path.suffix.lower() in LISTED
+            path.suffix.lower() in LISTED_SUFFIXES
             or name == TASK
-            or name.endswith(IMPORT_FILE)
-            or _holds_points(path)
+            or name.endswith(IMPORT_FILE_SUFFIX)
+            or _has_time_log(path)
         )
     )
 
 
-def _holds_points(path: Path) -> bool:
-    """A folder or a zip with the log of a task that was worked."""
+def _has_time_log(path: Path) -> bool:
+    """Whether a folder or a zip holds the log of a task that was worked."""
     from topdress.drivers.files.archives import files_at, holds_time_log
     from topdress.drivers.plain_text import Refused
 
@@ -46,19 +46,20 @@ def _holds_points(path: Path) -> bool:
         return False
 
 
-def may_be_brought_in(path: Path) -> bool:
-    """Whether `brought_in` would try: a file that import reads, a task's folder, an import file."""
+def is_importable(path: Path) -> bool:
+    """Whether `import_file_as_log` would try: a file that import reads, a task's folder, an import
+    file."""
     if path.is_dir():
         return any(file.name.lower() == TASK for file in path.iterdir())
-    return path.suffix.lower() in READ or _is_import_file(path)
+    return path.suffix.lower() in READ_SUFFIXES or _is_import_file(path)
 
 
-def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
-    """The file at `path` (or that of the import file there) as a new run log in `folder`; its
-    path, and what was odd.
+def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
+    """The file at `path` (or that of the import file there) as a new run log in `folder`; returns
+    its path, and notes on odd data.
 
-    The import file next to it is used where there is one, else a guess of which nothing is
-    unsure. Raises OpenQuestions where something is, once the guess is written next to the file;
+    The import file next to it is used where there is one, else a guess of which nothing is unsure.
+    Raises OpenQuestions where something is, once the guess is written next to the file;
     ImportTrouble, ConfigError and OSError.
     """
     from topdress.drivers.files.atomic import write_atomically
@@ -71,7 +72,7 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     from topdress.drivers.files.imports.mapping import IMPORT
     from topdress.drivers.files.imports.read import read_raw
 
-    data, place = _pair(path)
+    data, place = _find_import_pair(path)
     raw = read_raw(data)
     found = guess(raw)
     mapping, mapping_file = found.mapping, place if place.exists() else None
@@ -94,7 +95,7 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
 def _is_import_file(path: Path) -> bool:
     from topdress.drivers.files.imports.mapping import IMPORT
 
-    if path.suffix.lower() not in YAML:
+    if path.suffix.lower() not in YAML_SUFFIXES:
         return False
     text = path.read_text(encoding="utf-8", errors="replace")
     return any(
@@ -102,15 +103,15 @@ def _is_import_file(path: Path) -> bool:
     )
 
 
-def _pair(path: Path) -> tuple[Path, Path]:
+def _find_import_pair(path: Path) -> tuple[Path, Path]:
     """A file and its import file, given either: they stand next to each other and have one stem."""
-    if path.suffix.lower() not in YAML:
-        return path, path.with_name(f"{path.stem}{IMPORT_FILE}")
-    stem = path.stem.removesuffix(Path(IMPORT_FILE).stem)
+    if path.suffix.lower() not in YAML_SUFFIXES:
+        return path, path.with_name(f"{path.stem}{IMPORT_FILE_SUFFIX}")
+    stem = path.stem.removesuffix(Path(IMPORT_FILE_SUFFIX).stem)
     logs = sorted(
         file
         for file in path.parent.iterdir()
-        if file.stem == stem and file.suffix.lower() in READ and file.is_file()
+        if file.stem == stem and file.suffix.lower() in READ_SUFFIXES and file.is_file()
     )
     if len(logs) != 1:
         names = ", ".join(file.name for file in logs) or "none"

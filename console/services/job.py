@@ -27,7 +27,7 @@ from topdress.console.app.pages.job.service import (
     Progress,
     Recent,
 )
-from topdress.console.services.launcher import Launcher, find_data_folder, list_others
+from topdress.console.services.launcher import Launcher, find_data_folder, list_other_files
 from topdress.console.worker import resume
 from topdress.control.orders import BY_MAP, TargetSource
 from topdress.drivers import day_clock
@@ -50,9 +50,8 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def one_line() -> Iterator[None]:
-    """What is wrong with a configuration file as the ValueError of the screens: the first of
-    its lines."""
+def shorten_config_error() -> Iterator[None]:
+    """Raise the first line of a ConfigError as the ValueError of the screens."""
     try:
         yield
     except ConfigError as error:
@@ -60,7 +59,7 @@ def one_line() -> Iterator[None]:
 
 
 class JobFiles:
-    """`console.app.pages.job.service.JobService` on real files."""
+    """Implements `console.app.pages.job.service.JobService` on real files."""
 
     def __init__(self, launcher: Launcher, folder: Path | None = None) -> None:
         """folder: of the user's own files; jobs that are changed are in its folder jobs."""
@@ -78,20 +77,20 @@ class JobFiles:
     # --- facts
     # ----------------------------------------------------------------------------------------------
 
-    def facts(self) -> Facts:
-        """Raises ValueError."""
+    def find_facts(self) -> Facts:
+        """Facts of the files of the next start. Raises ValueError."""
         from topdress.drivers.files.setup import product_of, setup_of
 
-        with one_line():
-            found = self._found()
+        with shorten_config_error():
+            found = self._load_files()
             setup = setup_of(found, day_clock.today())
             job_path, machine_path = (
-                _path_of(found, JOB.format, "demo"),
-                _path_of(found, MACHINE.format, "huanghai"),
+                _find_file_path(found, JOB.format, "demo"),
+                _find_file_path(found, MACHINE.format, "huanghai"),
             )
             crop = load(setup.job.crop, CROP, base=setup.folder)
         product = product_of(setup.job, setup.folder)
-        field, area = self._field(setup.job, setup.machine, found)
+        field, area = self._find_field_area(setup.job, setup.machine, found)
         return Facts(
             setup,
             str(job_path),
@@ -101,36 +100,38 @@ class JobFiles:
             "" if product is None else str(product.path),
             field,
             area,
-            *self._map(setup, found),
-            self._files("jobs", job_path),
-            self._files("crops", crop.path),
-            self._files("machines", machine_path),
-            self._files(PRODUCT.folder, None if product is None else product.path),
+            *self._check_map(setup, found),
+            self._list_files("jobs", job_path),
+            self._list_files("crops", crop.path),
+            self._list_files("machines", machine_path),
+            self._list_files(PRODUCT.folder, None if product is None else product.path),
         )
 
     @staticmethod
-    def _field(
+    def _find_field_area(
         job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]
     ) -> tuple[str, float | None]:
         from topdress.control.field.boundary import Boundary
 
-        ground = _on_its_ground(job, machine, found).field
+        ground = _add_simulated_field(job, machine, found).field
         return ground.title, Boundary(
             ground.boundary_m, ground.holes_m
         ).area_ha if ground.boundary_m else None
 
-    def _map(
+    def _check_map(
         self, setup: Setup, found: dict[str, Loaded[BaseModel]]
     ) -> tuple[str, MapCheck | None, str]:
-        """Where the job's map stands, what of it will not be applied, why it cannot be used.
-        Looked at anew only when the file or the job has changed: a large one takes seconds."""
+        """Path of the job's map, its parts that will not be applied, why it cannot be used.
+
+        Checked anew only when the file or the job has changed: a large one takes seconds.
+        """
         from topdress.drivers.files.archives import files_of
         from topdress.drivers.files.prescriptions.for_job import check_of_job
 
         if setup.job.target.map is None:
             return "", None, ""
         path, limit_kg_ha = setup.folder / setup.job.target.map, setup.crop.max_rate_kg_ha
-        job = _on_its_ground(setup.job, setup.machine, found)
+        job = _add_simulated_field(setup.job, setup.machine, found)
         stands = tuple(
             (file, file.stat().st_mtime_ns, file.stat().st_size)
             for file in files_of(path)
@@ -146,15 +147,15 @@ class JobFiles:
                 self._checked = key, error
         checked = self._checked[1]
         if isinstance(checked, Refused):
-            from topdress.console.services.map_refused import in_words
+            from topdress.console.services.map_refused import describe_refusal
 
-            return str(path), None, f"{path}: {in_words(checked, path)}"
+            return str(path), None, f"{path}: {describe_refusal(checked, path)}"
         if isinstance(checked, OSError):
             return str(path), None, f"{path}: {checked.strerror or checked}"
         return str(path), checked, ""
 
-    def _files(self, folder: str, now: Path | None) -> tuple[File, ...]:
-        """The one in use, the user's own, the newest first, and those that are shipped."""
+    def _list_files(self, folder: str, now: Path | None) -> tuple[File, ...]:
+        """The file in use, the user's own, the newest first, and those that are shipped."""
         own = [path for path in (self._folder / folder).glob("*.yaml") if path.is_file()]
         own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         found: dict[str, File] = {}
@@ -162,7 +163,8 @@ class JobFiles:
             found.setdefault(str(path), File(str(path), path.stem))
         return tuple(found.values())
 
-    def free_bytes(self, log_path: str) -> int | None:
+    def find_free_bytes(self, log_path: str) -> int | None:
+        """Free space on the log's disk, bytes; None where it cannot be read."""
         try:
             return shutil.disk_usage(Path(log_path).parent).free
         except OSError:
@@ -171,76 +173,78 @@ class JobFiles:
     # --- other files
     # --------------------------------------------------------------------------------------------
 
-    def take(self, kind: str, value: str) -> None:
-        """Raises ValueError."""
-        value = _typed(value)
-        with one_line():
+    def choose_file(self, kind: str, value: str) -> None:
+        """Choose another job, crop or machine file for the next start. Raises ValueError."""
+        value = _clean_typed_path(value)
+        with shorten_config_error():
             if kind == "crop":
                 load(Path(value), CROP)
-                self._new_job({"crop": value}, f"crop {Path(value).stem}")
+                self._write_new_job({"crop": value}, f"crop {Path(value).stem}")
                 return
             wanted = {"job": JOB, "machine": MACHINE}[kind]
             load(Path(value), wanted)
-            self._replace(wanted.format, value)
+            self._replace_file(wanted.format, value)
 
-    def recent(self) -> tuple[Recent, ...]:
-        from topdress.console.services.recent import recent
+    def list_recent(self) -> tuple[Recent, ...]:
+        """File sets of the jobs worked lately, the newest first."""
+        from topdress.console.services.recent import find_recent_sets
 
-        return recent(self._launcher.logs, self._folder)
+        return find_recent_sets(self._launcher.log_folder, self._folder)
 
-    def take_recent(self, recent: Recent) -> None:
-        """Raises ValueError."""
+    def choose_recent(self, recent: Recent) -> None:
+        """Choose the files of a job worked lately. Raises ValueError."""
         from topdress.drivers.files.setup import by_kind, setup_of
 
-        with one_line():
+        with shorten_config_error():
             setup_of(by_kind(recent.files), day_clock.today())
         self._next = recent.files
 
-    def take_strip(self, strip: StripValue) -> str:
-        """Raises ValueError."""
+    def save_strip_value(self, strip: StripValue) -> str:
+        """Save a strip's NDVI in the job; returns the comment. Raises ValueError."""
         what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
         how = (
             "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
         )
-        with one_line():
+        with shorten_config_error():
             said = (
                 f"{what} taken back"
                 if strip.ndvi is None
                 else f"{what}: NDVI {strip.ndvi:.4f}{how}"
             )
-            self._new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
-            self._settle()
+            self._write_new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
+            self._settle_changed_job()
             self._launcher.config, self._next, self._changed = (
                 self._next or self._launcher.config,
                 None,
                 None,
             )
-            return str(_path_of(self._found(), JOB.format, "demo"))
+            return str(_find_file_path(self._load_files(), JOB.format, "demo"))
 
-    def maps(self) -> tuple[MapFile, ...]:
-        from topdress.console.services.removable_media import find_maps, places
+    def list_maps(self) -> tuple[MapFile, ...]:
+        """Maps on sticks, among downloads and in the user's folder, the newest first."""
+        from topdress.console.services.removable_media import find_maps, list_places
 
-        return find_maps(places())
+        return find_maps(list_places())
 
-    def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
-        """Raises ValueError."""
-        from topdress.console.services.removable_media import entries, places
+    def list_map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
+        """Entries of a folder; empty: the places to begin with. Raises ValueError."""
+        from topdress.console.services.removable_media import list_entries, list_places
 
         if not folder:
             return (
-                *(MapFile(str(path), f"{name}/", "", "") for path, name in places()),
+                *(MapFile(str(path), f"{name}/", "", "") for path, name in list_places()),
                 MapFile(str(Path.home()), "~/", "", ""),
                 MapFile(Path.home().anchor, Path.home().anchor, "", ""),
             )
         try:
-            return entries(Path(folder), kind)
+            return list_entries(Path(folder), kind)
         except OSError as error:
             raise ValueError(f"{error.strerror or error}: {folder}") from None
 
-    def preview(self, path: str, reading: MapReading) -> MapPreview:
-        """Raises ValueError."""
-        from topdress.console.services.field import picture_of
-        from topdress.console.services.map_refused import in_words, refused
+    def preview_map(self, path: str, reading: MapReading) -> MapPreview:
+        """A map as it would be read. Raises ValueError."""
+        from topdress.console.services.field import make_job_picture
+        from topdress.console.services.map_refused import describe_map_refusal, describe_refusal
         from topdress.control.targets.prescription import statistics
         from topdress.drivers.files.prescriptions.for_job import check_of_job
         from topdress.drivers.files.prescriptions.read import read_prescription
@@ -253,20 +257,24 @@ class JobFiles:
         from topdress.drivers.files.setup import setup_of
 
         choice = RateChoice(column=reading.column or None, unit=reading.unit or None)
-        path = _typed(path)
+        path = _clean_typed_path(path)
         try:
             read = read_prescription(path, choice)
         except RateQuestion as question:
-            return MapPreview(path, reading, question.columns, in_words(question, Path(path)))
+            return MapPreview(
+                path, reading, question.columns, describe_refusal(question, Path(path))
+            )
         except Refused as error:
-            raise ValueError(f"{refused(Path(path), error)} ({Path(path).name})") from None
+            raise ValueError(
+                f"{describe_map_refusal(Path(path), error)} ({Path(path).name})"
+            ) from None
         except OSError as error:
             raise ValueError(f"{error.strerror or error}: {path}") from None
         if self._scratch is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="topdress-maps-")
         kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
         write_prescription(read.data, kept)
-        found = self._found()
+        found = self._load_files()
         setup = setup_of(found, day_clock.today())
         shares = statistics(read.data)
         doubtful = find_implausible_rates(
@@ -280,10 +288,12 @@ class JobFiles:
                 f"{doubtful}, and the file names no unit: say which one it is",
             )
         target = setup.job.target.model_copy(update={"map": str(kept), "source": TargetSource.MAP})
-        job = _on_its_ground(setup.job.model_copy(update={"target": target}), setup.machine, found)
+        job = _add_simulated_field(
+            setup.job.model_copy(update={"target": target}), setup.machine, found
+        )
         check = check_of_job(job, setup.crop.max_rate_kg_ha, kept.parent)
         rates = [share.rate_kg_ha for share in shares] or [0.0]
-        picture = picture_of(job, kept.parent, setup.machine.geometry.working_width_m)
+        picture = make_job_picture(job, kept.parent, setup.machine.geometry.working_width_m)
         return MapPreview(
             path,
             reading._replace(column=reading.column or (read.layers or ("",))[0]),
@@ -298,12 +308,12 @@ class JobFiles:
             str(kept),
         )
 
-    def take_map(self, preview: MapPreview) -> str:
-        """Raises ValueError."""
+    def choose_map(self, preview: MapPreview) -> str:
+        """Put a map into the job; returns the comment. Raises ValueError."""
         from topdress.drivers.files.atomic import free_path, write_atomically
 
         place = free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
-        target = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.target
+        target = load(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model.target
         said = (
             f"Prescription {Path(preview.path).name}, column "
             f"{preview.reading.column or '-'}, {preview.unit}"
@@ -315,27 +325,28 @@ class JobFiles:
             changed = target.model_copy(
                 update={"map": str(place), "source": source, "hold_mean_kg_ha": None}
             )
-            with one_line():
-                return self._new_job({"target": changed}, said)
+            with shorten_config_error():
+                return self._write_new_job({"target": changed}, said)
         except OSError as error:
             raise ValueError(f"{place}: {error.strerror or error}") from None
 
-    def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
-        """Raises ValueError: edges that cross, too few corners."""
-        from topdress.console.services.driven_field import driven_field
+    def save_driven_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
+        """Put a driven boundary into the job; returns the comment. Raises ValueError: edges that
+        cross, too few corners."""
+        from topdress.console.services.driven_field import make_driven_field
 
-        ground = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.field
-        with one_line():
-            field, area_ha = driven_field(ground, ring_deg)
+        ground = load(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model.field
+        with shorten_config_error():
+            field, area_ha = make_driven_field(ground, ring_deg)
             said = f"Boundary driven, {area_ha:.2f} ha, {len(field.boundary_m)} corners"
-            return self._new_job({"field": field}, said)
+            return self._write_new_job({"field": field}, said)
 
-    def take_names(self, who: JobNames) -> str:
-        """Raises ValueError."""
-        job = load(_path_of(self._found(), JOB.format, "demo"), JOB).model
+    def save_job_names(self, who: JobNames) -> str:
+        """Put client, farm and field names into the job; returns the comment. Raises ValueError."""
+        job = load(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model
         field = job.field.model_copy(update={"title": who.field})
-        with one_line():
-            return self._new_job(
+        with shorten_config_error():
+            return self._write_new_job(
                 {
                     "client": who.client,
                     "farm": who.farm,
@@ -347,24 +358,30 @@ class JobFiles:
                 "Names given in the cab",
             )
 
-    def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
-        from topdress.console.services.recent import card, find_done_of_jobs
+    def list_job_cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+        """The job files with their cards; None where one cannot be read."""
+        from topdress.console.services.recent import find_done_of_jobs, make_job_card
 
-        now = _path_of(self._found(), JOB.format, "demo")
-        done = find_done_of_jobs(self._launcher.logs)
-        return tuple((file, card(Path(file.value), done)) for file in self._files(JOB.folder, now))
+        now = _find_file_path(self._load_files(), JOB.format, "demo")
+        done = find_done_of_jobs(self._launcher.log_folder)
+        return tuple(
+            (file, make_job_card(Path(file.value), done))
+            for file in self._list_files(JOB.folder, now)
+        )
 
-    def _new_job(self, changes: dict[str, object], comment: str) -> str:
-        """A job of the user's stays the same file and keeps what it was before in the folder
-        history; one of others is taken over under its own name."""
+    def _write_new_job(self, changes: dict[str, object], comment: str) -> str:
+        """A job of the user's stays the same file and keeps its earlier version in the folder
+        history; one of others is copied under its own name."""
         from topdress.drivers.files.atomic import free_path
 
-        path = _path_of(self._found(), JOB.format, "demo")
+        path = _find_file_path(self._load_files(), JOB.format, "demo")
         loaded = load(path, JOB)
         job, folder, own = loaded.model, path.parent, self._folder / JOB.folder
         place = path if folder.resolve() == own.resolve() else free_path(own, job.id, ".yaml")
-        crop = _from(folder, job.crop)
-        product_file = None if job.product_file is None else _from(folder, job.product_file)
+        crop = _resolve_named_file(folder, job.crop)
+        product_file = (
+            None if job.product_file is None else _resolve_named_file(folder, job.product_file)
+        )
         new = job.model_copy(
             update={"crop": crop, "product_file": product_file, "id": place.stem} | changes
         ).with_files(lambda named: str((folder / named).resolve()))
@@ -376,17 +393,17 @@ class JobFiles:
         )
         try:
             kept.parent.mkdir(parents=True, exist_ok=True)
-            before = _comments(path) if place == path else [f"From {path.name}."]
+            before = _read_head_comments(path) if place == path else [f"From {path.name}."]
             save(kept, new, JOB, "\n".join([*before, f"{now:%Y-%m-%d %H:%M} {comment}"]))
         except OSError as error:
             raise ValueError(f"{kept}: {error.strerror or error}") from None
-        self._replace(JOB.format, str(kept))
+        self._replace_file(JOB.format, str(kept))
         self._changed = place, kept
         return str(kept)
 
-    def _settle(self) -> None:
-        """What was changed takes its place, and what stood there goes into the history; a
-        second time back. Raises ValueError."""
+    def _settle_changed_job(self) -> None:
+        """Put the changed job in its place, and the earlier one into the history; a second time
+        back. Raises ValueError."""
         from topdress.drivers.files.atomic import write_atomically
 
         if self._changed is None:
@@ -402,64 +419,66 @@ class JobFiles:
         if self._next is not None:
             self._next = tuple(str(place) if file == str(kept) else file for file in self._next)
 
-    def _check(self, kind: str, value: str) -> None:
-        """The new set of files together. Raises ConfigError."""
+    def _check_file_set(self, kind: str, value: str) -> None:
+        """Check the new set of files together. Raises ConfigError."""
         from topdress.drivers.files.setup import by_kind, setup_of
 
-        setup_of(by_kind(self._with(kind, value)), day_clock.today())
+        setup_of(by_kind(self._make_file_set(kind, value)), day_clock.today())
 
-    def _replace(self, kind: str, value: str) -> None:
-        self._check(kind, value)
-        self._next = self._with(kind, value)
+    def _replace_file(self, kind: str, value: str) -> None:
+        self._check_file_set(kind, value)
+        self._next = self._make_file_set(kind, value)
 
-    def _with(self, kind: str, value: str) -> tuple[str, ...]:
-        kept = [str(one.path) for format_, one in self._found().items() if format_ != kind]
+    def _make_file_set(self, kind: str, value: str) -> tuple[str, ...]:
+        kept = [str(one.path) for format_, one in self._load_files().items() if format_ != kind]
         return (*kept, value)
 
-    def _found(self) -> dict[str, Loaded[BaseModel]]:
+    def _load_files(self) -> dict[str, Loaded[BaseModel]]:
         from topdress.drivers.files.setup import by_kind
 
         return by_kind(self._launcher.config)
 
-    def drop(self) -> None:
+    def drop_choices(self) -> None:
+        """Forget the choices for the next start."""
         if self._changed is not None and self._changed[0] != self._changed[1]:
             self._changed[1].unlink(missing_ok=True)
         self._next = self._changed = None
 
-    async def restart(self, anew: bool = False) -> Link:
-        """Raises WorkerFailed, ValueError, OSError; the files are then those of before."""
-        before, left = self._launcher.config, self._left()
-        self._settle()
+    async def restart_worker(self, anew: bool = False) -> Link:
+        """Start a worker with the chosen files. Raises WorkerFailed, ValueError, OSError; the files
+        are then those of before."""
+        before, left = self._launcher.config, self._find_left_jobs()
+        self._settle_changed_job()
         self._launcher.config, self._next = self._next or before, None
         try:
-            return await self._begin(left, anew)
+            return await self._begin_worker(left, anew)
         except (RuntimeError, ValueError, OSError):
             self._launcher.config = before
-            self._settle()
+            self._settle_changed_job()
             raise
         finally:
             self._changed = None
 
-    async def _begin(self, left: Sequence[OpenJob], anew: bool) -> Link:
-        """A worker on a field on which these jobs were left, the newest first."""
+    async def _begin_worker(self, left: Sequence[OpenJob], anew: bool) -> Link:
+        """Start a worker on a field on which these jobs were left, the newest first."""
         if anew:
             for one in left:
-                resume.finish(one.path)
-        return await self._launcher.link(
-            None if anew else next((one.path for one in left if one.goes_on), None)
+                resume.mark_finished(one.path)
+        return await self._launcher.start_link(
+            None if anew else next((one.path for one in left if one.is_same_job), None)
         )
 
     # --- export and report
     # --------------------------------------------------------------------------------------
 
-    def export(
+    def export_as_applied(
         self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
     ) -> tuple[str, ...]:
-        """Raises ValueError, OSError."""
+        """Export the as-applied map of each part of the job. Raises ValueError, OSError."""
         from topdress.drivers.files.exports.as_applied import as_applied
         from topdress.drivers.files.exports.write import write_as_applied
 
-        return self._of_parts(
+        return self._write_part_files(
             log_path,
             f"-applied{ending}",
             as_applied,
@@ -468,27 +487,34 @@ class JobFiles:
             cancelled,
         )
 
-    def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
-        """Raises ValueError, OSError."""
-        from topdress.console.reports.job_about import read_about
-        from topdress.console.reports.job_page import MOST_STRETCHES, job_page
+    def write_reports(
+        self, log_path: str, progress: Progress, cancelled: Cancelled
+    ) -> tuple[str, ...]:
+        """Write the report of each part of the job. Raises ValueError, OSError."""
+        from topdress.console.reports.job_about import read_job_metadata
+        from topdress.console.reports.job_page import MOST_STRETCHES, make_job_page
         from topdress.drivers.files.atomic import write_atomically
         from topdress.drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
         from topdress.drivers.files.run_meta import software_version
 
-        def gathered(recorded: RunLog) -> AsApplied:
+        def gather_as_applied(recorded: RunLog) -> AsApplied:
             applied = as_applied(recorded)
             every_s = applied.totals.worked_s / MOST_STRETCHES
             return as_applied(recorded, every_s=every_s) if every_s > DEFAULT_EVERY_S else applied
 
-        def write(recorded: RunLog, applied: AsApplied, out: Path) -> None:
+        def write_report(recorded: RunLog, applied: AsApplied, out: Path) -> None:
             write_atomically(
-                out, job_page(applied, f"topdress {software_version()}", read_about(recorded))
+                out,
+                make_job_page(
+                    applied, f"topdress {software_version()}", read_job_metadata(recorded)
+                ),
             )
 
-        return self._of_parts(log_path, "-report.html", gathered, write, progress, cancelled)
+        return self._write_part_files(
+            log_path, "-report.html", gather_as_applied, write_report, progress, cancelled
+        )
 
-    def _of_parts(
+    def _write_part_files(
         self,
         log_path: str,
         ending: str,
@@ -497,13 +523,13 @@ class JobFiles:
         progress: Progress,
         cancelled: Cancelled,
     ) -> tuple[str, ...]:
-        """A file of each log of the job, next to it; cancelled: those that are done. A log with
-        nothing in it is passed over, unless no log has more. Raises ValueError, OSError."""
+        """Write a file of each log of the job, next to it; cancelled: those that are done. A log
+        with nothing in it is passed over, unless no log has more. Raises ValueError, OSError."""
         from topdress.drivers.files.exports.as_applied import ExportError
         from topdress.drivers.files.imports.trouble import TableError
         from topdress.drivers.files.read_log import read_log
 
-        logs = self._parts(log_path)
+        logs = self._list_parts(log_path)
         written: list[str] = []
         for number, log in enumerate(logs):
             try:
@@ -525,11 +551,11 @@ class JobFiles:
         return tuple(written)
 
     @staticmethod
-    def _parts(log_path: str) -> tuple[Path, ...]:
+    def _list_parts(log_path: str) -> tuple[Path, ...]:
         """The logs of the job, oldest first."""
         log = Path(log_path)
         try:
-            before = resume.read(resume.snapshot_path(log)).logs_before
+            before = resume.read_snapshot(resume.make_snapshot_path(log)).logs_before
         except (OSError, ValueError):
             before = ()
         return (*(path for path in map(Path, before) if path.exists()), log)
@@ -537,8 +563,9 @@ class JobFiles:
     # --- power cuts
     # ---------------------------------------------------------------------------------------------
 
-    def offer(self) -> Offer | None:
-        left = sorted(self._left(), key=lambda one: not one.goes_on)
+    def find_offer(self) -> Offer | None:
+        """The job that was left and can go on; None where there is none."""
+        left = sorted(self._find_left_jobs(), key=lambda one: not one.is_same_job)
         if not left:
             return None
         kept = left[0].snapshot
@@ -548,45 +575,45 @@ class JobFiles:
             kept.saved_utc,
             kept.job,
             kept.area_ha,
-            list_others(kept.config, self._next or self._launcher.config),
+            list_other_files(kept.config, self._next or self._launcher.config),
         )
 
-    def _left(self) -> list[OpenJob]:
-        """Jobs that were left on the field of the next start, the newest first; where no files
-        are chosen, the newest of all. Raises ValueError."""
+    def _find_left_jobs(self) -> list[OpenJob]:
+        """Jobs that were left on the field of the next start, the newest first; where no files are
+        chosen, the newest of all. Raises ValueError."""
         from topdress.console.worker.resume_field import OpenJob, find_jobs_here
         from topdress.drivers.files.setup import by_kind, setup_of
 
         now, config = day_clock.utc_now(), self._next or self._launcher.config
         if not config:
-            return [OpenJob(*one, 1.0) for one in resume.find_open_jobs(self._launcher.logs, now)][
-                :1
-            ]
-        with one_line():
+            return [
+                OpenJob(*one, 1.0) for one in resume.find_open_jobs(self._launcher.log_folder, now)
+            ][:1]
+        with shorten_config_error():
             found = by_kind(config)
             setup = setup_of(found, day_clock.today())
         return find_jobs_here(
-            self._launcher.logs,
-            _on_its_ground(setup.job, setup.machine, found),
-            _is_simulated(found),
+            self._launcher.log_folder,
+            _add_simulated_field(setup.job, setup.machine, found),
+            _is_simulated_cab(found),
             now,
         )
 
-    async def resume(self, offer: Offer) -> Link:
-        """With the files of the next start, else those that the job had. Raises WorkerFailed,
-        ValueError, OSError."""
-        kept, left = resume.read(Path(offer.path)), self._left()
+    async def resume_job(self, offer: Offer) -> Link:
+        """Go on with a job, with the files of the next start, else those that it had. Raises
+        WorkerFailed, ValueError, OSError."""
+        kept, left = resume.read_snapshot(Path(offer.path)), self._find_left_jobs()
         launcher = self._launcher
         launcher.config, launcher.effects = launcher.config or kept.config, kept.effects
         launcher.seed, launcher.hz = kept.seed, kept.hz
-        return await self._begin(left, False)
+        return await self._begin_worker(left, False)
 
-    async def anew(self, offer: Offer) -> Link:
-        """Raises WorkerFailed, ValueError, OSError."""
-        return await self._begin(self._left(), True)
+    async def start_anew(self, offer: Offer) -> Link:
+        """Start the job anew. Raises WorkerFailed, ValueError, OSError."""
+        return await self._begin_worker(self._find_left_jobs(), True)
 
 
-def _typed(path: str) -> str:
+def _clean_typed_path(path: str) -> str:
     """A path as it is typed, or as a file manager pastes it."""
     return str(Path(path.strip().strip("'\"")).expanduser())
 
@@ -595,7 +622,8 @@ FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0  # times the crop's limit; less than any 
 
 
 def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
-    """What of a map's rates no field gets, if they are kg/ha; empty where nothing."""
+    """Rates of a map that no field gets, if they are kg/ha, in words; empty where there are
+    none."""
     highest = max(rates_kg_ha, default=0.0)
     if highest > FAR_ABOVE * most_kg_ha:
         return (
@@ -607,31 +635,31 @@ def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> s
     return ""
 
 
-def _on_its_ground(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
-    """The job on the field where it will be worked: on the simulated machine one without a
-    boundary gets one."""
+def _add_simulated_field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
+    """The job on the field where it will be worked: on the simulated machine one without a boundary
+    gets one."""
     from topdress.control.simulation.assembly import with_simulated_field
 
-    return with_simulated_field(job, machine) if _is_simulated(found) else job
+    return with_simulated_field(job, machine) if _is_simulated_cab(found) else job
 
 
-def _is_simulated(found: dict[str, Loaded[BaseModel]]) -> bool:
+def _is_simulated_cab(found: dict[str, Loaded[BaseModel]]) -> bool:
     cab = found.get(CAB.format)
     return cab is None or bool(getattr(cab.model, "virtual", False))
 
 
-def _path_of(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:
+def _find_file_path(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:
     folder = {JOB.format: JOB.folder, MACHINE.format: MACHINE.folder}[kind]
     return found[kind].path if kind in found else shipped(folder)[nominal]
 
 
-def _comments(path: Path) -> list[str]:
-    """What stands at the head of a file of ours: its history, a line a change."""
+def _read_head_comments(path: Path) -> list[str]:
+    """The comments at the head of a file of ours: its history, a line a change."""
     lines = path.read_text(encoding="utf-8").splitlines()
     return [line.removeprefix("# ") for line in takewhile(lambda line: line.startswith("#"), lines)]
 
 
-def _from(folder: Path, name: str) -> str:
+def _resolve_named_file(folder: Path, name: str) -> str:
     """A file that a job names, as it is named from elsewhere; a shipped one by its name."""
     is_path = "/" in name or "\\" in name or name.lower().endswith((".yaml", ".yml"))
     return str((folder / name).resolve()) if is_path else name

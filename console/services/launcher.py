@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 from topdress.console.running import WorkerAddress, start_worker
-from topdress.console.worker.snapshots import may_go_on
+from topdress.console.worker.snapshots import may_have_open_job
 
 if TYPE_CHECKING:
     from topdress.console.link import Link
 
 
 def find_data_folder() -> Path:
-    """The user's own folder for what the program writes."""
+    """The user's own folder for files that the program writes."""
     return Path(platformdirs.user_data_dir("topdress", appauthor=False))
 
 
@@ -44,11 +44,12 @@ class Launcher:
         )
         self.trouble, self.name = trouble, name
 
-    def start(self, resumed: Path | None = None) -> WorkerAddress:
-        """Raises WorkerFailed."""
+    def start_process(self, resumed: Path | None = None) -> WorkerAddress:
+        """Start a worker and wait until it listens; resumed: the snapshot of the job to go on with.
+        Raises WorkerFailed."""
         arguments = [
-            *_pairs("--config", self.config),
-            *_pairs("--effect", self.effects),
+            *_repeat_option("--config", self.config),
+            *_repeat_option("--effect", self.effects),
             "--seed",
             str(self.seed),
             "--hz",
@@ -60,22 +61,25 @@ class Launcher:
             arguments += ["--resume", str(resumed)]
         return start_worker(arguments, self.trouble)
 
-    async def link(self, resumed: Path | None = None) -> Link:
+    async def start_link(self, resumed: Path | None = None) -> Link:
+        """Start a worker and connect to it."""
         import asyncio
 
         from topdress.console.link import Link
 
-        return Link(await asyncio.to_thread(self.start, resumed), self.name)
+        return Link(await asyncio.to_thread(self.start_process, resumed), self.name)
 
     @property
-    def logs(self) -> Path:
+    def log_folder(self) -> Path:
         """The folder in which logs are written."""
         return find_data_folder() / "logs" if self.log is None else Path(self.log).parent
 
-    def adopt(self, log_path: str) -> tuple[str, ...] | None:
-        """Take the files of a worker that runs already: its log's sidecar names them. Returns
-        those of ours that it does not run with; None where the sidecar cannot be read: then
-        ours stay."""
+    def adopt_running_files(self, log_path: str) -> tuple[str, ...] | None:
+        """Take the files of a worker that runs already: its log's sidecar names them.
+
+        Returns those of ours that it does not run with; None where the sidecar cannot be read: then
+        ours stay.
+        """
         from topdress.drivers.files.config import load_any
         from topdress.drivers.files.config_error import ConfigError
         from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
@@ -92,27 +96,31 @@ class Launcher:
                 continue
             if kind in (JOB, MACHINE, CAB):
                 found.append(file)
-        unused = list_others(found, self.config)
+        unused = list_other_files(found, self.config)
         self.config = tuple(found)
         return unused
 
-    def may_go_on(self) -> bool:
-        """Whether a job may have been cut off that `JobFiles.offer` is to look at."""
-        return may_go_on(self.logs)
+    def may_have_offer(self) -> bool:
+        """Whether a job may have been cut off that `JobFiles.find_offer` has to check."""
+        return may_have_open_job(self.log_folder)
 
 
-def list_others(theirs: Sequence[str], ours: Sequence[str]) -> tuple[str, ...]:
+def list_other_files(theirs: Sequence[str], ours: Sequence[str]) -> tuple[str, ...]:
     """Those of our files that are not among theirs; shipped ones by their names or by their
     paths."""
-    known = {path for file in theirs for path in (Path(file).resolve(), _meant(file))} - {None}
-    return tuple(file for file in ours if not known & {Path(file).resolve(), _meant(file)})
+    known = {
+        path for file in theirs for path in (Path(file).resolve(), _find_shipped_file(file))
+    } - {None}
+    return tuple(
+        file for file in ours if not known & {Path(file).resolve(), _find_shipped_file(file)}
+    )
 
 
-def _pairs(option: str, values: Sequence[str]) -> list[str]:
+def _repeat_option(option: str, values: Sequence[str]) -> list[str]:
     return [word for value in values for word in (option, value)]
 
 
-def _meant(file: str) -> Path | None:
+def _find_shipped_file(file: str) -> Path | None:
     """The shipped file of this name; None where there is none."""
     from topdress.drivers.files.config import resolve
     from topdress.drivers.files.config_error import ConfigError

@@ -18,7 +18,7 @@ from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.frame import Frame
 from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.field import find_job_plane
-from topdress.console.services.foreign_files import IMPORT_FILE, brought_in
+from topdress.console.services.foreign_files import IMPORT_FILE_SUFFIX, import_file_as_log
 from topdress.console.services.logs import select_logs
 
 if TYPE_CHECKING:
@@ -27,69 +27,72 @@ if TYPE_CHECKING:
     from topdress.drivers.files.run_meta import RunMeta
 
 # behind the antenna, where the machine of the frame is not given
-OUTLET_M = 2.0
+OUTLET_BEHIND_M = 2.0
 # a fix may be some seconds older than the place: no sign of another plane
 STALE_FIX_M = 30.0
-WIDTH_M = 2.4
+DEFAULT_WIDTH_M = 2.4
 
 
 class MapLayers:
-    """`console.app.pages.map.service.LayerFiles` on real files."""
+    """Implements `console.app.pages.map.service.LayerFiles` on real files."""
 
     def __init__(self, files: DiagnosisFiles | None = None) -> None:
         self._files = files or DiagnosisFiles()
 
-    def files(self, running_log: str) -> tuple[LogFile, ...]:
-        return select_logs(one for one in self._files.sources(running_log) if not one.working)
+    def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
+        """Logs that can be laid on the map."""
+        return select_logs(one for one in self._files.list_sources(running_log) if not one.working)
 
-    def lay(self, path: str, frame: Frame) -> LaidFile:
-        """Raises ValueError in one line: not such a file, open questions, no places, no rate
-        and no harvest in it."""
+    def make_overlay(self, path: str, frame: Frame) -> LaidFile:
+        """The overlay of a file. Raises ValueError in one line: no readable file, open questions,
+        no places, no rate and no harvest in it."""
         from topdress.drivers.files.run_meta import sidecar_meta
 
         meta = sidecar_meta(frame.log_path) if frame.log_path else None
         try:
-            log = _opened(Path(path))
-            return laid(log, find_frame_plane(frame, meta), _width_m(meta), frame)
+            log = _open_layer_log(Path(path))
+            return lay_log_on_plane(
+                log, find_frame_plane(frame, meta), _find_working_width_m(meta), frame
+            )
         except OpenQuestions as asked:
-            raise ValueError(_asked(Path(path), asked.questions)) from None
+            raise ValueError(_describe_open_question(Path(path), asked.questions)) from None
         except (ValueError, OSError) as error:
             raise ValueError(
                 str(error).splitlines()[0].replace(f"{path}", Path(path).name)
             ) from None
 
 
-def _opened(path: Path) -> RunLog:
-    """By its import file where one stands next to it. Raises ValueError, OSError."""
+def _open_layer_log(path: Path) -> RunLog:
+    """The log, by its import file where one stands next to it. Raises ValueError, OSError."""
     from topdress.drivers.files.any_log import open_log
     from topdress.drivers.files.imports.trouble import Unsure
     from topdress.drivers.files.read_log import read_rows
 
-    if not path.with_name(f"{path.stem}{IMPORT_FILE}").exists():
+    if not path.with_name(f"{path.stem}{IMPORT_FILE_SUFFIX}").exists():
         try:
             return open_log(path)
         except Unsure as asked:
-            raise ValueError(_asked(path, asked.reasons)) from None
+            raise ValueError(_describe_open_question(path, asked.reasons)) from None
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-        return read_rows(brought_in(path, Path(folder))[0])
+        return read_rows(import_file_as_log(path, Path(folder))[0])
 
 
-def _asked(path: Path, questions: Sequence[str]) -> str:
-    """The Diagnosis page asks, and keeps the answer next to the file, where it is found here
-    too."""
+def _describe_open_question(path: Path, questions: Sequence[str]) -> str:
+    """The line that refers to the Diagnosis page, which asks, and keeps the answer next to the
+    file, where it is found here too."""
     return f"{path.name}: Diagnosis asks about it first: {questions[0]}"
 
 
-def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
-    """A log of any program on a plane. width_m: of the ground covered, where the log does not
-    tell its own."""
+def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
+    """A log of any program on a plane. width_m: of the ground covered, where the log has no
+    width."""
     from topdress.console.services.replay_frames import make_frames
 
     if not (log.has("lat_deg") and log.has("lon_deg")):
         raise ValueError(
             f"{log.path}: no places in it: allowed is a file with latitude and longitude"
         )
-    worked = Worked(_width_of(log, width_m))
+    worked = Worked(_find_log_width_m(log, width_m))
     has = frozenset(
         layer
         for layer, columns in (
@@ -100,7 +103,7 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
         )
         if all(log.has(column) for column in columns)
     )
-    harvest = None if has else _harvest(log)
+    harvest = None if has else _find_harvest_column(log)
     if not has and harvest is None:
         raise ValueError(
             f"{log.path}: no rate, no NDVI and no yield in it: nothing to show on the map"
@@ -120,20 +123,20 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
         worked,
         has or frozenset({MapLayer.NDVI}),
         None if harvest is None else harvest[1],
-        _apart_m(worked.box, frame),
+        _calc_distance_m(worked.box, frame),
     )
 
 
 def find_frame_plane(frame: Frame, meta: RunMeta | None) -> TangentPlane:
-    """The plane that a frame's place is reported on: its job's, if the frame's fix lies there,
-    else by fix and place."""
+    """The plane of a frame's place: its job's, if the frame's fix lies there, else by fix and
+    place."""
     from topdress.control.geodesy import TangentPlane, apart_m, offset
 
     row, place = frame.row, frame.place_m
     if place is None or row.lat_deg is None or row.lon_deg is None:
         raise ValueError("no position yet: allowed once the machine has one")
     geometry = dict((meta.machine or {}).get("geometry") or {}) if meta is not None else {}
-    ahead_m = float(geometry.get("antenna_m", OUTLET_M))
+    ahead_m = float(geometry.get("antenna_m", OUTLET_BEHIND_M))
     antenna = place if row.heading_deg is None else offset(place, row.heading_deg, ahead_m)
     job = find_job_plane(meta, Path(frame.log_path).parent) if meta is not None else None
     if job is not None and apart_m(job.to_m(row.lat_deg, row.lon_deg), antenna) < STALE_FIX_M:
@@ -145,13 +148,13 @@ def find_frame_plane(frame: Frame, meta: RunMeta | None) -> TangentPlane:
     return plane
 
 
-def _width_m(meta: RunMeta | None) -> float:
+def _find_working_width_m(meta: RunMeta | None) -> float:
     machine = dict(meta.machine or {}) if meta is not None else {}
-    return float(dict(machine.get("geometry") or {}).get("working_width_m", WIDTH_M))
+    return float(dict(machine.get("geometry") or {}).get("working_width_m", DEFAULT_WIDTH_M))
 
 
-def _width_of(log: RunLog, otherwise_m: float) -> float:
-    """The log's own working width: its machine's, else the middle one of its column."""
+def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
+    """The log's own working width: its machine's, else the median of its column, m."""
     from topdress.drivers.files.imports.header import named
     from topdress.drivers.files.imports.units import unit_named
     from topdress.drivers.files.imports.words import folded, subject_of
@@ -169,11 +172,13 @@ def _width_of(log: RunLog, otherwise_m: float) -> float:
             width_m = float(np.nanmedian(log.numbers(name))) * length.factor / 1000.0
             if 0.1 <= width_m <= 100.0:
                 return width_m
-    return otherwise_m if log.meta is None or not log.meta.machine else _width_m(log.meta)
+    return (
+        otherwise_m if log.meta is None or not log.meta.machine else _find_working_width_m(log.meta)
+    )
 
 
-def _harvest(log: RunLog) -> tuple[str, Harvest] | None:
-    """The column of what was harvested, where there is one."""
+def _find_harvest_column(log: RunLog) -> tuple[str, Harvest] | None:
+    """The column of the harvest, where there is one."""
     from topdress.drivers.files.imports.header import named
     from topdress.drivers.files.imports.words import HARVEST, folded
 
@@ -185,8 +190,8 @@ def _harvest(log: RunLog) -> tuple[str, Harvest] | None:
     return None
 
 
-def _apart_m(box: Box | None, frame: Frame) -> float:
-    """From the machine to the nearest side of what is laid."""
+def _calc_distance_m(box: Box | None, frame: Frame) -> float:
+    """Distance from the machine to the nearest side of the overlay, m."""
     if box is None or frame.place_m is None:
         return 0.0
     east, north = frame.place_m

@@ -8,54 +8,58 @@ from typing import NamedTuple
 from topdress.console.app.guide_line_store import KeptLines, read_kept_lines
 from topdress.console.worker.side_files import SideFiles
 
-ENDING = ".lines.jsonl"
+LINES_SUFFIX = ".lines.jsonl"
 
 
 def find_lines_path(log_path: str | Path) -> Path:
-    return Path(log_path).with_suffix(ENDING)
+    """Path of the file of lines next to a log."""
+    return Path(log_path).with_suffix(LINES_SUFFIX)
 
 
 class KeptLineFiles:
-    """`console.app.pages.map.service.LineFiles` on real files."""
+    """Implements `console.app.pages.map.service.LineFiles` on real files."""
 
     def __init__(self) -> None:
         self._files = SideFiles()
 
-    def append(self, log_path: str, record: str) -> None:
-        self._files.append(find_lines_path(log_path), record.encode() + b"\n")
+    def append_record(self, log_path: str, record: str) -> None:
+        """Queue a record for the log's file of lines."""
+        self._files.queue_append(find_lines_path(log_path), record.encode() + b"\n")
 
-    def read(self, log_path: str) -> KeptLines:
-        """Of the job's parts before a power cut too: what was said last holds."""
+    def read_lines(self, log_path: str) -> KeptLines:
+        """The lines of a log, of the job's parts before a power cut too: the last record holds."""
         texts = [
-            (log, _text(find_lines_path(log))) for log in (*_parts_before(log_path), Path(log_path))
+            (log, _read_text_or_empty(find_lines_path(log)))
+            for log in (*_list_earlier_parts(log_path), Path(log_path))
         ]
         kept = read_kept_lines(record for _log, text in texts for record in text.splitlines())
         if not kept.changed:
-            kept = _of_the_field(kept, Path(log_path))
+            kept = _add_field_line(kept, Path(log_path))
         if kept.drive is None:
             return kept
         logs = [log for log, _text in texts]
         last = max(index for index, (_log, text) in enumerate(texts) if text)
         for log in logs[last:]:
-            _drive_on(kept, log, kept.until_s if log == logs[last] else -1.0)
+            _continue_drive(kept, log, kept.until_s if log == logs[last] else -1.0)
         return kept
 
-    def close(self) -> None:
-        self._files.close()
+    def close_files(self) -> None:
+        """Write queued records."""
+        self._files.close_files()
 
 
-def _of_the_field(kept: KeptLines, log: Path) -> KeptLines:
-    """With the line of the last job on the same field, where there is one: tracks stay where
+def _add_field_line(kept: KeptLines, log: Path) -> KeptLines:
+    """The lines with that of the last job on the same field, where there is one: tracks stay where
     they are."""
-    field = _field_of(log)
+    field = _find_shared_field(log)
     if field is None:
         return kept
     # their names begin with the time
-    for path in sorted(log.parent.glob(f"*{ENDING}"), reverse=True):
-        before = read_kept_lines(_text(path).splitlines())
-        other = path.with_name(path.name.removesuffix(ENDING) + log.suffix)
+    for path in sorted(log.parent.glob(f"*{LINES_SUFFIX}"), reverse=True):
+        before = read_kept_lines(_read_text_or_empty(path).splitlines())
+        other = path.with_name(path.name.removesuffix(LINES_SUFFIX) + log.suffix)
         if before.changed and other != log:
-            found = _field_of(other)
+            found = _find_shared_field(other)
             if found is not None and found.place == field.place:
                 return (
                     kept._replace(guide=before.guide, of_day=found.began)
@@ -66,14 +70,14 @@ def _of_the_field(kept: KeptLines, log: Path) -> KeptLines:
 
 
 class _SharedField(NamedTuple):
-    """place: what two jobs on one field share: its plane and its edge."""
+    """Holds the plane and the edge that two jobs on one field share."""
 
     place: tuple[object, ...]
     began: str
 
 
-def _field_of(log: Path) -> _SharedField | None:
-    """None: its job has no field, or cannot be read."""
+def _find_shared_field(log: Path) -> _SharedField | None:
+    """The field of a log; None: its job has no field, or cannot be read."""
     from topdress.drivers.files.run_meta import sidecar_meta
 
     meta = sidecar_meta(log)
@@ -86,8 +90,8 @@ def _field_of(log: Path) -> _SharedField | None:
     )
 
 
-def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:
-    """The way since the last record, while no console looked: the log has it."""
+def _continue_drive(kept: KeptLines, log: Path, after_s: float) -> None:
+    """Add the way since the last record, while no console looked: the log has it."""
     from topdress.drivers.files.read_log import read_log
 
     assert kept.drive is not None
@@ -99,24 +103,26 @@ def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:
         return  # the last side is drawn straight
 
 
-def _text(path: Path) -> str:
+def _read_text_or_empty(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
 
 
-def _parts_before(log_path: str) -> tuple[Path, ...]:
+def _list_earlier_parts(log_path: str) -> tuple[Path, ...]:
     from topdress.console.worker import resume
 
     try:
-        return tuple(map(Path, resume.read(resume.snapshot_path(log_path)).logs_before))
+        return tuple(
+            map(Path, resume.read_snapshot(resume.make_snapshot_path(log_path)).logs_before)
+        )
     except (OSError, ValueError):
         return ()
 
 
-class LinesSeen(KeptLineFiles):
-    """Of a console that writes no files: a tablet's tab."""
+class ReadOnlyLineFiles(KeptLineFiles):
+    """Reads lines for a console that writes no files: a tablet's tab."""
 
-    def append(self, log_path: str, record: str) -> None:
-        """Not kept."""
+    def append_record(self, log_path: str, record: str) -> None:
+        """Keep nothing."""

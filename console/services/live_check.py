@@ -24,26 +24,26 @@ if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.columns import Columns
 
-NICE = 19
+NICENESS = 19
 POLL_S = 5.0
 # without a new row, after which a log is said to grow no longer
-STILL_S = 60.0
+GROWTH_TIMEOUT_S = 60.0
 # of one core's time, that bringing in the log may take
-MOST_SHARE = 0.05
+MOST_IMPORT_SHARE = 0.05
 DEFAULT_MACHINE = "huanghai"
 
 
-class Look(NamedTuple):
-    """What stands after a look, and at what time of the log; newest: not of rows that came long
-    ago."""
+class CheckResult(NamedTuple):
+    """Holds the departure that stands after a check, and its time in the log; newest: false for
+    rows that came long ago."""
 
     at_s: float
     departure: Departure | None
     newest: bool = True
 
 
-def machine_of_log(log: Path, machine: str | None, default: str = DEFAULT_MACHINE) -> Machine:
-    """As given, else as the log names it, else the default one. Raises ConfigError."""
+def load_log_machine(log: Path, machine: str | None, default: str = DEFAULT_MACHINE) -> Machine:
+    """The machine as given, else as the log names it, else the default one. Raises ConfigError."""
     from topdress.drivers.files.config import load, validated
     from topdress.drivers.files.kinds import MACHINE
     from topdress.drivers.files.read_log import meta_of
@@ -55,61 +55,62 @@ def machine_of_log(log: Path, machine: str | None, default: str = DEFAULT_MACHIN
     return load(machine or default, MACHINE).model
 
 
-def followed(
+def follow_log(
     log: Path,
     machine: str | None,
     wait: Callable[[], bool],
     tell: Callable[[str], None] = lambda said: None,
-) -> Iterator[Look]:
-    """Each look, for ever; `wait` returns False where that is enough. tell: what is to be said
-    of the file itself.
+) -> Iterator[CheckResult]:
+    """The result of each check, for ever; `wait` returns False where that is enough.
 
-    Rows that are there already are gone through as if they came now. Rows that are earlier than
-    those before are another log's, which is checked from its beginning. Raises TableError,
-    ConfigError, OSError.
+    tell: takes the notes on the file itself. Rows that are there already are gone through as if
+    they came now. Rows that are earlier than those before are another log's, which is checked from
+    its beginning. Raises TableError, ConfigError, OSError.
     """
     from topdress.control.diagnosis.live.watch import LiveCheck
     from topdress.drivers.files.growing_log import GrowingLog
 
-    growing, check, state = GrowingLog(log), None, _FileState(log, tell)
+    growing, check, state = GrowingLog(log), None, _FileReporter(log, tell)
     while True:
         begin_s = time.process_time()
         rows = growing.more()
-        state.looked(growing.damaged, rows is not None)
+        state.report_poll(growing.damaged, rows is not None)
         if rows is None:
             if not wait():
                 return
             continue
         took_s = time.process_time() - begin_s
         if check is None or rows["time_s"][0] < check.now_s:
-            check = LiveCheck(machine_of_log(log, machine))
-        pieces = list(_pieces(rows))
+            check = LiveCheck(load_log_machine(log, machine))
+        pieces = list(_split_rows(rows))
         for k, piece in enumerate(pieces):
             check.add(piece)
             if check.due:
                 standing = check.look()
-                yield Look(check.now_s, standing, k == len(pieces) - 1 and not growing.behind)
+                yield CheckResult(
+                    check.now_s, standing, k == len(pieces) - 1 and not growing.behind
+                )
         # a log that is brought in anew each time
-        for _ in range(int(took_s / (MOST_SHARE * POLL_S))):
+        for _ in range(int(took_s / (MOST_IMPORT_SHARE * POLL_S))):
             if not wait():
                 break
 
 
-class _FileState:
-    """What is said of the file that is followed: lines left out, and that it no longer grows."""
+class _FileReporter:
+    """Reports lines left out of the followed file, and that it no longer grows."""
 
     def __init__(self, log: Path, tell: Callable[[str], None]) -> None:
         self._log, self._tell = log, tell
         self._damaged, self._looks, self._grew = 0, 0, False
 
-    def looked(self, damaged: int, grew: bool) -> None:
-        """After each look at the file, POLL_S apart."""
+    def report_poll(self, damaged: int, grew: bool) -> None:
+        """Report changes after each poll of the file, POLL_S apart."""
         if damaged > self._damaged:
             self._damaged = damaged
             self._tell(
                 f"{self._log}: {damaged} damaged line{'s' if damaged > 1 else ''} left out so far"
             )
-        still = round(STILL_S / POLL_S)
+        still = round(GROWTH_TIMEOUT_S / POLL_S)
         if grew:
             if self._looks >= still:
                 self._tell(f"{self._log}: it grows again")
@@ -118,13 +119,13 @@ class _FileState:
             self._looks += 1
             if self._looks == still:
                 self._tell(
-                    f"{self._log}: no new row for {STILL_S:.0f} s: it no longer grows; "
+                    f"{self._log}: no new row for {GROWTH_TIMEOUT_S:.0f} s: it no longer grows; "
                     "still watched"
                 )
 
 
-def _pieces(rows: Columns) -> Iterator[Columns]:
-    """What came at once, as it would have come: LOOK_S at a time."""
+def _split_rows(rows: Columns) -> Iterator[Columns]:
+    """Rows that came at once, as they would have come: LOOK_S at a time."""
     import numpy as np
     from topdress.control.diagnosis.live.watch import LOOK_S
 
@@ -134,31 +135,34 @@ def _pieces(rows: Columns) -> Iterator[Columns]:
         yield {name: array[begin:end] for name, array in rows.items()}
 
 
-def main(arguments: list[str], sleep: Callable[[float], None] = time.sleep) -> int:
+def run_live_check(arguments: list[str], sleep: Callable[[float], None] = time.sleep) -> int:
+    """Follow a log and print departures; returns the exit code."""
     from topdress.drivers.files.config import ConfigError
 
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
     said: Departure | tuple[()] | None = ()
 
-    def wait() -> bool:
+    def wait_for_poll() -> bool:
         sleep(POLL_S)
         return True
 
     try:
-        for look in followed(log, machine, wait):
+        for look in follow_log(log, machine, wait_for_poll):
             # what departed hours ago is not said as if it did now
             if look.newest and look.departure != said:
                 said = look.departure
-                _say({"departure": None if said is None else said._asdict(), "at_s": look.at_s})
+                _print_json_line(
+                    {"departure": None if said is None else said._asdict(), "at_s": look.at_s}
+                )
     except (ValueError, OSError, ConfigError) as error:  # TableError is a ValueError
-        _say({"error": (str(error).splitlines() or [type(error).__name__])[0]})
+        _print_json_line({"error": (str(error).splitlines() or [type(error).__name__])[0]})
     return 1
 
 
 def lower_priority() -> None:
-    """The control loop comes first."""
+    """Give way to the control loop."""
     if hasattr(os, "nice"):
-        os.nice(NICE)
+        os.nice(NICENESS)
 
 
 def _end_with_stdin() -> None:
@@ -167,7 +171,7 @@ def _end_with_stdin() -> None:
     os._exit(0)
 
 
-def _say(what: dict[str, object]) -> None:
+def _print_json_line(what: dict[str, object]) -> None:
     sys.stdout.write(json.dumps(what) + "\n")
     sys.stdout.flush()
 
@@ -175,4 +179,4 @@ def _say(what: dict[str, object]) -> None:
 if __name__ == "__main__":
     lower_priority()
     threading.Thread(target=_end_with_stdin, daemon=True).start()
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_live_check(sys.argv[1:]))

@@ -16,45 +16,48 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from topdress.console.threads import ONE_THREAD
+from topdress.console.threads import ONE_THREAD_VARIABLES
 
 if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Departure
 
-PROGRAM = (sys.executable, "-P", "-m", "topdress.console.services.live_check")
-AGAIN_S = 120.0  # after its death
-STARTS = 3  # for one log, at most
+CHECK_COMMAND = (sys.executable, "-P", "-m", "topdress.console.services.live_check")
+RESTART_WAIT_S = 120.0  # after its death
+MOST_STARTS = 3  # for one log, at most
 # A diagnosis takes 100 MB for some seconds. Linux's allocator gives large pieces back at once
 # only as long as it does not learn from them to keep them (man mallopt): 313 MB after 41
 # minutes of a log, 229 MB so.
-GIVEN_BACK = {"MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"}
+MALLOC_ENVIRONMENT = {"MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"}
 
 
 class LiveChecker:
-    """`latest(log)` starts the check of a log when it is first asked for, and ends that of the
-    log before."""
+    """Runs the check of a log. `find_departure(log)` starts it when it is first asked for, and ends
+    that of the log before."""
 
-    def __init__(self, program: Sequence[str] = PROGRAM, again_s: float = AGAIN_S) -> None:
+    def __init__(
+        self, program: Sequence[str] = CHECK_COMMAND, again_s: float = RESTART_WAIT_S
+    ) -> None:
         self._program, self._again_s = tuple(program), again_s
-        self._run: _Run | None = None
+        self._run: _CheckProcess | None = None
 
-    def latest(self, log: str) -> Departure | None:
-        """What departs, as far as is known; None: nothing, or not known yet."""
+    def find_departure(self, log: str) -> Departure | None:
+        """The newest departure; None: none, or not known yet."""
         if self._run is None or self._run.log != log:
-            self.close()
+            self.stop_check()
             if not log:
                 return None
-            self._run = _Run(log, self._program, self._again_s)
+            self._run = _CheckProcess(log, self._program, self._again_s)
         return self._run.departure
 
-    def close(self) -> None:
+    def stop_check(self) -> None:
+        """End the check that runs."""
         if self._run is not None:
-            self._run.end()
+            self._run.end_process()
             self._run = None
 
 
-class _Run:
-    """The check of one log."""
+class _CheckProcess:
+    """Runs the check of one log."""
 
     def __init__(self, log: str, program: tuple[str, ...], again_s: float) -> None:
         self.log = log
@@ -62,25 +65,26 @@ class _Run:
         self._program, self._again_s = program, again_s
         self._ended = threading.Event()
         self._child: subprocess.Popen[str] | None = None
-        threading.Thread(target=self._work, name="model-check", daemon=True).start()
+        threading.Thread(target=self._run_with_restarts, name="model-check", daemon=True).start()
 
-    def end(self) -> None:
+    def end_process(self) -> None:
         self._ended.set()
         child = self._child
         if child is not None:
             with contextlib.suppress(OSError):
                 child.kill()
 
-    def _work(self) -> None:
-        for _ in range(STARTS):
+    def _run_with_restarts(self) -> None:
+        for _ in range(MOST_STARTS):
             with contextlib.suppress(OSError):
-                self._listen()
+                self._read_output()
             self.departure = None
             if self._ended.wait(self._again_s):
                 return
 
-    def _listen(self) -> None:
-        """Until the process ends. Its stdin stays open: it ends with this console."""
+    def _read_output(self) -> None:
+        """Read departures until the process ends. Its stdin stays open: it ends with this
+        console."""
         from topdress.control.diagnosis.result import Departure
 
         with subprocess.Popen(
@@ -88,7 +92,7 @@ class _Run:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env=os.environ | ONE_THREAD | GIVEN_BACK,
+            env=os.environ | ONE_THREAD_VARIABLES | MALLOC_ENVIRONMENT,
             start_new_session=True,
             text=True,
         ) as child:

@@ -8,27 +8,30 @@ from pathlib import Path
 from topdress.console.app.pages.diagnosis.service import IMPORT, DiagnosisSource
 from topdress.console.app.pages.replay.service import LogFile, ReplayJob
 from topdress.console.services.diagnosis import DiagnosisFiles
-from topdress.console.services.foreign_files import YAML
+from topdress.console.services.foreign_files import YAML_SUFFIXES
 
 
 def select_logs(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
+    """The sources that are run logs, as files of the Replay page."""
     return tuple(
         LogFile(one.path, one.name, one.changed, one.size)
         for one in sources
-        if one.kind in ("run", IMPORT) and not one.name.endswith(YAML)
+        if one.kind in ("run", IMPORT) and not one.name.endswith(YAML_SUFFIXES)
     )
 
 
 class RunLogs:
-    """`console.app.pages.replay.service.LogFiles` on real files."""
+    """Implements `console.app.pages.replay.service.LogFiles` on real files."""
 
     def __init__(self, files: DiagnosisFiles | None = None) -> None:
         self._files = files or DiagnosisFiles()
 
-    def logs(self) -> tuple[LogFile, ...]:
-        return select_logs(self._files.sources(""))
+    def list_logs(self) -> tuple[LogFile, ...]:
+        """Logs that can be replayed, the newest first."""
+        return select_logs(self._files.list_sources(""))
 
-    def open(self, path: str) -> ReplayJob:
+    def open_log(self, path: str) -> ReplayJob:
+        """Open a log for replay. Raises ValueError, OSError."""
         from topdress.console.services.replay_frames import open_replay
         from topdress.drivers.files.any_log import open_log
 

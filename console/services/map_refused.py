@@ -12,7 +12,7 @@ from topdress.drivers.files.what_it_is import KINDS, OF_TABLES, what_is
 from topdress.drivers.plain_text import Reason, Refused
 
 MAP_KINDS = (*OF_TABLES, "geotiff", "gpkg", "kml", "kmz")
-_KINDS = {
+_KIND_REASONS = {
     "picture": N_("this is a picture"),
     "pdf": N_("this is a PDF document"),
     "html": N_("this is a web page"),
@@ -35,28 +35,32 @@ _KINDS = {
 }
 
 
-def translated(reason: Reason) -> str:
+def translate_reason(reason: Reason) -> str:
     """The reason in the language of the screen, with its values."""
     values = {
-        name: translated(value) if isinstance(value, Reason) else value
+        name: translate_reason(value) if isinstance(value, Reason) else value
         for name, value in reason.values.items()
     }
     return _(reason.text).format(**values)
 
 
-def in_words(error: Refused, path: Path) -> str:
+def describe_refusal(error: Refused, path: Path) -> str:
     """Where in the file at `path`, and why. Of several files (a zip, a shapefile) also which
     one."""
     other = [Path(error.where.file).name] if error.where.file not in ("", str(path)) else []
-    return ": ".join([*other, *map(translated, (*error.where.inside, error.reason))])
+    return ": ".join([*other, *map(translate_reason, (*error.where.inside, error.reason))])
 
 
-def refused(path: Path, error: Refused) -> str:
+def describe_map_refusal(path: Path, error: Refused) -> str:
     """Why a file is not taken: first of all, whether it is a map at all."""
     with contextlib.suppress(OSError):
         kind = what_is(path)
         if kind.id not in MAP_KINDS:
-            said = _(_KINDS[kind.id]) if kind.id in _KINDS else f"this is {KINDS[kind.id].words}"
+            said = (
+                _(_KIND_REASONS[kind.id])
+                if kind.id in _KIND_REASONS
+                else f"this is {KINDS[kind.id].words}"
+            )
             return _("not a prescription map: {why}").format(why=said)
-    why = in_words(error, path)
+    why = describe_refusal(error, path)
     return _("not a prescription map: {why}").format(why=why) if isinstance(error, NotAMap) else why

@@ -7,7 +7,7 @@ import contextlib
 from pathlib import Path
 
 from topdress.console.app.pages.job.service import JobCard, Recent
-from topdress.console.services.field import picture_of
+from topdress.console.services.field import make_job_picture
 from topdress.console.worker import resume
 from topdress.console.worker.snapshots import list_newest_first
 from topdress.control.orders import TargetSource
@@ -16,46 +16,52 @@ from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
 from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml
 
-WIDTH_M = 2.4  # of a machine: an outline needs none
+OUTLINE_WIDTH_M = 2.4  # of a machine: an outline needs none
 # of the newest logs, a week of a contractor's; and of the jobs
-LOOKED_AT = 60
+MOST_SIDECARS = 60
 
 
-def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
-    """logs: the folder of the logs; own: of the user's jobs, which are listed too. Sets of which a
-    file is gone, or cannot be read any more, are left out."""
+def find_recent_sets(logs: Path, own: Path) -> tuple[Recent, ...]:
+    """File sets worked lately, the newest first.
+
+    logs: the folder of the logs; own: of the user's jobs, which are listed too. Sets of which a
+    file is gone, or cannot be read any more, are left out.
+    """
     done = find_done_of_jobs(logs)
     found: dict[tuple[str, ...], Recent] = {}
-    for sidecar in _newest(logs, LOOKED_AT):
+    for sidecar in _list_newest_sidecars(logs, MOST_SIDECARS):
         with contextlib.suppress(OSError, ValueError, ConfigError):
-            one = _of_run(meta_from_yaml(sidecar.read_text(encoding="utf-8")), done)
+            one = _find_run_set(meta_from_yaml(sidecar.read_text(encoding="utf-8")), done)
             if one is not None:
                 found.setdefault(one.files, one)
-    for path in _newest(own / JOB.folder, LOOKED_AT):
+    for path in _list_newest_sidecars(own / JOB.folder, MOST_SIDECARS):
         if not any(str(path) in one.files for one in found.values()):
             with contextlib.suppress(OSError, ConfigError):
                 job = load(path, JOB).model
                 found[str(path),] = Recent(
-                    (str(path),), job.title or path.stem, job.field.title, card=card(path, done)
+                    (str(path),),
+                    job.title or path.stem,
+                    job.field.title,
+                    card=make_job_card(path, done),
                 )
     return tuple(found.values())
 
 
 def find_done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
-    """Hectares done and when, of the newest run of each job file that a worker of these logs
-    was started with."""
+    """Hectares done and when, of the newest run of each job file that a worker of these logs was
+    started with."""
     found: dict[Path, tuple[float, str]] = {}
     for path in list_newest_first(logs):
         with contextlib.suppress(OSError, ValueError):
-            kept = resume.read(path)
+            kept = resume.read_snapshot(path)
             for file in kept.config:
                 found.setdefault(Path(file).resolve(), (kept.area_ha, kept.saved_utc))
     return found
 
 
-def card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | None:
-    """None: it cannot be read. A plan is looked at only where there is no outline: a large one
-    takes seconds."""
+def make_job_card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | None:
+    """The card of a job file; None: it cannot be read. A plan is read only where there is no
+    outline: a large one takes seconds."""
     with contextlib.suppress(OSError, ValueError, ConfigError):
         job = load(path, JOB).model
         drawn = (
@@ -77,12 +83,12 @@ def card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | None:
             "" if job.target.map is None else Path(job.target.map).name,
             done_ha,
             worked_utc,
-            picture_of(drawn, path.parent, WIDTH_M),
+            make_job_picture(drawn, path.parent, OUTLINE_WIDTH_M),
         )
     return None
 
 
-def _newest(folder: Path, most: int) -> list[Path]:
+def _list_newest_sidecars(folder: Path, most: int) -> list[Path]:
     times: dict[Path, float] = {}
     with contextlib.suppress(OSError):
         for path in folder.glob("*.yaml"):
@@ -90,8 +96,9 @@ def _newest(folder: Path, most: int) -> list[Path]:
     return sorted(times, key=lambda path: -times[path])[:most]
 
 
-def _of_run(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> Recent | None:
-    """None: all of its files are those that are shipped. Raises ConfigError: one is gone."""
+def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> Recent | None:
+    """The file set of a run; None: all of its files are shipped. Raises ConfigError: one is
+    gone."""
     kinds = {}
     for file in meta.sha256:
         if Path(file).suffix.lower() in (".yaml", ".yml"):
@@ -112,5 +119,5 @@ def _of_run(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> Recent | None
         str(field.get("title") or "") if isinstance(field, dict) else "",
         str(machine.get("title") or machine.get("id") or ""),
         meta.started_utc or "",
-        card(Path(kinds[JOB.format]), done) if JOB.format in kinds else None,
+        make_job_card(Path(kinds[JOB.format]), done) if JOB.format in kinds else None,
     )

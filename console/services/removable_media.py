@@ -14,19 +14,19 @@ from pathlib import Path
 from topdress.console.app.pages.job.service import MapFile
 from topdress.drivers import day_clock
 
-ENDINGS = (".shp", ".geojson", ".json", ".zip", ".csv")
+MAP_SUFFIXES = (".shp", ".geojson", ".json", ".zip", ".csv")
 # bytes of a file that tell whether it may be a map at all
-LOOKED_INTO = 4096
-TASK = "taskdata.xml"
+SNIFFED_BYTES = 4096
+TASK_FILE = "taskdata.xml"
 # folders below a stick: TASKDATA, or farm / field / map
-DEEP = 3
+MOST_DEPTH = 3
 MOST_FILES = 60
 # entries of one place: a stick full of pictures must not hold the list up
-MOST_LOOKED_AT = 3000
+MOST_ENTRIES = 3000
 
 
-def places() -> tuple[tuple[Path, str], ...]:
-    """Folders to look into, and what an operator calls them."""
+def list_places() -> tuple[tuple[Path, str], ...]:
+    """Folders to search, and what an operator calls them."""
     found: list[tuple[Path, str]] = []
     if sys.platform == "win32":
         found += [(Path(f"{letter}:/"), f"{letter}:") for letter in string.ascii_uppercase[3:]]
@@ -45,10 +45,10 @@ def places() -> tuple[tuple[Path, str], ...]:
 
 
 def find_maps(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
-    """The newest first; what cannot be read is left out."""
+    """Maps of these folders, the newest first; files that cannot be read are left out."""
     found: dict[Path, tuple[float, str]] = {}
     for folder, name in looked_at:
-        for path in _maps(folder):
+        for path in _iterate_maps(folder):
             with contextlib.suppress(OSError):
                 found.setdefault(path.resolve(), (path.stat().st_mtime, name))
     listed = sorted(found.items(), key=lambda one: -one[1][0])[:MOST_FILES]
@@ -58,7 +58,7 @@ def find_maps(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
     )
 
 
-def _maps(folder: Path) -> Iterator[Path]:
+def _iterate_maps(folder: Path) -> Iterator[Path]:
     looked, waiting = 0, [(folder, 0)]
     while waiting:
         here, depth = waiting.pop(0)
@@ -66,36 +66,37 @@ def _maps(folder: Path) -> Iterator[Path]:
             entries = sorted(here.iterdir())
         except OSError:
             continue
-        if any(one.name.lower() == TASK for one in entries):
+        if any(one.name.lower() == TASK_FILE for one in entries):
             yield here  # a task is its folder
             continue
         for one in entries:
             looked += 1
-            if looked > MOST_LOOKED_AT:
+            if looked > MOST_ENTRIES:
                 return
             if one.name.startswith("."):
                 continue
             if one.is_dir():
-                if depth < DEEP:
+                if depth < MOST_DEPTH:
                     waiting.append((one, depth + 1))
             elif is_map_likely(one):
                 yield one
 
 
 def is_map_likely(path: Path) -> bool:
-    """By its ending and its first bytes: no list of settings, no log, no archive of pictures."""
+    """Whether a file may be a map, by its ending and its first bytes: no list of settings, no log,
+    no archive of pictures."""
     ending = path.suffix.lower()
-    if ending not in ENDINGS:
+    if ending not in MAP_SUFFIXES:
         return False
     if ending == ".shp":
         return True
     try:
         if ending == ".zip":
             with zipfile.ZipFile(path) as archive:
-                names = [name.lower() for name in archive.namelist()[:MOST_LOOKED_AT]]
-            return any(name.endswith((".shp", TASK)) for name in names)
+                names = [name.lower() for name in archive.namelist()[:MOST_ENTRIES]]
+            return any(name.endswith((".shp", TASK_FILE)) for name in names)
         with path.open("rb") as file:
-            head = file.read(LOOKED_INTO).decode("utf-8", errors="replace")
+            head = file.read(SNIFFED_BYTES).decode("utf-8", errors="replace")
     except (OSError, zipfile.BadZipFile):
         return False
     if ending == ".csv":
@@ -108,8 +109,8 @@ def is_map_likely(path: Path) -> bool:
     return '"FeatureCollection"' in head or '"Feature"' in head
 
 
-def may_be(kind: str) -> Callable[[Path], bool]:
-    """Of a map, or of a job, crop or machine file: by its ending and its first bytes."""
+def make_kind_test(kind: str) -> Callable[[Path], bool]:
+    """A test by ending and first bytes: of a map, or of a job, crop or machine file."""
     if kind == "map":
         return is_map_likely
 
@@ -117,31 +118,32 @@ def may_be(kind: str) -> Callable[[Path], bool]:
         if path.suffix.lower() not in (".yaml", ".yml"):
             return False
         with path.open("rb") as file:
-            return f"topdress-{kind}/".encode() in file.read(LOOKED_INTO)
+            return f"topdress-{kind}/".encode() in file.read(SNIFFED_BYTES)
 
     return is_configuration
 
 
-def entries(folder: Path, kind: str = "map") -> tuple[MapFile, ...]:
-    """Of one folder: the folder above, folders and files of a kind by name. Raises OSError."""
-    wanted = may_be(kind)
+def list_entries(folder: Path, kind: str = "map") -> tuple[MapFile, ...]:
+    """Entries of one folder: the folder above, folders and files of a kind by name. Raises
+    OSError."""
+    wanted = make_kind_test(kind)
     found = [MapFile(str(folder.parent), "..", "", "")] if folder.parent != folder else []
     here = sorted(
         (one for one in folder.iterdir() if not one.name.startswith(".")),
         key=lambda one: one.name.lower(),
     )
-    if kind == "map" and any(one.name.lower() == TASK for one in here):
-        found.append(MapFile(str(folder), folder.name, folder.name, _changed(folder)))
-    for one in here[:MOST_LOOKED_AT]:
+    if kind == "map" and any(one.name.lower() == TASK_FILE for one in here):
+        found.append(MapFile(str(folder), folder.name, folder.name, _format_changed(folder)))
+    for one in here[:MOST_ENTRIES]:
         with contextlib.suppress(OSError):
             if one.is_dir():
                 found.append(MapFile(str(one), f"{one.name}/", "", ""))
-    for one in here[:MOST_LOOKED_AT]:
+    for one in here[:MOST_ENTRIES]:
         with contextlib.suppress(OSError):
             if one.is_file() and wanted(one):
-                found.append(MapFile(str(one), one.name, folder.name, _changed(one)))
+                found.append(MapFile(str(one), one.name, folder.name, _format_changed(one)))
     return tuple(found)
 
 
-def _changed(path: Path) -> str:
+def _format_changed(path: Path) -> str:
     return day_clock.said_of_file(path.stat().st_mtime)

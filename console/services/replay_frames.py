@@ -19,7 +19,7 @@ from topdress.control.safety import ALARMS
 if TYPE_CHECKING:
     from topdress.drivers.files.read_log import RunLog
 
-PROGRESS_EVERY = 64  # rows
+ROWS_PER_PROGRESS = 64  # rows
 
 
 def open_replay(recorded: RunLog) -> ReplayJob:
@@ -31,7 +31,7 @@ def open_replay(recorded: RunLog) -> ReplayJob:
         ReplaySource(frames, time.monotonic),
         recorded.path.name,
         tuple(str(finding) for finding in recorded.findings),
-        partial(_decided_anew, recorded),
+        partial(_make_what_if_frames, recorded),
         tuple(shipped("crops")),
         tuple(shipped("machines")),
     )
@@ -46,7 +46,7 @@ def make_frames(
     """One frame a row. Area and mass are summed from the rows; alarms begin where they first stand.
 
     plane: of the places; None: that on which the loop of the log worked, else of its first fix.
-    Where the log does not tell its machine, places are taken for those of the outlets.
+    Where the log does not name its machine, places are taken for those of the outlets.
     """
     meta = recorded.meta
     machine = dict(meta.machine or {}) if meta else {}
@@ -64,7 +64,7 @@ def make_frames(
         last_s = row.time_s
         if row.lat_deg is not None and row.lon_deg is not None:
             plane = plane or TangentPlane(row.lat_deg, row.lon_deg)
-            place = _outlet(plane, row, ahead_m)
+            place = _find_outlet_place(plane, row, ahead_m)
         speed, rate = row.speed_used_mps or row.speed_mps, row.applied_rate_kg_ha
         if speed and rate and dt < 5.0:
             area += speed * width_m * dt / 10_000.0
@@ -89,7 +89,7 @@ def make_frames(
         )
 
 
-def _outlet(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, float]:
+def _find_outlet_place(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, float]:
     from topdress.control.geodesy import offset
 
     antenna = plane.to_m(row.lat_deg or 0.0, row.lon_deg or 0.0)
@@ -97,45 +97,42 @@ def _outlet(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, fl
     return float(back[0]), float(back[1])
 
 
-def _decided_anew(
+def _make_what_if_frames(
     recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell: Tell
 ) -> Sequence[Frame]:
     """Frames of the control loop run again over the log's measurements; those so far when it is
-    cancelled.
-
-    Raises ValueError in one line.
-    """
+    cancelled. Raises ValueError in one line."""
     import dataclasses
 
-    from topdress.console.services.rerun import rerun, setup_of
+    from topdress.console.services.rerun import load_rerun_setup, rerun_loop
     from topdress.control.field.job import rule_of
     from topdress.control.orders import Strategy
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import CROP
 
-    setup = setup_of(
+    setup = load_rerun_setup(
         recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None
     )
     if options.crop:
         crop = load(options.crop, CROP).model
         setup = dataclasses.replace(setup, crop=crop, rule=rule_of(crop, setup.job))
-    rows = (tick.row for tick in rerun(recorded, setup))
+    rows = (tick.row for tick in rerun_loop(recorded, setup))
     return list(
         make_frames(
-            _watched(rows, len(recorded), cancelled, tell),
+            _report_progress(rows, len(recorded), cancelled, tell),
             recorded,
             setup.machine.geometry.working_width_m,
         )
     )
 
 
-def _watched(
+def _report_progress(
     rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tell
 ) -> Iterator[LogRow]:
-    """The rows, up to where it is cancelled; what is done is reported now and then."""
+    """The rows, up to where it is cancelled; progress is reported every `ROWS_PER_PROGRESS`."""
     for number, row in enumerate(rows):
         if cancelled():
             return
-        if number % PROGRESS_EVERY == 0:
+        if number % ROWS_PER_PROGRESS == 0:
             tell(number / max(1, count))
         yield row

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-from topdress.console.services.field import folder_of
+from topdress.console.services.field import find_job_folder
 from topdress.control.field.job import rule_of
 from topdress.control.loop import Tick
 from topdress.control.orders import Do, Order, State, Strategy
@@ -19,11 +19,11 @@ from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.replay import measurements
 from topdress.drivers.files.setup import Setup, load_setup
 
-MOVES_MPS = 0.6
+MOVING_MPS = 0.6
 
 
-def rerun(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
-    """A tick a row. Orders come from the log's events; a log without any gets ready and start
+def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
+    """One tick a row. Orders come from the log's events; a log without any gets ready and start
     when it moves."""
     loop = control_loop(
         setup.machine,
@@ -38,7 +38,7 @@ def rerun(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
     state = State.OFF.value
     speed = 0.0
     for at, m in zip(orders, measurements(recorded), strict=True):
-        given = at if own else _operator(state, speed)
+        given = at if own else _decide_operator_orders(state, speed)
         for order in given:
             loop.order(order)
         tick = loop.tick(m)
@@ -47,16 +47,16 @@ def rerun(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
 
 
 def parse_events(text: object) -> list[Order]:
-    """Orders in a log's events cell; what is no order (marks, notes) is left out."""
+    """Orders in a log's events cell; other events (marks, notes) are left out."""
     found: list[Order] = []
     for part in str(text or "").split(";"):
         word, _, value = part.strip().partition(" ")
         if word in list(Do) and word not in (Do.MARK, Do.ACKNOWLEDGE):
-            found.append(Order(Do(word), _value(value)))
+            found.append(Order(Do(word), _parse_order_value(value)))
     return found
 
 
-def _value(text: str) -> str | float | bool | None:
+def _parse_order_value(text: str) -> str | float | bool | None:
     if text in ("", "None"):
         return None
     if text in ("True", "False"):
@@ -67,15 +67,15 @@ def _value(text: str) -> str | float | bool | None:
         return text
 
 
-def _operator(state: str, speed_mps: float) -> list[Order]:
+def _decide_operator_orders(state: str, speed_mps: float) -> list[Order]:
     if state == State.OFF:
         return [Order(Do.READY)]
-    if state == State.READY and speed_mps > MOVES_MPS:
+    if state == State.READY and speed_mps > MOVING_MPS:
         return [Order(Do.START)]
     return []
 
 
-def setup_of(
+def load_rerun_setup(
     recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None
 ) -> Setup:
     """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
@@ -92,7 +92,7 @@ def setup_of(
             crop=crop,
             job=own,
             rule=rule_of(crop, own),
-            folder=folder_of(meta, own, recorded.path.parent),
+            folder=find_job_folder(meta, own, recorded.path.parent),
         )
     if strategy is not None:
         setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))

@@ -6,8 +6,8 @@ from __future__ import annotations
 from topdress.console.app.pages.job.service import AtWork, Earlier
 
 
-def at_work(log_path: str) -> AtWork | None:
-    """None where the log has no sidecar, or one that does not say."""
+def read_running_limits(log_path: str) -> AtWork | None:
+    """Limits of the running machine; None where the log has no sidecar, or one without them."""
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.run_meta import sidecar_meta
 
@@ -25,12 +25,13 @@ def at_work(log_path: str) -> AtWork | None:
         return found
 
 
-def earlier(log_path: str) -> Earlier | None:
-    """None where there is no snapshot, or none that can be read."""
+def read_earlier_run(log_path: str) -> Earlier | None:
+    """Alarms and track of the run so far; None where there is no snapshot, or none that can be
+    read."""
     from topdress.console.worker import resume
 
     try:
-        kept = resume.read(resume.snapshot_path(log_path))
+        kept = resume.read_snapshot(resume.make_snapshot_path(log_path))
     except (OSError, ValueError):
         return None
     return Earlier(kept.alarms, kept.track)

@@ -11,38 +11,39 @@ from topdress.control.field.job import Job, SpeedChange
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Do, Order, TargetSource
 
-Orders = tuple[tuple[float, Order], ...]
+TimedOrders = tuple[tuple[float, Order], ...]
 
 # the calibration button is reported down this often
-CONFIRM_S = 0.2
+CONFIRM_PERIOD_S = 0.2
 # times that a setting is commanded, so often apart
-AGAIN = 10
-RUN_S = 118.0  # safety ends a calibrating run at 120 s
+REPEATS = 10
+CALIBRATING_RUN_S = 118.0  # safety ends a calibrating run at 120 s
 RATE_KG_HA = 300.0  # of the runs that are driven
-BEGIN_S = 4.0  # the tractor moves by then
+BEGIN_DRIVE_S = 4.0  # the tractor moves by then
 FLOW_KG_S = 0.09  # about what 300 kg/ha take at 4.5 km/h on 2.4 m
 
 
 class SeparatingDrive(NamedTuple):
-    """orders None: the simulated operator's own (ready, start, start again after a refill)."""
+    """Holds a run to drive. orders None: the simulated operator's own (ready, start, start again
+    after a refill)."""
 
     job: Job
     seconds: float
-    orders: Orders | None
+    orders: TimedOrders | None
 
 
 def is_drivable(run_id: str) -> bool:
     """Whether the simulated machine can drive the manoeuvre that a diagnosis planned."""
-    return run_id in _DRIVES
+    return run_id in _DRIVE_MAKERS
 
 
 def make_drive(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
-    """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so
-    that only it moves things.
+    """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so that
+    nothing else moves.
 
     Raises ValueError for a manoeuvre that the simulated machine cannot drive.
     """
-    if manoeuvre not in _DRIVES:
+    if manoeuvre not in _DRIVE_MAKERS:
         raise ValueError(f"{manoeuvre}: the simulated machine cannot drive this run")
     target = job.target.model_copy(
         update={
@@ -62,28 +63,32 @@ def make_drive(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
             "field": job.field.model_copy(update={"boundary_m": (), "holes_m": (), "done": None}),
         }
     )
-    return _DRIVES[manoeuvre](calm, machine)
+    return _DRIVE_MAKERS[manoeuvre](calm, machine)
 
 
-def _with(job: Job, **simulated: object) -> Job:
+def _change_simulated(job: Job, **simulated: object) -> Job:
     return job.model_copy(update={"simulated": job.simulated.model_copy(update=simulated)})
 
 
-def _standing(job: Job) -> Job:
-    return _with(job, speed_changes=(SpeedChange(at_s=0.0, speed_kmh=0.0),), refill_at_kg=0.0)
+def _make_standing_job(job: Job) -> Job:
+    return _change_simulated(
+        job, speed_changes=(SpeedChange(at_s=0.0, speed_kmh=0.0),), refill_at_kg=0.0
+    )
 
 
-def _bench(settings: list[tuple[float, float]]) -> Orders:
+def _make_bench_orders(settings: list[tuple[float, float]]) -> TimedOrders:
     """Calibrating runs of two settings, a minute each: as long as safety lets one last."""
     orders: list[tuple[float, Order]] = [(1.0, Order(Do.READY))]
     for pair in range(0, len(settings), 2):
         begin = 5.0 + 61.0 * pair
-        ticks = [begin + CONFIRM_S * k for k in range(int(RUN_S / CONFIRM_S))]
+        ticks = [
+            begin + CONFIRM_PERIOD_S * k for k in range(int(CALIBRATING_RUN_S / CONFIRM_PERIOD_S))
+        ]
         orders += [(at, Order(Do.CALIBRATE, 120.0)) for at in ticks]
         for k, (rpm, mm) in enumerate(settings[pair : pair + 2]):
             # the run may begin late: the noise of the speed forbids it at times
-            for again in range(AGAIN):
-                at = begin + 0.1 + 59.0 * k + CONFIRM_S * again
+            for again in range(REPEATS):
+                at = begin + 0.1 + 59.0 * k + CONFIRM_PERIOD_S * again
                 orders += [
                     (at, Order(Do.CALIBRATE_OPENING, mm)),
                     (at + 0.1, Order(Do.CALIBRATE_SHAFT, rpm)),
@@ -91,44 +96,54 @@ def _bench(settings: list[tuple[float, float]]) -> Orders:
     return tuple(sorted(orders, key=lambda one: one[0]))
 
 
-def _two_speeds(job: Job, machine: Machine) -> SeparatingDrive:
+def _make_two_speed_drive(job: Job, machine: Machine) -> SeparatingDrive:
     changes = tuple(
         SpeedChange(at_s=120.0 * k, speed_kmh=3.0 if k % 2 == 0 else 6.0) for k in range(5)
     )
-    return SeparatingDrive(_with(job, speed_changes=changes, refill_at_kg=0.0), 600.0, None)
+    return SeparatingDrive(
+        _change_simulated(job, speed_changes=changes, refill_at_kg=0.0), 600.0, None
+    )
 
 
-def _out_of_work(job: Job, machine: Machine) -> SeparatingDrive:
-    orders = [(1.0, Order(Do.READY)), (BEGIN_S + 2.0, Order(Do.START))]
+def _make_out_of_work_drive(job: Job, machine: Machine) -> SeparatingDrive:
+    orders = [(1.0, Order(Do.READY)), (BEGIN_DRIVE_S + 2.0, Order(Do.START))]
     for minute in range(1, 10):
         orders.append((60.0 * minute, Order(Do.HOLD if minute % 2 else Do.START)))
-    return SeparatingDrive(_with(job, refill_at_kg=0.0), 600.0, tuple(orders))
+    return SeparatingDrive(_change_simulated(job, refill_at_kg=0.0), 600.0, tuple(orders))
 
 
-def _refill(job: Job, machine: Machine) -> SeparatingDrive:
+def _make_refill_drive(job: Job, machine: Machine) -> SeparatingDrive:
     empty_kg = machine.flow.full_kg / 3.0
     begin_kg = empty_kg + 600.0 * FLOW_KG_S
-    return SeparatingDrive(_with(job, hopper_kg=begin_kg, refill_at_kg=empty_kg), 1260.0, None)
+    return SeparatingDrive(
+        _change_simulated(job, hopper_kg=begin_kg, refill_at_kg=empty_kg), 1260.0, None
+    )
 
 
-_DRIVES: dict[str, Callable[[Job, Machine], SeparatingDrive]] = {
+_DRIVE_MAKERS: dict[str, Callable[[Job, Machine], SeparatingDrive]] = {
     "stairs": lambda job, machine: SeparatingDrive(
-        _standing(job),
+        _make_standing_job(job),
         500.0,
-        _bench([(rpm, machine.set_points.opening_mm) for rpm in list_shaft_levels(machine) * 2]),
+        _make_bench_orders(
+            [(rpm, machine.set_points.opening_mm) for rpm in list_shaft_levels(machine) * 2]
+        ),
     ),
     "openings": lambda job, machine: SeparatingDrive(
-        _standing(job),
+        _make_standing_job(job),
         500.0,
-        _bench([(machine.set_points.shaft_rpm, mm) for mm in opening_levels(machine) * 2]),
+        _make_bench_orders(
+            [(machine.set_points.shaft_rpm, mm) for mm in opening_levels(machine) * 2]
+        ),
     ),
     "slope": lambda job, _machine: SeparatingDrive(
-        _with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None
+        _change_simulated(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0),
+        660.0,
+        None,
     ),
-    "two_speeds": _two_speeds,
-    "out_of_work": _out_of_work,
+    "two_speeds": _make_two_speed_drive,
+    "out_of_work": _make_out_of_work_drive,
     "standing": lambda job, _machine: SeparatingDrive(
-        _standing(job), 600.0, ((1.0, Order(Do.READY)),)
+        _make_standing_job(job), 600.0, ((1.0, Order(Do.READY)),)
     ),
-    "refill": _refill,
+    "refill": _make_refill_drive,
 }

@@ -7,8 +7,9 @@ from topdress.drivers.files.settings import read_settings, settings_path, write_
 from topdress.drivers.files.settings_theme import read_themes
 
 
-def settings_store() -> SettingsStore:
-    """Never raises: a broken file is reported by the store, and left as it is."""
+def read_settings_store() -> SettingsStore:
+    """The user's settings. Never raises: a broken file is reported by the store, and left as it
+    is."""
     path = settings_path()
     read = read_settings(path)
     themes, wrong = read_themes(path.parent / "themes")

@@ -6,15 +6,15 @@ import shlex
 import subprocess
 
 
-class Player:
-    """Plays one sound at a time; what is asked for while one is heard is left out."""
+class SoundPlayer:
+    """Plays one sound at a time; a request during a sound is left out."""
 
     def __init__(self) -> None:
         self._playing: subprocess.Popen[bytes] | None = None
 
     def __call__(self, command: str) -> str:
-        """Why it could not be started, one line; empty where it plays, or one plays still. Does
-        not wait for its end."""
+        """Why the sound could not be started, one line; empty where it plays, or one plays still.
+        Does not wait for its end."""
         if self._playing is not None and self._playing.poll() is None:
             return ""
         try:

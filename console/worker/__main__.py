@@ -12,25 +12,25 @@ from collections.abc import Sequence
 
 from topdress.console import import_hooks
 
-import_hooks.begin()
+import_hooks.begin_imports()
 
 from topdress.console.worker import run_file  # noqa: E402
 from topdress.console.worker.options import parse_options  # noqa: E402
 
 
-def main(arguments: Sequence[str]) -> int:
+def run_as_program(arguments: Sequence[str]) -> int:
     options = parse_options(arguments)
     with contextlib.ExitStack() as until_the_end:
         try:
-            right = until_the_end.enter_context(run_file.held(options.run_file))
+            right = until_the_end.enter_context(run_file.hold_right(options.run_file))
         except OSError as error:
             print(f"topdress worker: {error}", file=sys.stderr, flush=True)
             return 1
-        from topdress.console.worker.assemble import assemble
-        from topdress.console.worker.program import run
+        from topdress.console.worker.assemble import assemble_run
+        from topdress.console.worker.program import run_with_right
 
-        return run(options, assemble, right)
+        return run_with_right(options, assemble_run, right)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_as_program(sys.argv[1:]))

@@ -10,17 +10,17 @@ from typing import Any
 
 import platformdirs
 from topdress.console.worker.options import Options
-from topdress.console.worker.parts import Assembly, Bench, Names
+from topdress.console.worker.parts import Assembly, Bench, RunNames
 from topdress.console.worker.program import Clock
-from topdress.console.worker.resume import snapshot_path
+from topdress.console.worker.resume import make_snapshot_path
 from topdress.console.worker.resume_assemble import (
+    continue_loop,
     find_earlier_job,
     find_job_to_continue,
-    go_on,
-    started,
+    make_first_snapshot,
 )
 from topdress.console.worker.resume_field import list_logs_here
-from topdress.console.worker.resume_keeper import Keeper
+from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
 from topdress.control.field.job import Job, rule_of
 from topdress.control.machine.fault_injection import parse_planted
@@ -56,14 +56,15 @@ from topdress.drivers.virtual.machine import VirtualMachine, virtual_cab
 
 # The simulated machine as a bench: stepped by the loop's own ticks, reached through the same
 # bytes as a real one.
-PARKED = (State.OFF, State.READY, State.CALIBRATING)
+PARKED_STATES = (State.OFF, State.READY, State.CALIBRATING)
 
 
 class SimulatedBench:
-    """A cab plugged into a virtual machine that is brought up to the tick's time before it is read.
+    """Drives a cab that is plugged into a virtual machine, which is advanced to the tick's time
+    before it is read.
 
-    Where the plant is given, its driver stands while the machine is off, ready or calibrating,
-    and drives once it works: `state` tells which.
+    Where the plant is given, its driver stands while the machine is off, ready or calibrating, and
+    drives once the machine works; `state` gives the state of the loop.
     """
 
     def __init__(self, cab: Cab, machine: VirtualMachine, plant: Plant | None = None) -> None:
@@ -72,30 +73,37 @@ class SimulatedBench:
         self._plant = plant
         self.state: Callable[[], State] = lambda: State.OFF
 
-    def measure(self, now_s: float) -> Measurements:
+    def read_measurements(self, now_s: float) -> Measurements:
+        """Advance the virtual machine to `now_s` (run time, s) and read its sensors."""
         if self._plant is not None:
-            self._plant.parked = self.state() in PARKED
+            self._plant.parked = self.state() in PARKED_STATES
         self._machine.advance(now_s)
-        return self._cab.measure(now_s)
+        return self._cab.read_measurements(now_s)
 
-    def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        self._cab.command(now_s, command, enabled)
+    def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
+        """Send the set-points of the drives (None: none) to the virtual boards."""
+        self._cab.send_command(now_s, command, enabled)
 
-    def status(self, now_s: float) -> Sequence[DeviceStatus]:
-        return self._cab.status(now_s)
+    def list_device_status(self, now_s: float) -> Sequence[DeviceStatus]:
+        """Status of each device at `now_s`, s."""
+        return self._cab.list_device_status(now_s)
 
-    def line(self, name: str) -> DeviceLine | None:
-        return self._cab.line(name)
+    def find_device_line(self, name: str) -> DeviceLine | None:
+        """The line of a device by its name; None where the cab has none."""
+        return self._cab.find_device_line(name)
 
     @property
-    def rig(self) -> RigReadings | None:
-        return self._cab.rig
+    def rig_readings(self) -> RigReadings | None:
+        """Newest line of the lag rig; None without a rig."""
+        return self._cab.rig_readings
 
-    def order_rig(self, run: int, arm: bool) -> None:
-        self._cab.order_rig(run, arm)
+    def send_rig_order(self, run: int, arm: bool) -> None:
+        """Start the rig's run number `run`, and arm it for an impulse."""
+        self._cab.send_rig_order(run, arm)
 
-    def close(self) -> None:
-        self._cab.close()
+    def close_devices(self) -> None:
+        """Close the cab's ports, then the virtual machine."""
+        self._cab.close_devices()
         self._machine.close()
 
 
@@ -103,13 +111,16 @@ class SimulatedBench:
 PLANT_STEP_S = 0.02
 
 
-def assemble(options: Options, clock: Clock) -> Assembly:
+def assemble_run(options: Options, clock: Clock) -> Assembly:
     """Build bench, loop and log writer; without a cab file the machine is the simulated one.
 
-    Raises ValueError or OSError with one line for each thing that is to be put right.
+    Raises
+    ------
+    ValueError, OSError
+        One line for each thing that has to be put right.
     """
-    now, log = _utc_now(), _log_path(options.log)
-    cab, setup = _configured(options, log.parent, now)
+    now, log = _read_utc_now(), _choose_log_path(options.log)
+    cab, setup = _read_configuration(options, log.parent, now)
     if cab is not None and options.effects:
         raise ValueError(
             f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
@@ -118,20 +129,22 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     machine, sha256 = setup.machine, dict(setup.sha256)
     bench: Bench
     has_work_switch = record_only = False
-    simulated = _is_simulated(cab)
+    simulated = _is_simulated_cab(cab)
     job = with_simulated_field(setup.job, machine) if simulated else setup.job
     if cab is not None:
         sha256[str(cab.path)] = cab.sha256
     before = find_earlier_job(options.resume, log.parent, job, sha256, simulated, now)
     if before.job is not None:
-        left = add_log_tail(before.job, machine, setup.crop.product_n_fraction, _stops_s(cab))
+        left = add_log_tail(
+            before.job, machine, setup.crop.product_n_fraction, _find_drive_stop_s(cab)
+        )
         before, job = (
             before._replace(job=left),
             find_job_to_continue(job, machine, left, before.same_files),
         )
-    placed = _placed(job, setup)
+    placed = _read_targets(job, setup)
     if cab is None:
-        bench = _simulated(options, machine, job, clock)
+        bench = _make_simulated_bench(options, machine, job, clock)
     else:
         assert isinstance(cab.model, CabConfig)
         devices, has_work_switch, record_only = (
@@ -140,7 +153,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
             cab.model.record_only,
         )
         if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
-            machine = with_fixed_gate(machine, devices.rate_module.fixed_opening_mm)
+            machine = fix_gate_opening(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
     now_utc = now.isoformat(timespec="milliseconds")
     rule = rule_of(setup.crop, job, setup.rule.days)
@@ -149,8 +162,8 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     )
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
-    before = before.on(loop.plane)
-    go_on(loop, before)
+    before = before.move_to_plane(loop.plane)
+    continue_loop(loop, before)
     meta = run_meta(
         machine,
         setup.crop,
@@ -163,17 +176,17 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         | ({} if before.job is None else {"resumes": before.job.log_path}),
     )
     writer = RunLogWriter(log, meta)
-    names = Names(
+    names = RunNames(
         job.title or job.id,
         machine.title or machine.id,
         setup.crop.name,
         str(writer.path),
         simulated,
     )
-    keeper = Keeper(
-        snapshot_path(writer.path),
+    keeper = SnapshotKeeper(
+        make_snapshot_path(writer.path),
         machine,
-        started(
+        make_first_snapshot(
             options,
             writer.path,
             (names.job, names.machine, names.crop),
@@ -182,24 +195,30 @@ def assemble(options: Options, clock: Clock) -> Assembly:
             before.job,
         ),
         loop,
-        lambda: _utc_now().isoformat(timespec="milliseconds"),
+        lambda: _read_utc_now().isoformat(timespec="milliseconds"),
     )
-    writer.after_writing = keeper.work
+    writer.after_writing = keeper.save_due
     return Assembly(bench, loop, writer, names, keeper)
 
 
-def _is_simulated(cab: Loaded[Any] | None) -> bool:
+def _is_simulated_cab(cab: Loaded[Any] | None) -> bool:
     return cab is None or bool(getattr(cab.model, "virtual", False))
 
 
-def _configured(options: Options, logs: Path, now: dt.datetime) -> tuple[Loaded[Any] | None, Setup]:
-    """The cab file, where there is one, and the setup, held against each other. logs: their
-    folder. Raises ValueError."""
+def _read_configuration(
+    options: Options, logs: Path, now: dt.datetime
+) -> tuple[Loaded[Any] | None, Setup]:
+    """Read the cab file, where there is one, and the setup, and check them against each other.
+
+    logs: their folder. Raises ValueError.
+    """
     try:
         found = by_kind(options.config)
         cab = found.get(CAB.format)
         setup = setup_of(
-            found, day_clock.today(), lambda job: list_logs_here(logs, job, _is_simulated(cab), now)
+            found,
+            day_clock.today(),
+            lambda job: list_logs_here(logs, job, _is_simulated_cab(cab), now),
         )
         lines = index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:
@@ -216,8 +235,8 @@ def _configured(options: Options, logs: Path, now: dt.datetime) -> tuple[Loaded[
     return cab, setup
 
 
-def _stops_s(cab: Loaded[Any] | None) -> float | None:
-    """How long the drive of the shaft goes on without the console; None: a simulated one ends
+def _find_drive_stop_s(cab: Loaded[Any] | None) -> float | None:
+    """Seconds for which the shaft's drive goes on without the console; None: a simulated drive ends
     with the worker."""
     if cab is None:
         return None
@@ -225,9 +244,14 @@ def _stops_s(cab: Loaded[Any] | None) -> float | None:
     return MODULE_STOPS_S if cab.model.rate_module is not None else SILENT_HOST_S
 
 
-def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
-    """The machine whose gate is set by hand: no strategy can move it, all of them meter by the
-    shaft."""
+def fix_gate_opening(machine: Machine, opening_mm: float) -> Machine:
+    """Copy of a machine whose gate is set by hand: no strategy can move it, each meters by the
+    shaft.
+
+    Parameters
+    ----------
+    opening_mm: the opening at which the gate stands, mm.
+    """
     limits = machine.limits.model_copy(
         update={
             "opening_low_mm": opening_mm,
@@ -238,8 +262,8 @@ def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
     return machine.model_copy(update={"limits": limits, "set_points": set_points})
 
 
-def _placed(job: Job, setup: Setup) -> LoopTargets:
-    """Map, plants, index map and done ground of the job. Raises ValueError, OSError."""
+def _read_targets(job: Job, setup: Setup) -> LoopTargets:
+    """Read map, plants, index map and done ground of the job. Raises ValueError, OSError."""
     placed = placed_of_job(job, setup.folder, setup.machine, setup.crop.index)
     if job.target.source is TargetSource.POINT and placed["plants"] is None:
         raise ValueError(
@@ -250,7 +274,9 @@ def _placed(job: Job, setup: Setup) -> LoopTargets:
     return placed
 
 
-def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> SimulatedBench:
+def _make_simulated_bench(
+    options: Options, machine: Machine, job: Job, clock: Clock
+) -> SimulatedBench:
     planted = [parse_planted(text) for text in options.effects]
     plant = simulated_machine(
         machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted
@@ -275,12 +301,12 @@ def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> Si
     return SimulatedBench(cab, virtual, plant)
 
 
-def _log_path(wanted: str | None) -> Path:
-    """The log's name as wanted, else a new one in the user's data folder. Raises OSError,
+def _choose_log_path(wanted: str | None) -> Path:
+    """Path of the log as wanted, else a new name in the user's data folder. Raises OSError,
     ValueError."""
     if wanted is None:
         folder = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "logs"
-        path = folder / f"{_utc_now():%Y%m%d-%H%M%S}.csv"
+        path = folder / f"{_read_utc_now():%Y%m%d-%H%M%S}.csv"
     else:
         path = Path(wanted)
         if path.suffix != ".csv":
@@ -295,5 +321,5 @@ def _log_path(wanted: str | None) -> Path:
     return path
 
 
-def _utc_now() -> dt.datetime:
+def _read_utc_now() -> dt.datetime:
     return day_clock.utc_now()

@@ -18,20 +18,22 @@ from topdress.console.worker.limits import (
 
 
 class ClientKind(Enum):
+    """The kinds of clients, by what each has shown so far."""
+
     NEW = auto()  # has said nothing yet that counts
     LOOKING = auto()
     WITH_KEY = auto()
 
 
-class Patience:
-    """How many refusals somebody still gets: `REFUSALS` at once, one more every
+class RefusalQuota:
+    """Counts the refusals that a client still gets: `REFUSALS` at once, one more every
     `REFUSAL_AGAIN_S`."""
 
     def __init__(self, now_s: float) -> None:
         self._left, self._at_s = float(REFUSALS), now_s
 
-    def spend(self, now_s: float) -> bool:
-        """One refusal; False when there was none left for it."""
+    def spend_refusal(self, now_s: float) -> bool:
+        """Spend one refusal at `now_s`, s; False when none was left."""
         self._left = min(float(REFUSALS), self._left + (now_s - self._at_s) / REFUSAL_AGAIN_S)
         self._at_s = now_s
         if self._left < 1.0:
@@ -41,7 +43,7 @@ class Patience:
 
 
 class Client:
-    """One connection, not blocking."""
+    """Holds one connection, which never blocks: its kind, bytes received and bytes unsent."""
 
     def __init__(self, connection: socket.socket, came_s: float) -> None:
         connection.setblocking(False)
@@ -50,7 +52,7 @@ class Client:
         self.connection = connection
         self.came_s = came_s
         self.kind = ClientKind.NEW
-        self.patience = Patience(came_s)
+        self.patience = RefusalQuota(came_s)
         # since when it is not heard any more; None: it is heard
         self.aside_s: float | None = None
         # when it last said that it is a console that lives
@@ -63,8 +65,11 @@ class Client:
         self._received = bytearray()
         self._unsent = bytearray()
 
-    def attached(self, late_s: float) -> Attached:
-        """As others see it; who said before `late_s` that it lives keeps nothing working."""
+    def describe_attached(self, late_s: float) -> Attached:
+        """The client as other consoles see it.
+
+        late_s: a client last heard before this time, s, keeps nothing working.
+        """
         return Attached(
             self.name or UNNAMED,
             self.tablet,
@@ -73,29 +78,30 @@ class Client:
         )
 
     @property
-    def waits(self) -> bool:
+    def has_whole_line(self) -> bool:
         """Whether a whole line was received and not yet taken."""
         return b"\n" in self._received
 
     @property
-    def oversized(self) -> bool:
-        """Whether it has sent too much without an end of line."""
-        return len(self._received) > LINE_BYTES and not self.waits
+    def is_oversized(self) -> bool:
+        """Whether more bytes than a line may have came without an end of line."""
+        return len(self._received) > LINE_BYTES and not self.has_whole_line
 
     @property
-    def behind(self) -> bool:
-        """Whether it has not taken all that was sent to it."""
+    def is_behind(self) -> bool:
+        """Whether bytes are unsent: the client has not taken all."""
         return bool(self._unsent)
 
-    def send(self, data: bytes) -> None:
-        """Queue behind what is unsent and send as much as the socket takes; a client too far
-        behind is gone."""
+    def queue_bytes(self, data: bytes) -> None:
+        """Queue behind what is unsent and send as much as the socket takes; a client too far behind
+        is disconnected."""
         self._unsent += data
-        self.flush()
+        self.send_unsent()
         if len(self._unsent) > UNREAD_BYTES:
             self.gone = True
 
-    def flush(self) -> None:
+    def send_unsent(self) -> None:
+        """Send as much of the unsent bytes as the socket takes."""
         try:
             while self._unsent:
                 del self._unsent[: self.connection.send(self._unsent)]
@@ -104,18 +110,21 @@ class Client:
         except OSError:
             self.gone = True
 
-    def lines(self, most: int, read_bytes: int) -> list[bytes]:
-        """At most so many whole lines. The socket is read only once all lines before are taken:
-        what is not read fills the sender's own buffer, and the sender waits."""
-        if not self.waits:
-            self._receive(read_bytes)
+    def take_lines(self, most: int, read_bytes: int) -> list[bytes]:
+        """Take at most `most` whole lines.
+
+        The socket is read only once all earlier lines are taken: unread bytes fill the sender's own
+        buffer, and the sender waits.
+        """
+        if not self.has_whole_line:
+            self._receive_bytes(read_bytes)
         found: list[bytes] = []
         while len(found) < most and (end := self._received.find(b"\n")) >= 0:
             found.append(bytes(self._received[:end]))
             del self._received[: end + 1]
         return found
 
-    def _receive(self, read_bytes: int) -> None:
+    def _receive_bytes(self, read_bytes: int) -> None:
         try:
             got = self.connection.recv(read_bytes)
         except BlockingIOError:

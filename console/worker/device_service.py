@@ -18,19 +18,20 @@ from topdress.drivers.cab_line import DeviceLine, Direction
 from topdress.drivers.devices import capture, probe
 from topdress.drivers.ports import Clock, Port, open_port
 
-BUSY = (State.WORKING, State.CALIBRATING)
-Opener = Callable[[str, int, Clock], Port]
+BUSY_STATES = (State.WORKING, State.CALIBRATING)
+PortOpener = Callable[[str, int, Clock], Port]
 
 
 class DeviceService:
-    """For all devices of a bench. `tick` is called once a tick; nothing here blocks."""
+    """Connects, tests and captures all devices of a bench. `end_due_work` is called once a tick;
+    nothing here blocks."""
 
     def __init__(
         self,
         bench: Bench,
         log_path: str,
         files: SideFiles,
-        opener: Opener = open_port,
+        opener: PortOpener = open_port,
         capture_bytes: int = CAPTURE_BYTES,
     ) -> None:
         self._bench, self._files, self._opener, self._capture_bytes = (
@@ -40,49 +41,60 @@ class DeviceService:
             capture_bytes,
         )
         self._stem = Path(log_path).with_suffix("") if log_path else None
-        self._captures: dict[str, _Capture] = {}
+        self._captures: dict[str, _LineCapture] = {}
         self._started = 0
-        self._tests: dict[str, _Test] = {}
+        self._tests: dict[str, _LineTest] = {}
 
-    def order(self, order: DeviceOrder, now_s: float, state: str | None) -> Answer:
-        """Obey or refuse; `state` of the newest tick."""
+    def obey_device_order(self, order: DeviceOrder, now_s: float, state: str | None) -> Answer:
+        """Obey or refuse an order for one device.
+
+        Parameters
+        ----------
+        now_s: run time, s.
+        state: the loop's state at the newest tick.
+        """
         name = order.device
-        line = self._bench.line(name)
+        line = self._bench.find_device_line(name)
         if line is None:
             return Answer(False, f"no_such_device;device={name.replace(';', ' ')}")
-        if order.do is DeviceDo.DISCONNECT and state in BUSY:
+        if order.do is DeviceDo.DISCONNECT and state in BUSY_STATES:
             return Answer(False, f"device_in_use;state={state}")
         if order.do in (DeviceDo.CONNECT, DeviceDo.DISCONNECT):
             line.plug(order.do is DeviceDo.CONNECT)
             return Answer(True)
         if order.do is DeviceDo.TEST:
-            return self._begin_test(line, now_s)
+            return self._begin_device_test(line, now_s)
         return (
-            self._begin_capture(line) if order.do is DeviceDo.CAPTURE else self._end_capture(name)
+            self._begin_capture(line)
+            if order.do is DeviceDo.CAPTURE
+            else self._finish_capture(name)
         )
 
-    def tick(self, now_s: float, state: str | None) -> None:
+    def end_due_work(self, now_s: float, state: str | None) -> None:
+        """End tests that have listened long enough and captures that are full."""
         for test in self._tests.values():
-            test.tick(now_s, state in BUSY)
+            test.end_listening(now_s, state in BUSY_STATES)
         for name in [
             name for name, one in self._captures.items() if one.size >= self._capture_bytes
         ]:
-            self._end_capture(name)
+            self._finish_capture(name)
 
-    def test(self, name: str) -> DeviceTest | None:
+    def find_test_result(self, name: str) -> DeviceTest | None:
+        """Result of the newest test of a device; None where it was not tested."""
         found = self._tests.get(name)
         return found.result if found else None
 
-    def capture_path(self, name: str) -> str:
+    def find_capture_path(self, name: str) -> str:
+        """File to which a device is being captured; empty where it is not."""
         found = self._captures.get(name)
         return str(found.path) if found else ""
 
-    def _begin_test(self, line: DeviceLine, now_s: float) -> Answer:
+    def _begin_device_test(self, line: DeviceLine, now_s: float) -> Answer:
         if not line.plugged:
             return Answer(False, f"device_disconnected;device={line.name}")
         running = self._tests.get(line.name)
         if running is None or not running.result.running:
-            self._tests[line.name] = _Test(line, now_s, self._opener)
+            self._tests[line.name] = _LineTest(line, now_s, self._opener)
         return Answer(True)
 
     def _begin_capture(self, line: DeviceLine) -> Answer:
@@ -91,70 +103,70 @@ class DeviceService:
         if line.name not in self._captures:
             self._started += 1
             path = self._stem.with_name(f"{self._stem.name}.{line.name}.{self._started}.capture")
-            self._captures[line.name] = _Capture(line, path, self._files)
+            self._captures[line.name] = _LineCapture(line, path, self._files)
         return Answer(True)
 
-    def _end_capture(self, name: str) -> Answer:
+    def _finish_capture(self, name: str) -> Answer:
         found = self._captures.pop(name, None)
         if found is not None:
-            found.end()
+            found.stop_listening()
         return Answer(True)
 
 
-class _Capture:
+class _LineCapture:
     def __init__(self, line: DeviceLine, path: Path, files: SideFiles) -> None:
         self.path = path
         self.size = 0
         self._line, self._files = line, files
         status = line.status(0.0)
-        files.append(path, capture.header(line.name, status.protocol, status.port))
-        line.listen_in(self._take)
+        files.queue_append(path, capture.header(line.name, status.protocol, status.port))
+        line.listen_in(self._write_captured)
 
-    def end(self) -> None:
-        self._line.leave(self._take)
+    def stop_listening(self) -> None:
+        self._line.leave(self._write_captured)
 
-    def _take(self, now_s: float, direction: Direction, data: bytes) -> None:
+    def _write_captured(self, now_s: float, direction: Direction, data: bytes) -> None:
         written = capture.captured(now_s, direction, data)
         self.size += len(written)
-        self._files.append(self.path, written)
+        self._files.queue_append(self.path, written)
 
 
-class _Test:
-    """Listens on the line as it is; where nothing is understood and the line is serial, at
-    other rates too.
+class _LineTest:
+    """Listens on the line as it is; where nothing is understood and the line is serial, at other
+    rates too.
 
-    Deciding what the bytes are takes long, so a thread does it. Other rates need the port: for
-    these seconds the device is off, which is left out while the machine works.
+    Recognising the bytes takes long, so a thread does it. Other rates need the port: for these
+    seconds the device is off, so they are left out while the machine works.
     """
 
-    def __init__(self, line: DeviceLine, now_s: float, opener: Opener) -> None:
+    def __init__(self, line: DeviceLine, now_s: float, opener: PortOpener) -> None:
         self.result = DeviceTest(True)
         self._line, self._opener = line, opener
         self._until_s = now_s + TEST_S
         self._heard: list[bytes] = []
         self._listening = True
-        line.listen_in(self._take)
+        line.listen_in(self._collect_bytes)
 
-    def tick(self, now_s: float, busy: bool) -> None:
+    def end_listening(self, now_s: float, busy: bool) -> None:
         if not self._listening or now_s < self._until_s:
             return
         self._listening = False
-        self._line.leave(self._take)
+        self._line.leave(self._collect_bytes)
         threading.Thread(
-            target=self._decide,
+            target=self._recognise_bytes,
             args=(not busy and self._line.baud is not None,),
             name=f"test of {self._line.name}",
             daemon=True,
         ).start()
 
-    def _take(self, now_s: float, direction: Direction, data: bytes) -> None:
+    def _collect_bytes(self, now_s: float, direction: Direction, data: bytes) -> None:
         if direction == "<":
             self._heard.append(data)
 
-    def _decide(self, other_rates: bool) -> None:
+    def _recognise_bytes(self, other_rates: bool) -> None:
         found = probe.recognise_either(self._heard)
         if not found.protocol and other_rates:
-            found = self._at_other_rates()
+            found = self._probe_other_rates()
         if not found.protocol and not found.said:
             state = self._line.port.state()
             found = found._replace(said=state.last_error or (state.last_lines() or ["silent"])[-1])
@@ -162,7 +174,7 @@ class _Test:
             False, found.protocol, found.baud, found.accepted, found.rejected, found.said
         )
 
-    def _at_other_rates(self) -> probe.ProbeFinding:
+    def _probe_other_rates(self) -> probe.ProbeFinding:
         line = self._line
         line.port.plug(False)
         try:

@@ -1,7 +1,7 @@
 """The control loop's host: one tick after the other at absolute deadlines.
 
 Nothing here touches a socket or a disk. Others reach the host by three things only: `inbox`
-(requests with the function that takes the answer), `console_heard` (an operating console was
+(requests with the function that takes the answer), `note_console_heard` (an operating console was
 heard just now) and `newest` (the newest frame).
 """
 
@@ -35,7 +35,7 @@ from topdress.console.worker.limits import (
     TOTALS_S,
 )
 from topdress.console.worker.parts import FRAME_FIELDS, Assembly
-from topdress.console.worker.requests import Ask, DeviceOrder, What
+from topdress.console.worker.requests import DeviceOrder, Question, RequestContent
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.field.totals import Totals
 from topdress.control.loop import Tick
@@ -44,69 +44,78 @@ from topdress.drivers.device_status import DeviceStatus
 
 # How punctual the loop is: a histogram of fixed size, so that eight hours cost no more than a
 # second.
-SMALLEST_S = 1e-6
-BINS_PER_E = 40  # bin edges 2.5 % apart
-BINS = BINS_PER_E * 18 + 1  # up to SMALLEST_S x e^18, about 65 s
+SMALLEST_DURATION_S = 1e-6
+BINS_PER_E_FOLD = 40  # bin edges 2.5 % apart
+DURATION_BINS = BINS_PER_E_FOLD * 18 + 1  # up to SMALLEST_S x e^18, about 65 s
 
 
-class Durations:
-    """Counts of durations in bins 2.5 % wide, from 1 us to 65 s; the longest is kept as it is."""
+class DurationHistogram:
+    """Counts durations in bins 2.5 % wide, from 1 us to 65 s; the longest is kept as it is."""
 
     def __init__(self) -> None:
-        self._counts = [0] * BINS
+        self._counts = [0] * DURATION_BINS
         self.n = 0
         self.longest_s = 0.0
 
-    def add(self, duration_s: float) -> None:
-        """Count one duration; a negative one counts by its size."""
+    def add_duration(self, duration_s: float) -> None:
+        """Count one duration, s; a negative one counts by its size."""
         size_s = abs(duration_s)
-        place = int(math.log(size_s / SMALLEST_S) * BINS_PER_E) if size_s > SMALLEST_S else 0
-        self._counts[min(place, BINS - 1)] += 1
+        place = (
+            int(math.log(size_s / SMALLEST_DURATION_S) * BINS_PER_E_FOLD)
+            if size_s > SMALLEST_DURATION_S
+            else 0
+        )
+        self._counts[min(place, DURATION_BINS - 1)] += 1
         self.n += 1
         self.longest_s = max(self.longest_s, size_s)
 
-    def quantile_s(self, share: float) -> float:
-        """The duration that `share` (0 to 1) of all do not exceed, to 2.5 %; 0 where nothing
-        was counted."""
+    def find_quantile_s(self, share: float) -> float:
+        """Duration, s, that `share` (0 to 1) of all do not exceed, to 2.5 %; 0 where nothing was
+        counted."""
         wanted, seen = share * self.n, 0
         for place, count in enumerate(self._counts):
             seen += count
             if count and seen >= wanted:
-                return min(SMALLEST_S * math.exp((place + 1) / BINS_PER_E), self.longest_s)
+                return min(
+                    SMALLEST_DURATION_S * math.exp((place + 1) / BINS_PER_E_FOLD), self.longest_s
+                )
         return 0.0
 
 
-class Punctuality:
-    """Period errors |interval between ticks - period|, time spent in ticks, and ticks skipped."""
+class TickPunctuality:
+    """Measures period errors |interval between ticks - period|, time spent in ticks, and ticks
+    skipped."""
 
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
-        self.errors = Durations()
-        self.busy = Durations()
+        self.errors = DurationHistogram()
+        self.busy = DurationHistogram()
         self.skipped = 0
         self._last_s: float | None = None
 
-    def began(self, now_s: float) -> None:
+    def note_tick_begin(self, now_s: float) -> None:
+        """Count the error of the period that ended with this tick's begin, `now_s`."""
         if self._last_s is not None:
-            self.errors.add(now_s - self._last_s - self.period_s)
+            self.errors.add_duration(now_s - self._last_s - self.period_s)
         self._last_s = now_s
 
-    def ended(self, began_s: float, now_s: float) -> None:
-        self.busy.add(now_s - began_s)
+    def note_tick_end(self, began_s: float, now_s: float) -> None:
+        """Count the time that a tick took, s."""
+        self.busy.add_duration(now_s - began_s)
 
-    def summary(self) -> dict[str, float]:
-        """Milliseconds: p50, p99, p99.9 and largest period error; median and longest tick;
-        ticks run and skipped."""
+    def summarise_ms(self) -> dict[str, float]:
+        """Milliseconds: p50, p99, p99.9 and largest period error; median and longest tick; ticks
+        run and skipped."""
         ms = 1000.0
         return {
             "hz": 1.0 / self.period_s,
             "ticks": self.busy.n,
             "skipped": self.skipped,
-            "p50_ms": self.errors.quantile_s(0.5) * ms,
-            "p99_ms": self.errors.quantile_s(0.99) * ms,
-            "p999_ms": self.errors.quantile_s(0.999) * ms,
+            "p50_ms": self.errors.find_quantile_s(0.5) * ms,
+            "p99_ms": self.errors.find_quantile_s(0.99) * ms,
+            "p999_ms": self.errors.find_quantile_s(0.999) * ms,
             "max_ms": self.errors.longest_s * ms,
-            "busy_p50_ms": self.busy.quantile_s(0.5) * ms,
+            "busy_p50_ms": self.busy.find_quantile_s(0.5) * ms,
             "busy_max_ms": self.busy.longest_s * ms,
         }
 
@@ -116,16 +125,20 @@ class Punctuality:
 SETTLED_S = 60.0
 
 
-class Steady:
-    """What is fed as it changes; what comes back goes to no at once, and to yes again at once
-    where that was the first time for long, else after `SETTLED_S` of yes: flow that is switched
-    off and on by itself lays stripes."""
+class FlickerFilter:
+    """Filters a yes that flickers.
+
+    Fed at each change; the answer is no at once, and yes again at once where that was the first no
+    for long, else after `SETTLED_S` of yes: flow that is switched off and on by itself lays
+    stripes.
+    """
 
     def __init__(self) -> None:
         # bad_s: seen bad then the last time
         self._good, self._flickers, self._bad_s = True, False, -inf
 
-    def take(self, now_s: float, good: bool) -> bool:
+    def filter_flicker(self, now_s: float, good: bool) -> bool:
+        """Answer at `now_s`, s, for a condition that is `good` or not."""
         lately = now_s - self._bad_s < SETTLED_S
         if not good:
             self._flickers = lately and (self._good or self._flickers)
@@ -140,8 +153,8 @@ WORKER = "control worker"  # by whom a run is stopped that nobody stopped
 Reply = Callable[[Answer, dict[str, Any]], None]
 
 
-class Waiting(NamedTuple):
-    what: What
+class QueuedRequest(NamedTuple):
+    what: RequestContent
     reply: Reply
     by: str = ""  # the name of who asks
 
@@ -168,14 +181,14 @@ class Host:
         self._ordered: deque[Ordered] = deque(maxlen=LATEST)
         self._notes: deque[str] = deque()  # events that the link has for the log
         self.ended = ""  # why the run ended; empty while it runs
-        self.period = Punctuality(1.0 / hz)
+        self.period = TickPunctuality(1.0 / hz)
         self._bench, self._loop, self._writer, self._names, self._keeper = assembly
         self._clock, self._sleep = clock, sleep
         self._orphan_s = orphan_s
         self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
-        self._inbox: deque[Waiting] = deque()  # filled by other threads
+        self._inbox: deque[QueuedRequest] = deque()  # filled by other threads
         # taken from there by the loop, and not yet answered
-        self._waiting: list[Waiting] = []
+        self._waiting: list[QueuedRequest] = []
         self._heard_s = clock()
         self._now_s = -inf  # of the newest tick
         self._ticks = 0
@@ -191,7 +204,7 @@ class Host:
         self._stop = ""  # why the run shall end
         self._stopped_by = ""
         self._off = False  # the last tick, with the loop stopped, was run
-        self._log = Steady()
+        self._log = FlickerFilter()
         # the log before this one, which another program has cut short
         self._cut_short: Path | None = None
         self._cut_s = -inf
@@ -202,26 +215,33 @@ class Host:
     # --- called from other threads
     # -----------------------------------------------------------------------------------
 
-    def note(self, event: str) -> None:
-        """An event for the log's next row."""
+    def note_event(self, event: str) -> None:
+        """Queue an event for the log's next row."""
         self._notes.append(event)
 
-    def ask(self, what: What, reply: Reply, by: str = "") -> bool:
-        """Queue a request; False when too many are waiting. The answer comes with the next
-        tick, on its thread.
+    def queue_request(self, what: RequestContent, reply: Reply, by: str = "") -> bool:
+        """Queue a request; False when too many are waiting. The answer comes with the next tick, on
+        its thread.
 
-        What stops the machine is never refused, and never waits: the next tick answers all that
-        came before it.
+        A request that stops the machine is never refused, and never waits: the next tick answers
+        all that came before it.
+
+        Parameters
+        ----------
+        what: the order or question.
+        reply: takes the answer; it must return at once.
+        by: the name of the client.
         """
-        if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _stops(what):
+        if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _is_stop_request(what):
             return False
-        self._inbox.append(Waiting(what, reply, by))
+        self._inbox.append(QueuedRequest(what, reply, by))
         return True
 
-    def console_heard(self) -> None:
+    def note_console_heard(self) -> None:
+        """Note that an operating console was heard just now."""
         self._heard_s = self._clock()
 
-    def stop(self, why: str, by: str = WORKER) -> None:
+    def request_stop(self, why: str, by: str = WORKER) -> None:
         """End the run: one more tick, with the loop ordered to stop (also safe in a signal
         handler)."""
         if not self._stop:
@@ -230,83 +250,85 @@ class Host:
     # --- the run
     # ----------------------------------------------------------------------------------------------
 
-    def run(self) -> str:
-        """Tick until stopped or orphaned; returns why. Drives are off and the log is closed
-        however this ends."""
+    def run_until_stopped(self) -> str:
+        """Tick until stopped or orphaned; returns why. Drives are off and the log is closed however
+        this ends."""
         why = "failed"
         try:
             due_s = self._clock()
             while not self._off:
                 self._sleep(max(0.0, due_s - self._clock()))
                 now_s = self._clock()
-                self.period.began(now_s)
+                self.period.note_tick_begin(now_s)
                 if now_s - self._heard_s > self._orphan_s:
-                    self.stop("orphaned")
-                self.tick(now_s)
-                self.period.ended(now_s, self._clock())
-                due_s = self._next_due(due_s, now_s)
+                    self.request_stop("orphaned")
+                self.run_one_tick(now_s)
+                self.period.note_tick_end(now_s, self._clock())
+                due_s = self._find_next_due_s(due_s, now_s)
             why = self._stop
         finally:
-            self.close(why)
+            self.close_run(why)
         return why
 
-    def tick(self, now_s: float) -> None:
-        """Orders, measurements, decision, drives, log, frame: in this order. Never raises: a
-        tick that fails stops the drives, and the next one goes on. A clock that is set back
-        stands still: rows, frames and captures never go back in time."""
+    def run_one_tick(self, now_s: float) -> None:
+        """Take orders, measure, decide, command the drives, log, make the frame: in this order.
+
+        Never raises: a tick that fails stops the drives, and the next one goes on. A clock that is
+        set back stands still: rows, frames and captures never go back in time.
+        """
         now_s = self._now_s = max(self._now_s, now_s)
-        for waiting in self._due():
-            self._answer(waiting, now_s)
+        for waiting in self._take_due_requests():
+            self._answer_request(waiting, now_s)
         self._off = bool(self._stop)
         try:
             if self._stop:
                 self._loop.order(Order(Do.STOP), self._stopped_by)
-            self._control(now_s)
+            self._control_machine(now_s)
         except Exception as error:
-            self._fail(now_s, error)
+            self._stop_after_failure(now_s, error)
         self._ticks += 1
 
-    def _control(self, now_s: float) -> None:
-        measurements = self._bench.measure(now_s)
+    def _control_machine(self, now_s: float) -> None:
+        measurements = self._bench.read_measurements(now_s)
         if self._failed:
             measurements = measurements._replace(control_failed=True)
-        self._guarded(lambda: self._follow_log(now_s))
+        self._run_guarded(lambda: self._follow_new_log(now_s))
         if now_s - self._cut_s < SAID_S:
             measurements = measurements._replace(log_cut=Path(self._names.log_path).name)
         while self._notes:
             self._loop.note(self._notes.popleft())
-        for service in (self._device_service.tick, self.lag.tick):
-            self._guarded(lambda service=service: service(now_s, self._state))  # type: ignore[misc]
-        log_ok = self._log.take(now_s, self._writer.ok)
+        for service in (self._device_service.end_due_work, self.lag.follow_test):
+            self._run_guarded(lambda service=service: service(now_s, self._state))  # type: ignore[misc]
+        log_ok = self._log.filter_flicker(now_s, self._writer.ok)
         tick = self._loop.tick(measurements, now_s - self._heard_s, log_ok)
-        self._bench.command(now_s, tick.command, tick.enabled)
+        self._bench.send_command(now_s, tick.command, tick.enabled)
         self._state, self._failed = tick.row.state, ""
-        self._guarded(lambda: self._record(tick))
+        self._run_guarded(lambda: self._record_tick(tick))
         self._ordered.extend(read_orders(tick.row.events, tick.row.time_s))
         if self._ticks % self._ticks_a_frame == 0 or self._off:
-            self.newest = self._frame(now_s, tick)
+            self.newest = self._make_frame(now_s, tick)
 
-    def _follow_log(self, now_s: float) -> None:
-        """Where another program has cut the log short, the writer has started a new one."""
+    def _follow_new_log(self, now_s: float) -> None:
+        """Follow the writer to a new log after another program has cut the old one short."""
         cut_short = self._writer.cut_short
         if cut_short != self._cut_short:
             self._cut_short, self._cut_s = cut_short, now_s
             self._names = self._names._replace(log_path=str(self._writer.path))
             self._notes.append(f"log_cut_short {cut_short}")
             if self._keeper is not None:
-                self._keeper.follow(self._names.log_path)
+                self._keeper.follow_log(self._names.log_path)
 
-    def _record(self, tick: Tick) -> None:
+    def _record_tick(self, tick: Tick) -> None:
         if self._keeper is not None:
-            self._keeper.take(tick)
+            self._keeper.take_tick(tick)
         self._writer.append(tick.row)
 
-    def _fail(self, now_s: float, error: Exception) -> None:
-        """A tick that could not be finished: drives stopped, the loop off, the console
-        informed, even where all else fails."""
-        self._guarded(lambda: self._bench.command(now_s, None, False))
-        self._guarded(lambda: self._loop.order(Order(Do.STOP), WORKER))
-        self._failed = self._reported_once(error)
+    def _stop_after_failure(self, now_s: float, error: Exception) -> None:
+        """Stop the drives and the loop after a tick that failed and inform the console, even where
+        all else fails."""
+        self._run_guarded(lambda: self._bench.send_command(now_s, None, False))
+        self._run_guarded(lambda: self._loop.order(Order(Do.STOP), WORKER))
+        self._failed = self._report_error_once(error)
         if self.newest is not None:
             alarm = Alarm("control_failed", Severity.RED, now_s, False)
             others = tuple(one for one in self.newest.alarms if one.id != alarm.id)
@@ -318,14 +340,14 @@ class Host:
                 why_no_flow=("not_working",),
             )
 
-    def _guarded(self, do: Callable[[], object]) -> None:
-        """What may fail without costing the tick; what it was is reported once."""
+    def _run_guarded(self, do: Callable[[], object]) -> None:
+        """Run what may fail without costing the tick; a failure is reported once."""
         try:
             do()
         except Exception as error:
-            self._reported_once(error)
+            self._report_error_once(error)
 
-    def _reported_once(self, error: Exception) -> str:
+    def _report_error_once(self, error: Exception) -> str:
         said = f"{type(error).__name__}: {error}"[:TEXT_CHARACTERS]
         if said not in self._reported and len(self._reported) < REPORTED_KINDS:
             self._reported.add(said)
@@ -337,27 +359,27 @@ class Host:
             )
         return said
 
-    def close(self, why: str) -> None:
-        """Drives off, log whole, devices closed: each even where the one before fails. Doing it
-        twice is fine."""
+    def close_run(self, why: str) -> None:
+        """Switch the drives off, end the log, close the devices: each even where the step before
+        fails. A second call does nothing."""
         if self.ended:
             return
         self.ended = why
         if self._keeper is not None and why == QUIT:
-            self._keeper.quit()
+            self._keeper.note_quit()
         try:
-            self._bench.command(self._clock(), None, False)
+            self._bench.send_command(self._clock(), None, False)
         finally:
             try:
                 self._writer.close()
             finally:
-                self._files.close()
-                self._bench.close()
+                self._files.close_files()
+                self._bench.close_devices()
 
     # --- inside
     # ----------------------------------------------------------------------------------------------
 
-    def _next_due(self, due_s: float, now_s: float) -> float:
+    def _find_next_due_s(self, due_s: float, now_s: float) -> float:
         period_s = self.period.period_s
         due_s += period_s
         if now_s - due_s <= CATCH_UP_PERIODS * period_s:
@@ -366,43 +388,49 @@ class Host:
         self.period.skipped += missed
         return due_s + missed * period_s
 
-    def _due(self) -> list[Waiting]:
-        """The requests of this tick in the order they came: a bounded number, but always up to
-        the last that stops."""
+    def _take_due_requests(self) -> list[QueuedRequest]:
+        """The requests of this tick in the order they came: a bounded number, but always up to the
+        last that stops."""
         while self._inbox:
             self._waiting.append(self._inbox.popleft())
         stop = max(
-            (number for number, one in enumerate(self._waiting, start=1) if _stops(one.what)),
+            (
+                number
+                for number, one in enumerate(self._waiting, start=1)
+                if _is_stop_request(one.what)
+            ),
             default=0,
         )
         count = max(REQUESTS_A_TICK, stop)
         due, self._waiting = self._waiting[:count], self._waiting[count:]
         return due
 
-    def _answer(self, waiting: Waiting, now_s: float) -> None:
+    def _answer_request(self, waiting: QueuedRequest, now_s: float) -> None:
         extra: dict[str, Any] = {}
         if isinstance(waiting.what, Order):
-            answer = self._order(waiting.what, waiting.by)
+            answer = self._obey_loop_order(waiting.what, waiting.by)
         elif isinstance(waiting.what, DeviceOrder):
-            answer = self._device_order(waiting.what, now_s)
+            answer = self._obey_device_order(waiting.what, now_s)
         else:
             answer = Answer(True)
-            if waiting.what is Ask.LAG_TEST:
+            if waiting.what is Question.LAG_TEST:
                 answer = self._begin_lag_test()
-            elif waiting.what is Ask.END_LAG_TEST:
-                self.lag.end()
-            elif waiting.what is Ask.STATS:
-                extra["stats"] = self.period.summary()
-            elif waiting.what is Ask.QUIT:
-                self.stop(QUIT, waiting.by)
-        self._guarded(lambda: waiting.reply(answer, extra))
+            elif waiting.what is Question.END_LAG_TEST:
+                self.lag.end_lag_test()
+            elif waiting.what is Question.STATS:
+                extra["stats"] = self.period.summarise_ms()
+            elif waiting.what is Question.QUIT:
+                self.request_stop(QUIT, waiting.by)
+        self._run_guarded(lambda: waiting.reply(answer, extra))
 
     def _begin_lag_test(self) -> Answer:
         log = self._names.log_path
         self._lag_tests += 1
-        return self.lag.begin(Path(log).with_suffix(f".lag.{self._lag_tests}.csv") if log else None)
+        return self.lag.begin_lag_test(
+            Path(log).with_suffix(f".lag.{self._lag_tests}.csv") if log else None
+        )
 
-    def _order(self, order: Order, by: str) -> Answer:
+    def _obey_loop_order(self, order: Order, by: str) -> Answer:
         try:
             return self._loop.order(order, by)
         # an order that the loop cannot digest stops no machine in the field
@@ -412,17 +440,19 @@ class Host:
                 f"internal_error: {order.do} {order.value!r}: {type(error).__name__}: {error}",
             )
 
-    def _device_order(self, order: DeviceOrder, now_s: float) -> Answer:
+    def _obey_device_order(self, order: DeviceOrder, now_s: float) -> Answer:
         try:
-            return self._device_service.order(order, now_s, self._state)
+            return self._device_service.obey_device_order(order, now_s, self._state)
         except Exception as error:
-            return Answer(False, f"internal_error: {order.do}: {self._reported_once(error)}")
+            return Answer(False, f"internal_error: {order.do}: {self._report_error_once(error)}")
 
-    def _frame(self, now_s: float, tick: Tick) -> Frame:
+    def _make_frame(self, now_s: float, tick: Tick) -> Frame:
         names = self._names
         if now_s >= self._devices_due_s:
             self._devices_due_s = now_s + DEVICES_S
-            self._devices = tuple(map(self._view, self._bench.status(now_s)))
+            self._devices = tuple(
+                map(self._make_device_view, self._bench.list_device_status(now_s))
+            )
         if now_s >= self._totals_due_s:
             self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
         shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
@@ -436,7 +466,7 @@ class Host:
             simulated=names.simulated,
             devices=self._devices,
             totals=self._totals,
-            lag_test=self.lag.view(),
+            lag_test=self.lag.describe_test(),
             consoles=sum(one.keeps for one in self.attached),
             attached=self.attached,
             ordered=tuple(self._ordered),
@@ -444,18 +474,18 @@ class Host:
             **shown,
         )
 
-    def _view(self, status: DeviceStatus) -> DeviceView:
+    def _make_device_view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}
-        line = self._bench.line(status.name)
+        line = self._bench.find_device_line(status.name)
         return DeviceView(
             **known,
             plugged=line is None or line.plugged,
-            capture_path=self._device_service.capture_path(status.name),
-            test=self._device_service.test(status.name),
+            capture_path=self._device_service.find_capture_path(status.name),
+            test=self._device_service.find_test_result(status.name),
         )
 
 
-def _stops(what: What) -> bool:
-    return what is Ask.QUIT or (
+def _is_stop_request(what: RequestContent) -> bool:
+    return what is Question.QUIT or (
         isinstance(what, Order) and what.do in (Do.STOP, Do.HOLD, Do.RELEASE)
     )

@@ -18,7 +18,8 @@ from topdress.drivers.devices.lag_run import LagTest, Plan, bench_row, bench_tab
 
 
 class LagBench:
-    """At most one lag test at a time. `tick` is called between measuring and deciding."""
+    """Runs at most one lag test at a time. `follow_test` is called between measuring and
+    deciding."""
 
     def __init__(self, bench: Bench, loop: ControlLoop, files: SideFiles) -> None:
         self._bench, self._loop, self._files = bench, loop, files
@@ -31,42 +32,49 @@ class LagBench:
         self._sent_rpm: float | None = None
 
     @property
-    def test(self) -> LagTest | None:
+    def current_test(self) -> LagTest | None:
+        """The lag test that runs; None without one."""
         return self._test
 
-    def begin(self, table: Path | None, plan: Plan | None = None) -> Answer:
-        """Begin a test from its first run. `table`: where each run is written when it is
-        measured."""
-        if self._bench.rig is None:
+    def begin_lag_test(self, table: Path | None, plan: Plan | None = None) -> Answer:
+        """Begin a test from its first run.
+
+        table: the file to which each run is written once it is measured; None: none.
+        """
+        if self._bench.rig_readings is None:
             return Answer(False, "no_lag_rig")
         self._test, self._table, self._written, self._said = LagTest(plan), table, 0, ""
         if table is not None:
-            self._files.append(table, bench_table(()).encode())
+            self._files.queue_append(table, bench_table(()).encode())
         return Answer(True)
 
-    def end(self) -> None:
-        """Stop the shaft and forget the test; what was measured stays in its file."""
+    def end_lag_test(self) -> None:
+        """Stop the shaft and forget the test; the runs measured stay in their file."""
         if self._test is not None and self._sent_rpm:
             self._loop.order(Order(Do.CALIBRATE_SHAFT, 0.0))
         self._test = None
 
-    def tick(self, now_s: float, state: str | None) -> None:
-        """`state`: of the newest tick, so one tick old: an order that comes too late is refused
-        by the loop."""
+    def follow_test(self, now_s: float, state: str | None) -> None:
+        """Turn the procedure's wish of this tick into orders to the loop and the rig.
+
+        state: of the newest tick, so one tick old: an order that comes too late is refused by the
+        loop.
+        """
         if self._test is None:
             return
         allowed = state == State.CALIBRATING
         if not allowed:
             self._sent_rpm = None
-        wish = self._test.tick(now_s, self._bench.rig, allowed)
+        wish = self._test.tick(now_s, self._bench.rig_readings, allowed)
         self._phase, self._said = wish.phase, wish.said or self._said
-        self._bench.order_rig(wish.run, wish.arm)
+        self._bench.send_rig_order(wish.run, wish.arm)
         if allowed and wish.shaft_rpm != self._sent_rpm:
             answer = self._loop.order(Order(Do.CALIBRATE_SHAFT, wish.shaft_rpm))
             self._sent_rpm = wish.shaft_rpm if answer.accepted else None
-        self._write()
+        self._write_new_runs()
 
-    def view(self) -> LagTestView | None:
+    def describe_test(self) -> LagTestView | None:
+        """The test as the frame shows it; None without one."""
         test = self._test
         if test is None:
             return None
@@ -82,9 +90,9 @@ class LagBench:
             str(self._table or ""),
         )
 
-    def _write(self) -> None:
+    def _write_new_runs(self) -> None:
         assert self._test is not None
         for run in self._test.runs[self._written :]:
             if self._table is not None:
-                self._files.append(self._table, bench_row(run).encode())
+                self._files.queue_append(self._table, bench_row(run).encode())
         self._written = len(self._test.runs)

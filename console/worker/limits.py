@@ -1,4 +1,4 @@
-"""Every limit of the control worker, in one place. (That a silent console means `held` is
+"""Every limit of the control worker, in one place. (That a silent console means `hold_right` is
 safety's: SafetyLimits.)"""
 
 from __future__ import annotations

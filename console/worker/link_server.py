@@ -1,6 +1,6 @@
 """The worker's end of the link: clients on loopback, in a thread of its own.
 
-Each client gets the newest frame when it is due (`Telling`); a client that has not taken the
+Each client gets the newest frame when it is due (`FrameSchedule`); a client that has not taken the
 last one yet misses frames rather than being waited for. Clients that hold the token may order;
 the others look.
 
@@ -25,7 +25,7 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from topdress.console.attached import UNNAMED, said_of, unlike
+from topdress.console.attached import UNNAMED, format_attached_event, make_unique_name
 from topdress.console.frame import Frame
 from topdress.console.worker import wire
 from topdress.console.worker.client import Client, ClientKind
@@ -48,12 +48,12 @@ from topdress.console.worker.limits import (
     STANDS_S,
     STRANGERS_S,
 )
-from topdress.console.worker.requests import Ask, Refusal, Request, parse
+from topdress.console.worker.requests import Question, Refusal, Request, parse_request
 from topdress.control.orders import Answer, State
 
 # When a frame is reported to the consoles: what changed at once, a machine that moves often,
 # one that stands seldom.
-AT_WORK = (State.WORKING, State.CALIBRATING)
+WORK_STATES = (State.WORKING, State.CALIBRATING)
 # slower: standing, as the filters of the speed have it
 STANDS_MPS = 0.05
 # six s.d. of the nominal encoder's noise, as safety has it
@@ -62,8 +62,8 @@ STANDS_RPM = 2.0
 HALF_A_TICK_S = 0.02
 
 
-class Telling:
-    """`due` of every frame; True: tell it. One for all consoles: what one gets all get."""
+class FrameSchedule:
+    """Decides which frames are sent. One schedule for all consoles: what one gets all get."""
 
     def __init__(self) -> None:
         self._sent_s = -inf
@@ -72,21 +72,22 @@ class Telling:
         self._comes, self._come_until_s = False, -inf
         self.moves = True  # by the frame looked at last
 
-    def hurry(self) -> None:
-        """The next frame is reported: an order was answered."""
+    def send_next_frame(self) -> None:
+        """Make the next frame due: an order was answered."""
         self._sent_s = -inf
 
-    def come(self) -> None:
-        """A console came: it waits for no frame, and its first numbers move at once, as those
+    def greet_console(self) -> None:
+        """Make the next frame due for a console that came; its first numbers move at once, as those
         of a machine at work."""
-        self.hurry()
+        self.send_next_frame()
         self._comes = True
 
-    def due(self, frame: Frame) -> bool:
-        words = _words(frame)
+    def is_frame_due(self, frame: Frame) -> bool:
+        """Whether this frame is to be sent now."""
+        words = _list_frame_words(frame)
         if self._comes:
             self._comes, self._come_until_s = False, frame.at_s + COMES_S
-        self.moves = _moves(frame) or 0.0 < self._come_until_s - frame.at_s <= COMES_S
+        self.moves = _is_machine_active(frame) or 0.0 < self._come_until_s - frame.at_s <= COMES_S
         wait_s = MOVES_S if self.moves else STANDS_S
         if words == self._words and 0.0 <= frame.at_s - self._sent_s < wait_s - HALF_A_TICK_S:
             return False
@@ -94,11 +95,11 @@ class Telling:
         return True
 
 
-def _moves(frame: Frame) -> bool:
-    """Whether numbers are looked at because something goes on."""
+def _is_machine_active(frame: Frame) -> bool:
+    """Whether the machine works, moves or is tested, so that its numbers are watched."""
     row = frame.row
     return (
-        row.state in AT_WORK
+        row.state in WORK_STATES
         or frame.lag_test is not None
         or (row.speed_used_mps or 0.0) >= STANDS_MPS
         or (row.shaft_rpm or 0.0) >= STANDS_RPM
@@ -106,8 +107,8 @@ def _moves(frame: Frame) -> bool:
     )
 
 
-def _words(frame: Frame) -> tuple[Any, ...]:
-    """All of a frame that is no measured number."""
+def _list_frame_words(frame: Frame) -> tuple[Any, ...]:
+    """All fields of a frame that are no measured number."""
     row = frame.row
     return (
         row.state,
@@ -165,12 +166,13 @@ IDLE_S = 0.1  # and while nobody is
 # between two turns of a holder of the token who says more than a turn takes
 PAUSE_S = 0.005
 
-Events = list[tuple[selectors.SelectorKey, int]]
-PLACES = {ClientKind.LOOKING: CLIENTS_LOOKING, ClientKind.WITH_KEY: CLIENTS_WITH_KEY}
+SelectorEvents = list[tuple[selectors.SelectorKey, int]]
+CLIENT_PLACES = {ClientKind.LOOKING: CLIENTS_LOOKING, ClientKind.WITH_KEY: CLIENTS_WITH_KEY}
 
 
 class LinkServer(threading.Thread):
-    """Serves one host. `close` sends what is still waiting, then disconnects everybody."""
+    """Serves the clients of one host. `close_link` sends what is still waiting, then disconnects
+    everybody."""
 
     def __init__(self, host: Host, token: str, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name="link", daemon=True)
@@ -189,7 +191,7 @@ class LinkServer(threading.Thread):
         self._strangers.register(self._listener, selectors.EVENT_READ)
         self._strangers_due_s = 0.0
         self._answers: deque[tuple[Client, bytes]] = deque()
-        self._telling = Telling()
+        self._telling = FrameSchedule()
         self._seen_seq = -1
         # an answer, or what comes of an order, is waited for
         self._quick_until_s = 0.0
@@ -200,19 +202,20 @@ class LinkServer(threading.Thread):
         last = False
         while not last:
             last = self._closing.is_set()  # what was queued before `close` still goes out
-            self._hear_holders(self._wait())
-            self._tell()
+            self._hear_holders(self._wait_for_holders())
+            self._send_answers_and_frame()
             if self._clock() >= self._strangers_due_s:
                 self._hear_strangers()
                 self._strangers_due_s = self._clock() + STRANGERS_S
-            self._forget_the_gone()
+            self._remove_gone_clients()
         for client in self._clients:
             client.connection.close()
         self._holders.close()
         self._strangers.close()
         self._listener.close()
 
-    def close(self, timeout_s: float = 1.0) -> None:
+    def close_link(self, timeout_s: float = 1.0) -> None:
+        """Send what is queued and end the thread within `timeout_s`."""
         self._closing.set()
         if self.is_alive():
             self.join(timeout_s)
@@ -220,14 +223,14 @@ class LinkServer(threading.Thread):
     # --- whose turn it is
     # --------------------------------------------------------------------------------------------
 
-    def _wait(self) -> Events:
-        """Until a holder of the token says something, or a frame may be there, or strangers
-        have their turn. What the holders have said, where it was waited for."""
+    def _wait_for_holders(self) -> SelectorEvents:
+        """Wait until a holder of the token says something, a frame may be there, or strangers have
+        their turn; returns the holders' events."""
         holders = [client for client in self._clients if client.kind is ClientKind.WITH_KEY]
         wait_s = REST_S if self._telling.moves else STILL_S
         if self._strangers_come or self._clock() < self._quick_until_s:
             wait_s = LOOK_S
-        if any(client.waits for client in holders):
+        if any(client.has_whole_line for client in holders):
             self._closing.wait(PAUSE_S)  # the loop needs the interpreter too
         elif holders:
             return self._holders.select(wait_s)
@@ -237,23 +240,23 @@ class LinkServer(threading.Thread):
         # Windows cannot choose from nothing
         return self._holders.select(0.0) if holders else []
 
-    def _hear_holders(self, said: Events) -> None:
-        for client in self._ready(said, ClientKind.WITH_KEY):
-            self._guarded(client)
+    def _hear_holders(self, said: SelectorEvents) -> None:
+        for client in self._list_ready_clients(said, ClientKind.WITH_KEY):
+            self._hear_guarded(client)
 
     def _hear_strangers(self) -> None:
-        """One turn of all who have not shown the token: those who are there, then those who
-        come."""
+        """Take one turn of all who have not shown the token: connected ones first, then new
+        ones."""
         said = self._strangers.select(0.0)
         self._strangers_come = bool(said)
-        for client in self._ready(said, ClientKind.NEW, ClientKind.LOOKING):
-            self._guarded(client)
+        for client in self._list_ready_clients(said, ClientKind.NEW, ClientKind.LOOKING):
+            self._hear_guarded(client)
         if any(key.data is None for key, _ in said):
-            self._accept()
-        self._end_the_silent()
+            self._accept_connections()
+        self._drop_silent_clients()
 
-    def _ready(self, said: Events, *kinds: ClientKind) -> list[Client]:
-        """Who of these has something to be heard. Nothing waits here."""
+    def _list_ready_clients(self, said: SelectorEvents, *kinds: ClientKind) -> list[Client]:
+        """Clients of these kinds that have something to be heard. Nothing waits here."""
         new = {id(key.data) for key, _ in said if key.data is not None}
         return [
             client
@@ -261,51 +264,51 @@ class LinkServer(threading.Thread):
             if client.kind in kinds
             and client.aside_s is None
             and not client.gone
-            and (client.waits or id(client) in new)
+            and (client.has_whole_line or id(client) in new)
         ]
 
     # --- coming and going
     # --------------------------------------------------------------------------------------------
 
-    def _accept(self) -> None:
-        """Those who wait to be let in, a bounded number in one turn."""
+    def _accept_connections(self) -> None:
+        """Accept those who wait to be let in, a bounded number in one turn."""
         for _ in range(ACCEPTS_A_TURN):
             try:
                 connection, _ = self._listener.accept()
             except OSError:
                 return
-            self._make_room()
+            self._make_room_for_new()
             client = Client(connection, self._clock())
             self._clients.append(client)
             self._strangers.register(connection, selectors.EVENT_READ, client)
-            client.send(wire.greeting(os.getpid()))
+            client.queue_bytes(wire.format_greeting(os.getpid()))
 
-    def _make_room(self) -> None:
-        """No more new clients than allowed: who was put aside gives his place, then the oldest
-        that still has nothing to say."""
+    def _make_room_for_new(self) -> None:
+        """Keep to the number of new clients allowed: first those put aside are dropped, then the
+        oldest that still has nothing to say."""
         while (
             len(new := [c for c in self._clients if c.kind is ClientKind.NEW and not c.gone])
             >= CLIENTS_NEW
         ):
             oldest = next((client for client in new if client.aside_s is not None), new[0])
             if oldest.aside_s is None:
-                self._guarded(oldest)
-            self._drop_silent(oldest)
+                self._hear_guarded(oldest)
+            self._drop_silent_client(oldest)
 
-    def _end_the_silent(self) -> None:
+    def _drop_silent_clients(self) -> None:
         now_s = self._clock()
         for client in self._clients:
             if client.came_s < now_s - HELLO_S:
-                self._drop_silent(client)
+                self._drop_silent_client(client)
             if client.aside_s is not None and client.aside_s < now_s - ASIDE_S:
                 client.gone = True
 
-    def _drop_silent(self, client: Client) -> None:
+    def _drop_silent_client(self, client: Client) -> None:
         if client.kind is ClientKind.NEW and not client.gone:
             self.counts["clients_silent"] += 1
             client.gone = True
 
-    def _forget_the_gone(self) -> None:
+    def _remove_gone_clients(self) -> None:
         for client in [c for c in self._clients if c.gone]:
             self._clients.remove(client)
             for chooser in (self._holders, self._strangers):
@@ -313,130 +316,138 @@ class LinkServer(threading.Thread):
                     chooser.unregister(client.connection)
             client.connection.close()
             if client.shown is not None:
-                self._host.note(f"left {client.shown.name}")
+                self._host.note_event(f"left {client.shown.name}")
 
     # --- what is said
     # ----------------------------------------------------------------------------------------------
 
-    def _guarded(self, client: Client) -> None:
-        """A client whose lines raise is put aside: it ends, nobody else."""
+    def _hear_guarded(self, client: Client) -> None:
+        """Hear a client; one whose lines raise is disconnected, nobody else."""
         try:
-            self._hear(client)
+            self._hear_client(client)
         except Exception:
             self.counts["clients_failed"] += 1
             client.gone = True
 
-    def _hear(self, client: Client) -> None:
+    def _hear_client(self, client: Client) -> None:
         with_key = client.kind is ClientKind.WITH_KEY
-        lines = client.lines(
+        lines = client.take_lines(
             LINES_A_TURN if with_key else LINES_A_TURN_WITHOUT_KEY,
             LINE_BYTES if with_key else READ_BYTES_WITHOUT_KEY,
         )
-        if client.oversized:
+        if client.is_oversized:
             self.counts["oversized"] += 1
             client.gone = True
         for line in lines:
             if client.aside_s is None and not client.gone:
-                self._take(client, line)
+                self._take_line(client, line)
 
-    def _take(self, client: Client, line: bytes) -> None:
-        request = parse(line, self._token) if line.strip() else None
+    def _take_line(self, client: Client, line: bytes) -> None:
+        request = parse_request(line, self._token) if line.strip() else None
         if isinstance(request, Request) and request.with_key:
             self._take_request(client, request)
-        elif not client.patience.spend(self._clock()) and client.kind is not ClientKind.WITH_KEY:
-            self._put_aside(client)
+        elif (
+            not client.patience.spend_refusal(self._clock())
+            and client.kind is not ClientKind.WITH_KEY
+        ):
+            self._put_client_aside(client)
         elif isinstance(request, Request):
             self._take_request(client, request)
         elif isinstance(request, Refusal):
             self.counts[request.kind] += 1
-            client.send(wire.answered(request.id, Answer(False, request.why), {}))
+            client.queue_bytes(wire.format_answer(request.id, Answer(False, request.why), {}))
 
-    def _put_aside(self, client: Client) -> None:
-        """Not heard any more, nor looked at: what else he sends stays in his own buffer."""
+    def _put_client_aside(self, client: Client) -> None:
+        """Neither hear nor watch this client any more: what else it sends stays in its own
+        buffer."""
         self.counts["clients_put_aside"] += 1
         client.aside_s = self._clock()
         self._strangers.unregister(client.connection)
-        client.send(wire.answered(None, Answer(False, "refused too often"), {}))
+        client.queue_bytes(wire.format_answer(None, Answer(False, "refused too often"), {}))
 
     def _take_request(self, client: Client, request: Request) -> None:
-        if not self._has_place(
+        if not self._has_free_place(
             client, ClientKind.WITH_KEY if request.with_key else ClientKind.LOOKING
         ):
             self.counts["clients_refused"] += 1
             client.gone = True
             return
-        if request.what is Ask.ALIVE:
+        if request.what is Question.ALIVE:
             client.alive_s = self._clock()
-            self._host.console_heard()
-        if request.what is Ask.LOOK:
-            self._call(client, request)
-        if request.what in (Ask.ALIVE, Ask.LOOK):
-            client.send(
-                wire.answered(
+            self._host.note_console_heard()
+        if request.what is Question.LOOK:
+            self._name_client(client, request)
+        if request.what in (Question.ALIVE, Question.LOOK):
+            client.queue_bytes(
+                wire.format_answer(
                     request.id, Answer(True), {"name": client.name} if request.name else {}
                 )
             )
             return
         self._quick_until_s = self._clock() + QUICK_S
-        if not self._host.ask(
+        if not self._host.queue_request(
             request.what,
-            partial(self._reply, client, request.id, request.what is Ask.STATS),
+            partial(self._queue_answer, client, request.id, request.what is Question.STATS),
             client.name or UNNAMED,
         ):
             self.counts["busy"] += 1
-            client.send(wire.answered(request.id, Answer(False, "busy"), {}))
+            client.queue_bytes(wire.format_answer(request.id, Answer(False, "busy"), {}))
 
-    def _call(self, client: Client, request: Request) -> None:
-        """By its own word, but never as somebody else; once shown it stays."""
+    def _name_client(self, client: Client, request: Request) -> None:
+        """Name a client as it calls itself, but never as somebody else; a name once shown stays."""
         if client.shown is None and not client.name:
             others = {
                 other.name for other in self._clients if other is not client and not other.gone
             }
-            client.name, client.tablet = unlike(request.name or UNNAMED, others), request.tablet
+            client.name, client.tablet = (
+                make_unique_name(request.name or UNNAMED, others),
+                request.tablet,
+            )
 
-    def _has_place(self, client: Client, kind: ClientKind) -> bool:
+    def _has_free_place(self, client: Client, kind: ClientKind) -> bool:
         if client.kind in (kind, ClientKind.WITH_KEY):
             return True
-        if sum(1 for other in self._clients if other.kind is kind) >= PLACES[kind]:
+        if sum(1 for other in self._clients if other.kind is kind) >= CLIENT_PLACES[kind]:
             return False
         if kind is ClientKind.WITH_KEY:
             self._strangers.unregister(client.connection)
             self._holders.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
         # who comes waits for no frame: it gets the newest
-        self._telling.come()
+        self._telling.greet_console()
         self._seen_seq = -1
         return True
 
-    def _reply(
+    def _queue_answer(
         self, client: Client, number: int, with_counts: bool, answer: Answer, extra: dict[str, Any]
     ) -> None:
-        """Called by the loop: only queues."""
+        """Queue an answer; called by the loop, so nothing else."""
         if with_counts:
             extra = {
                 name: part | {"clients": len(self._clients)} | dict(self.counts)
                 for name, part in extra.items()
             }
-        self._answers.append((client, wire.answered(number, answer, extra)))
+        self._answers.append((client, wire.format_answer(number, answer, extra)))
 
-    def _tell(self) -> None:
-        self._tell_who_is_attached()
+    def _send_answers_and_frame(self) -> None:
+        self._report_attached()
         while self._answers:
             client, data = self._answers.popleft()
-            client.send(data)
-            self._telling.hurry()
+            client.queue_bytes(data)
+            self._telling.send_next_frame()
         frame = self._host.newest
         if frame is None or frame.seq == self._seen_seq or not self._clients:
             return
         self._seen_seq = frame.seq
         for client in self._clients:
-            if client.behind:
-                client.flush()
-        if self._telling.due(frame):
-            self._send(frame)
+            if client.is_behind:
+                client.send_unsent()
+        if self._telling.is_frame_due(frame):
+            self._send_frame(frame)
 
-    def _tell_who_is_attached(self) -> None:
-        """To the frames, and who comes, falls silent or is heard again to the log."""
+    def _report_attached(self) -> None:
+        """Report who is attached to the frames, and who comes, falls silent or is heard again to
+        the log."""
         now_s = self._clock()
         for client in self._clients:
             settled = client.kind is ClientKind.WITH_KEY or (
@@ -444,30 +455,30 @@ class LinkServer(threading.Thread):
             )
             if client.gone or not settled:
                 continue
-            before, now = client.shown, client.attached(now_s - CONSOLE_S)
+            before, now = client.shown, client.describe_attached(now_s - CONSOLE_S)
             client.shown = now
             if before is None:
-                self._host.note(said_of(now))
+                self._host.note_event(format_attached_event(now))
             elif before.keeps and not now.keeps:
                 client.was_silent = True
-                self._host.note(f"silent {now.name}")
+                self._host.note_event(f"silent {now.name}")
             elif now.keeps and client.was_silent:
                 client.was_silent = False
-                self._host.note(f"heard {now.name}")
+                self._host.note_event(f"heard {now.name}")
         self._host.attached = tuple(
             one.shown for one in self._clients if one.shown is not None and not one.gone
         )
 
-    def _send(self, frame: Frame) -> None:
+    def _send_frame(self, frame: Frame) -> None:
         try:
-            data = wire.framed(frame)
+            data = wire.format_frame(frame)
         except (ValueError, TypeError):
             self.counts["frames_not_finite"] += 1
             return
         for client in self._clients:
             if client.kind is ClientKind.NEW or client.aside_s is not None:
                 continue
-            if client.behind:
+            if client.is_behind:
                 self.counts["dropped_frames"] += 1
             else:
-                client.send(data)
+                client.queue_bytes(data)

@@ -12,7 +12,7 @@ from topdress.console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, OR
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the worker was started with. `config`: job, machine, crop, cab files in any order
+    """Holds what the worker is started with. `config`: job, machine, crop, cab files in any order
     (kind by `format:`)."""
 
     config: tuple[str, ...]
@@ -45,7 +45,10 @@ def parse_options(arguments: Sequence[str]) -> Options:
         help="where to say on which port this worker listens",
     )
     parser.add_argument(
-        "--hz", type=_hz, default=HZ_DEFAULT, help=f"ticks a second (default {HZ_DEFAULT:g})"
+        "--hz",
+        type=_parse_tick_hz,
+        default=HZ_DEFAULT,
+        help=f"ticks a second (default {HZ_DEFAULT:g})",
     )
     parser.add_argument(
         "--log", metavar="NAME.csv", help="run log (default: a new file in the user's data folder)"
@@ -75,7 +78,7 @@ def parse_options(arguments: Sequence[str]) -> Options:
     )
 
 
-def _hz(text: str) -> float:
+def _parse_tick_hz(text: str) -> float:
     hz = float(text)
     if not HZ_LOWEST <= hz <= HZ_HIGHEST:
         raise argparse.ArgumentTypeError(f"{text}: allowed are {HZ_LOWEST:g} to {HZ_HIGHEST:g}")

@@ -16,20 +16,20 @@ from topdress.drivers.device_status import DeviceStatus
 from topdress.drivers.devices.lag_rig import RigReadings
 
 if TYPE_CHECKING:
-    from topdress.console.worker.resume_keeper import Keeper
+    from topdress.console.worker.resume_keeper import SnapshotKeeper
 
 
 class Bench(Protocol):
     """The devices of one machine. No method blocks."""
 
-    def measure(self, now_s: float) -> Measurements: ...
-    def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None: ...
-    def status(self, now_s: float) -> Sequence[DeviceStatus]: ...
-    def line(self, name: str) -> DeviceLine | None: ...
+    def read_measurements(self, now_s: float) -> Measurements: ...
+    def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None: ...
+    def list_device_status(self, now_s: float) -> Sequence[DeviceStatus]: ...
+    def find_device_line(self, name: str) -> DeviceLine | None: ...
     @property
-    def rig(self) -> RigReadings | None: ...  # newest line of the lag rig
-    def order_rig(self, run: int, arm: bool) -> None: ...
-    def close(self) -> None: ...
+    def rig_readings(self) -> RigReadings | None: ...  # newest line of the lag rig
+    def send_rig_order(self, run: int, arm: bool) -> None: ...
+    def close_devices(self) -> None: ...
 
 
 # What a frame takes over of a tick, by its own names.
@@ -53,8 +53,8 @@ class Writer(Protocol):
     def close(self) -> object: ...
 
 
-class Names(NamedTuple):
-    """What the screens call this run."""
+class RunNames(NamedTuple):
+    """Names the parts of this run as the screens show them."""
 
     job: str = ""
     machine: str = ""
@@ -69,5 +69,5 @@ class Assembly(NamedTuple):
     bench: Bench
     loop: ControlLoop
     writer: Writer
-    names: Names
-    keeper: Keeper | None = None
+    names: RunNames
+    keeper: SnapshotKeeper | None = None

@@ -15,64 +15,65 @@ from topdress.console.worker.host import Host
 from topdress.console.worker.link_server import LinkServer
 from topdress.console.worker.options import Options, parse_options
 from topdress.console.worker.parts import Assembly
-from topdress.console.worker.system import take_priority, take_signals
+from topdress.console.worker.system import handle_signals, set_priority
 
 Clock = Callable[[], float]
 Assemble = Callable[[Options, Clock], Assembly]
 
 
-def main(arguments: Sequence[str], assemble: Assemble) -> int:
+def run_worker_program(arguments: Sequence[str], assemble: Assemble) -> int:
     """Run one worker to its end; 0 after a clean stop, 1 with one line on stderr otherwise."""
     options = parse_options(arguments)
     with contextlib.ExitStack() as until_the_end:
         try:
             # before any device is opened
-            right = until_the_end.enter_context(run_file.held(options.run_file))
+            right = until_the_end.enter_context(run_file.hold_right(options.run_file))
         except OSError as error:
-            return refused(error)
-        return run(options, assemble, right)
+            return report_refusal(error)
+        return run_with_right(options, assemble, right)
 
 
-def run(options: Options, assemble: Assemble, right: run_file.Right) -> int:
-    """As `main`, where the right to be the worker is `run_file.held` already."""
+def run_with_right(options: Options, assemble: Assemble, right: run_file.WorkerRight) -> int:
+    """Run one worker as `run_worker_program` does, where the right to be the worker is held
+    already."""
     # before any thread starts: all inherit it
-    why_not = take_priority(os.environ.get("TOPDRESS_FIFO"))
+    why_not = set_priority(os.environ.get("TOPDRESS_FIFO"))
     if why_not:
         print(why_not, file=sys.stderr, flush=True)
     began = time.monotonic()
 
-    def clock() -> float:
+    def read_run_time_s() -> float:
         return time.monotonic() - began
 
     try:
-        assembly = assemble(options, clock)
+        assembly = assemble(options, read_run_time_s)
     except (OSError, ValueError) as error:
-        return refused(error)
-    host = Host(assembly, clock, time.sleep, hz=options.hz, orphan_s=options.orphan_s)
-    take_signals(host.stop)
+        return report_refusal(error)
+    host = Host(assembly, read_run_time_s, time.sleep, hz=options.hz, orphan_s=options.orphan_s)
+    handle_signals(host.request_stop)
     token = secrets.token_hex(16)
     try:
         link = LinkServer(host, token)
-        right.confirm()
-        said = run_file.RunFile(right, link.port, token, assembly.names.log_path)
-        said.write()
+        right.confirm_right()
+        said = run_file.RunFileWriter(right, link.port, token, assembly.names.log_path)
+        said.write_run_file()
     except OSError as error:
-        host.close("failed")
-        return refused(error)
+        host.close_run("failed")
+        return report_refusal(error)
     said.start()
     link.start()
-    import_hooks.done()
+    import_hooks.end_imports()
     try:
-        host.run()
+        host.run_until_stopped()
     finally:
-        said.close()
-        link.close()
+        said.stop_writing()
+        link.close_link()
         if assembly.writer.trouble:
             print(f"topdress worker: {assembly.writer.trouble}", file=sys.stderr, flush=True)
     return 0
 
 
-def refused(error: Exception) -> int:
-    """Said in one line; the code with which the process ends."""
+def report_refusal(error: Exception) -> int:
+    """Print why the worker ends, in one line; returns the exit code."""
     print(f"topdress worker: {error}", file=sys.stderr, flush=True)
     return 1

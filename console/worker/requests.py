@@ -27,7 +27,7 @@ from topdress.console.worker.limits import TEXT_CHARACTERS
 from topdress.control.orders import Do, Order
 
 
-class Ask(StrEnum):
+class Question(StrEnum):
     # a console that can show STOP lives: nothing else keeps the machine working
     ALIVE = "alive"
     STATS = "stats"  # how punctual the loop is, what the link refused
@@ -46,12 +46,12 @@ class DeviceOrder(NamedTuple):
     do: DeviceDo
 
 
-What = Order | Ask | DeviceOrder
+RequestContent = Order | Question | DeviceOrder
 
 
 class Request(NamedTuple):
     id: int
-    what: What
+    what: RequestContent
     with_key: bool = True
     name: str = ""  # of a look: how the client calls itself
     tablet: bool = False
@@ -65,11 +65,18 @@ class Refusal(NamedTuple):
     why: str
 
 
-def parse(line: bytes, token: str) -> Request | Refusal:
-    """Read one line from a client. Never raises; anything but a well-formed, authorised request
-    is a Refusal."""
+def parse_request(line: bytes, token: str) -> Request | Refusal:
+    """Read one line from a client.
+
+    Never raises; anything but a well-formed, authorised request is a Refusal.
+
+    Parameters
+    ----------
+    line: bytes without the end of line.
+    token: the token of this run, which an order must carry.
+    """
     try:
-        message = json.loads(line, parse_constant=_no_constant)
+        message = json.loads(line, parse_constant=_refuse_constant)
     except (ValueError, RecursionError):
         return Refusal(None, "malformed", "malformed: not JSON")
     if not isinstance(message, dict):
@@ -77,11 +84,11 @@ def parse(line: bytes, token: str) -> Request | Refusal:
     number = message.get("id")
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 2**53:
         return Refusal(None, "malformed", "malformed: id")
-    with_key = _fits(message.get("token"), token)
-    if message.get("ask") == Ask.LOOK:
+    with_key = _is_token_right(message.get("token"), token)
+    if message.get("ask") == Question.LOOK:
         return Request(
             number,
-            Ask.LOOK,
+            Question.LOOK,
             with_key,
             clean_name(message.get("name")),
             message.get("tablet") is True,
@@ -89,20 +96,20 @@ def parse(line: bytes, token: str) -> Request | Refusal:
     if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")
     if "ask" in message:
-        return _ask(number, message["ask"])
+        return _parse_question(number, message["ask"])
     if "device" in message:
-        return _device(number, message["device"], message.get("act"))
-    return _order(number, message.get("do"), message.get("value"))
+        return _parse_device_order(number, message["device"], message.get("act"))
+    return _parse_loop_order(number, message.get("do"), message.get("value"))
 
 
-def _ask(number: int, ask: object) -> Request | Refusal:
+def _parse_question(number: int, ask: object) -> Request | Refusal:
     try:
-        return Request(number, Ask(str(ask)))
+        return Request(number, Question(str(ask)))
     except ValueError:
         return Refusal(number, "malformed", "malformed: ask")
 
 
-def _device(number: int, device: object, act: object) -> Request | Refusal:
+def _parse_device_order(number: int, device: object, act: object) -> Request | Refusal:
     try:
         do = DeviceDo(str(act))
     except ValueError:
@@ -112,7 +119,7 @@ def _device(number: int, device: object, act: object) -> Request | Refusal:
     return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], do))
 
 
-def _order(number: int, do: object, value: object) -> Request | Refusal:
+def _parse_loop_order(number: int, do: object, value: object) -> Request | Refusal:
     try:
         known = Do(str(do))
     except ValueError:
@@ -129,11 +136,11 @@ def _order(number: int, do: object, value: object) -> Request | Refusal:
     return Refusal(number, "malformed", "malformed: value")
 
 
-def _fits(offered: object, token: str) -> bool:
+def _is_token_right(offered: object, token: str) -> bool:
     return isinstance(offered, str) and secrets.compare_digest(
         offered.encode(errors="replace"), token.encode()
     )
 
 
-def _no_constant(name: str) -> NoReturn:
+def _refuse_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not a number")

@@ -12,17 +12,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from topdress.console.worker.resume_alarms import AlarmRecord
-from topdress.console.worker.resume_ground import NOTHING_DONE, AsBits, Spot, packed
-from topdress.console.worker.snapshots import ENDING, FORMAT, find_saved_ns, list_newest_first
+from topdress.console.worker.resume_ground import NOTHING_DONE, RasterSchema, Spot, pack_raster
+from topdress.console.worker.snapshots import (
+    SNAPSHOT_FORMAT,
+    SNAPSHOT_SUFFIX,
+    list_newest_first,
+    read_mtime_ns,
+)
 from topdress.control.field.coverage import Raster
 from topdress.control.field.totals import NOTHING, Sums
 from topdress.control.orders import Strategy
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.limits import RESUME, held_to
 
-WORTH_HA = 0.001  # less done than this: nothing to go on with
+WORTHWHILE_HA = 0.001  # less done than this: nothing to go on with
 # before there was a topdress: of a clock that nobody has set
-CLOCK_SET = datetime(2020, 1, 1, tzinfo=UTC)
+EARLIEST_CLOCK = datetime(2020, 1, 1, tzinfo=UTC)
 # a pass over a field takes no longer; the next dressing comes later
 OPEN_DAYS = 14
 
@@ -72,72 +77,78 @@ class Snapshot:
     cut_hopper_kg: float | None = None
     alarms: tuple[AlarmRecord, ...] = ()
     track: tuple[Spot, ...] = ()
-    ground: Annotated[Raster, AsBits] = NOTHING_DONE
+    ground: Annotated[Raster, RasterSchema] = NOTHING_DONE
 
     @property
     def area_ha(self) -> float:
+        """Area that the job has done, ha."""
         return self.sums.area_ha
 
     @property
-    def worth_going_on(self) -> bool:
-        return not self.finished and (self.worked or self.area_ha >= WORTH_HA)
+    def is_worth_resuming(self) -> bool:
+        """Whether the job is unfinished and has done anything."""
+        return not self.finished and (self.worked or self.area_ha >= WORTHWHILE_HA)
 
 
-REFILL_ALIKE_KG = 0.05  # refills are reported to 0.1 kg
+REFILL_TOLERANCE_KG = 0.05  # refills are reported to 0.1 kg
 
 
 def drop_last_refill(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:
-    """Without the newest refill of this mass, which was none."""
+    """Refills without the newest of this mass, which was none."""
     for number in range(len(refills) - 1, -1, -1):
-        if abs(refills[number][1] - kg) < REFILL_ALIKE_KG:
+        if abs(refills[number][1] - kg) < REFILL_TOLERANCE_KG:
             return (*refills[:number], *refills[number + 1 :])
     return refills
 
 
-def snapshot_path(log: str | Path) -> Path:
-    """Where the snapshot of a log stands."""
-    return Path(log).with_suffix(ENDING)
+def make_snapshot_path(log: str | Path) -> Path:
+    """Path of the snapshot of a log."""
+    return Path(log).with_suffix(SNAPSHOT_SUFFIX)
 
 
-def write(path: Path, snapshot: Snapshot) -> None:
-    """Whole or not at all, and the newest of its folder even where the clock was set back.
-    Raises OSError."""
+def write_snapshot(path: Path, snapshot: Snapshot) -> None:
+    """Write a snapshot whole or not at all, the newest of its folder even where the clock was set
+    back. Raises OSError."""
     own = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
     own |= {
         "sums": snapshot.sums._asdict(),
         "alarms": [record._asdict() for record in snapshot.alarms],
-        "ground": packed(snapshot.ground),
+        "ground": pack_raster(snapshot.ground),
     }
-    write_atomically(path, json.dumps({"format": FORMAT} | own, separators=(",", ":")) + "\n")
-    others = max(
-        (find_saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0
+    write_atomically(
+        path, json.dumps({"format": SNAPSHOT_FORMAT} | own, separators=(",", ":")) + "\n"
     )
-    if others >= find_saved_ns(path):
+    others = max(
+        (read_mtime_ns(one) for one in path.parent.glob(f"*{SNAPSHOT_SUFFIX}") if one != path),
+        default=0,
+    )
+    if others >= read_mtime_ns(path):
         os.utime(path, ns=(others + 1_000_000, others + 1_000_000))
 
 
-def read(path: Path) -> Snapshot:
-    """Raises ValueError, one line that names the file, where it is no snapshot; OSError."""
-    return _checked(path, _data(path))
+def read_snapshot(path: Path) -> Snapshot:
+    """Read a snapshot. Raises ValueError, one line that names the file, where it is none;
+    OSError."""
+    return _check_snapshot(path, _read_snapshot_data(path))
 
 
 _NO_SNAPSHOT = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
-def _data(path: Path) -> dict[str, Any]:
-    """As it stands in the file. Raises ValueError, OSError."""
+def _read_snapshot_data(path: Path) -> dict[str, Any]:
+    """The file's JSON object. Raises ValueError, OSError."""
     try:
         held_to(RESUME, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            raise ValueError(f"key format: allowed {FORMAT}")
+        if not isinstance(data, dict) or data.get("format") != SNAPSHOT_FORMAT:
+            raise ValueError(f"key format: allowed {SNAPSHOT_FORMAT}")
     except _NO_SNAPSHOT as error:
         raise ValueError(f"{path}: not a job that can go on: {error}") from None
     return data
 
 
-def _checked(path: Path, data: dict[str, Any]) -> Snapshot:
-    """Raises ValueError."""
+def _check_snapshot(path: Path, data: dict[str, Any]) -> Snapshot:
+    """The snapshot made of the file's data. Raises ValueError."""
     from topdress.drivers.files.plain import typed  # pydantic: only where a job goes on
 
     try:
@@ -149,26 +160,26 @@ def _checked(path: Path, data: dict[str, Any]) -> Snapshot:
         raise ValueError(f"{path}: not a job that can go on: {error}") from None
 
 
-def finish(path: Path) -> None:
-    """The operator will not go on with it. For a job whose worker is gone. Raises ValueError,
+def mark_finished(path: Path) -> None:
+    """Mark a job as finished by its operator, where its worker is gone. Raises ValueError,
     OSError."""
-    write(path, replace(read(path), finished=True))
+    write_snapshot(path, replace(read_snapshot(path), finished=True))
 
 
 def find_open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
-    """Jobs of these logs that are not done with, the newest first: not ended by their operator,
-    something done, left in the last two weeks, and gone on with in no later log. Files that
-    cannot be read are passed over."""
+    """Jobs of these logs that can go on, the newest first: not ended by their operator, something
+    done, left in the last two weeks, and continued in no later log. Files that cannot be read are
+    passed over."""
     gone_on: set[str] = set()
     for path in list_newest_first(folder):
         try:
-            data = _data(path)
+            data = _read_snapshot_data(path)
             name = Path(data["log_path"]).name
             gone_on.update(Path(one).name for one in data.get("logs_before", ()))
             if name in gone_on or data.get("finished"):
                 # a season of these is not unpacked at every start
                 continue
-            snapshot = _checked(path, data)
+            snapshot = _check_snapshot(path, data)
             left = (
                 datetime.fromisoformat(snapshot.saved_utc).astimezone(UTC)
                 if snapshot.saved_utc
@@ -176,7 +187,7 @@ def find_open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot
             )
         except (OSError, *_NO_SNAPSHOT):
             continue
-        if snapshot.worth_going_on and (
-            left < CLOCK_SET or now - left <= timedelta(days=OPEN_DAYS)
+        if snapshot.is_worth_resuming and (
+            left < EARLIEST_CLOCK or now - left <= timedelta(days=OPEN_DAYS)
         ):
             yield path, snapshot

@@ -28,8 +28,8 @@ class AlarmRecord(NamedTuple):
     gone_utc: str = ""
 
 
-class AlarmBook:
-    """Fed with what stands, row by row; what went and comes again counts once more."""
+class AlarmHistory:
+    """Records alarms row by row; an alarm that ended and comes again counts once more."""
 
     def __init__(self, before: Iterable[AlarmRecord] = ()) -> None:
         self._records = {record.id: record._replace(stands=False) for record in before}
@@ -38,7 +38,7 @@ class AlarmBook:
 
     @property
     def records(self) -> tuple[AlarmRecord, ...]:
-        """Standing ones before those gone, red before amber, the newest before older ones."""
+        """Standing alarms before those gone, red before amber, the newest before older ones."""
         return tuple(
             sorted(
                 self._records.values(),
@@ -50,11 +50,11 @@ class AlarmBook:
             )
         )
 
-    def see(
+    def add_row_alarms(
         self, time_s: float, utc: str | None, alarms: Iterable[Alarm]
     ) -> tuple[AlarmRecord, ...]:
-        """Alarms that stand at this moment of the run; returns the records of those that came
-        just now."""
+        """Take the alarms that stand at this moment of the run; returns the records of those that
+        came just now."""
         now, came = utc or "", []
         standing = {alarm.id: alarm for alarm in alarms}
         for record in self._records.values():
@@ -64,7 +64,7 @@ class AlarmBook:
         for alarm in standing.values():
             before = self._records.get(alarm.id)
             if before is None or not before.stands:
-                record = _come(before, alarm, time_s, now)
+                record = _update_record(before, alarm, time_s, now)
                 came.append(record)
                 self.changes += 1
             else:
@@ -78,8 +78,8 @@ class AlarmBook:
             self._records[alarm.id] = record
         return tuple(came)
 
-    def add_before(self, records: Iterable[AlarmRecord]) -> None:
-        """Records of the time before this book was started, learned later."""
+    def add_earlier_records(self, records: Iterable[AlarmRecord]) -> None:
+        """Add records of the time before this history was started, learned later."""
         for earlier in records:
             known = self._records.get(earlier.id)
             if known is None:
@@ -94,7 +94,9 @@ class AlarmBook:
         self.changes += 1
 
 
-def _come(before: AlarmRecord | None, alarm: Alarm, time_s: float, now: str) -> AlarmRecord:
+def _update_record(
+    before: AlarmRecord | None, alarm: Alarm, time_s: float, now: str
+) -> AlarmRecord:
     if before is None:
         return AlarmRecord(
             alarm.id,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from topdress.console.worker import resume
 from topdress.console.worker.options import Options
 from topdress.console.worker.resume import Snapshot
-from topdress.console.worker.resume_field import find_jobs_here, find_last_place, on_plane
+from topdress.console.worker.resume_field import find_jobs_here, find_last_place, move_snapshot
 from topdress.control.field.job import Job
 from topdress.control.geodesy import TangentPlane
 from topdress.control.loop import ControlLoop
@@ -26,21 +26,25 @@ from topdress.drivers.files.run_meta import sidecar_meta
 SEARCH_M = 0.5  # along the simulated tractor's way
 
 
-class Before(NamedTuple):
-    """What was done on this field. job: that which goes on, None where another begins; others:
-    whose ground counts alone. same_files: those with which the job was worked."""
+class EarlierWork(NamedTuple):
+    """Holds what was done on this field.
+
+    job: the job that goes on, None where another begins; others: jobs whose ground counts alone.
+    same_files: whether the configuration files are those with which the job was worked.
+    """
 
     job: Snapshot | None = None
     others: tuple[Snapshot, ...] = ()
     same_files: bool = True
 
-    def on(self, plane: TangentPlane | None) -> Before:
-        """On the plane of the loop. None: it has none yet, and takes that of the job."""
+    def move_to_plane(self, plane: TangentPlane | None) -> EarlierWork:
+        """The earlier work on the plane of the loop. None: the loop has none yet and takes that of
+        the job."""
         if plane is None:
             return self._replace(others=())
         return self._replace(
-            job=None if self.job is None else on_plane(self.job, plane),
-            others=tuple(on_plane(one, plane) for one in self.others),
+            job=None if self.job is None else move_snapshot(self.job, plane),
+            others=tuple(move_snapshot(one, plane) for one in self.others),
         )
 
 
@@ -51,19 +55,22 @@ def find_earlier_job(
     sha256: Mapping[str, str],
     simulated: bool,
     now: datetime,
-) -> Before:
-    """named: the job to go on with (`--resume`); None: the one that was left on this job's
-    field, where it has a boundary. folder: of the logs; sha256: of the files. Raises
-    ValueError, OSError: what is named cannot be read."""
+) -> EarlierWork:
+    """Find the job to go on with and the ground of other jobs on its field.
+
+    named: the job to go on with (`--resume`); None: the one that was left on this job's field,
+    where it has a boundary. folder: of the logs; sha256: of the files. Raises ValueError, OSError:
+    the named snapshot cannot be read.
+    """
     here = find_jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
     goes_on = (
-        next((one.snapshot for one in here if one.goes_on), None)
+        next((one.snapshot for one in here if one.is_same_job), None)
         if named is None
-        else resume.read(named)
+        else resume.read_snapshot(named)
     )
     written = None if goes_on is None else sidecar_meta(goes_on.log_path)
     same = written is None or written.sha256 == dict(sha256)
-    return Before(
+    return EarlierWork(
         goes_on,
         tuple(
             one.snapshot
@@ -77,8 +84,8 @@ def find_earlier_job(
 def find_job_to_continue(
     job: Job, machine: Machine, before: Snapshot, same_files: bool = True
 ) -> Job:
-    """The job with what the operator had measured and, where its files are the same, chosen;
-    where it is simulated, the tractor stands where it stopped."""
+    """The job with the values that the operator measured and, where its files are the same, his
+    choices; where it is simulated, the tractor stands where it stopped."""
     update: dict[str, object] = (
         {}
         if not same_files
@@ -99,14 +106,17 @@ def find_job_to_continue(
         place_m = find_last_place(
             TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg), before
         )
-        simulated |= {} if place_m is None else {"begin_m": _driven_m(job, machine, place_m)}
+        simulated |= {} if place_m is None else {"begin_m": _find_driven_m(job, machine, place_m)}
         simulated |= {} if before.hopper_kg is None else {"hopper_kg": max(0.0, before.hopper_kg)}
     return job.model_copy(update=update | {"simulated": job.simulated.model_copy(update=simulated)})
 
 
-def go_on(loop: ControlLoop, before: Before) -> None:
-    """Totals as they were; where something lies already the loop's guard against a second dose
-    knows it. The scale's trim begins anew: nothing confirms what a scale said before the cut."""
+def continue_loop(loop: ControlLoop, before: EarlierWork) -> None:
+    """Give the loop its earlier totals; where something lies already its guard against a second
+    dose knows it.
+
+    The scale's trim begins anew: nothing confirms what a scale showed before the cut.
+    """
     last = before.job
     if last is not None:
         plane = None if last.origin_deg is None else TangentPlane(*last.origin_deg)
@@ -115,7 +125,7 @@ def go_on(loop: ControlLoop, before: Before) -> None:
         loop.spread_by_others(other.ground)
 
 
-def started(
+def make_first_snapshot(
     options: Options,
     log: Path,
     names: tuple[str, str, str],
@@ -147,13 +157,13 @@ def started(
     )
 
 
-def _driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> float:
-    """How far along its way the simulated tractor had come."""
+def _find_driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> float:
+    """How far along its way the simulated tractor had come, m."""
     path = field_path(job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg)
     places = (k * SEARCH_M for k in range(int(path.length_m / SEARCH_M) + 1))
 
-    def apart(driven_m: float) -> float:
+    def calc_distance_m(driven_m: float) -> float:
         pose = path.at(driven_m)
         return hypot(pose.east_m - place_m[0], pose.north_m - place_m[1])
 
-    return min(places, key=apart)
+    return min(places, key=calc_distance_m)

@@ -11,48 +11,52 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from topdress.console.worker.resume import WORTH_HA, Snapshot, find_open_jobs
+from topdress.console.worker.resume import WORTHWHILE_HA, Snapshot, find_open_jobs
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import FARTHEST_M, MOST_CELLS, Raster
 from topdress.control.field.job import Job
 from topdress.control.geodesy import Place, TangentPlane
 
 # of what a job has done: with so much of it on this field, it is this field's job
-SAME_FIELD = 0.5
+SAME_FIELD_SHARE = 0.5
 SAME_PLANE_M = 0.001
 # of the done ground: its share on a field to some 1 %
-LOOKED_AT_CELLS = 4_000
-_ROWS = 256  # of a picture that is drawn anew, at a time
+MOST_SAMPLED_CELLS = 4_000
+_REDRAWN_ROWS = 256  # of a picture that is drawn anew, at a time
 
 
 class OpenJob(NamedTuple):
-    """A job that was left. share: of what it has done, on the field asked about."""
+    """Holds a job that was left. share: the part of its done ground on the field asked about, 0 to
+    1."""
 
     path: Path
     snapshot: Snapshot
     share: float
 
     @property
-    def goes_on(self) -> bool:
+    def is_same_job(self) -> bool:
         """Whether it is the same job, with its totals; else its ground counts alone."""
-        return self.share >= SAME_FIELD
+        return self.share >= SAME_FIELD_SHARE
 
 
 def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
-    """Those that have spread on this job's field, the newest first; simulated ones and real
-    ones keep apart. folder: of the logs. A job without a boundary has no field by which to
-    tell: the newest may be anybody's."""
+    """Jobs that have spread on this job's field, the newest first; simulated and real ones keep
+    apart.
+
+    folder: of the logs. A job without a boundary has no field by which to decide: the newest may be
+    anybody's.
+    """
     left = (one for one in find_open_jobs(folder, now) if one[1].simulated == simulated)
     boundary = job.field.boundary()
     if boundary is None:
         return [OpenJob(*one, 1.0) for one in islice(left, 1)]
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
-    shares = ((one, _share_on(boundary, plane, one[1])) for one in left)
+    shares = ((one, _calc_share_on_field(boundary, plane, one[1])) for one in left)
     return [OpenJob(*one, share) for one, share in shares if share is not None]
 
 
 def list_logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[str]:
-    """File names of the logs of these jobs, all parts: their ground gets no more as it is."""
+    """File names of the logs of these jobs, all parts: their ground gets nothing twice."""
     return [
         Path(log).name
         for one in find_jobs_here(folder, job, simulated, now)
@@ -60,38 +64,38 @@ def list_logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> li
     ]
 
 
-def _share_on(field: Boundary, plane: TangentPlane, snapshot: Snapshot) -> float | None:
-    """None: nothing to speak of lies on the field."""
+def _calc_share_on_field(field: Boundary, plane: TangentPlane, snapshot: Snapshot) -> float | None:
+    """Share of the done ground on the field, 0 to 1; None: next to nothing lies there."""
     ground, cells = snapshot.ground, np.argwhere(snapshot.ground.done)
     if snapshot.origin_deg is None or not len(cells):
         place = find_last_place(plane, snapshot)  # cut off before anything has landed
         return 1.0 if place is not None and field.contains(*place) else None
-    some = cells[:: max(1, len(cells) // LOOKED_AT_CELLS)]
+    some = cells[:: max(1, len(cells) // MOST_SAMPLED_CELLS)]
     places = (some[:, ::-1] + 0.5) * ground.cell_m + (ground.west_m, ground.south_m)
     share = float(
-        field.many_inside(_moved(TangentPlane(*snapshot.origin_deg), plane, places)).mean()
+        field.many_inside(_move_places(TangentPlane(*snapshot.origin_deg), plane, places)).mean()
     )
     done_ha = len(cells) * ground.cell_m**2 / 10_000.0
-    return share if share >= SAME_FIELD or share * done_ha >= WORTH_HA else None
+    return share if share >= SAME_FIELD_SHARE or share * done_ha >= WORTHWHILE_HA else None
 
 
-def on_plane(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
-    """The same on another plane: ground, way and place. Parts farther off than a field's plane
-    reaches are left out."""
+def move_snapshot(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
+    """The same snapshot on another plane: ground, way and place. Parts farther off than a field's
+    plane reaches are left out."""
     if snapshot.origin_deg is None:
         return snapshot
     own = TangentPlane(*snapshot.origin_deg)
     if max(map(abs, plane.to_m(own.lat_deg, own.lon_deg))) < SAME_PLANE_M:
         return snapshot
     track = (
-        _moved(own, plane, np.array([spot[:2] for spot in snapshot.track]).reshape(-1, 2))
+        _move_places(own, plane, np.array([spot[:2] for spot in snapshot.track]).reshape(-1, 2))
         .round(1)
         .tolist()
     )
     return replace(
         snapshot,
         origin_deg=(plane.lat_deg, plane.lon_deg),
-        ground=_drawn_anew(snapshot.ground, own, plane),
+        ground=_redraw_ground(snapshot.ground, own, plane),
         place_m=None if snapshot.place_m is None else find_last_place(plane, snapshot),
         track=tuple(
             (east, north, *spot[2:])
@@ -101,18 +105,21 @@ def on_plane(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
 
 
 def find_last_place(plane: TangentPlane, snapshot: Snapshot) -> Place | None:
-    """Where the outlets were last."""
+    """Last place of the outlets on `plane` (east, north, m); None where it is not known."""
     if snapshot.place_m is None or snapshot.origin_deg is None:
         return None
-    east, north = _moved(TangentPlane(*snapshot.origin_deg), plane, np.array([snapshot.place_m]))[
-        0
-    ].tolist()
+    east, north = _move_places(
+        TangentPlane(*snapshot.origin_deg), plane, np.array([snapshot.place_m])
+    )[0].tolist()
     return east, north
 
 
-def _moved(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> np.ndarray:
-    """Places (n, 2) on one plane, on the other. Between planes of one neighbourhood that is a
-    turn and a shift: three places say it, to 1 mm over a field of 5 km."""
+def _move_places(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> np.ndarray:
+    """Places (n, 2) of one plane on the other, m.
+
+    Between planes of one neighbourhood that is a turn and a shift: three places give it, to 1 mm
+    over a field of 5 km.
+    """
     if not len(places):
         return places
     middle = places.mean(axis=0)
@@ -123,8 +130,8 @@ def _moved(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> np.nda
     return moved
 
 
-def _drawn_anew(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Raster:
-    """A cell is done where its middle lies in one that was."""
+def _redraw_ground(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Raster:
+    """The ground on another plane: a cell is done where its middle lies in one that was."""
     rows, columns = ground.done.shape
     cell_m = ground.cell_m
     frame = np.array(
@@ -133,17 +140,17 @@ def _drawn_anew(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Raste
             for k in range(4)
         ]
     )
-    corners = _moved(own, plane, frame)
+    corners = _move_places(own, plane, frame)
     west, south = (floor(edge / cell_m) for edge in corners.min(axis=0))
     east, north = (ceil(edge / cell_m) for edge in corners.max(axis=0))
     if np.abs(corners).max() > FARTHEST_M or (east - west) * (north - south) > MOST_CELLS:
         return ground._replace(done=np.zeros((1, 1), dtype=np.bool_))
     done = np.zeros((north - south, east - west), dtype=np.bool_)
     aside = (np.arange(west, east) + 0.5) * cell_m
-    for first in range(0, len(done), _ROWS):
-        part = done[first : first + _ROWS]
+    for first in range(0, len(done), _REDRAWN_ROWS):
+        part = done[first : first + _REDRAWN_ROWS]
         up = (south + first + np.arange(len(part)) + 0.5) * cell_m
-        there = _moved(
+        there = _move_places(
             plane, own, np.stack(np.broadcast_arrays(aside, up[:, None]), axis=-1).reshape(-1, 2)
         )
         at = np.floor((there - (ground.west_m, ground.south_m)) / cell_m).astype(np.int64)

@@ -25,8 +25,8 @@ NOTHING_DONE = Raster(0.0, 0.0, CELL_M, np.zeros((1, 1), dtype=np.bool_))
 Spot = tuple[float, float, float, float]  # east m, north m, heading degrees, kg/ha
 
 
-class Done:
-    """Grows by the tick. `before`: what an earlier part of the job has done."""
+class DoneGround:
+    """Grows by the tick. `before`: the ground that an earlier part of the job has done."""
 
     def __init__(
         self, machine: Machine, before: Raster = NOTHING_DONE, track: tuple[Spot, ...] = ()
@@ -51,7 +51,7 @@ class Done:
         self.track: list[Spot] = list(track)
         self._track_step_m = TRACK_STEP_M
 
-    def pass_over(
+    def add_outlet_place(
         self,
         time_s: float,
         place_m: tuple[float, float] | None,
@@ -61,14 +61,14 @@ class Done:
         sections_cmd: str | None = None,
         way_m: float = 0.0,
     ) -> bool:
-        """The outlets are here; true where something lands. What is released lands a drop time
-        later.
+        """Note that the outlets are here; true where something lands. Released granules land a drop
+        time later.
 
         Parameters
         ----------
         place_m, heading_deg: None where no place, or no course, is known.
         sections_cmd: as the row has it.
-        way_m: since the last call; asked where no place is known.
+        way_m: since the last call; used where no place is known.
         """
         released = shaft_rpm is not None and shaft_rpm >= self._turning_rpm
         if shaft_rpm is not None and released:
@@ -80,7 +80,7 @@ class Done:
         self._trace.pass_over(place_m, heading_deg, self._flowing, way_m)
         lands = any(self._flowing)
         if lands and place_m is not None and heading_deg is not None:
-            self._note_track(
+            self._note_track_place(
                 (
                     round(place_m[0], 1),
                     round(place_m[1], 1),
@@ -90,19 +90,19 @@ class Done:
             )
         return lands
 
-    def raster(self) -> Raster:
-        """All that is done, the earlier part too; while no place is known the way since then as
-        if it went straight on, until the place says better."""
-        done = joined(self._before, self._coverage.raster())
+    def make_raster(self) -> Raster:
+        """All ground that is done, the earlier part too; while no place is known the way since then
+        as if it went straight on, until a place corrects it."""
+        done = join_rasters(self._before, self._coverage.raster())
         reckoned = self._trace.reckoned()
         if not reckoned:
             return done
         way = Coverage(self._width_m, self._cell_m, strips=self._strips)
         for passed in reckoned:
             way.lay(*passed)
-        return joined(done, way.raster())
+        return join_rasters(done, way.raster())
 
-    def _note_track(self, spot: Spot) -> None:
+    def _note_track_place(self, spot: Spot) -> None:
         if (
             self.track
             and hypot(spot[0] - self.track[-1][0], spot[1] - self.track[-1][1]) < self._track_step_m
@@ -114,9 +114,9 @@ class Done:
             self._track_step_m *= 2.0
 
 
-def joined(one: Raster, other: Raster) -> Raster:
-    """What either has. Both must have the same cells; one with nothing in it gives the other.
-    Where they lie too far apart for one picture, the other, which is the newer."""
+def join_rasters(one: Raster, other: Raster) -> Raster:
+    """Union of two rasters, which must have the same cells; an empty one gives the other. Where
+    they lie too far apart for one picture, the other, which is the newer."""
     if not one.done.any():
         return other
     if not other.done.any():
@@ -135,8 +135,8 @@ def joined(one: Raster, other: Raster) -> Raster:
     return Raster(west, south, cell, done)
 
 
-def packed(ground: Raster) -> dict[str, Any]:
-    """As plain data for a file; `unpacked` reads it."""
+def pack_raster(ground: Raster) -> dict[str, Any]:
+    """The raster as plain data for a file; `unpack_raster` reads it."""
     bits = zlib.compress(np.packbits(ground.done).tobytes(), level=1)
     return {
         "west_m": ground.west_m,
@@ -148,18 +148,19 @@ def packed(ground: Raster) -> dict[str, Any]:
     }
 
 
-class AsBits:
-    """Says to pydantic how a `Raster` is read."""
+class RasterSchema:
+    """Tells pydantic how a `Raster` is read."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, _kind: Any, _next: Any) -> Any:
         from pydantic_core import core_schema
 
-        return core_schema.no_info_plain_validator_function(unpacked)
+        return core_schema.no_info_plain_validator_function(unpack_raster)
 
 
-def unpacked(data: dict[str, Any]) -> Raster:
-    """Raises ValueError, KeyError, TypeError where the data is not what `packed` made."""
+def unpack_raster(data: dict[str, Any]) -> Raster:
+    """The raster of a file. Raises ValueError, KeyError, TypeError where the data is not what
+    `pack_raster` made."""
     rows, columns, cell_m = int(data["rows"]), int(data["columns"]), float(data["cell_m"])
     if not (rows > 0 and columns > 0 and 0.0 < cell_m < 10.0):
         raise ValueError("ground: rows, columns and cell_m must be above 0")

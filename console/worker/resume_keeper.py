@@ -14,9 +14,9 @@ from typing import NamedTuple
 from topdress.console.frame import Tally
 from topdress.console.worker import resume
 from topdress.console.worker.resume import Snapshot, drop_last_refill
-from topdress.console.worker.resume_alarms import AlarmBook
-from topdress.console.worker.resume_ground import Done
-from topdress.console.worker.resume_tail import SCALE_S
+from topdress.console.worker.resume_alarms import AlarmHistory
+from topdress.console.worker.resume_ground import DoneGround
+from topdress.console.worker.resume_tail import SCALE_WINDOW_S
 from topdress.control.agronomy.strips import read_strip
 from topdress.control.field.totals import Sums
 from topdress.control.geodesy import TangentPlane
@@ -27,22 +27,23 @@ from topdress.control.orders import State
 from topdress.drivers.files.run_log import MAX_WAITING_ROWS
 
 # the snapshot is this old at most, and the disk's own time
-SAVE_S = 5.0
+SNAPSHOT_PERIOD_S = 5.0
 # a scale that lost or gained more since the cut tells of a refill, or of a repair
-BELIEVED_KG = 2.0
+SCALE_STEP_KG = 2.0
 # the loop's sums are taken over this often: some 50 us
-SUMS_S = 1.0
-FINISHED = "mark job finished"  # the event by which the operator ends a job
+SUMS_PERIOD_S = 1.0
+FINISHED_EVENT = "mark job finished"  # the event by which the operator ends a job
 
 
-class _Handed(NamedTuple):
+class _HandedTick(NamedTuple):
     seen: Tick
     sums: Sums | None
     plane: TangentPlane | None
 
 
-class Keeper:
-    """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
+class SnapshotKeeper:
+    """Keeps the job's snapshot: `take_tick` on the loop's thread, `save_due` on the log writer's.
+    `tally` is for the frames."""
 
     def __init__(
         self,
@@ -60,46 +61,47 @@ class Keeper:
             utc_now,
             most_waiting,
         )
-        self._handed: SimpleQueue[_Handed] = SimpleQueue()
+        self._handed: SimpleQueue[_HandedTick] = SimpleQueue()
         self._taken_s = -inf
         self._quit = False
         self._log_path = started.log_path
         self._snapshot = started
-        self._done = Done(machine, started.ground, started.track)
-        self._book = AlarmBook(started.alarms)
+        self._done = DoneGround(machine, started.ground, started.track)
+        self._book = AlarmHistory(started.alarms)
         self._last: LogRow | None = None
         self._track_m: float | None = None  # of that row
         self._saved_s = -inf
         self._saved = False
-        self._scale = _AfterCut(started.after_cut_kg, started.cut_hopper_kg)
+        self._scale = _ReleasedAfterCut(started.after_cut_kg, started.cut_hopper_kg)
         self.trouble = ""
-        self.tally = self._tally()
+        self.tally = self._make_tally()
 
     # --- the loop's thread
     # -------------------------------------------------------------------------------------------
 
-    def take(self, seen: Tick) -> None:
-        """A tick. Queues, no more."""
+    def take_tick(self, seen: Tick) -> None:
+        """Queue a tick, no more."""
         sums = None
-        if seen.row.time_s - self._taken_s >= SUMS_S:
+        if seen.row.time_s - self._taken_s >= SUMS_PERIOD_S:
             self._taken_s, sums = seen.row.time_s, self._loop.sums
         # as many as the log lets wait for a disk that hangs
         if self._handed.qsize() < self._most_waiting:
-            self._handed.put(_Handed(seen, sums, self._loop.plane))
+            self._handed.put(_HandedTick(seen, sums, self._loop.plane))
 
-    def quit(self) -> None:
-        """The worker was asked to end: nothing is cut off. Before the last `work`."""
+    def note_quit(self) -> None:
+        """Note that the worker was asked to end, so nothing is cut off. Called before the last
+        `save_due`."""
         self._quit = True
 
-    def follow(self, log_path: str) -> None:
-        """The run goes on in another log."""
+    def follow_log(self, log_path: str) -> None:
+        """Note the path of the log in which the run goes on."""
         self._log_path = os.path.abspath(log_path)
 
     # --- the log writer's thread
     # -------------------------------------------------------------------------------------
 
-    def work(self, closing: bool) -> None:
-        """Takes in what was handed over, and writes when it is time. Never raises: the log
+    def save_due(self, closing: bool) -> None:
+        """Take in the queued ticks, and write the snapshot when it is due. Never raises: the log
         matters more."""
         try:
             while True:
@@ -107,10 +109,10 @@ class Keeper:
                     handed = self._handed.get_nowait()
                 except Empty:
                     break
-                self._absorb(handed)
+                self._absorb_tick(handed)
             before = self._snapshot
             if before.log_path != self._log_path:
-                self._path, self._saved_s = resume.snapshot_path(self._log_path), -inf
+                self._path, self._saved_s = resume.make_snapshot_path(self._log_path), -inf
                 self._snapshot = replace(
                     before,
                     log_path=self._log_path,
@@ -118,18 +120,22 @@ class Keeper:
                 )
             if self._quit:
                 self._snapshot = replace(self._snapshot, quit=True)
-            if self._last is not None and (closing or self._last.time_s - self._saved_s >= SAVE_S):
-                self._save()
-            self.tally = self._tally()
+            if self._last is not None and (
+                closing or self._last.time_s - self._saved_s >= SNAPSHOT_PERIOD_S
+            ):
+                self._save_snapshot()
+            self.tally = self._make_tally()
         except Exception as error:
             self.trouble = f"{self._path}: {type(error).__name__}: {error}"
 
-    def _absorb(self, handed: _Handed) -> None:
+    def _absorb_tick(self, handed: _HandedTick) -> None:
         seen, row = handed.seen, handed.seen.row
-        if self._book.see(row.time_s, row.utc, seen.alarms):
+        if self._book.add_row_alarms(row.time_s, row.utc, seen.alarms):
             # an alarm is kept soon
-            self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)
-        changes = self._since(self._last, row) | self._of_events(row.events or "")
+            self._saved_s = min(self._saved_s, row.time_s - SNAPSHOT_PERIOD_S + 0.5)
+        changes = self._find_row_changes(self._last, row) | self._find_event_changes(
+            row.events or ""
+        )
         if row.state == State.WORKING and row.shaft_rpm_cmd and not self._snapshot.worked:
             # a cut in the first second is one to go on after
             changes["worked"], self._saved_s = True, -inf
@@ -138,8 +144,8 @@ class Keeper:
             changes |= {"sums": handed.sums, "sums_s": row.time_s}
         if handed.plane is not None:
             changes["origin_deg"] = handed.plane.to_deg(0.0, 0.0)
-        self._pass_over(seen)
-        self._scale.look(row)
+        self._add_outlet_place(seen)
+        self._scale.take_row(row)
         known = {
             "strategy": row.strategy or None,
             "hopper_kg": row.hopper_kg,
@@ -155,17 +161,17 @@ class Keeper:
             **changes,  # type: ignore[arg-type]
         )
 
-    def _since(self, before: LogRow | None, row: LogRow) -> dict[str, object]:
-        """What the step from one row to the next adds."""
+    def _find_row_changes(self, before: LogRow | None, row: LogRow) -> dict[str, object]:
+        """Changes of the snapshot by the step from one row to the next."""
         now = self._snapshot
         if before is not None and row.state == State.HELD:
             return {"held_s": now.held_s + max(0.0, row.time_s - before.time_s)}
-        if before is not None and row.state == State.WORKING and _moved(before, row):
+        if before is not None and row.state == State.WORKING and _has_opening_moved(before, row):
             return {"moves": now.moves + 1}
         return {}
 
-    def _of_events(self, events: str) -> dict[str, object]:
-        """What the events of a row change; the end of the job is kept at once."""
+    def _find_event_changes(self, events: str) -> dict[str, object]:
+        """Changes of the snapshot by the events of a row; the end of the job is kept at once."""
         changes: dict[str, object] = {}
         for event in events.split(";"):
             word, _space, value = event.partition(" ")
@@ -175,16 +181,17 @@ class Keeper:
                 changes["refills"] = drop_last_refill(self._snapshot.refills, float(value))
             elif word == "strip" and (strip := read_strip(value)) is not None:
                 changes[f"ndvi_{strip.which}"], self._saved_s = strip.ndvi, -inf
-            elif event == FINISHED:
+            elif event == FINISHED_EVENT:
                 changes["finished"] = True
                 self._saved_s = -inf
         return changes
 
-    def _pass_over(self, seen: Tick) -> None:
-        """Where the loop's own guard knows the place, and how far it went meanwhile."""
+    def _add_outlet_place(self, seen: Tick) -> None:
+        """Note where the outlets are: where the loop's own guard knows the place, and how far it
+        went meanwhile."""
         row, sensed, before_m = seen.row, seen.sensed, self._track_m
         self._track_m = sensed.track_m
-        self._done.pass_over(
+        self._done.add_outlet_place(
             row.time_s,
             seen.place_m if sensed.position_ok else None,
             sensed.heading_deg,
@@ -194,10 +201,10 @@ class Keeper:
             0.0 if before_m is None else sensed.track_m - before_m,
         )
 
-    def _save(self) -> None:
+    def _save_snapshot(self) -> None:
         assert self._last is not None
         now, alarms = self._snapshot, self._book.records
-        if not now.worth_going_on and not alarms and not now.finished and not self._saved:
+        if not now.is_worth_resuming and not alarms and not now.finished and not self._saved:
             return  # a machine that only stood there leaves no file
         self._saved_s = self._last.time_s
         snapshot = replace(
@@ -205,16 +212,16 @@ class Keeper:
             saved_utc=self._utc_now(),
             alarms=alarms,
             track=tuple(self._done.track),
-            ground=self._done.raster(),
+            ground=self._done.make_raster(),
         )
         try:
-            resume.write(self._path, snapshot)
+            resume.write_snapshot(self._path, snapshot)
         except OSError as error:
             self.trouble = f"{self._path}: {error.strerror or error}"
         else:
             self._saved, self.trouble = True, ""
 
-    def _tally(self) -> Tally:
+    def _make_tally(self) -> Tally:
         now = self._snapshot
         return Tally(
             now.held_s,
@@ -229,8 +236,8 @@ class Keeper:
         )
 
 
-class _AfterCut:
-    """What the scale says of what was released after the last row before a cut: its mean while
+class _ReleasedAfterCut:
+    """Measures by the scale the mass released after the last row before a cut: its mean while
     nothing flows, over the first seconds, less than then."""
 
     def __init__(self, model_kg: float, before_kg: float | None) -> None:
@@ -240,7 +247,7 @@ class _AfterCut:
         self._started_s: float | None = None
         self._settled: list[float] = []
 
-    def look(self, row: LogRow) -> None:
+    def take_row(self, row: LogRow) -> None:
         if self._before_kg is None:
             return
         if row.hopper_kg is not None and not row.shaft_rpm_cmd:
@@ -249,18 +256,18 @@ class _AfterCut:
         over = (
             row.shaft_rpm_cmd
             or "refill" in (row.events or "")
-            or (self._started_s is not None and row.time_s - self._started_s >= SCALE_S)
+            or (self._started_s is not None and row.time_s - self._started_s >= SCALE_WINDOW_S)
         )
         if not over:
             return
         if self._settled:
             less_kg = self._before_kg - sum(self._settled) / len(self._settled)
-            self.scale_kg = less_kg if abs(less_kg) < BELIEVED_KG else None
+            self.scale_kg = less_kg if abs(less_kg) < SCALE_STEP_KG else None
         self._before_kg = None
 
 
-def _moved(before: LogRow, row: LogRow) -> bool:
-    """Another set-point on the wire, as in `control.simulation.figures`."""
+def _has_opening_moved(before: LogRow, row: LogRow) -> bool:
+    """Whether the opening's set-point on the wire changed, as in `control.simulation.figures`."""
     if before.opening_mm_cmd is None or row.opening_mm_cmd is None:
         return False
     return row.opening_mm_cmd != before.opening_mm_cmd

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from topdress.console.worker.resume import Refill, Snapshot, drop_last_refill
-from topdress.console.worker.resume_ground import Done
+from topdress.console.worker.resume_ground import DoneGround
 from topdress.control.field.totals import Totaliser
 from topdress.control.geodesy import Place, TangentPlane, offset
 from topdress.control.machine.fall import drop_s
@@ -26,48 +26,50 @@ from topdress.drivers.files.run_log import FLUSH_S
 #
 # By the machine model: the shaft turns on as in the last row until the board stops by itself,
 # then through its dead time and its ramp; the flow follows the shaft. Pure.
-STEP_S = 0.05
+RUN_ON_STEP_S = 0.05
 # rows reach the system this often: half of it is missing in the mean
 UNLOGGED_S = 0.5 * FLUSH_S
-LONGEST_S = 30.0
-STILL = 0.02  # of the speed before: stands
+LONGEST_RUN_ON_S = 30.0
+STANDSTILL_SHARE = 0.02  # of the speed before: stands
 
 
-class After(NamedTuple):
-    """A moment after the last row. `share`: of the last row's flow; 0: only what is in the air
-    still lands."""
+class RunOnMoment(NamedTuple):
+    """Holds a moment after the last row. `share`: of the last row's flow; 0: only what is in the
+    air still lands."""
 
     after_s: float
     share: float
 
 
-def run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[After]:
-    """In steps of `STEP_S`, until nothing lands any more. stops_s: a board stops after so long
-    without its host."""
+def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[RunOnMoment]:
+    """Flow after the last row in steps of `RUN_ON_STEP_S`, until nothing lands any more.
+
+    stops_s: seconds after which a board stops without its host.
+    """
     if shaft_rpm <= 0.0:
         return
     shaft, time_s, share, stood_s = make_shaft_start(shaft_rpm), 0.0, 1.0, None
     supply_v = machine.shaft.nominal_supply_v
-    while time_s < LONGEST_S:
+    while time_s < LONGEST_RUN_ON_S:
         commanded_rpm = shaft_rpm if time_s < UNLOGGED_S + stops_s else 0.0
         shaft, turned = shaft_step(
-            machine.shaft, shaft, ShaftInput(commanded_rpm, 0.0, supply_v), STEP_S
+            machine.shaft, shaft, ShaftInput(commanded_rpm, 0.0, supply_v), RUN_ON_STEP_S
         )
-        time_s += STEP_S
+        time_s += RUN_ON_STEP_S
         share = min(1.0, max(0.0, turned.rpm / shaft_rpm))
-        if share < STILL:
+        if share < STANDSTILL_SHARE:
             stood_s = time_s if stood_s is None else stood_s
             share = 0.0
             if time_s - stood_s > drop_s(machine.fall, shaft_rpm):
                 return
-        yield After(time_s, share)
+        yield RunOnMoment(time_s, share)
 
 
 # minutes at 20 Hz; more than 20 s of rows as full of events as they can be
 TAIL_BYTES = 2_000_000
-MOST_STEP_S = 1.0  # a longer step between rows is a gap
+LONGEST_STEP_S = 1.0  # a longer step between rows is a gap
 # of the scale's readings: five of its correlation times
-SCALE_S = 5.0
+SCALE_WINDOW_S = 5.0
 
 
 class _TailRow(NamedTuple):
@@ -91,22 +93,27 @@ class _TailRow(NamedTuple):
 
     @property
     def has_place(self) -> bool:
+        """Whether the row has place and heading."""
         return isfinite(self.lat_deg + self.lon_deg + self.heading_deg)
 
 
 def add_log_tail(
     snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: float | None = None
 ) -> Snapshot:
-    """The snapshot brought up to the log's last whole row, and beyond it to where nothing fell
-    any more: sums, ground, refills. As it is, where no log is there.
+    """The snapshot brought up to the log's last whole row, and beyond it to where nothing fell any
+    more: sums, ground, refills. Unchanged where there is no log.
 
-    stops_s: the drive stops after so long without its host; None: it ended with the worker, as
-    a simulated one does.
+    Parameters
+    ----------
+    n_fraction: nitrogen in the product, kg/kg.
+    stops_s: the drive stops after so long without its host, s; None: it ended with the worker, as a
+        simulated one does.
     """
     try:
         rows = list(
-            _with_shares(
-                _rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)), machine
+            _add_open_shares(
+                _read_rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)),
+                machine,
             )
         )
     except OSError:
@@ -114,90 +121,94 @@ def add_log_tail(
     if not rows or snapshot.origin_deg is None:
         return snapshot
     way = _OutletWay(snapshot, TangentPlane(*snapshot.origin_deg), machine.geometry.antenna_m)
-    done = Done(machine, snapshot.ground, snapshot.track)
+    done = DoneGround(machine, snapshot.ground, snapshot.track)
     sums = Totaliser(machine.geometry.working_width_m, n_fraction, snapshot.sums)
     held_s, before_s = snapshot.held_s, min(snapshot.time_s, snapshot.sums_s)
     # what lands at the first row was released before it
     rpm = rows[0].shaft_rpm
     begin_s = before_s - (drop_s(machine.fall, rpm) if rpm > 0.0 else 0.0)
-    done.pass_over(begin_s, way.place, way.heading_deg, rpm, 0.0)
+    done.add_outlet_place(begin_s, way.place, way.heading_deg, rpm, 0.0)
     for row in rows:
         step_s = row.time_s - before_s
         # the snapshot's place is of its own last row
         new_s = row.time_s - max(before_s, snapshot.time_s)
         before_s = row.time_s
         flowing = row.state != State.CALIBRATING  # its material lies in a tray
-        done.pass_over(
+        done.add_outlet_place(
             row.time_s,
-            *way.follow(row, min(max(0.0, new_s), MOST_STEP_S)),
+            *way.follow_row(row, min(max(0.0, new_s), LONGEST_STEP_S)),
             row.shaft_rpm if flowing else 0.0,
             row.applied_rate_kg_ha * row.flow_trim,
             row.sections_cmd,
             way.step_m,
         )
         if row.time_s > snapshot.time_s and row.state == State.HELD:
-            held_s += min(step_s, MOST_STEP_S)
-        _add(sums, row, step_s, 0.5 * machine.limits.shaft_low_rpm, row.time_s > snapshot.sums_s)
+            held_s += min(step_s, LONGEST_STEP_S)
+        _add_row_to_sums(
+            sums, row, step_s, 0.5 * machine.limits.shaft_low_rpm, row.time_s > snapshot.sums_s
+        )
     last, place = rows[-1], way.place
     flowed = last.state == State.WORKING and last.shaft_rpm_cmd > 0.0 and not snapshot.quit
     after_cut_kg = (
-        0.0 if stops_s is None or not flowed else _run_on(machine, done, sums, way, last, stops_s)
+        0.0
+        if stops_s is None or not flowed
+        else _add_run_on(machine, done, sums, way, last, stops_s)
     )
     return replace(
         snapshot,
         sums=sums.sums,
-        ground=done.raster(),
+        ground=done.make_raster(),
         track=tuple(done.track),
         place_m=place,
         heading_deg=way.heading_deg,
         held_s=held_s,
         time_s=before_s,
         sums_s=before_s,
-        refills=_refills(snapshot, rows),
+        refills=_list_refills(snapshot, rows),
         after_cut_kg=after_cut_kg,
-        cut_hopper_kg=_hopper_kg(rows, machine.geometry.working_width_m),
+        cut_hopper_kg=_estimate_hopper_kg(rows, machine.geometry.working_width_m),
     )
 
 
 class _OutletWay:
-    """Where the outlets are, from row to row; reckoned on where a row tells no place."""
+    """Tracks the outlets from row to row, by dead reckoning where a row has no place."""
 
     def __init__(self, snapshot: Snapshot, plane: TangentPlane, antenna_m: float) -> None:
         self.place, self.heading_deg = snapshot.place_m, snapshot.heading_deg
         self.step_m = 0.0  # of the last row or step
         self._plane, self._antenna_m = plane, antenna_m
 
-    def follow(self, row: _TailRow, step_s: float) -> tuple[Place | None, float | None]:
-        """Place and heading of a row; no place where it tells none."""
+    def follow_row(self, row: _TailRow, step_s: float) -> tuple[Place | None, float | None]:
+        """Place and heading of a row; no place where it has none."""
         if not row.has_place:
-            self.go_on(row.speed_used_mps, step_s)
+            self.drive_straight(row.speed_used_mps, step_s)
             return None, self.heading_deg
         self.step_m, self.heading_deg = row.speed_used_mps * step_s, row.heading_deg
         antenna = self._plane.to_m(row.lat_deg, row.lon_deg)
         self.place = offset(antenna, self.heading_deg, -self._antenna_m)
         return self.place, self.heading_deg
 
-    def go_on(self, speed_mps: float, step_s: float) -> None:
-        """Straight on."""
+    def drive_straight(self, speed_mps: float, step_s: float) -> None:
+        """Move the place straight on."""
         self.step_m = speed_mps * step_s
         if self.place is not None and self.heading_deg is not None:
             self.place = offset(self.place, self.heading_deg, self.step_m)
 
 
-def _run_on(
+def _add_run_on(
     machine: Machine,
-    done: Done,
+    done: DoneGround,
     sums: Totaliser,
     way: _OutletWay,
     last: _TailRow,
     stops_s: float,
 ) -> float:
-    """Enter what left the outlets after the last row; how much that was, kg."""
+    """Enter the mass that left the outlets after the last row; returns it, kg."""
     kg = 0.0
-    for after in run_on(machine, last.shaft_rpm, stops_s):
-        way.go_on(last.speed_used_mps, STEP_S)
+    for after in predict_run_on(machine, last.shaft_rpm, stops_s):
+        way.drive_straight(last.speed_used_mps, RUN_ON_STEP_S)
         applied = last.applied_rate_kg_ha * last.flow_trim * after.share
-        done.pass_over(
+        done.add_outlet_place(
             last.time_s + after.after_s,
             way.place if last.has_place else None,
             way.heading_deg,
@@ -207,14 +218,16 @@ def _run_on(
             way.step_m,
         )
         if after.share > 0.0:
-            sums.add(STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha, last.open_share)
+            sums.add(
+                RUN_ON_STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha, last.open_share
+            )
             wide_m = last.open_share * machine.geometry.working_width_m
             kg += applied * wide_m * way.step_m / 10_000.0
     return kg
 
 
-def _refills(snapshot: Snapshot, rows: list[_TailRow]) -> tuple[Refill, ...]:
-    """Those of the snapshot and of the rows after it, without those that were taken back."""
+def _list_refills(snapshot: Snapshot, rows: list[_TailRow]) -> tuple[Refill, ...]:
+    """Refills of the snapshot and of the rows after it, without those that were taken back."""
     new = [row for row in rows if row.time_s > snapshot.time_s]
     noted = (
         *snapshot.refills,
@@ -226,14 +239,16 @@ def _refills(snapshot: Snapshot, rows: list[_TailRow]) -> tuple[Refill, ...]:
     return noted
 
 
-def _add(sums: Totaliser, row: _TailRow, step_s: float, turning_rpm: float, is_new: bool) -> None:
-    """A row to the sums, as the loop counts it; only what is not in them yet."""
+def _add_row_to_sums(
+    sums: Totaliser, row: _TailRow, step_s: float, turning_rpm: float, is_new: bool
+) -> None:
+    """Add a row to the sums, as the loop counts it; only what is not in them yet."""
     worked = row.state == State.WORKING and (
         row.shaft_rpm_cmd > 0.0 or row.shaft_rpm >= turning_rpm
     )
     if not worked:
         sums.rest()
-    elif is_new and step_s <= MOST_STEP_S:
+    elif is_new and step_s <= LONGEST_STEP_S:
         sums.add(
             step_s,
             row.speed_used_mps,
@@ -245,8 +260,8 @@ def _add(sums: Totaliser, row: _TailRow, step_s: float, turning_rpm: float, is_n
         sums.add_stopped(row.stopped_kg)
 
 
-def _with_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_TailRow]:
-    """The rows with what was open, where the machine has valves."""
+def _add_open_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_TailRow]:
+    """The rows with the open share of the width, where the machine has valves."""
     if not machine.switched:
         yield from rows
         return
@@ -255,12 +270,12 @@ def _with_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_TailRo
         yield row._replace(open_share=valves.share(valves.open_at(row.time_s, row.sections_cmd)))
 
 
-def _hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
-    """The scale at the last row: the mean of the last readings, each less what was released
-    after it."""
+def _estimate_hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
+    """Mass on the scale at the last row, kg: the mean of the last readings, each less what was
+    released after it."""
     released_kg, before_kg = 0.0, []
-    for row, step_s in _backwards(rows):
-        if rows[-1].time_s - row.time_s > SCALE_S or row.refill_kg > 0.0:
+    for row, step_s in _iterate_backwards(rows):
+        if rows[-1].time_s - row.time_s > SCALE_WINDOW_S or row.refill_kg > 0.0:
             break
         if row.hopper_kg is not None:
             before_kg.append(row.hopper_kg - released_kg)
@@ -271,16 +286,16 @@ def _hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
     return sum(before_kg) / len(before_kg) if before_kg else None
 
 
-def _backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]:
+def _iterate_backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]:
     """Each row from the last one on, with the time since the row before it, s."""
     for number in range(len(rows) - 1, 0, -1):
         yield (
             rows[number],
-            min(MOST_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s)),
+            min(LONGEST_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s)),
         )
 
 
-def _rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
+def _read_rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
     """Whole rows later than `time_s`. Raises OSError."""
     with log.open("rb") as file:
         header = file.readline().decode("utf-8-sig", errors="replace").strip().split(",")
@@ -290,31 +305,32 @@ def _rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
         lines = file.read().decode(errors="replace").split("\n")[1:-1]
     for cells in csv.reader(line for line in lines if len(line) <= LINE.most):
         if len(cells) == len(header):
-            row = _row(dict(zip(header, cells, strict=True)))
+            row = _parse_tail_row(dict(zip(header, cells, strict=True)))
             if row is not None and row.time_s > time_s:
                 yield row
 
 
-def _row(cells: dict[str, str]) -> _TailRow | None:
-    def known(name: str, otherwise: float = 0.0) -> float:
+def _parse_tail_row(cells: dict[str, str]) -> _TailRow | None:
+    def read_number(name: str, otherwise: float = 0.0) -> float:
         return float(cells.get(name) or otherwise)
 
     try:
         events = cells.get("events") or ""
         refills, stopped, back = (
-            _sum_of(events, word) for word in ("refill", "released_stopped", "refill_back")
+            _sum_event_values(events, word)
+            for word in ("refill", "released_stopped", "refill_back")
         )
         return _TailRow(
             time_s=float(cells["time_s"]),
-            lat_deg=known("lat_deg", nan),
-            lon_deg=known("lon_deg", nan),
-            heading_deg=known("heading_deg", nan),
-            speed_used_mps=known("speed_used_mps"),
-            shaft_rpm=known("shaft_rpm"),
-            shaft_rpm_cmd=known("shaft_rpm_cmd"),
-            applied_rate_kg_ha=known("applied_rate_kg_ha"),
-            flow_trim=known("flow_trim", 1.0),
-            target_rate_kg_ha=known("target_rate_kg_ha"),
+            lat_deg=read_number("lat_deg", nan),
+            lon_deg=read_number("lon_deg", nan),
+            heading_deg=read_number("heading_deg", nan),
+            speed_used_mps=read_number("speed_used_mps"),
+            shaft_rpm=read_number("shaft_rpm"),
+            shaft_rpm_cmd=read_number("shaft_rpm_cmd"),
+            applied_rate_kg_ha=read_number("applied_rate_kg_ha"),
+            flow_trim=read_number("flow_trim", 1.0),
+            target_rate_kg_ha=read_number("target_rate_kg_ha"),
             hopper_kg=float(cells["hopper_kg"]) if cells.get("hopper_kg") else None,
             state=cells.get("state", ""),
             refill_kg=refills,
@@ -326,8 +342,8 @@ def _row(cells: dict[str, str]) -> _TailRow | None:
         return None
 
 
-def _sum_of(events: str, word: str) -> float:
-    """Sum of what a row's events tell by this word. Raises ValueError."""
+def _sum_event_values(events: str, word: str) -> float:
+    """Sum of the values of this word in a row's events. Raises ValueError."""
     return sum(
         float(event.partition(" ")[2])
         for event in events.split(";")

@@ -8,13 +8,14 @@ from pathlib import Path
 
 from topdress.drivers.files.limits import RESUME, held_to
 
-FORMAT = "topdress-resume/1"
-ENDING = ".resume.json"
+SNAPSHOT_FORMAT = "topdress-resume/1"
+SNAPSHOT_SUFFIX = ".resume.json"
 # two weeks of a contractor's: jobs left longer ago are not gone on with
-LOOKED_AT = 100
+MOST_SNAPSHOTS = 100
 
 
-def find_saved_ns(path: Path) -> int:
+def read_mtime_ns(path: Path) -> int:
+    """Time of the file's last change, ns; 0 where it cannot be read."""
     try:
         return path.stat().st_mtime_ns
     except OSError:
@@ -22,19 +23,27 @@ def find_saved_ns(path: Path) -> int:
 
 
 def list_newest_first(folder: Path) -> list[Path]:
-    """The snapshots of a folder, as many as are looked at."""
-    return sorted(folder.glob(f"*{ENDING}"), key=find_saved_ns, reverse=True)[:LOOKED_AT]
+    """The snapshots of a folder, the newest `MOST_SNAPSHOTS`."""
+    return sorted(folder.glob(f"*{SNAPSHOT_SUFFIX}"), key=read_mtime_ns, reverse=True)[
+        :MOST_SNAPSHOTS
+    ]
 
 
-def may_go_on(folder: Path) -> bool:
-    """False where every job was ended by its operator, or none was worked. Quick;
-    `resume.find_open_jobs` says which go on indeed."""
+def may_have_open_job(folder: Path) -> bool:
+    """Whether a job may go on: false where each was ended by its operator, or none was worked.
+
+    Quick; `resume.find_open_jobs` reads which go on indeed.
+    """
     for path in list_newest_first(folder):
         try:
             held_to(RESUME, path.stat().st_size, str(path))
             data = json.loads(path.read_bytes())
         except (ValueError, OSError, RecursionError):
             continue
-        if isinstance(data, dict) and data.get("format") == FORMAT and not data.get("finished"):
+        if (
+            isinstance(data, dict)
+            and data.get("format") == SNAPSHOT_FORMAT
+            and not data.get("finished")
+        ):
             return True
     return False

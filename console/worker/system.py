@@ -11,12 +11,12 @@ from pathlib import Path
 
 FIFO_PRIORITY = 20
 # Python's threads hand over at least that often: the loop never waits longer for a thread
-SWITCH_S = 0.001
+SWITCH_INTERVAL_S = 0.001
 
 
-def take_signals(stop: Callable[[str], None]) -> None:
-    """Ctrl-C and a closed terminal are the console's business; a request to terminate is a
-    clean stop."""
+def handle_signals(stop: Callable[[str], None]) -> None:
+    """Ignore Ctrl-C and a closed terminal, which are the console's business; stop cleanly on a
+    request to terminate."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("SIGHUP", "SIGPIPE"):
         if hasattr(signal, name):
@@ -26,14 +26,14 @@ def take_signals(stop: Callable[[str], None]) -> None:
             signal.signal(getattr(signal, name), lambda *_, name=name: stop(name))
 
 
-def take_priority(wanted: str | None) -> str:
-    """Real-time priority for this thread and all that start after it; returns why it was not
+def set_priority(wanted: str | None) -> str:
+    """Set real-time priority for this thread and all that start after it; returns why it was not
     given, or nothing.
 
-    All threads need it: one without it may hold the interpreter's lock while it is not allowed
-    to run.
+    All threads need it: one without it may hold the interpreter's lock while it is not allowed to
+    run.
     """
-    sys.setswitchinterval(SWITCH_S)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     if not wanted:
         return ""
     if sys.platform != "linux":
@@ -48,15 +48,15 @@ def take_priority(wanted: str | None) -> str:
     return ""
 
 
-def private_folder(folder: Path) -> None:
-    """Make the folder where needed, for its owner only. Raises PermissionError where it belongs
-    to somebody else."""
+def make_private_folder(folder: Path) -> None:
+    """Make the folder where needed, for its owner only. Raises PermissionError where it belongs to
+    somebody else."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "geteuid") and folder.stat().st_uid != os.geteuid():
         raise PermissionError(f"{folder}: belongs to another user")
 
 
-def write_private(path: Path, data: bytes) -> None:
+def write_private_file(path: Path, data: bytes) -> None:
     """Write a file that only its owner reads, whole or not at all."""
     unfinished = path.with_name(f"{path.name}.{os.getpid()}")
     unfinished.unlink(missing_ok=True)

@@ -7,37 +7,40 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from topdress.console.frame import Frame, to_json
+from topdress.console.frame import Frame, format_frame_json
 from topdress.console.worker_handshake import GREETING
 from topdress.control.orders import Answer
 
 
-def greeting(pid: int) -> bytes:
+def format_greeting(pid: int) -> bytes:
     """The first line to every client: who listens here, so that a port taken over by another
     program is recognised."""
-    return _line({"hello": GREETING, "pid": pid})
+    return _format_json_line({"hello": GREETING, "pid": pid})
 
 
-def answered(number: int | None, answer: Answer, extra: dict[str, Any]) -> bytes:
-    return _line({"answer": number, "accepted": answer.accepted, "why": answer.why} | extra)
+def format_answer(number: int | None, answer: Answer, extra: dict[str, Any]) -> bytes:
+    """The answer to a request as a line."""
+    return _format_json_line(
+        {"answer": number, "accepted": answer.accepted, "why": answer.why} | extra
+    )
 
 
-def framed(frame: Frame) -> bytes:
-    """The frame as a line; a value that is not finite is not known, so that one of them never
-    blinds the console.
+def format_frame(frame: Frame) -> bytes:
+    """The frame as a line; a value that is not finite is sent as unknown, so that it never blinds
+    the console.
 
     Raises ValueError where something else than the row is not finite.
     """
     try:
-        return to_json(frame)
+        return format_frame_json(frame)
     except ValueError:
         unknown: dict[str, Any] = {
             name: None
             for name, value in frame.row._asdict().items()
             if isinstance(value, float) and not math.isfinite(value)
         }
-        return to_json(replace(frame, row=frame.row._replace(**unknown)))
+        return format_frame_json(replace(frame, row=frame.row._replace(**unknown)))
 
 
-def _line(message: dict[str, Any]) -> bytes:
+def _format_json_line(message: dict[str, Any]) -> bytes:
     return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"

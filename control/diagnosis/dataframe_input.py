@@ -60,7 +60,7 @@ def machine_of(machine: Machine | str) -> Machine:
     """A machine, or the machine file of a path or a shipped name. Raises ValueError."""
     if isinstance(machine, Machine):
         return machine
-    found: Machine = notebook().machine_named(machine)
+    found: Machine = notebook().load_named_machine(machine)
     return found
 
 

@@ -278,7 +278,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """Verdict, causes, rival and gain in at most 15 lines."""
-        return str(notebook().summarise(self))
+        return str(notebook().summarise_diagnosis(self))
 
     def to_frame(self) -> Any:
         """The named causes as a data frame, a row each, of the library that the log came in
@@ -287,7 +287,7 @@ class Diagnosis:
         Columns: id, size, low, high (90 %), unit, probability, onset_s, rate_percent, advice.
         Raises ValueError, one line, where the library is not installed.
         """
-        return notebook().frame_causes(self)
+        return notebook().make_causes_frame(self)
 
     def residuals(self) -> Any:
         """What was measured and predicted, as a data frame of the library that the log came in.
@@ -296,7 +296,7 @@ class Diagnosis:
         predicted (with the named causes), residual (measured less predicted). Raises ValueError,
         one line, where the log is not known or the library is not installed.
         """
-        return notebook().frame_residuals(self)
+        return notebook().make_residuals_frame(self)
 
     def to_json(self) -> dict[str, Any]:
         plain = asdict(replace(self, seen_with=None))
@@ -310,11 +310,11 @@ class Diagnosis:
 
         Raises ValueError, one line, where the log is not known.
         """
-        return notebook().pictures_of(self)
+        return notebook().draw_diagnosis(self)
 
     def _repr_html_(self) -> str:
         """What a notebook shows below a cell that ends with a diagnosis."""
-        return str(notebook().format_html(self))
+        return str(notebook().format_notebook_html(self))
 
 
 class Departure(NamedTuple):

@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 from topdress.console.app.pages.job.checklist import LOOK, OK, checks
 from topdress.console.app.units import METRIC
-from topdress.console.reports.job_about import About, happened, named
+from topdress.console.reports.job_about import JobMetadata, find_job_events, format_names
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.days import days_above_base
 from topdress.control.agronomy.growth import Growth, GrowthStage, GrowthWindow, growth_of
@@ -98,10 +98,10 @@ def test_the_report_says_it():
                 ]
             )
 
-    told = happened(Log())
+    told = find_job_events(Log())
     assert told.growth == "feekes 8 (4 to 6)"
-    assert "rule: feekes 8 (4 to 6)" in named(About(happened=told), "urea")
-    assert "Growth stage" not in named(About(), "urea")
+    assert "rule: feekes 8 (4 to 6)" in format_names(JobMetadata(happened=told), "urea")
+    assert "Growth stage" not in format_names(JobMetadata(), "urea")
 
 
 def test_check_says_it(tmp_path):

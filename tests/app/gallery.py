@@ -23,8 +23,8 @@ from topdress.console.app.replay_source import ReplaySource
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.frame import DeviceDo, Frame
-from topdress.console.locale import ENGLISH, use
-from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.console.locale import ENGLISH, use_language
+from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.control.diagnosis.result import Departure
 from topdress.control.orders import Answer, Order, State
 
@@ -46,22 +46,22 @@ class StillSource:
         self.answer = Answer(True)
         self.end: asyncio.Future[None] | None = None
 
-    async def run(self) -> None:
+    async def run_connection(self) -> None:
         """Waits until `end` is given an error."""
         self.end = asyncio.get_running_loop().create_future()
         await self.end
 
-    async def order(self, order: Order) -> Answer:
+    async def send_order(self, order: Order) -> Answer:
         if self.end is not None and self.end.done():
             self.end.result()
         self.orders.append(order)
         return self.answer
 
-    async def device(self, name: str, do: DeviceDo) -> Answer:
+    async def send_device_order(self, name: str, do: DeviceDo) -> Answer:
         self.device_orders.append((name, do))
         return self.answer
 
-    async def lag_test(self, begin: bool) -> Answer:
+    async def send_lag_test_order(self, begin: bool) -> Answer:
         self.lag_tests.append(begin)
         return self.answer
 
@@ -275,12 +275,12 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
 async def _lay_over(app: TopdressApp, picture: Picture) -> None:
     """What lies over the page in some pictures."""
     if picture.screen == "alarm-list":
-        app.alarm_book = AlarmBook()
+        app.alarm_book = AlarmHistory()
         for frame in _frames()[-200:]:
             standing = [
                 one for one in sample_alarms(_frames()[-1].at_s) if one.since_s <= frame.at_s
             ]
-            app.alarm_book.see(frame.row.time_s, frame.row.utc, standing)
+            app.alarm_book.add_row_alarms(frame.row.time_s, frame.row.utc, standing)
         await app.action_do("alarm_list")
     if picture.screen == "power-cut":
         app.ask_to_go_on(SampleJobService(cut_off=CUT_OFF))
@@ -360,7 +360,7 @@ def main(folder: str) -> None:
         print(f"{picture.name}.svg")
     drawn = [(target / f"{name}.svg").read_text(encoding="utf-8") for name in MOVING]
     (target / "moving.svg").write_text(moving(drawn), encoding="utf-8")
-    use(ENGLISH)
+    use_language(ENGLISH)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ import pytest
 from topdress.console.app.alarms import AGAIN_S, LEAST_APART_S, Bell, entries
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.units import METRIC
-from topdress.console.services.sound import Player
-from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.console.services.sound import SoundPlayer
+from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.control.orders import Alarm, Do, Severity
 
 from tests.app.harness import feed
@@ -71,18 +71,18 @@ async def test_the_bell_is_heard_unless_it_is_off(app, source, clock):
 
 
 def test_an_entry_says_when_how_often_and_what_to_do():
-    book = AlarmBook()
-    book.see(1.0, "2026-03-18T06:12:01Z", (RED,))
-    book.see(2.0, "2026-03-18T06:12:02Z", ())
-    book.see(9.0, "2026-03-18T06:12:09Z", (RED._replace(acknowledged=True),))
+    book = AlarmHistory()
+    book.add_row_alarms(1.0, "2026-03-18T06:12:01Z", (RED,))
+    book.add_row_alarms(2.0, "2026-03-18T06:12:02Z", ())
+    book.add_row_alarms(9.0, "2026-03-18T06:12:09Z", (RED._replace(acknowledged=True),))
     (entry,) = entries(book.records, METRIC, 8 * 3600.0)
     assert (
         entry.when == "first 14:12:01  last 14:12:09  2 times  acknowledged 14:12:09"
         and entry.stands
     )
     assert entry.todo == "Stop. Check power and cable of the drive board."
-    book = AlarmBook()
-    book.see(3.0, None, (RED, AMBER))
+    book = AlarmHistory()
+    book.add_row_alarms(3.0, None, (RED, AMBER))
     red, amber = entries(book.records, METRIC, 0.0)
     assert (
         red.when == "first 3 s  last 3 s  once  not acknowledged"
@@ -157,7 +157,7 @@ async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_con
 
 
 def test_a_player_begins_a_command_and_does_not_wait(tmp_path):
-    player = Player()
+    player = SoundPlayer()
     assert "no-such-player" in player("no-such-player siren.oga")
     assert player('"unclosed') != ""
     slow = f"{sys.executable} -c 'import time; time.sleep(30)'"

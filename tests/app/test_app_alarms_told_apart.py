@@ -13,8 +13,8 @@ from topdress.console.app.alarms import entries
 from topdress.console.app.units import METRIC
 from topdress.console.app.view import alarms
 from topdress.console.app.widgets.alarm_bar import AlarmBar
-from topdress.console.frame import from_json, to_json
-from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.console.frame import format_frame_json, parse_frame
+from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.control.orders import Severity
 
 from tests.app.harness import lab, later, linear, text_of, turned
@@ -60,22 +60,22 @@ def test_the_four_kinds_of_a_red_alarm_all_differ(frames):
 
 def test_a_frame_carries_when_the_cause_went(frames):
     frame = frame_with(frames[-1], gone=True)
-    again = from_json(json.loads(to_json(frame)))
+    again = parse_frame(json.loads(format_frame_json(frame)))
     assert again.alarms == frame.alarms and again.alarms[0].gone_s is not None
 
 
 def test_the_book_and_the_list_keep_it_and_forget_it(frames):
-    book = AlarmBook()
+    book = AlarmHistory()
     red = sample_alarms(0.0)[0]
-    book.see(1.0, "2026-03-18T06:00:01Z", [red])
+    book.add_row_alarms(1.0, "2026-03-18T06:00:01Z", [red])
     assert not entries(book.records, METRIC, 0.0)[0].gone
-    book.see(2.0, "2026-03-18T06:00:02Z", [red._replace(gone_s=1.5)])
-    book.see(3.0, "2026-03-18T06:00:03Z", [red._replace(gone_s=1.5)])
+    book.add_row_alarms(2.0, "2026-03-18T06:00:02Z", [red._replace(gone_s=1.5)])
+    book.add_row_alarms(3.0, "2026-03-18T06:00:03Z", [red._replace(gone_s=1.5)])
     entry = entries(book.records, METRIC, 0.0)[0]
     assert (
         entry.gone and "cause gone at 06:00:02" in entry.when and "not acknowledged" in entry.when
     )
-    book.see(4.0, "2026-03-18T06:00:04Z", [red])
+    book.add_row_alarms(4.0, "2026-03-18T06:00:04Z", [red])
     assert not entries(book.records, METRIC, 0.0)[0].gone, "it came back"
 
 

@@ -221,23 +221,23 @@ def driven(right_m=1.5, side_m=100.0):
 
 
 def test_the_edge_lies_beside_the_way_and_keeps_its_area():
-    from topdress.console.services.driven_field import driven_field
+    from topdress.console.services.driven_field import make_driven_field
     from topdress.control.field.job import Ground
 
     for right_m, side in ((0.0, 100.0), (-1.5, 97.0), (1.5, 103.0)):
         drive = driven(-right_m)  # anticlockwise: to the right is outside
         assert drive.enough and drive.open_m < 3.0
-        field, area_ha = driven_field(Ground(), drive.ring_deg())
+        field, area_ha = make_driven_field(Ground(), drive.ring_deg())
         assert area_ha == pytest.approx(side * side / 1e4, rel=0.01)
         assert 4 <= len(field.boundary_m) <= 16, "corners that say nothing are left out"
 
 
 def test_a_way_that_encloses_nothing_is_refused():
-    from topdress.console.services.driven_field import driven_field
+    from topdress.console.services.driven_field import make_driven_field
     from topdress.control.field.job import Ground
 
     with pytest.raises(ValueError, match="allowed is"):
-        driven_field(Ground(), ((34.28, 119.88), (34.281, 119.88)))
+        make_driven_field(Ground(), ((34.28, 119.88), (34.281, 119.88)))
 
 
 async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned, pilot):

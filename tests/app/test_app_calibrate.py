@@ -161,7 +161,7 @@ async def test_a_worker_that_is_gone_ends_the_run(app, source, clock, pilot, pag
     async def gone(order):
         raise WorkerGone("gone")
 
-    source.order = gone
+    source.send_order = gone
     await hold_mouse(pilot, page, "cal_run")
     assert not page.runner.held.down(clock.now_s) and app.gone
 

@@ -31,8 +31,8 @@ from topdress.console.app.pages.diagnosis.residual_plot import (
 from topdress.console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve, WorkStopped
 from topdress.console.app.services import Services
 from topdress.console.app.units import IMPERIAL, METRIC
-from topdress.console.locale import catalogue, use
-from topdress.console.reports.diagnosis_wording import sentence, title_of
+from topdress.console.locale import read_catalogue, use_language
+from topdress.console.reports.diagnosis_wording import find_effect_title, format_verdict_line
 from topdress.control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
 from topdress.control.machine.machine import CATALOGUE
 from topdress.control.orders import Do
@@ -486,14 +486,16 @@ def test_a_view_goes_through_json_and_comes_back():
 
 
 def test_verdicts_in_one_line():
-    assert "Everything is as the machine file says" in sentence(sample_found("none").found)
+    assert "Everything is as the machine file says" in format_verdict_line(
+        sample_found("none").found
+    )
     assert diagnosis_words.todo(sample_found("none")) == "Nothing to do."
     named = sample_found("named")
-    assert sentence(named.found) == "Flutes fill less at high shaft speed."
+    assert format_verdict_line(named.found) == "Flutes fill less at high shaft speed."
     assert diagnosis_words.todo(named) == "Work at a larger opening and a lower shaft speed."
     one = replace(named.found.causes[0], rivals=sample_found().found.causes[0].rivals[:1])
     two = replace(named.found, verdict="ambiguous", causes=(one,))
-    assert sentence(two) == (
+    assert format_verdict_line(two) == (
         "Flutes fill less at high shaft speed, or: Kilograms per revolution off by a factor. This "
         "data cannot tell."
     )
@@ -502,7 +504,7 @@ def test_verdicts_in_one_line():
         verdict="unexplained",
         unexplained=(Unexplained("flow", "supply_v", 0.4),),
     )
-    assert sentence(left) == (
+    assert format_verdict_line(left) == (
         "flow changes with supply; none of the known causes fits: "
         "that is 40 % of the error not yet explained."
     )
@@ -616,8 +618,8 @@ def test_letters_stand_at_files_that_are_shown(monkeypatch, files, rows):
 
 
 def test_every_effect_of_the_catalogue_is_known_in_chinese():
-    known = catalogue("zh").texts
-    assert known.get(title_of(UNKNOWN))
+    known = read_catalogue("zh").texts
+    assert known.get(find_effect_title(UNKNOWN))
     for entry in CATALOGUE.values():
         for text in (
             entry.effect.title,
@@ -637,7 +639,7 @@ def test_the_plans_of_all_manoeuvres_are_known():
 
     plans = {one.id: one.plan for one in manoeuvres(load("huanghai", MACHINE).model)}
     assert (
-        all(map(catalogue("zh").texts.get, plans.values()))
+        all(map(read_catalogue("zh").texts.get, plans.values()))
         and sample_found().found.next_run.plan == plans["stairs"]
     )
 
@@ -656,7 +658,7 @@ async def test_a_chinese_page_has_no_english_sentence(source, clock, service, sh
             for word in ("causes", "channel", "before", "advice", "Flutes", "noise")
             if word in text
         ]
-    use("en")
+    use_language("en")
 
 
 def test_a_curve_with_names_is_drawn_by_places():

@@ -22,7 +22,7 @@ from topdress.console.app.refresh_rates import Pace
 from topdress.console.app.units import IMPERIAL, METRIC
 from topdress.console.app.widgets.panel import fit, right, spread
 from topdress.console.app.widgets.tiles import bar
-from topdress.console.scale import STEPS, colour, round_calm_ends
+from topdress.console.scale import COLOUR_STEPS, find_rate_colour, round_calm_ends
 from topdress.control.log_row import LogRow
 
 from tests.app.harness import dots
@@ -66,7 +66,7 @@ def lightness(rgb):
 
 
 def test_the_scale_s_lightness_rises_evenly():
-    steps = [lightness(colour(i / (STEPS - 1))) for i in range(STEPS)]
+    steps = [lightness(find_rate_colour(i / (COLOUR_STEPS - 1))) for i in range(COLOUR_STEPS)]
     rises = [b - a for a, b in pairwise(steps)]
     assert min(rises) > 0
     assert max(rises) < 2.2 * sum(rises) / len(rises)
@@ -88,7 +88,7 @@ def test_colour_blind_eyes_keep_the_ends_apart(matrix):
             for row in matrix
         ]
 
-    places = [seen(colour(share / 4)) for share in range(5)]
+    places = [seen(find_rate_colour(share / 4)) for share in range(5)]
     for a, b in pairwise(places):
         assert sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True))) > 30
 

@@ -15,7 +15,7 @@ from topdress.console.app.widgets.choice_list import ChoiceList
 from topdress.console.cli import screens
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
-from topdress.console.services.recent import recent
+from topdress.console.services.recent import find_recent_sets
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.config import load, save, shipped
 from topdress.drivers.files.kinds import JOB
@@ -112,7 +112,7 @@ async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_lef
 
 
 async def test_nothing_to_choose_from_is_no_question(full):
-    full.services.job.recent = lambda: ()
+    full.services.job.list_recent = lambda: ()
     async with full.run_test(size=(120, 40)) as pilot:
         await asked(full, pilot)
         assert full.screen is full.page
@@ -152,7 +152,7 @@ def test_recent_jobs_are_sets_of_files_the_newest_first(tmp_path):
     save(
         own / "jobs" / "new.yaml", load("demo", JOB).model.model_copy(update={"title": "new"}), JOB
     )
-    found = recent(logs, own)
+    found = find_recent_sets(logs, own)
     assert [(one.job, one.began_utc[:10]) for one in found] == [
         ("north", "2026-03-13"),
         ("south", "2026-03-12"),
@@ -161,10 +161,10 @@ def test_recent_jobs_are_sets_of_files_the_newest_first(tmp_path):
     assert found[1].field == "By the river" and found[0].files == (str(jobs["north"]), str(machine))
     launcher = Launcher((), (), 1, 20.0, None, tmp_path / "trouble.log")
     desk = JobFiles(launcher, own)
-    desk.take_recent(found[1])
+    desk.choose_recent(found[1])
     jobs["south"].write_text("format: topdress-job/1\ncolour: red\n")
     with pytest.raises(ValueError, match="south"):
-        desk.take_recent(found[1])
+        desk.choose_recent(found[1])
     assert dt.date.fromisoformat(found[0].began_utc[:10]) and launcher.config == ()
 
 

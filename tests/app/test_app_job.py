@@ -504,7 +504,7 @@ async def test_an_export_that_fails_is_a_line_and_escape_cancels(app, desk, show
         go.append("ended")
         return ("never.html",)
 
-    desk.report = slow
+    desk.write_reports = slow
     await pilot.press("q", "4", "enter")
     await asyncio.wait_for(begun.wait(), 30)
     await looked(app, pilot)
@@ -553,7 +553,9 @@ async def test_another_job_on_the_command_line_holds_either_way_and_that_is_said
 
 async def test_escape_begins_nothing_and_c_asks_again(clock):
     desk = SampleJobService(cut_off=OFFER)
-    app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
+    app = TopdressApp(
+        None, clock, live=False, services=Services(job=desk), start=desk.restart_worker
+    )
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("escape")
         assert desk.asked == [] and "X connects" in app.notice_text
@@ -562,7 +564,7 @@ async def test_escape_begins_nothing_and_c_asks_again(clock):
 
 
 async def test_a_worker_that_died_is_offered_to_go_on(app, desk, source, frames):
-    app.start = desk.restart
+    app.start = desk.restart_worker
     async with app.run_test(size=SIZE) as pilot:
         desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
         source.end.set_exception(WorkerGone("gone"))

@@ -17,7 +17,7 @@ from topdress.console.app.pages.job.map_dialog import MapDialog
 from topdress.console.app.pages.job.service import File
 from topdress.console.app.remaining_work import remaining_work
 from topdress.console.app.units import METRIC
-from topdress.console.scale import colour
+from topdress.console.scale import find_rate_colour
 
 from tests.app.harness import settled
 from tests.app.made_up.job import FACTS, SampleJobService
@@ -197,7 +197,7 @@ async def test_a_small_map_is_the_large_one_s_drawing(full, pilot):
         )
         for cell in row
     ]
-    low, high = ("#{:02x}{:02x}{:02x}".format(*colour(share)) for share in (0.0, 1.0))
+    low, high = ("#{:02x}{:02x}{:02x}".format(*find_rate_colour(share)) for share in (0.0, 1.0))
     assert any(low in style for _text, style in planned) and any(
         high in style for _text, style in planned
     )

@@ -14,7 +14,7 @@ from topdress.console.app.type_ahead_guard import PAUSE_S
 from topdress.console.app.widgets.choice_list import ChoiceList
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
-from topdress.console.services.removable_media import entries
+from topdress.console.services.removable_media import list_entries
 from topdress.control.orders import Do, Order
 
 from tests.app.harness import settled
@@ -151,7 +151,7 @@ def test_all_crops_of_the_house_are_listed(tmp_path):
     """Two of thirteen could not be reached at any size."""
     facts = JobFiles(
         Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path
-    ).facts()
+    ).find_facts()
     shipped = {path.stem for path in Path("configs/crops").glob("*.yaml")}
     assert {one.label for one in facts.crops} == shipped
     (tmp_path / "jobs").mkdir()
@@ -161,7 +161,7 @@ def test_all_crops_of_the_house_are_listed(tmp_path):
         )
     facts = JobFiles(
         Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path
-    ).facts()
+    ).find_facts()
     assert len(facts.jobs) == 20 + len(list(Path("configs/jobs").glob("*.yaml")))
 
 
@@ -217,4 +217,4 @@ def test_a_folder_lists_files_of_the_kind_that_is_wanted(tmp_path):
         ("machine", "a-machine.yaml"),
         ("map", "zones.geojson"),
     ):
-        assert [one.name for one in entries(tmp_path, kind)] == ["..", "sub/", name]
+        assert [one.name for one in list_entries(tmp_path, kind)] == ["..", "sub/", name]

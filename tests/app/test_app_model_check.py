@@ -8,8 +8,8 @@ from dataclasses import replace
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.pages.run.page import ModelCheck, model_check_texts
 from topdress.console.app.services import Services
-from topdress.console.locale import use
-from topdress.console.reports.live_words import departure_line
+from topdress.console.locale import use_language
+from topdress.console.reports.live_words import format_departure
 from topdress.control.diagnosis.result import Departure
 
 from tests.app.gallery import StillSource
@@ -39,7 +39,7 @@ def test_the_line_says_what_since_when_and_why(frames):
     )[0]
     assert "flow is not as it should be. Perhaps: " in unsure
     assert (
-        departure_line(Departure("gate", "", 3.0, None), "") == "3 % too much spread, by the gate"
+        format_departure(Departure("gate", "", 3.0, None), "") == "3 % too much spread, by the gate"
     )
 
 
@@ -85,23 +85,23 @@ def test_the_plan_of_a_run_is_said_in_chinese_too(frames):
         adoptable=False,
         next_run="Two ground speeds: 3 and 6 km/h in turn, two minutes each.",
     )
-    use("zh")
+    use_language("zh")
     try:
         assert (
             "ground speeds"
             not in model_check_texts(unsure, with_row(frames[-1], state="held"), 0.0)[0]
         )
     finally:
-        use("en")
+        use_language("en")
 
 
 def test_in_chinese(frames):
-    use("zh")
+    use_language("zh")
     try:
         frame = with_row(frames[-1], state="held")
         assert "流量少 4 %" in model_check_texts(FOUND, frame, 0.0)[0]
     finally:
-        use("en")
+        use_language("en")
 
 
 async def test_the_row_is_there_only_while_something_departs(clock, frames, shown):

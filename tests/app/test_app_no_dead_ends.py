@@ -42,7 +42,9 @@ async def test_escape_at_the_resume_question_says_what_connects_for_as_long_as_n
 ):
     """ "Waiting for the first values", for ever."""
     desk = SampleJobService(cut_off=OFFER)
-    app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
+    app = TopdressApp(
+        None, clock, live=False, services=Services(job=desk), start=desk.restart_worker
+    )
     async with app.run_test(size=size) as pilot:
         await pilot.press("escape")
         for _minute in range(3):
@@ -96,7 +98,12 @@ async def test_a_machine_that_ends_by_itself_is_started_anew_with_the_files_of_t
     desk = SampleJobService()
     desk.next = StillSource(frames[-1])
     app = TopdressApp(
-        source, clock, live=False, services=Services(job=desk), joined=JOINED, start=desk.restart
+        source,
+        clock,
+        live=False,
+        services=Services(job=desk),
+        joined=JOINED,
+        start=desk.restart_worker,
     )
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("escape")

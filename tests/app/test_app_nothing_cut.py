@@ -28,7 +28,7 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import Panel
 from topdress.console.app.widgets.rates import Rates
 from topdress.console.app.widgets.status_line import StatusLine
-from topdress.console.locale import list_languages, use
+from topdress.console.locale import list_languages, use_language
 from topdress.control.orders import Alarm, Severity
 from topdress.control.safety import ALARMS
 from topdress.control.targets.map_check import MapCheck
@@ -192,7 +192,7 @@ async def test_the_finder_finds_a_row_of_buttons_that_runs_out(picture, columns,
     "width", [60, 120, *(pytest.param(width, marks=pytest.mark.exam) for width in (100, 80))]
 )
 def test_every_alarm_is_read_to_its_end(frames, language, width):
-    use(language)
+    use_language(language)
     frame = frames[-1]
     # most alarms tell nothing that has another unit: drawn once
     found, drawn = {}, set()
@@ -221,7 +221,7 @@ def test_every_alarm_is_read_to_its_end(frames, language, width):
 @pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize(("width", "height"), [(76, 8), (62, 7), (80, 7)])
 def test_every_reason_for_another_rate_is_read_to_its_end(language, width, height):
-    use(language)
+    use_language(language)
     for some in [*((one,) for one in words.NOTES), *combinations(words.NOTES, 2)]:
         note = tuple(words.name_note(one) for one in some)
         view = RatesView(
@@ -237,7 +237,7 @@ def test_every_reason_for_another_rate_is_read_to_its_end(language, width, heigh
 @pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize("width", WIDTHS)
 def test_every_refusal_is_read_to_its_end(language, width):
-    use(language)
+    use_language(language)
     for why in words.ANSWERS:
         text = f"refused: {words.describe_refusal(why)}"
         bar = NoticeRows("")
@@ -249,7 +249,7 @@ def test_every_refusal_is_read_to_its_end(language, width):
 @pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize("width", WIDTHS)
 def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
-    use(language)
+    use_language(language)
     bar = StatusLine(StatusView("", "", "", "", "", "", (), "", "", ""))
     for state, source, silent in product(words.STATES, words.SOURCES, ("", "NO DATA 12 s")):
         view = StatusView(

@@ -20,7 +20,7 @@ from topdress.console.app.pages.job.refill import RefillWatch
 from topdress.console.app.services import Services
 from topdress.console.app.typed_number import format_number, inside, read, read_in_range
 from topdress.console.app.units import IMPERIAL, METRIC
-from topdress.console.locale import use
+from topdress.console.locale import use_language
 from topdress.control.orders import Do, Order
 
 from tests.app.harness import feed
@@ -88,7 +88,7 @@ def test_anything_else_is_refused_in_words(text, why):
 
 @pytest.mark.parametrize("text", [*TAKEN, *REFUSED])
 def test_a_refusal_in_chinese_too(text):
-    use("zh")
+    use_language("zh")
     reading = read(text)
     assert reading.value is not None or any("\u4e00" <= one <= "\u9fff" for one in reading.why)
 

@@ -72,8 +72,8 @@ def test_no_command_lets_a_text_steer():
     for terminal in (True, False):
         master, slave = pty.openpty() if terminal else os.pipe()
         said = (
-            "import sys, typer; from topdress.console.cli.plain_output import take_outputs; "
-            "take_outputs();"
+            "import sys, typer; from topdress.console.cli.plain_output import replace_streams; "
+            "replace_streams();"
             "typer.echo('map \\x1b]0;taken\\x07 of \\x9b2J'); typer.echo('bad \\x1b[2J', err=True);"
             "sys.stderr.write('\\r\\x1b[K 12 %')"
         )
@@ -148,11 +148,11 @@ def test_where_there_is_none_nothing_stands():
 def test_a_console_that_is_not_seen_says_nothing():
     said = []
     link = Link(WorkerAddress(1, "token", 1))
-    link._send = lambda _number, message: said.append(message)
+    link._write_message = lambda _number, message: said.append(message)
 
     async def words(shows, count):
         link.shows = lambda: shows
-        link._keep_alive()
+        link._send_keep_alive()
         await asyncio.sleep(0.35)
         link._next_word.cancel()
         assert (len(said) >= count) if shows else not said

@@ -25,7 +25,7 @@ from topdress.console.app.pages.all import SCREENS
 from topdress.console.cli.screens import make_run_services
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
-from topdress.console.services.settings import settings_store
+from topdress.console.services.settings import read_settings_store
 from topdress.drivers.files.setup import by_kind, setup_of
 
 WATCHED = {
@@ -90,7 +90,9 @@ def app(source, clock, tmp_path, monkeypatch):
     found = by_kind(())
     setup = setup_of(found, dt.date(2026, 3, 18))
     services = replace(
-        make_run_services(lambda: (setup, found)), job=JobFiles(launcher), settings=settings_store()
+        make_run_services(lambda: (setup, found)),
+        job=JobFiles(launcher),
+        settings=read_settings_store(),
     )
     source.newest = replace(source.newest, log_path=str(log))
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)

@@ -309,12 +309,12 @@ class Shelf:
     def __init__(self, job, names=("new.csv", "broken.csv")):
         self.job, self.names = job, names
 
-    def logs(self):
+    def list_logs(self):
         return tuple(
             LogFile(f"/logs/{name}", name, "2026-03-18 14:02", "1.2 MB") for name in self.names
         )
 
-    def open(self, path):
+    def open_log(self, path):
         if "broken" in path:
             raise ValueError(f"{path}, row 3: time_s: 'x' is not a number")
         return self.job

@@ -433,7 +433,7 @@ async def test_the_first_frame_waits_for_no_tick(frames, monkeypatch, shown):
 
 async def test_a_worker_that_never_came_up_ends_the_console_with_its_line():
     class NeverThere(StillSource):
-        async def run(self):
+        async def run_connection(self):
             raise WorkerFailed("the machine did not start: no such port")
 
     app = TopdressApp(NeverThere(None), live=False, utc_offset_s=0.0)

@@ -15,7 +15,7 @@ from topdress.console.app.pages.job.service import AtWork
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.app.view import why_other_rate
-from topdress.console.cli.screens import _join
+from topdress.console.cli.screens import _join_running
 from topdress.console.link import WorkerGone
 from topdress.console.running import WorkerAddress
 from topdress.console.services.launcher import Launcher
@@ -205,7 +205,7 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
     """The log of the machine that runs was removed: the console named its own file as what that
     machine goes by."""
     launcher = Launcher(("/cabs/ours.yaml",), (), 1, 20.0, None, tmp_path / "trouble")
-    joined = _join(
+    joined = _join_running(
         launcher, WorkerAddress(1, "x", 2, "2026-11-23T07:12:00+00:00", str(tmp_path / "gone.csv"))
     )
     app = TopdressApp(

@@ -12,8 +12,8 @@ from topdress.console.app.coverage_raster import KINDS, Spot, Worked, find_spot
 from topdress.console.app.pages.run.keys import allow_choices
 from topdress.console.app.pages.run.section_bar import section_choices, section_parts
 from topdress.console.app.words import SECTIONS
-from topdress.console.frame import Frame, from_json, to_json
-from topdress.console.locale import use
+from topdress.console.frame import Frame, format_frame_json, parse_frame
+from topdress.console.locale import use_language
 from topdress.control.log_row import LogRow
 from topdress.control.orders import WHY_CLOSED, Do, Order, SectionState
 
@@ -30,7 +30,7 @@ def text_of(parts):
 def test_neighbours_that_are_alike_stand_together():
     assert text_of(section_parts(STATES)) == " sections   1-2 open   3 outside   4 BY HAND"
     assert set(SECTIONS) == set(WHY_CLOSED)
-    use("zh")
+    use_language("zh")
     assert text_of(section_parts(STATES)) == " 分段   1-2 打开   3 田外   4 手动关闭"
 
 
@@ -38,8 +38,8 @@ def test_sections_come_through_the_wire():
     frame = Frame(3, 1.5, LogRow(1.5, sections_cmd="1;1;0;0"), sections=STATES)
     import json
 
-    assert from_json(json.loads(to_json(frame))) == frame
-    assert from_json(json.loads(to_json(Frame(3, 1.5, LogRow(1.5))))).sections == ()
+    assert parse_frame(json.loads(format_frame_json(frame))) == frame
+    assert parse_frame(json.loads(format_frame_json(Frame(3, 1.5, LogRow(1.5))))).sections == ()
 
 
 @pytest.mark.parametrize("size", [(80, 24), (100, 30), (120, 40)])

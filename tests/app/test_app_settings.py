@@ -16,7 +16,7 @@ from topdress.console.app.pages.settings.page import SettingsList, ThemeDialog
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.services import Services
 from topdress.console.app.settings import find_key_clash, keymap_problem, make_theme
-from topdress.console.locale import in_use, list_languages
+from topdress.console.locale import find_language_code, list_languages
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.settings import Settings, read_settings, write_settings
 from topdress.drivers.files.settings_theme import ThemeData
@@ -65,7 +65,7 @@ async def test_a_choice_takes_effect_at_once_and_is_kept(app, kept, pilot):
     assert app.theme == "contrast" and in_file(kept).theme == "contrast"
     await on_settings(app, pilot, "language")
     await pilot.press("enter", "3", "enter")
-    assert in_use() == "zh" and in_file(kept).language == "zh"
+    assert find_language_code() == "zh" and in_file(kept).language == "zh"
 
 
 async def test_escape_changes_nothing_and_writes_nothing(app, kept, pilot):

@@ -93,7 +93,9 @@ DIALOGS = {
     ChoiceDialog: lambda: ChoiceDialog("Which?", [Choice("a", "A"), Choice("b", "B")], "a"),
     NumberDialog: lambda: NumberDialog("How much?", "kg", 0, 100),
     TextDialog: lambda: TextDialog("Read", "this"),
-    MapDialog: lambda: MapDialog(SampleJobService().preview("north.geojson", MapReading()), METRIC),
+    MapDialog: lambda: MapDialog(
+        SampleJobService().preview_map("north.geojson", MapReading()), METRIC
+    ),
     NameDialog: lambda: NameDialog("Name", "abc"),
     ChannelDialog: lambda: ChannelDialog((), METRIC, lambda chosen: None),
     GoneScreen: lambda: GoneScreen("gone", True, True),

@@ -16,7 +16,7 @@ from topdress.console.app.services import Services
 from topdress.console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
 from topdress.console.app.widgets.field_map import FieldMap
 from topdress.console.app.widgets.key_bar import KeyBar
-from topdress.console.services.line_files import KeptLineFiles, LinesSeen
+from topdress.console.services.line_files import KeptLineFiles, ReadOnlyLineFiles
 from topdress.control.orders import Do
 
 from tests.app.gallery import StillClock, StillSource
@@ -214,8 +214,8 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
     log = tmp_path / "run.csv"
     frame = replace(frames[-1], log_path=str(log))
     files = KeptLineFiles()
-    files.append(str(log), make_line_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
-    files.close()
+    files.append_record(str(log), make_line_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
+    files.close_files()
     before = Earlier((), tuple((500.0, float(k), 0.0, 300.0) for k in range(40)))
     app = TabletApp(
         StillSource(frame),
@@ -224,7 +224,7 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
         clock=StillClock(),
         live=False,
         services=Services(
-            earlier=lambda path: before if path == str(log) else None, lines=LinesSeen()
+            earlier=lambda path: before if path == str(log) else None, lines=ReadOnlyLineFiles()
         ),
     )
     async with app.run_test(size=(120, 40)) as pilot:
@@ -232,5 +232,5 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
         assert app.history.worked.box.east_m > 400.0 and app.guide.b == (0.0, 50.0)
         app.guide.clear()
         app.keep_line(make_line_record(app.guide))
-        app.services.lines.close()
-    assert KeptLineFiles().read(str(log)).guide.set
+        app.services.lines.close_files()
+    assert KeptLineFiles().read_lines(str(log)).guide.set

@@ -160,14 +160,14 @@ async def test_what_was_refused_is_no_change(full, source):
 
 
 async def test_no_page_gives_an_order_past_the_one_place():
-    """`source.order` is called where changes are noted, and by the calibration's runs, which
+    """`source.send_order` is called where changes are noted, and by the calibration's runs, which
     order no change."""
     root = Path(console_app.__file__).parent
     texts = {
         str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in root.rglob("*.py")
     }
-    callers = {name for name, text in texts.items() if ".order(" in text}
-    assert callers == {"app.py", "pages/calibrate/page.py", "pages/devices/keys.py"}
+    callers = {name for name, text in texts.items() if ".send_order(" in text}
+    assert callers == {"app.py", "pages/calibrate/page.py"}
     adders = {name for name, text in texts.items() if "undo.add(" in text}
     assert adders == {"app.py", "pages/settings/page.py"}
 

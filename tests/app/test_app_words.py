@@ -16,11 +16,11 @@ from topdress.console.app.pages.job.checklist import read_crop_note
 from topdress.console.locale import (
     N_,
     _,
-    catalogue,
+    find_language_code,
     find_preferred_language,
-    in_use,
     list_languages,
-    use,
+    read_catalogue,
+    use_language,
 )
 from topdress.console.locale.po import read_po
 from topdress.control.machine.form import FORMS
@@ -127,7 +127,7 @@ def fields(text: str) -> set[str]:
 
 @pytest.mark.parametrize("language", [code for code in list_languages() if code != "en"])
 def test_every_text_is_translated_and_keeps_its_values(language):
-    known = catalogue(language).texts
+    known = read_catalogue(language).texts
     missing = {text: where for text, where in all_texts().items() if not known.get(text)}
     assert not missing
     assert {text for text in all_texts() if fields(text) != fields(known[text])} == set()
@@ -205,12 +205,12 @@ def test_no_symbol_or_text_of_the_tables_is_of_ambiguous_width():
 
 
 def test_languages_are_used_and_refused_in_one_line():
-    use("zh")
-    assert in_use() == "zh" and _("hold") != "hold" and N_("hold") == "hold"
+    use_language("zh")
+    assert find_language_code() == "zh" and _("hold") != "hold" and N_("hold") == "hold"
     assert _("not in the catalogue") == "not in the catalogue" and _("") == ""
     with pytest.raises(ValueError, match=r"language: 'xx' is not known; allowed: en, zh"):
-        use("xx")
-    assert in_use() == "zh"
+        use_language("xx")
+    assert find_language_code() == "zh"
 
 
 @pytest.mark.parametrize(
@@ -256,7 +256,7 @@ def test_a_missing_detail_leaves_its_braces():
 
 
 def test_notes_of_crops_are_told_in_the_language_in_use():
-    use("zh")
+    use_language("zh")
     try:
         assert read_crop_note("example values, not of this field: days, ndvi_nrich").endswith(
             ": days, ndvi_nrich"
@@ -266,4 +266,4 @@ def test_notes_of_crops_are_told_in_the_language_in_use():
             read_crop_note("written by a grower: sandy soil") == "written by a grower: sandy soil"
         )
     finally:
-        use("en")
+        use_language("en")

@@ -38,7 +38,7 @@ from topdress.console.app.map_image import (
     rasterise_lines,
 )
 from topdress.console.app.units import IMPERIAL, METRIC
-from topdress.console.scale import STEPS
+from topdress.console.scale import COLOUR_STEPS
 
 from tests.app.made_up.run import run_frames
 
@@ -212,9 +212,9 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     scale = find_colour_scale(MapLayer.APPLIED, worked, PICTURE, METRIC)
     assert (scale.low, scale.high) == (100.0, 300.0)
     seen = image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0))
-    assert seen[11 - 2, 2 + 2] == DONE + STEPS - 1
+    assert seen[11 - 2, 2 + 2] == DONE + COLOUR_STEPS - 1
     assert seen[11 - 2, 1 + 2] == PLAN, "100 kg/ha, the lowest"
-    assert seen[11 - 2, 7 + 2] == PLAN + round(0.5 * (STEPS - 1))
+    assert seen[11 - 2, 7 + 2] == PLAN + round(0.5 * (COLOUR_STEPS - 1))
     assert seen[11 - 7, 7 + 2] == EMPTY, "the plan says nothing there"
     assert seen[11 - 2, 0 + 2] >= PLAN, "the line hides no ground"
     dots = rasterise_lines(
@@ -231,7 +231,7 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
         find_colour_scale(MapLayer.ERROR, worked, PICTURE, METRIC),
         Pixels(14, 14, 1.0, -2.0, 12.0),
     )
-    assert error[9, 4] == DONE + round(0.5 * (STEPS - 1)) and error[9, 3] == EMPTY
+    assert error[9, 4] == DONE + round(0.5 * (COLOUR_STEPS - 1)) and error[9, 3] == EMPTY
 
 
 def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was_spread():

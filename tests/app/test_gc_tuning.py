@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 
 import pytest
-from topdress.console.gc_tuning import TIMES, Sweeps
+from topdress.console.gc_tuning import MOST_FREEZES, FreezeSchedule
 
 LIVES = 4000  # more than pytest itself makes meanwhile
 
@@ -27,29 +27,29 @@ def thawed():
 
 
 def test_what_lives_is_not_swept_again():
-    one = Sweeps(LIVES)
+    one = FreezeSchedule(LIVES)
     lives = [Living() for _ in range(LIVES)]
-    one.tick()
-    assert one.left == TIMES, "before a sweep nobody knows what lives"
+    one.freeze_after_sweep()
+    assert one.left == MOST_FREEZES, "before a sweep nobody knows what lives"
     gc.collect()
     assert len(gc.get_objects(generation=2)) > LIVES
-    one.tick()
+    one.freeze_after_sweep()
     assert len(gc.get_objects(generation=2)) < LIVES and len(lives) == LIVES
 
 
 def test_once_after_a_sweep_and_not_for_ever():
-    one = Sweeps(LIVES)
+    one = FreezeSchedule(LIVES)
     kept = []
-    for look in range(2 * TIMES):
+    for look in range(2 * MOST_FREEZES):
         kept.append([Living() for _ in range(LIVES)])
         gc.collect()
-        one.tick()
-        one.tick()
-        assert one.left == max(0, TIMES - 1 - look)
+        one.freeze_after_sweep()
+        one.freeze_after_sweep()
+        assert one.left == max(0, MOST_FREEZES - 1 - look)
 
 
 def test_little_is_left_to_the_sweeps_of_python():
-    one = Sweeps(LIVES)
+    one = FreezeSchedule(LIVES)
     gc.collect()
-    one.tick()
-    assert one.left == TIMES
+    one.freeze_after_sweep()
+    assert one.left == MOST_FREEZES

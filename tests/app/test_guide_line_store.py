@@ -69,7 +69,7 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
             first.map_page.gather(replace(frame, row=row))
         way_m = first.map_page.drive.way_m
         assert way_m > 30.0
-    files.close()
+    files.close_files()
     second = _app(frame, KeptLineFiles())
     async with second.run_test(size=SIZE) as pilot:
         await settled(second, pilot)
@@ -83,8 +83,8 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         await turned(second, pilot, "map")
         await pilot.press("delete")
         assert not second.guide.set
-        second.services.lines.close()
-    assert not KeptLineFiles().read(str(log)).guide.set
+        second.services.lines.close_files()
+    assert not KeptLineFiles().read_lines(str(log)).guide.set
 
 
 def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
@@ -102,11 +102,11 @@ def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
             )
         )
     writer.close()
-    files.append(str(log), make_drive_record(BoundaryDrive(1.2), 0.0))
+    files.append_record(str(log), make_drive_record(BoundaryDrive(1.2), 0.0))
     for k, one in enumerate(CORNERS):
-        files.append(str(log), corner_record(one, (0.0, 10.0 * k), float(k)))
-    files.close()
-    kept = files.read(str(log))
+        files.append_record(str(log), corner_record(one, (0.0, 10.0 * k), float(k)))
+    files.close_files()
+    kept = files.read_lines(str(log))
     assert [corner.lat_deg for corner in kept.drive.corners] == pytest.approx(
         [34.8 + 0.0001 * k for k in range(9)]
     )
@@ -129,8 +129,8 @@ def _worked(folder, name, field, *records):
     log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
     files = KeptLineFiles()
     for record in records:
-        files.append(str(log), record)
-    files.close()
+        files.append_record(str(log), record)
+    files.close_files()
     return log
 
 
@@ -142,14 +142,14 @@ def test_the_line_of_a_field_is_there_the_next_day(tmp_path):
     other = GuideLine((1.0, 1.0), (9.0, 90.0), 3.0)
     _worked(tmp_path, "20260319-080000", FIELD | {"origin_lat_deg": 35.0}, make_line_record(other))
     today = _worked(tmp_path, "20260320-080000", FIELD | {"title": "another name"})
-    kept = KeptLineFiles().read(str(today))
+    kept = KeptLineFiles().read_lines(str(today))
     assert kept.guide == LINE and kept.of_day.startswith("2026-03-18") and kept.drive is None
     elsewhere = _worked(
         tmp_path, "20260321-080000", FIELD | {"boundary_m": [[0, 0], [50, 0], [50, 50]]}
     )
-    assert KeptLineFiles().read(str(elsewhere)).guide.a is None
+    assert KeptLineFiles().read_lines(str(elsewhere)).guide.a is None
     nowhere = _worked(tmp_path, "20260322-080000", FIELD | {"boundary_m": []})
-    assert KeptLineFiles().read(str(nowhere)).guide.a is None
+    assert KeptLineFiles().read_lines(str(nowhere)).guide.a is None
 
 
 def test_a_line_that_was_taken_away_stays_away(tmp_path):
@@ -157,9 +157,11 @@ def test_a_line_that_was_taken_away_stays_away(tmp_path):
     _worked(
         tmp_path, "20260319-080000", FIELD, make_line_record(LINE), make_line_record(GuideLine())
     )
-    assert KeptLineFiles().read(str(_worked(tmp_path, "20260320-080000", FIELD))).guide.a is None
+    assert (
+        KeptLineFiles().read_lines(str(_worked(tmp_path, "20260320-080000", FIELD))).guide.a is None
+    )
     away = _worked(tmp_path, "20260318-120000", FIELD, make_line_record(GuideLine()))
-    assert KeptLineFiles().read(str(away)).guide.a is None
+    assert KeptLineFiles().read_lines(str(away)).guide.a is None
 
 
 async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frames, tmp_path):
@@ -172,13 +174,13 @@ async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frame
             app.guide == LINE
             and "of 2026-03-18 is here again; Del on the Map page" in app.notice_text
         )
-        app.services.lines.close()
-    kept = KeptLineFiles().read(str(today))
+        app.services.lines.close_files()
+    kept = KeptLineFiles().read_lines(str(today))
     assert kept.guide == LINE and kept.of_day == ""
 
 
 def test_without_such_a_file_there_is_nothing(tmp_path):
-    kept = KeptLineFiles().read(str(tmp_path / "run.csv"))
+    kept = KeptLineFiles().read_lines(str(tmp_path / "run.csv"))
     assert (
         kept.guide.a is None
         and kept.drive is None

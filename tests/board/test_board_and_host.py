@@ -33,8 +33,8 @@ cab = Cab(CabConfig.model_validate({"board": {"port": sys.argv[1]}}), time.monot
 begun_s = time.monotonic()
 while True:
     now_s = time.monotonic()
-    m = cab.measure(now_s)
-    cab.command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
+    m = cab.read_measurements(now_s)
+    cab.send_command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
     time.sleep(0.05)
 """
 
@@ -57,8 +57,8 @@ def test_the_real_driver_drives_the_real_program(plugged, settings):
 
     def turned() -> bool:
         now_s = time.monotonic()
-        m = cab.measure(now_s)
-        cab.command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
+        m = cab.read_measurements(now_s)
+        cab.send_command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
         time.sleep(0.03)
         return bool(
             m.shaft_rpm
@@ -68,18 +68,22 @@ def test_the_real_driver_drives_the_real_program(plugged, settings):
 
     try:
         wait_for(turned)
-        assert cab.measure(time.monotonic()).supply_v.value == pytest.approx(13.5, abs=0.01)
-        wait_for(lambda: turned() and cab.measure(time.monotonic()).wheel_speed_mps.value > 1.0)
-        status = cab.status(time.monotonic())[0]
+        assert cab.read_measurements(time.monotonic()).supply_v.value == pytest.approx(
+            13.5, abs=0.01
+        )
+        wait_for(
+            lambda: turned() and cab.read_measurements(time.monotonic()).wheel_speed_mps.value > 1.0
+        )
+        status = cab.list_device_status(time.monotonic())[0]
         assert status.rejected == 0 and status.rate_hz > 20.0
         assert cab.board.enabled and not cab.board.heartbeat_lost and pico.enabled
         assert bool(pico.levels(SHAFT_STEP)) == ("stepper" in settings)
-        cab.command(time.monotonic(), None, False)
+        cab.send_command(time.monotonic(), None, False)
         wait_for(lambda: not pico.enabled, 0.5)
         time.sleep(0.2)
         assert not pico.moves_after(pico.levels(ENABLE)[-1][0]), "a stop: no step more"
     finally:
-        cab.close()
+        cab.close_devices()
 
 
 @pytest.mark.parametrize("settings", ["", STEPPER], ids=["dc", "stepper"])

@@ -448,10 +448,10 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
 
     monkeypatch.setattr(screens, "has_terminal", lambda: True)
     monkeypatch.setattr(screens, "need_terminal", lambda *words: None)
-    monkeypatch.setattr(screens, "trouble_path", lambda: tmp_path / "worker.log")
+    monkeypatch.setattr(screens, "make_trouble_path", lambda: tmp_path / "worker.log")
     monkeypatch.setattr(screens, "is_first_time", lambda: False)
-    monkeypatch.setattr("topdress.console.running.find_running", lambda: None)
-    monkeypatch.setattr(Launcher, "start", start)
+    monkeypatch.setattr("topdress.console.running.find_running_worker", lambda: None)
+    monkeypatch.setattr(Launcher, "start_process", start)
     monkeypatch.setattr(setup, "setup_of", read)
     monkeypatch.setattr(TopdressApp, "run", lambda self: done.append("screen"))
     return done
@@ -496,8 +496,10 @@ def test_a_job_that_was_left_is_asked_about_first(
 ) -> None:
     kept = f'{{"format": "topdress-resume/1", "quit": {quit_by_order}}}'
     (tmp_path / "left.resume.json").write_text(kept)
-    assert Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble").may_go_on()
+    assert Launcher(
+        (), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble"
+    ).may_have_offer()
     (tmp_path / "left.resume.json").write_text(kept.replace("}", ', "finished": true}'))
     assert not Launcher(
         (), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble"
-    ).may_go_on()
+    ).may_have_offer()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from topdress.console.cli import EXAMPLES, app, asked, plain_output, ranges_in_words
+from topdress.console.cli import EXAMPLES, app, describe_ranges, make_asked_app, plain_output
 from topdress.console.cli.plain_errors import OUR_FAULT, guard_command
 from typer.testing import CliRunner
 
@@ -125,7 +125,7 @@ def test_wide_output_breaks_between_words(monkeypatch):
     )
     rows = drawn(text, 40, False, monkeypatch).splitlines()
     assert all(len(row) <= 40 for row in rows) and " ".join(" ".join(rows).split()) == text.strip()
-    assert all(row.startswith(plain_output.INDENT) for row in rows[1:])
+    assert all(row.startswith(plain_output.CONTINUATION) for row in rows[1:])
 
 
 def test_complaints_are_in_colour_and_colour_can_be_refused(monkeypatch):
@@ -145,13 +145,13 @@ def test_nothing_in_a_line_steers_the_terminal(monkeypatch):
 
 
 def test_ranges_are_told_in_words_and_texts_stay_in_their_column():
-    assert ranges_in_words("[default: 10; 1<=x<=100]") == "[default: 10; from 1 to 100]"
+    assert describe_ranges("[default: 10; 1<=x<=100]") == "[default: 10; from 1 to 100]"
     assert (
-        ranges_in_words("[0.2<=x<=60.0] [x>=0] [x<=9.5]")
+        describe_ranges("[0.2<=x<=60.0] [x>=0] [x<=9.5]")
         == "[from 0.2 to 60] [0 or more] [at most 9.5]"
     )
-    assert ranges_in_words("[1e-06<=x<=1e+4]") == "[from 1e-06 to 1e+4]"
-    assert ranges_in_words("[300<=x<=4000000]") == "[from 300 to 4000000]"
+    assert describe_ranges("[1e-06<=x<=1e+4]") == "[from 1e-06 to 1e+4]"
+    assert describe_ranges("[300<=x<=4000000]") == "[from 300 to 4000000]"
     for name in EXAMPLES:
         text = said(*name.split(), "--help")
         assert "<=x" not in text and "x>=" not in text and "None:" not in text, name
@@ -178,14 +178,16 @@ def test_one_command_alone_says_what_the_whole_says(words):
     env = {"COLUMNS": "120"}
     alone, whole = (
         CliRunner().invoke(one, words, env=env, prog_name="topdress")
-        for one in (asked(words, {}), app)
+        for one in (make_asked_app(words, {}), app)
     )
     assert (alone.exit_code, alone.output) == (whole.exit_code, whole.output)
 
 
 def test_only_the_command_that_is_asked_for_is_made_ready():
-    assert [one.name for one in asked(["run", "--hz", "20"], {}).registered_commands] == ["run"]
-    assert [one.name for one in asked([], {}).registered_commands] == ["run"], (
+    assert [one.name for one in make_asked_app(["run", "--hz", "20"], {}).registered_commands] == [
+        "run"
+    ]
+    assert [one.name for one in make_asked_app([], {}).registered_commands] == ["run"], (
         "without a command: the console"
     )
     for words, environment in (
@@ -194,7 +196,7 @@ def test_only_the_command_that_is_asked_for_is_made_ready():
         (["calibrate"], {}),
         ([], {"_TOPDRESS_COMPLETE": "x"}),
     ):
-        assert asked(words, environment) is app
+        assert make_asked_app(words, environment) is app
 
 
 # --- Every table of the papers goes through diagnose and calibrate: an answer or one plain line

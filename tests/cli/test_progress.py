@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable
 
 import pytest
-from topdress.console.cli.plain_output import OVER_THE_LINE, RED, PlainOutput
-from topdress.console.cli.progress import progress
+from topdress.console.cli.plain_output import LINE_START, RED, PlainOutput
+from topdress.console.cli.progress import iterate_with_progress
 
 
 class Terminal(io.BytesIO):
@@ -37,7 +37,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Callable[[], Terminal]:
 
 def steps(count: int, label: str = "simulating a long and winding field") -> None:
     times = iter(0.3 * k for k in range(10 * count))
-    for _ in progress(range(count), count, label, lambda: next(times)):
+    for _ in iterate_with_progress(range(count), count, label, lambda: next(times)):
         pass
 
 
@@ -46,7 +46,7 @@ def test_the_line_rewrites_itself_and_stays_one_row(terminal: Callable[[], Termi
     steps(20)
     said = raw.getvalue().decode()
     assert "\n" not in said and RED not in said
-    pieces = said.split(OVER_THE_LINE)
+    pieces = said.split(LINE_START)
     assert pieces[0] == "" and pieces[-1] == "" and len(pieces) == 23
     assert all(len(piece) < 40 for piece in pieces), "a row that is too long would stay behind"
 
@@ -54,9 +54,7 @@ def test_the_line_rewrites_itself_and_stays_one_row(terminal: Callable[[], Termi
 def test_it_tells_how_far_it_is_and_what_is_left(terminal: Callable[[], Terminal]) -> None:
     raw = terminal()
     steps(4, "papers")
-    told = [
-        piece.partition(" (")[0] for piece in raw.getvalue().decode().split(OVER_THE_LINE)[1:-1]
-    ]
+    told = [piece.partition(" (")[0] for piece in raw.getvalue().decode().split(LINE_START)[1:-1]]
     assert told == [
         "papers 0 %",
         "papers 25 %, 1 s left",
@@ -69,14 +67,14 @@ def test_it_tells_how_far_it_is_and_what_is_left(terminal: Callable[[], Terminal
 def test_a_complaint_takes_the_place_of_the_line(terminal: Callable[[], Terminal]) -> None:
     raw = terminal()
     with pytest.raises(ValueError):
-        for number in progress(range(10), 10, "simulating"):
+        for number in iterate_with_progress(range(10), 10, "simulating"):
             if number == 3:
                 raise ValueError
     print("run.csv: no such file", file=sys.stderr)
     said = raw.getvalue().decode()
     assert said.endswith(f"{RED}run.csv: no such file\x1b[0m\n")
     last = said.rpartition("(Ctrl-C cancels)")[2]
-    assert last.startswith(OVER_THE_LINE), "the words do not stand behind what was there"
+    assert last.startswith(LINE_START), "the words do not stand behind what was there"
 
 
 def test_nothing_is_told_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +95,7 @@ def test_a_real_command_on_a_real_terminal(
     folder = tmp_path_factory.getbasetemp() / "progress"
     folder.mkdir(exist_ok=True)
     said = on_a_terminal(command.format(folder).split())
-    assert OVER_THE_LINE in said and "Ctrl-C cancels" in said and RED not in said
+    assert LINE_START in said and "Ctrl-C cancels" in said and RED not in said
     assert not re.search(r"Ctrl-C cancels\)[^\r]*\n", said), "no line of progress ends in a new one"
 
 

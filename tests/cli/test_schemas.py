@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from topdress.console.cli.check import format_schema, kinds_by_name
+from topdress.console.cli.check import format_schema, list_kinds_by_name
 
 from tests.command import topdress
 
 PUBLISHED = Path(__file__).parents[2] / "schemas"
-KINDS = sorted(kinds_by_name())
+KINDS = sorted(list_kinds_by_name())
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -27,7 +27,7 @@ KML = """<kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><Exten
 117,40 117.001,40 117.001,40.001 117,40.001 117,40
 </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>"""
 ZONES = 'rate,wkt\n120,"POLYGON((117 40,117.001 40,117.001 40.001,117 40.001,117 40))"\n'
-PROGRAM = "from topdress.console.cli import main, simulate; simulate.LONG_S = 20.0; main()"
+PROGRAM = "from topdress.console.cli import main, simulate; simulate.LONG_RUN_S = 20.0; main()"
 
 
 @pytest.fixture(scope="module")

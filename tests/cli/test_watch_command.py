@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from topdress.console.services import live_check
-from topdress.console.services.live_check import Look
+from topdress.console.services.live_check import CheckResult
 from topdress.control.diagnosis.result import Departure
 
 from tests.command import topdress
@@ -31,15 +31,15 @@ def test_what_departs_is_said_once_and_when_it_is_over(
 ) -> None:
     def followed(
         log: Path, machine: str | None, wait: Callable[[], bool], tell: object
-    ) -> Iterator[Look]:
+    ) -> Iterator[CheckResult]:
         yield from (
-            Look(330.0, None),
-            Look(660.0, FOUND, False),
-            Look(690.0, FOUND),
-            Look(2700.0, None),
+            CheckResult(330.0, None),
+            CheckResult(660.0, FOUND, False),
+            CheckResult(690.0, FOUND),
+            CheckResult(2700.0, None),
         )
 
-    monkeypatch.setattr(live_check, "followed", followed)
+    monkeypatch.setattr(live_check, "follow_log", followed)
     log = tmp_path / "run.csv"
     log.write_text(rows(3))
     done = topdress("watch", log, "--to-end")
@@ -70,11 +70,11 @@ def test_a_log_that_is_too_short_is_no_healthy_machine(tmp_path: Path, text: str
 def test_ctrl_c_ends_it_and_it_says_beforehand_that_it_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def followed(*_: object) -> Iterator[Look]:
+    def followed(*_: object) -> Iterator[CheckResult]:
         raise KeyboardInterrupt
         yield
 
-    monkeypatch.setattr(live_check, "followed", followed)
+    monkeypatch.setattr(live_check, "follow_log", followed)
     done = topdress("watch", tmp_path / "coming.csv")
     assert done.exit_code == 0 and "waited for" in done.stderr and "0 looks" in done.stderr
 

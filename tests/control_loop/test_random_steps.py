@@ -21,7 +21,7 @@ import pytest
 from shapely import Point, Polygon
 from topdress.console.frame import Frame
 from topdress.console.worker.parts import FRAME_FIELDS
-from topdress.console.worker.wire import framed
+from topdress.console.worker.wire import format_frame
 from topdress.control.field.job import Job, Wanted
 from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import ALL_COLUMNS, COLUMNS
@@ -361,7 +361,7 @@ def ran(number: int) -> tuple[int, int]:
         text.line(tick.row)
         if step % 5 == 0:
             shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
-            framed(Frame(seq=step, at_s=0.0, totals=loop.totals, **shown))
+            format_frame(Frame(seq=step, at_s=0.0, totals=loop.totals, **shown))
     return flowing, opened
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from topdress.console.app.pages.job.nrich import StripRun
-from topdress.console.services.rerun import rerun
-from topdress.console.worker.assemble import assemble
+from topdress.console.services.rerun import rerun_loop
+from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import prepare
@@ -81,7 +81,7 @@ def test_a_log_of_red_edge_is_run_again(worked, tmp_path):
     log = read_log(write_log(tmp_path / "run.csv", run_meta(setup.machine, crop, job), rows))
     again = [
         tick.row
-        for tick in rerun(log, type(setup)(setup.machine, crop, rule, job, {}, tmp_path, None))
+        for tick in rerun_loop(log, type(setup)(setup.machine, crop, rule, job, {}, tmp_path, None))
     ]
     late = [(a, b) for a, b in zip(again, rows, strict=True) if b.time_s > 20.0]
     assert {a.target_source for a, _ in late} == {"canopy"}
@@ -137,7 +137,7 @@ def test_heads_of_another_index_are_refused_in_one_line(files):
     code, output = said("job.yaml")
     assert code != 0 and "simulated.heads_index" in output
     with pytest.raises(ValueError, match=r"simulated\.heads_index: value ndvi: allowed ndre"):
-        assemble(
+        assemble_run(
             Options((str(files / "job.yaml"),), files / "w.json", log=str(files / "a.csv")),
             lambda: 0.0,
         )

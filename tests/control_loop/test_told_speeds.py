@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from topdress.console.services.rerun import rerun
+from topdress.console.services.rerun import rerun_loop
 from topdress.control.field.job import Ground, Job
 from topdress.control.field.planned_speed import find_pass_number, find_planned_mps
 from topdress.control.readings import SpeedPlan, announced_of, announced_text
@@ -81,7 +81,7 @@ def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
 
 def off(rows, log, setup) -> float:
     """Mean |opening as ordered again - as it was ordered|, mm, from 20 s on."""
-    again = [tick.row for tick in rerun(log, setup)]
+    again = [tick.row for tick in rerun_loop(log, setup)]
     return float(
         np.mean(
             [

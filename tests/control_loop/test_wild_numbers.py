@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from topdress.console.frame import Frame
 from topdress.console.worker.parts import FRAME_FIELDS
-from topdress.console.worker.wire import framed
+from topdress.console.worker.wire import format_frame
 from topdress.control.field.job import Wanted
 from topdress.control.orders import Do, TargetSource
 from topdress.control.readings import POSSIBLE, Measurements, Reading, possible
@@ -54,7 +54,7 @@ def test_the_console_is_told_of_every_tick(work: Closed, value: float) -> None:
 
     newest = work.tick(wild)
     told: dict[str, Any] = {name: getattr(newest, name) for name in FRAME_FIELDS}
-    assert framed(Frame(seq=1, at_s=0.0, totals=work.loop.totals, **told))
+    assert format_frame(Frame(seq=1, at_s=0.0, totals=work.loop.totals, **told))
     assert all(isfinite(value) for value in newest.row if isinstance(value, float))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 from topdress.console.cli import app
-from topdress.console.cli.diagnose import adopt
+from topdress.console.cli.diagnose import adopt_findings
 from topdress.console.reports.diagnosis_wording import sort_adoptable
 from topdress.control.diagnosis.result import UNKNOWN, Rival
 from topdress.control.diagnosis.tables import diagnose_tables
@@ -152,13 +152,13 @@ def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path:
     )
     reworded = replace(found, findings=("only the blue tractor's rows have it",))
     with pytest.raises(ValueError, match=r"holds for two\.csv blue only, not for the machine"):
-        adopt(reworded, Machine(), [tmp_path / "two.csv"], tmp_path / "new.yaml")
+        adopt_findings(reworded, Machine(), [tmp_path / "two.csv"], tmp_path / "new.yaml")
     assert not (tmp_path / "new.yaml").exists()
     assert sort_adoptable(reworded) == (
         (),
         (f"{cause.id}: holds in the rows of two.csv blue only",),
     )
-    adopt(
+    adopt_findings(
         replace(found, causes=(replace(cause, scope=None, rivals=()),)),
         Machine(),
         [tmp_path / "two.csv"],
@@ -175,7 +175,7 @@ def test_what_is_only_suspected_or_grew_is_not_adopted(
     sure = replace(found.causes[0], id="lag.offset", probability=1.0, rivals=())
     suspected = replace(sure, id="shaft.gain", probability=0.5, rivals=(Rival(UNKNOWN, 0.5),))
     grown = replace(sure, id="lag.rebound", onset_s=10.0, grows=True)
-    adopt(
+    adopt_findings(
         replace(found, causes=(sure, suspected, grown)), Machine(), [table], tmp_path / "new.yaml"
     )
     said = capsys.readouterr().err

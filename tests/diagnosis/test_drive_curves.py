@@ -16,8 +16,8 @@ from topdress.console.app.pages.diagnosis import shown
 from topdress.console.app.pages.diagnosis.adoption import find_offer, sure
 from topdress.console.app.pages.diagnosis.service import DiagnosisView
 from topdress.console.app.pages.diagnosis.words import adopted_title
-from topdress.console.cli.diagnose import adopt
-from topdress.console.services.diagnosis_job import DiagnosisOrder, work
+from topdress.console.cli.diagnose import adopt_findings
+from topdress.console.services.diagnosis_job import DiagnosisOrder, carry_out_order
 from topdress.control.diagnosis.extend import extend, not_adoptable
 from topdress.control.diagnosis.result import Cause, Diagnosis, Rival
 from topdress.control.diagnosis.runs.adoption import select_adoptable
@@ -142,7 +142,7 @@ def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(
     (tmp_path / LOG).write_text("time_s\n")
     out = tmp_path / "new.yaml"
     try:
-        adopt(undecided, DRIVE, [tmp_path / LOG], out)
+        adopt_findings(undecided, DRIVE, [tmp_path / LOG], out)
     except typer.Exit:
         # nothing is written: the machine file stays as it is
         return
@@ -179,7 +179,9 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
         + "".join(f"{t:.3f},{a:.2f},{r:.2f}\n" for t, a, r in rows)
     )
     save(machine, DRIVE, MACHINE)
-    work(DiagnosisOrder(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
+    carry_out_order(
+        DiagnosisOrder(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None
+    )
     found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
     assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
     offer = find_offer(found, sure(found))

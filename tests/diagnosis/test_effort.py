@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import Result
-from topdress.console.reports.diagnosis_wording import sentence
+from topdress.console.reports.diagnosis_wording import format_verdict_line
 from topdress.control.diagnosis import diagnose_run, extend
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs.effort_reference import fit_effort
@@ -177,7 +177,7 @@ def test_what_a_loop_hides_is_named_in_closed_loop(
             set(names) == {"flow.blocked_outlet", "effort.load"}
             and names["flow.blocked_outlet"] > 0.3
         )
-        plain = sentence(found)
+        plain = format_verdict_line(found)
         assert plain.startswith("Either ") and "nothing in this data tells which" in plain
         assert "One or more outlets close" in plain and "Catch test by outlet" in plain
 

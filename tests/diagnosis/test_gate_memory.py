@@ -81,7 +81,7 @@ def test_texts_that_nobody_reads_are_not_read(tmp_path: Path) -> None:
     whole, part = read_log(log), read_log(log, without=("utc",))
     assert "utc" in whole.columns and "utc" not in part.columns
     assert part.findings == whole.findings and np.array_equal(part.time_s, whole.time_s)
-    assert set(diagnose._columns(log, Machine())[0]) == {"time_s", "shaft_rpm"}
+    assert set(diagnose._read_log_columns(log, Machine())[0]) == {"time_s", "shaft_rpm"}
 
 
 def test_times_in_milliseconds_are_told_by_a_column_that_is_else_not_read(tmp_path: Path) -> None:

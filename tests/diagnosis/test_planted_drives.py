@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from topdress.console.reports.diagnosis_text import summary
-from topdress.console.reports.diagnosis_wording import sentence
+from topdress.console.reports.diagnosis_text import summarise_terminal
+from topdress.console.reports.diagnosis_wording import format_verdict_line
 from topdress.control.diagnosis import diagnose_run, extend
 from topdress.control.diagnosis.judgement.checks import by_chance_together
 from topdress.control.diagnosis.runs.quantised import find_reading_step
@@ -453,7 +453,10 @@ def test_a_set_point_that_is_not_reached_is_not_called_healthy() -> None:
         assert found.channels and any(
             "shaft.gain" in note and "would not show" in note for note in found.findings
         )
-        assert "too short" in sentence(found) and "too short" in summary(found)[0]
+        assert (
+            "too short" in format_verdict_line(found)
+            and "too short" in summarise_terminal(found)[0]
+        )
 
 
 def test_fewer_rows_than_a_log_has_are_refused() -> None:

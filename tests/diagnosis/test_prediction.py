@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from topdress.console.reports.diagnosis_text import describe_adoption, summary
-from topdress.console.reports.notebook import format_html
+from topdress.console.reports.diagnosis_text import describe_adoption, summarise_terminal
+from topdress.console.reports.notebook import format_notebook_html
 from topdress.control.diagnosis.extend import extend, not_adoptable
 from topdress.control.diagnosis.prediction.blocks import (
     BLOCKS,
@@ -173,13 +173,13 @@ def test_the_rival_predicts_as_plain_least_squares_does() -> None:
 
 def test_report_and_notebook_say_the_rival_and_what_a_file_takes_up() -> None:
     found = of_the_brake()
-    page = format_html(found)
+    page = format_notebook_html(found)
     assert "plain least squares" in page and "x_load_g" in page
     assert (
         describe_adoption(found)[0].startswith("a machine file takes up: ")
         and describe_adoption(found)[0] in page
     )
-    terms = [one for one in summary(found) if one.startswith("term ")]
+    terms = [one for one in summarise_terminal(found) if one.startswith("term ")]
     assert terms and len(set(terms)) == len(terms)
     assert not any(" 0 r/min for each" in one or " 0 % for each" in one for one in terms)
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from topdress.console.reports.diagnosis_text import summary
-from topdress.console.reports.term_words import describe_compensation, sentence
+from topdress.console.reports.diagnosis_text import summarise_terminal
+from topdress.console.reports.term_words import describe_compensation, describe_term
 from topdress.control.diagnosis import diagnose_run, extend
 from topdress.control.diagnosis.extend import adoptable_terms, term_not_adoptable
 from topdress.control.diagnosis.result import Diagnosis, TermFound
@@ -190,11 +190,11 @@ def test_a_box_in_time_is_not_adopted() -> None:
 def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     found = diagnosed("shaft_percent slope roll_deg slope=-0.5")
     term = found.terms[0].term
-    assert sentence(term).startswith(
+    assert describe_term(term).startswith(
         "Shaft speed falls by 0.51 % for each deg of roll; seen between -"
     )
     assert describe_compensation(term) == "Control corrects for it"
-    assert any(sentence(term) in line for line in summary(found))
+    assert any(describe_term(term) in line for line in summarise_terminal(found))
     assert len(found.terms[0].seen) > 5
     _, seen, told = np.array(found.terms[0].seen).T
     assert np.max(np.abs(seen - told)) < 0.4

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from topdress.console.reports.table_views import table_views
+from topdress.console.reports.table_views import make_table_views
 from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.tables.cross_calibration import across, sentence
@@ -235,7 +235,7 @@ def test_times_that_have_most_rows_become_the_distances_that_they_were() -> None
     distances = next(table for table in once.tables if "lag_m" in table.columns)
     assert distances.columns["lag_m"] == pytest.approx(means, abs=0.01)
     assert set(distances.columns["speed_mps"]) == {1.2} and set(distances.label) == {"field"}
-    views = table_views([times, before], MACHINE, diagnosed(times, before).causes)
+    views = make_table_views([times, before], MACHINE, diagnosed(times, before).causes)
     # the rows that count
     assert [view.name for view in views] == ["times.csv lag_m", "times.csv lag_s"]
 
@@ -258,7 +258,7 @@ def test_one_speed_in_times_and_in_misses_is_one_cause() -> None:
     assert found.causes[0].size.value == pytest.approx(20.0, abs=1.5)
     views = {
         view.name: view
-        for view in table_views(
+        for view in make_table_views(
             [rig_and_field(1.2 * LAG_S + noise(6)), missed(0.2 * 1.2 * LAG_S + noise(7))],
             MACHINE,
             found.causes,

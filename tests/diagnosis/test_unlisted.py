@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from topdress.console.reports.diagnosis_wording import undecided
+from topdress.console.reports.diagnosis_wording import is_undecided
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.judgement.prior import NAMED
 from topdress.control.diagnosis.runs.adoption import select_adoptable
@@ -63,7 +63,7 @@ def _answer(hidden: SimpleNamespace, name: str, seed: int) -> Answer:
         for one in found.causes
         if one.probability >= NAMED and not one.rivals and one.id not in fair
     ]
-    taken = select_adoptable(found, [one.id for one in found.causes if not undecided(one)]).found
+    taken = select_adoptable(found, [one.id for one in found.causes if not is_undecided(one)]).found
     names = [*(one.id for one in taken.causes), *(one.term["id"] for one in taken.terms)]
     if not names and taken.fitted is None:
         return Answer(found.verdict, said, wrong, [], [])

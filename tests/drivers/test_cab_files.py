@@ -85,22 +85,24 @@ def switched(clock):
 
 def test_a_fitted_work_switch_that_falls_silent_is_not_known(switched, board_line, clock):
     cab, device = switched(True)
-    assert cab.measure(100.0).work_switch is None
+    assert cab.read_measurements(100.0).work_switch is None
     device.write(board_line("S1,0,0,1000000,0,0,60.0,25.0,,,,,1,1"))
-    assert cab.measure(100.0).work_switch is True
-    assert cab.measure(100.5).work_switch is True
-    assert cab.measure(100.6).work_switch is None
+    assert cab.read_measurements(100.0).work_switch is True
+    assert cab.read_measurements(100.5).work_switch is True
+    assert cab.read_measurements(100.6).work_switch is None
     device.write(board_line("S1,1,0,1600000,0,0,60.0,25.0,,,,,0,1"))
-    assert cab.measure(100.6).work_switch is False
+    assert cab.read_measurements(100.6).work_switch is False
     device.write(board_line("S1,2,0,1700000,0,0,60.0,25.0,,,,,,1"))
-    assert cab.measure(101.2).work_switch is None, "the board speaks, but not of its switch"
+    assert cab.read_measurements(101.2).work_switch is None, (
+        "the board speaks, but not of its switch"
+    )
 
 
 def test_without_one_silence_means_nothing(switched, board_line):
     cab, device = switched(False)
     device.write(board_line("S1,0,0,1000000,0,0,60.0,25.0,,,,,1,1"))
-    assert cab.measure(100.0).work_switch is True
-    assert cab.measure(110.0).work_switch is True
+    assert cab.read_measurements(100.0).work_switch is True
+    assert cab.read_measurements(110.0).work_switch is True
 
 
 @pytest.mark.parametrize("fitted", [True, False])
@@ -114,11 +116,11 @@ def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
         "format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', work_switch: "
         f"{str(fitted).lower()}}}\n"
     )
-    parts = assembling.assemble(
+    parts = assembling.assemble_run(
         Options((str(path),), tmp_path / "w.json", log=str(tmp_path / f"{fitted}.csv")), lambda: 0.0
     )
     assert not parts.names.simulated
-    parts.bench.close()
+    parts.bench.close_devices()
     parts.writer.close()
     for now_s, do in ((0.0, Do.READY), (0.05, Do.START)):
         parts.loop.tick(Measurements(now_s))
@@ -128,11 +130,11 @@ def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
 
 @pytest.mark.parametrize("strategy", list(Strategy))
 def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strategy):
-    from topdress.console.worker.assemble import with_fixed_gate
+    from topdress.console.worker.assemble import fix_gate_opening
 
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
     job = with_simulated_field(setup.job.model_copy(update={"strategy": strategy}), setup.machine)
-    machine = with_fixed_gate(setup.machine, 30.0)
+    machine = fix_gate_opening(setup.machine, 30.0)
     plant = simulated_machine(machine, job, 3, 0.05)
     loop = control_loop(machine, setup.crop, setup.rule, job)
     record, openings, errors = Record(), set(), []
@@ -151,7 +153,7 @@ def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strat
 
 def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_path):
 
-    from topdress.console.worker.assemble import assemble
+    from topdress.console.worker.assemble import assemble_run
     from topdress.console.worker.options import Options
     from topdress.drivers.files.config import save
     from topdress.drivers.files.kinds import MACHINE
@@ -175,14 +177,14 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
         result = topdress("check", cab, machine)
         assert (result.exit_code == 2) == wrong and (said in result.output) == wrong
     with pytest.raises(ValueError, match="as the shipped machine huanghai has it"):
-        assemble(
+        assemble_run(
             Options((str(cab),), tmp_path / "w.json", log=str(tmp_path / "a.csv")), lambda: 0.0
         )
-    parts = assemble(
+    parts = assemble_run(
         Options((str(cab), str(machine)), tmp_path / "w.json", log=str(tmp_path / "b.csv")),
         lambda: 0.0,
     )
-    parts.bench.close()
+    parts.bench.close_devices()
     parts.writer.close()
 
 
@@ -206,8 +208,8 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
         if now[0] in orders:
             loop.order(orders[now[0]])
         if now[0] < 35.0:
-            tick = loop.tick(cab.measure(now[0]))
-            cab.command(now[0], tick.command, tick.enabled)
+            tick = loop.tick(cab.read_measurements(now[0]))
+            cab.send_command(now[0], tick.command, tick.enabled)
 
     def passed(low_s, high_s):
         return [
@@ -265,7 +267,7 @@ def plugged(clock):
 
 
 def test_nothing_received_is_nothing_known(plugged):
-    m = plugged[0].measure(100.0)
+    m = plugged[0].read_measurements(100.0)
     assert (m.time_s, m.gnss, m.ndvi, m.shaft_rpm, m.wheel_speed_mps, m.work_switch) == (
         100.0,
         None,
@@ -279,9 +281,9 @@ def test_nothing_received_is_nothing_known(plugged):
 def test_each_head_on_its_own_port_is_its_own_reading(plugged):
     cab, lines = plugged
     lines["h2"].write(b"0.2,0.65,1,2,3\r\n")
-    assert cab.measure(100.0).ndvi == (None, Reading(0.65, 100.0))
+    assert cab.read_measurements(100.0).ndvi == (None, Reading(0.65, 100.0))
     lines["h1"].write(b"0.2,0.45,1,2,3\r\n0.2,0.46,1,2,3\r\n")
-    assert cab.measure(100.05).ndvi == (Reading(0.46, 100.05), Reading(0.65, 100.0)), (
+    assert cab.read_measurements(100.05).ndvi == (Reading(0.46, 100.05), Reading(0.65, 100.0)), (
         "held with its own time"
     )
 
@@ -289,9 +291,9 @@ def test_each_head_on_its_own_port_is_its_own_reading(plugged):
 def test_board_values_are_held_with_their_times(plugged, board_line):
     cab, lines = plugged
     lines["board"].write(board_line("S1,0,0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1"))
-    cab.measure(100.0)
+    cab.read_measurements(100.0)
     lines["board"].write(board_line("S1,1,0,1050000,0,0,61.0,25.5,,13.5,,,,1"))
-    m = cab.measure(100.05)
+    m = cab.read_measurements(100.05)
     assert (m.shaft_rpm, m.hopper_kg, m.pitch_deg) == (
         Reading(61.0, 100.05),
         Reading(250.0, 100.0),
@@ -302,23 +304,23 @@ def test_board_values_are_held_with_their_times(plugged, board_line):
 
 def test_commands_reach_the_board_and_are_cut_to_the_machines_limits(plugged, board_line):
     cab, lines = plugged
-    cab.command(100.0, DriveCommand(200.0, 30.0), True)
+    cab.send_command(100.0, DriveCommand(200.0, 30.0), True)
     assert lines["board"].read() == board_line("T1,0,90.000,30.000,1")
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_set_point_that_is_not_finite_becomes_a_stop(plugged, bad, board_line):
     cab, lines = plugged
-    cab.command(100.0, DriveCommand(60.0, 30.0), True)
+    cab.send_command(100.0, DriveCommand(60.0, 30.0), True)
     lines["board"].read()
-    cab.command(100.05, DriveCommand(bad, 30.0), True)
+    cab.send_command(100.05, DriveCommand(bad, 30.0), True)
     assert lines["board"].read() == board_line("T1,1,0.000,30.000,0")
     assert cab.refused_commands == 1
 
 
 def test_closing_stops_the_drives(plugged, board_line):
     cab, lines = plugged
-    cab.close()
+    cab.close_devices()
     assert lines["board"].read() == board_line("T1,0,0.000,0.000,0")
     assert not lines["gnss"].state().connected
 
@@ -329,8 +331,8 @@ def test_status_lists_every_device(plugged, board_line):
         lines["board"].write(
             board_line(f"S1,{tick},0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1") + b"noise\r\n"
         )
-        cab.measure(100.0 + tick * 0.05)
-    gnss, head, _, board = cab.status(102.0)
+        cab.read_measurements(100.0 + tick * 0.05)
+    gnss, head, _, board = cab.list_device_status(102.0)
     assert (gnss.name, gnss.connected, gnss.age_s, gnss.rate_hz, gnss.accepted) == (
         "gnss",
         True,
@@ -342,7 +344,7 @@ def test_status_lists_every_device(plugged, board_line):
     assert (board.accepted, board.rejected, board.last_raw) == (40, 40, "noise")
     assert board.rate_hz == pytest.approx(20.0)
     assert board.age_s == pytest.approx(0.05)
-    assert cab.status(110.0)[3].rate_hz == 0.0, "a silent device has no rate"
+    assert cab.list_device_status(110.0)[3].rate_hz == 0.0, "a silent device has no rate"
 
 
 @pytest.mark.parametrize(
@@ -374,7 +376,7 @@ def test_a_tick_costs_less_than_two_hundred_microseconds(clock, fake_plant):
             clock.now_s += 0.02
             machine.advance(clock.now_s)
             begin = time.perf_counter()
-            cab.measure(clock.now_s)
+            cab.read_measurements(clock.now_s)
             took.append(time.perf_counter() - begin)
         best = min(best, sorted(took)[100])
     assert best < 200e-6
@@ -388,11 +390,11 @@ def test_a_board_that_does_not_follow_is_told(plugged, board_line):
         lines["board"].write(
             board_line(f"S1,{next(seq)},0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,{flags}")
         )
-        m = cab.measure(now_s)
+        m = cab.read_measurements(now_s)
         return m.drive_fault, m.drive_stopped
 
     def told(now_s, enabled):
-        cab.command(now_s, DriveCommand(60.0, 25.0), enabled)
+        cab.send_command(now_s, DriveCommand(60.0, 25.0), enabled)
 
     assert measured(100.0, 2) == (False, False), "not told to turn: it may stand"
     told(100.0, True)
@@ -419,30 +421,30 @@ def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(
     monkeypatch.setattr("topdress.drivers.devices.slave_board.decode_status", lambda frame: 1 / 0)
     lines["board"].write(good)
     lines["h2"].write(b"0.2,0.65,1,2,3\r\n")
-    m = cab.measure(100.0)
+    m = cab.read_measurements(100.0)
     assert m.ndvi == (None, Reading(0.65, 100.0)) and m.put_aside == ("board",)
     assert (
-        cab.line("board").status(100.0).last_error
+        cab.find_device_line("board").status(100.0).last_error
         == "put aside: ZeroDivisionError: division by zero"
     )
     monkeypatch.undo()
     lines["board"].write(good)
-    assert cab.measure(100.05).shaft_rpm is None
-    cab.command(100.05, None, False)
+    assert cab.read_measurements(100.05).shaft_rpm is None
+    cab.send_command(100.05, None, False)
     assert lines["board"].read() == board_line("T1,0,0.000,0.000,0")
-    cab.line("board").plug(False)
-    cab.line("board").plug(True)
+    cab.find_device_line("board").plug(False)
+    cab.find_device_line("board").plug(True)
     lines["board"].write(good)
-    m = cab.measure(100.1)
+    m = cab.read_measurements(100.1)
     assert m.shaft_rpm == Reading(60.0, 100.1) and m.put_aside == ()
 
 
 def test_who_listens_in_and_raises_is_left_out(plugged):
     cab, lines = plugged
     heard = []
-    cab.line("head_1").listen_in(lambda *_: 1 / 0)
-    cab.line("head_1").listen_in(lambda *said: heard.append(said))
+    cab.find_device_line("head_1").listen_in(lambda *_: 1 / 0)
+    cab.find_device_line("head_1").listen_in(lambda *said: heard.append(said))
     for _ in range(2):
         lines["h1"].write(b"0.2,0.45,1,2,3\r\n")
-        assert cab.measure(100.0).put_aside == ()
+        assert cab.read_measurements(100.0).put_aside == ()
     assert len(heard) == 2

@@ -140,11 +140,11 @@ def test_gpsd_is_asked_to_speak_at_every_connect(clock):
         clock,
         lambda *_: host,
     )
-    cab.measure(100.0)
-    cab.measure(100.1)
+    cab.read_measurements(100.0)
+    cab.read_measurements(100.1)
     assert device.read() == WATCH
     host.state = lambda: device.state()._replace(connects=2)
-    cab.measure(100.2)
+    cab.read_measurements(100.2)
     assert device.read() == WATCH
 
 
@@ -160,10 +160,10 @@ def test_the_virtual_gpsd_speaks_when_asked(clock, fake_plant):
         virtual.before(0.0, DriveCommand(0.0, 25.0), False)
         virtual.after(fake_plant.step(DriveCommand(0.0, 25.0), False), 0.0)
         clock.now_s += 0.05
-        m = cab.measure(clock.now_s)
+        m = cab.read_measurements(clock.now_s)
     assert m.gnss.lat_deg == pytest.approx(34.28 + fake_plant.way_m / 111_195.0, abs=1e-9)
     assert (m.gnss.fix_quality, m.gnss.satellites, m.gnss.speed_mps) == (4, 14, 1.25)
-    assert cab.status(clock.now_s)[0].rejected == 0
+    assert cab.list_device_status(clock.now_s)[0].rejected == 0
 
 
 def aog(name: int, body: bytes) -> bytes:
@@ -245,7 +245,7 @@ def test_agopengps_over_the_cab(clock):
     )
     for frame in agopengps_frames(GnssFix(0.0, 34.28, 119.88, 4, speed_mps=1.25, heading_deg=12.5)):
         device.write(frame)
-    m = cab.measure(100.0)
+    m = cab.read_measurements(100.0)
     assert (m.gnss.lat_deg, m.gnss.lon_deg, m.gnss.speed_mps) == (
         34.28,
         119.88,

@@ -124,10 +124,10 @@ def go(bench, clock, test: LagTest, seconds: float, allowed=lambda: True) -> lis
     for tick in range(round(seconds / 0.02)):
         clock.now_s += 0.02
         virtual.advance(clock.now_s)
-        cab.measure(clock.now_s)
-        wish = test.tick(clock.now_s, cab.rig, allowed())
-        cab.order_rig(wish.run, wish.arm)
-        cab.command(clock.now_s, DriveCommand(wish.shaft_rpm, 25.0), tick > 10 and allowed())
+        cab.read_measurements(clock.now_s)
+        wish = test.tick(clock.now_s, cab.rig_readings, allowed())
+        cab.send_rig_order(wish.run, wish.arm)
+        cab.send_command(clock.now_s, DriveCommand(wish.shaft_rpm, 25.0), tick > 10 and allowed())
         if wish.said:
             said.append(wish.said)
         if test.done:
@@ -154,8 +154,8 @@ def test_a_released_button_stops_the_shaft_and_the_run_begins_again(bench, clock
     test = LagTest(Plan(shaft_rpm=(40.0,), repeats=1))
     cab, *_ = bench
     go(bench, clock, test, 4.0)
-    assert not test.runs and test.tick(clock.now_s, cab.rig, True).shaft_rpm == 40.0
-    assert test.tick(clock.now_s, cab.rig, False).shaft_rpm == 0.0
+    assert not test.runs and test.tick(clock.now_s, cab.rig_readings, True).shaft_rpm == 40.0
+    assert test.tick(clock.now_s, cab.rig_readings, False).shaft_rpm == 0.0
     go(bench, clock, test, 1.0, allowed=lambda: False)
     assert go(bench, clock, test, 20.0) == []
     assert len(test.runs) == 1
@@ -245,14 +245,14 @@ def test_drop_times_of_a_shaft_that_somebody_else_turns(bench, clock):
     for tick in range(1500):
         clock.now_s += 0.02
         virtual.advance(clock.now_s)
-        cab.measure(clock.now_s)
-        wish = test.tick(clock.now_s, cab.rig)
-        cab.order_rig(wish.run, wish.arm)
+        cab.read_measurements(clock.now_s)
+        wish = test.tick(clock.now_s, cab.rig_readings)
+        cab.send_rig_order(wish.run, wish.arm)
         assert not wish.said
         phases += [wish.phase] if phases[-1:] != [wish.phase] else []
         asked_s = None if wish.phase not in ("start", "falling") else asked_s or clock.now_s
         turns = asked_s is not None and clock.now_s - asked_s > 0.5
-        cab.command(clock.now_s, DriveCommand(60.0 if turns else 0.0, 25.0), tick > 10)
+        cab.send_command(clock.now_s, DriveCommand(60.0 if turns else 0.0, 25.0), tick > 10)
         if len(test.runs) == 2:
             break
     assert phases == ["stop", "arming", "start", "falling"] * 2 + ["stop"]

@@ -172,19 +172,19 @@ def test_a_receiver_that_does_what_it_should_not_delays_no_tick_and_is_put_aside
         nonlocal longest_s, ticks
         lines["gnss"].waiting, lines["board"].written = b"one line\n", b""
         began_s, ticks = time.monotonic(), ticks + 1
-        put_aside = cab.measure(0.05 * ticks).put_aside
-        cab.command(0.05 * ticks, DriveCommand(0.0, 10.0), False)
+        put_aside = cab.read_measurements(0.05 * ticks).put_aside
+        cab.send_command(0.05 * ticks, DriveCommand(0.0, 10.0), False)
         longest_s = max(longest_s, time.monotonic() - began_s)
         assert lines["board"].written
         return put_aside
 
     wait_for(ticked)
     assert ticked() == (f"gnss (plug-in {name})",) and longest_s < 0.2
-    status = cab.line("gnss").status(0.0)
+    status = cab.find_device_line("gnss").status(0.0)
     assert status.last_error.startswith(f"put aside: plug-in {name} of hostile: ")
     assert DEVICES[name][1].split(":")[0] in status.last_error
     began_s = time.monotonic()
-    cab.close()
+    cab.close_devices()
     assert time.monotonic() - began_s < 1.0
 
 
@@ -193,21 +193,21 @@ def test_a_sound_receiver_gives_fixes_and_counts_and_begins_anew_when_it_is_plug
 
     def fix_after(now_s: float) -> GnssFix | None:
         lines["gnss"].waiting = b"one line\n"
-        found = cab.measure(now_s).gnss
+        found = cab.read_measurements(now_s).gnss
         return found if found is not None and found.time_s >= now_s - 1.0 else None
 
     assert wait_for(lambda: fix_after(7.0)) is None
-    assert cab.measure(7.0).gnss[1:4] == (40.0, 117.0, 4)
-    assert cab.line("gnss").status(7.0).accepted >= 1
+    assert cab.read_measurements(7.0).gnss[1:4] == (40.0, 117.0, 4)
+    assert cab.find_device_line("gnss").status(7.0).accepted >= 1
     session = cab._gnss._plugin._session
     session._decoder._process._process.kill()
-    wait_for(lambda: fix_after(9.0) or cab.measure(9.0).put_aside)
-    assert cab.measure(9.0).put_aside == ("gnss (plug-in sound)",)
+    wait_for(lambda: fix_after(9.0) or cab.read_measurements(9.0).put_aside)
+    assert cab.read_measurements(9.0).put_aside == ("gnss (plug-in sound)",)
     for is_plugged in (False, True):
-        cab.line("gnss").plug(is_plugged)
+        cab.find_device_line("gnss").plug(is_plugged)
     wait_for(lambda: fix_after(20.0))
     child = cab._gnss._plugin._session._decoder._process._process
-    cab.close()
+    cab.close_devices()
     assert child.wait(2.0) is not None, "no process stays behind"
 
 

@@ -53,8 +53,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
 
 
 SAID = """import sys; from topdress.console.cli.terms import parse_terms
-from topdress.console.reports.term_words import sentence
-print(sentence(parse_terms(sys.argv[1:])[0].model_dump(mode="json")))"""
+from topdress.console.reports.term_words import describe_term
+print(describe_term(parse_terms(sys.argv[1:])[0].model_dump(mode="json")))"""
 
 
 @pytest.mark.parametrize(

@@ -450,8 +450,8 @@ def test_through_a_bad_line_nothing_wrong_is_accepted(bad_cab, clock, fake_plant
     for tick in range(2000):
         clock.now_s += 0.05
         machine.advance(clock.now_s)
-        m = cab.measure(clock.now_s)
-        cab.command(clock.now_s, DriveCommand(60.0, 30.0), tick > 4)
+        m = cab.read_measurements(clock.now_s)
+        cab.send_command(clock.now_s, DriveCommand(60.0, 30.0), tick > 4)
         if tick > 100:
             assert (m.hopper_kg.value, m.supply_v.value, m.work_switch) == (250.05, 13.5, True)
             assert m.shaft_rpm.value == 60.0
@@ -460,7 +460,9 @@ def test_through_a_bad_line_nothing_wrong_is_accepted(bad_cab, clock, fake_plant
             seen += m.shaft_rpm.time_s == clock.now_s
     assert seen > 800
     assert all(
-        device.rejected > 100 for device in cab.status(clock.now_s) if device.name != "heads"
+        device.rejected > 100
+        for device in cab.list_device_status(clock.now_s)
+        if device.name != "heads"
     )
 
 
@@ -471,15 +473,15 @@ def test_an_unplugged_device_goes_stale_and_comes_back(bad_cab, clock):
         for _ in range(round(seconds / 0.05)):
             clock.now_s += 0.05
             machine.advance(clock.now_s)
-            m = cab.measure(clock.now_s)
-            cab.command(clock.now_s, DriveCommand(60.0, 30.0), False)
+            m = cab.read_measurements(clock.now_s)
+            cab.send_command(clock.now_s, DriveCommand(60.0, 30.0), False)
         return m
 
     run(2.0)
     lines["board"].fault(PortFaults(unplugged=True))
     m = run(2.0)
     assert clock.now_s - m.shaft_rpm.time_s == pytest.approx(2.0)
-    assert not cab.status(clock.now_s)[-1].connected
+    assert not cab.list_device_status(clock.now_s)[-1].connected
     lines["board"].fault(PortFaults())
     assert run(0.1).shaft_rpm.time_s == clock.now_s
 
@@ -492,5 +494,5 @@ def test_a_frozen_board_is_silent_not_steady(bad_cab, clock):
         lines["board"].fault(PortFaults(frozen=tick >= 40))
         clock.now_s += 0.05
         machine.advance(clock.now_s)
-        m = cab.measure(clock.now_s)
+        m = cab.read_measurements(clock.now_s)
     assert clock.now_s - m.shaft_rpm.time_s == pytest.approx(2.0)

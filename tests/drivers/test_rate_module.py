@@ -192,9 +192,9 @@ def steps(plugged, clock, seconds, command=None, enabled=False, silent=False):
             ),
             begin_s,
         )
-        m = cab.measure(clock.now_s)
+        m = cab.read_measurements(clock.now_s)
         if not silent:
-            cab.command(clock.now_s, command, enabled)
+            cab.send_command(clock.now_s, command, enabled)
     return m, speeds
 
 
@@ -227,10 +227,10 @@ def test_a_silent_module_leaves_no_fresh_reading(plugged, clock):
     steps(plugged, clock, 2.0, DriveCommand(60.0, 25.0), True)
     device.close()
     clock.now_s += 0.6
-    m = cab.measure(clock.now_s)
+    m = cab.read_measurements(clock.now_s)
     assert clock.now_s - m.shaft_rpm.time_s > 0.5 and clock.now_s - m.opening_mm.time_s > 0.5
     clock.now_s += 2.0
-    assert not cab.status(clock.now_s)[0].connected
+    assert not cab.list_device_status(clock.now_s)[0].connected
 
 
 def test_without_a_relay_bit_the_module_does_nothing():
@@ -260,14 +260,14 @@ def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_li
         lambda url, baud, _clock: lines[0],
         lambda url, _clock: host,
     )
-    cab.command(100.0, DriveCommand(60.0, 33.0), True)
+    cab.send_command(100.0, DriveCommand(60.0, 33.0), True)
     assert lines[1].read() == board_line("T1,0,0.000,33.000,1")
     assert [decode_command(data) for data in device.read_each()][1].units_per_min == 60.0
     lines[1].write(board_line("S1,0,0,1000000,0,0,1.0,33.0,250.0,13.5,,,,1"))
     device.write(status(59.0))
-    m = cab.measure(100.05)
+    m = cab.read_measurements(100.05)
     assert (m.shaft_rpm.value, m.opening_mm.value) == (59.0, 33.0)
-    cab.command(100.1, DriveCommand(math.nan, 33.0), True)
+    cab.send_command(100.1, DriveCommand(math.nan, 33.0), True)
     assert lines[1].read() == board_line("T1,1,0.000,33.000,0"), (
         "a number refused by one drive stops both"
     )

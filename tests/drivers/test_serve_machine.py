@@ -68,7 +68,7 @@ async def console(folder: Path, *config: str):
         run_file=folder / "w.json",
     )
     link = Link(where)
-    running = asyncio.create_task(link.run())
+    running = asyncio.create_task(link.run_connection())
     await asyncio.wait_for(link.attached.wait(), 10)
     try:
         yield link
@@ -99,10 +99,10 @@ async def start_work(link: Link) -> None:
     )
     if link.newest.row.state != "ready":
         for alarm in link.newest.alarms:
-            await link.order(Order(Do.ACKNOWLEDGE, alarm.id))
-        await link.order(Order(Do.READY))
+            await link.send_order(Order(Do.ACKNOWLEDGE, alarm.id))
+        await link.send_order(Order(Do.READY))
         await until(link, lambda frame: frame.row.state == "ready")
-    await link.order(Order(Do.START))
+    await link.send_order(Order(Do.START))
 
 
 @pytest.mark.exam

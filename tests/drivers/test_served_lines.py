@@ -109,7 +109,7 @@ def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_pl
     for _ in range(200):
         clock.now_s += 0.05
         machine.advance(clock.now_s)
-        measured = cab.measure(clock.now_s)
+        measured = cab.read_measurements(clock.now_s)
         for reading, true in ((measured.opening_mm, 25.0), (measured.supply_v, 13.5)):
             assert reading is None or reading.value == true
     assert board.counts.rejected_total > 0
@@ -206,8 +206,8 @@ def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
     def told() -> bool:
         served.advance()
         now_s = time.monotonic()
-        m, other = (cab.measure(now_s) for cab in cabs)
-        cabs[0].command(now_s, DriveCommand(60.0, 30.0), now_s - began_s > 0.3)
+        m, other = (cab.read_measurements(now_s) for cab in cabs)
+        cabs[0].send_command(now_s, DriveCommand(60.0, 30.0), now_s - began_s > 0.3)
         return bool(
             m.gnss
             and other.gnss
@@ -224,7 +224,7 @@ def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
         wait_for(told)
     finally:
         for cab in cabs:
-            cab.close()
+            cab.close_devices()
 
 
 # --- The virtual machine: sensors arrive through bytes, commands move the plant, silence stops
@@ -241,9 +241,9 @@ def drive(clock):
         for _ in range(round(seconds / tick_s)):
             clock.now_s += tick_s
             machine.advance(clock.now_s)
-            measured = cab.measure(clock.now_s)
+            measured = cab.read_measurements(clock.now_s)
             if command is not None:
-                cab.command(clock.now_s, command, enabled)
+                cab.send_command(clock.now_s, command, enabled)
         return measured
 
     return go
@@ -282,16 +282,16 @@ def test_what_the_plant_senses_is_measured(clock, drive, fake_plant, protocol, m
 def test_no_sentence_was_rejected_on_a_clean_line(clock, drive, fake_plant):
     cab, machine = virtual_cab(fake_plant, clock)
     drive(cab, machine, 10.0, RUN, False)
-    assert [device.rejected for device in cab.status(clock.now_s)] == [0] * 8
-    assert cab.status(clock.now_s)[0].rate_hz == pytest.approx(5.0, rel=0.01)
-    assert cab.status(clock.now_s)[-1].rate_hz == pytest.approx(20.0, rel=0.01)
+    assert [device.rejected for device in cab.list_device_status(clock.now_s)] == [0] * 8
+    assert cab.list_device_status(clock.now_s)[0].rate_hz == pytest.approx(5.0, rel=0.01)
+    assert cab.list_device_status(clock.now_s)[-1].rate_hz == pytest.approx(20.0, rel=0.01)
 
 
 def test_a_command_acts_from_the_next_step(clock, drive, fake_plant):
     cab, machine = virtual_cab(fake_plant, clock)
     drive(cab, machine, 0.2, RUN, False)
     fake_plant.commands.clear()
-    cab.command(clock.now_s, RUN, True)
+    cab.send_command(clock.now_s, RUN, True)
     drive(cab, machine, 0.05)
     assert fake_plant.commands == [(RUN, True)]
 
@@ -391,14 +391,14 @@ def test_the_same_ends_on_tcp(clock, fake_plant):
         while True:
             clock.now_s += 0.05
             machine.advance(clock.now_s)
-            m = cab.measure(clock.now_s)
-            cab.command(clock.now_s, RUN, clock.now_s > 101.0)
+            m = cab.read_measurements(clock.now_s)
+            cab.send_command(clock.now_s, RUN, clock.now_s > 101.0)
             if m.gnss and m.ndvi[5] and m.shaft_rpm and m.shaft_rpm.value == 60.0:
                 break
             assert time.monotonic() < deadline
             time.sleep(0.005)
     finally:
-        cab.close()
+        cab.close_devices()
         machine.close()
 
 
@@ -416,8 +416,8 @@ def test_thirty_seconds_of_the_real_plant(clock):
     for tick in range(600):
         clock.now_s += 0.05
         machine.advance(clock.now_s)
-        m = cab.measure(clock.now_s)
-        cab.command(clock.now_s, DriveCommand(60.0, 30.0), tick > 20)
+        m = cab.read_measurements(clock.now_s)
+        cab.send_command(clock.now_s, DriveCommand(60.0, 30.0), tick > 20)
         last = sensed[-1]
         assert m.shaft_rpm.value == pytest.approx(last.shaft_rpm, abs=5e-4)
         assert m.opening_mm.value == pytest.approx(last.opening_mm, abs=5e-4)
@@ -436,6 +436,6 @@ def test_thirty_seconds_of_the_real_plant(clock):
         if tick > 300:
             wheel_errors.append(m.wheel_speed_mps.value - plant.truth.speed_mps)
     assert m.shaft_rpm.value == pytest.approx(60.0, abs=2.0)
-    assert all(device.rejected == 0 for device in cab.status(clock.now_s))
+    assert all(device.rejected == 0 for device in cab.list_device_status(clock.now_s))
     assert abs(statistics.mean(wheel_errors)) < 0.01
     assert statistics.pstdev(wheel_errors) < 0.06

@@ -241,8 +241,8 @@ def test_a_machine_that_is_recorded_only_gets_no_byte(clock) -> None:
     host, end = memory_pair("board", clock)
     config = CabConfig.model_validate({"board": {"port": "b"}, "record_only": True})
     cab = Cab(config, clock, lambda *_: host)
-    cab.measure(0.0)
-    cab.command(0.0, DriveCommand(70.0, 25.0), True)
+    cab.read_measurements(0.0)
+    cab.send_command(0.0, DriveCommand(70.0, 25.0), True)
     assert cab.give_dose(0.0, 120.0, 60.0) is None
     cab.ask_turned()
     assert end.read() == b""
@@ -286,8 +286,8 @@ class Bench:
     ) -> None:
         for tick in range(ticks):
             now_s = self.clock.now_s
-            self.cab.measure(now_s)
-            self.cab.command(now_s, STANDING._replace(dose=(doses or {}).get(tick)), enabled)
+            self.cab.read_measurements(now_s)
+            self.cab.send_command(now_s, STANDING._replace(dose=(doses or {}).get(tick)), enabled)
             self.board.feed(self.end.read(), now_s)
             begins = self.board.dose(now_s)
             self.begun += [] if begins is None else [begins]
@@ -351,4 +351,4 @@ def test_a_dose_of_another_session_is_not_given_and_stops_the_board(bench):
         and not bench.board.set_points(bench.clock.now_s)[1]
     )
     bench.run(3)
-    assert bench.begun == [] and bench.cab.measure(bench.clock.now_s).old_orders
+    assert bench.begun == [] and bench.cab.read_measurements(bench.clock.now_s).old_orders

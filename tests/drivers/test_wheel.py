@@ -162,15 +162,17 @@ def test_from_the_cabs_port_to_control() -> None:
         lambda: 0.0,
         lambda *_: line,
     )
-    assert cab.measure(0.0).speed_told is None
+    assert cab.read_measurements(0.0).speed_told is None
     line.waiting = sentence(PLAN)
-    told = cab.measure(1.0).speed_told
+    told = cab.read_measurements(1.0).speed_told
     assert (
         told is not None
         and told.time_s == 1.0
         and told.points[0][1] == pytest.approx(1.25, abs=1e-3)
     )
-    assert cab.measure(5.0).speed_told == told, "however old: who uses it looks at its time"
+    assert cab.read_measurements(5.0).speed_told == told, (
+        "however old: who uses it looks at its time"
+    )
 
 
 def test_a_capture_is_decoded() -> None:

@@ -30,7 +30,7 @@ def test_kill_of_both_and_the_next_start_goes_on(benchmark_module, tmp_path):
         os.kill(console.terminal.process.pid, signal.SIGKILL)
         os.kill(where.pid, signal.SIGKILL)
         console.terminal.end()
-        kept = resume.read(resume.snapshot_path(where.log_path))
+        kept = resume.read_snapshot(resume.make_snapshot_path(where.log_path))
         assert not kept.finished and kept.config == (str(console.job),)
 
         console.terminal = console.open()

@@ -32,8 +32,8 @@ def test_without_room_it_says_so_and_the_first_diagnosis_compiles(
     def full() -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(prepare, "prepare", full)
-    assert prepare.main() == 1
+    monkeypatch.setattr(prepare, "compile_packages", full)
+    assert prepare.run_warm_up() == 1
     said = capsys.readouterr()
     assert "once" in said.out and "No space left on device; the first diagnosis does it" in said.err
     assert said.err.count("\n") == 1
@@ -50,9 +50,9 @@ def test_a_first_diagnosis_then_compiles_nothing(tmp_path: Path) -> None:
     log = str(tmp_path / "log.csv")
     for words in (
         ("-m", "topdress.console.prepare"),
-        (*prepare.PROGRAM[1:], "simulate", "--seconds", "600", "--out", log),
+        (*prepare.CONSOLE_COMMAND[1:], "simulate", "--seconds", "600", "--out", log),
     ):
         subprocess.run([sys.executable, *words], env=env, check=True, timeout=600)
     before = kept()
-    subprocess.run([*prepare.PROGRAM, "diagnose", log], env=env, check=True, timeout=600)
+    subprocess.run([*prepare.CONSOLE_COMMAND, "diagnose", log], env=env, check=True, timeout=600)
     assert before and kept() == before

@@ -83,11 +83,11 @@ class Metering:
     def _arrives(self, sentences: int) -> None:
         """Until the port's thread has them."""
         self._said += sentences
-        wait_for(lambda: self.cab.measure(self.now_s) and self._read >= self._said)
+        wait_for(lambda: self.cab.read_measurements(self.now_s) and self._read >= self._said)
 
     def _told(self, m: Measurements) -> Measurements:
         self.now_s = m.time_s
-        return m._replace(rate_asked=self.cab.measure(m.time_s).rate_asked)
+        return m._replace(rate_asked=self.cab.read_measurements(m.time_s).rate_asked)
 
     @property
     def _read(self) -> int:
@@ -143,12 +143,12 @@ def test_what_the_ground_gets_by_another_display(
         assert (alarm is None and not alarms) or alarm in alarms
         if pulled:
             it.display.plug()
-            wait_for(lambda: it.cab.measure(it.now_s) and it.connects == 2)
+            wait_for(lambda: it.cab.read_measurements(it.now_s) and it.connects == 2)
             it._said = it._read
             it.run(10.0, RAVEN)
             assert it.got_kg_ha(4.0) == pytest.approx(WANTED_KG_HA, rel=0.02), "plugged again"
     finally:
-        it.cab.close()
+        it.cab.close_devices()
 
 
 class Silent:
@@ -195,17 +195,17 @@ def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_
         row = theirs.tick().row
         if k % 4 == 0 and row.applied_rate_kg_ha is not None:
             lines["rates"].waiting = b"$R114-,AR,%d\r\n" % round(10.0 * row.applied_rate_kg_ha)
-        heard = cab.measure(row.time_s)
+        heard = cab.read_measurements(row.time_s)
         m = theirs._measuring._now
         tick = ours.tick(
             m._replace(
                 rate_applied=heard.rate_applied, shaft_rpm=None, opening_mm=None, hopper_kg=None
             )
         )
-        cab.command(row.time_s, tick.command, tick.enabled)
+        cab.send_command(row.time_s, tick.command, tick.enabled)
         cab.give_dose(row.time_s, 120.0, 70.0)
         rows.append(tick.row)
-    cab.close()
+    cab.close_devices()
     assert lines["board"].written == b"" and not tick.enabled and tick.command.shaft_rpm == 0.0
     last = rows[-1]
     assert last.applied_rate_kg_ha == pytest.approx(300.0, rel=0.05)

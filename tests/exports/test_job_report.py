@@ -22,9 +22,9 @@ from tests.command import topdress
 
 
 def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
-    from topdress.console.reports.job_page import job_page
+    from topdress.console.reports.job_page import make_job_page
 
-    page = job_page(applied, "topdress test")
+    page = make_job_page(applied, "topdress test")
     t = applied.totals
     assert f"{t.applied_kg:.2f} kg" in page and f"{t.area_ha:.4f} ha" in page
     assert (
@@ -38,7 +38,7 @@ def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
 
 def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Path) -> None:
     """A machine file 20 % off all along says nothing; 3 m of clods at 20 s do."""
-    from topdress.console.reports.job_page import find_effort_rise, job_page
+    from topdress.console.reports.job_page import calc_effort_rise, make_job_page
 
     machine = load("huanghai", MACHINE).model
     own = 8.0 + 0.6 * 70.0 + 0.06 * 5.5 * 20.0
@@ -53,12 +53,12 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
             clods = 20.0 <= float(one["time_s"]) < 22.4
             written.writerow(one | {"shaft_effort": f"{own * (1.8 if clods else 1.2):.3f}"})
     applied = as_applied(read_log(tmp_path / "effort.csv"), machine, SpreadProduct("urea", 0.46))
-    rise, s = find_effort_rise(applied), applied.stretches
+    rise, s = calc_effort_rise(applied), applied.stretches
     assert np.nanmax(rise) == pytest.approx(60.0, abs=2.0) and np.nanmedian(rise) == pytest.approx(
         0.0, abs=0.1
     )
     assert s.time_s[rise > 10.0].min() > 19.9 and s.time_s[rise > 10.0].max() < 22.6
-    page = job_page(applied, "topdress test")
+    page = make_job_page(applied, "topdress test")
     assert (
         page.count("<svg") == 3
         and "How hard the metering drive worked" in page
@@ -67,23 +67,23 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
 
 
 def test_doses_have_a_line_of_their_own(applied: AsApplied) -> None:
-    from topdress.console.reports.job_page import job_page
+    from topdress.console.reports.job_page import make_job_page
 
     point = dataclasses.replace(applied, totals=applied.totals._replace(doses=286, doses_missed=3))
-    assert "286, plants missed: 3" in job_page(point, "topdress test")
+    assert "286, plants missed: 3" in make_job_page(point, "topdress test")
 
 
 def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None:
-    from topdress.console.reports.job_page import error_percent
+    from topdress.console.reports.job_page import calc_error_percent
 
-    error, area = error_percent(applied)
+    error, area = calc_error_percent(applied)
     assert area.sum() == pytest.approx(10_000 * applied.totals.area_ha)
     assert float((error * area).sum() / area.sum()) == pytest.approx(0.0, abs=0.2)
     doubled = dataclasses.replace(
         applied,
         stretches=applied.stretches._replace(applied_kg_ha=2.0 * applied.stretches.target_kg_ha),
     )
-    assert error_percent(doubled)[0] == pytest.approx(np.full(len(error), 100.0))
+    assert calc_error_percent(doubled)[0] == pytest.approx(np.full(len(error), 100.0))
 
 
 def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
@@ -109,8 +109,8 @@ def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
 
 
 def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
-    from topdress.console.reports.job_about import happened, read_about
-    from topdress.console.reports.job_page import job_page
+    from topdress.console.reports.job_about import find_job_events, read_job_metadata
+    from topdress.console.reports.job_page import make_job_page
 
     states = {0: "off", 2: "working", 6: "held", 8: "working"}
     rows, state = [], "off"
@@ -134,11 +134,11 @@ def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
     }
     path = tmp_path / "log.csv"
     write_log(path, run_meta(None, {"name": "winter wheat"}, job, seed=7), rows)
-    told = happened(read_log(path))
+    told = find_job_events(read_log(path))
     assert told.working == ((120.0, 360.0), (480.0, 540.0)) and told.refills == ((420.0, 250.0),)
     assert sorted(told.alarms) == [("hopper_low", 180.0, 360.0), ("shaft_silent", 240.0, 360.0)]
-    about = read_about(read_log(path))
-    page = job_page(applied, "topdress test", about)
+    about = read_job_metadata(read_log(path))
+    page = make_job_page(applied, "topdress test", about)
     for said in (
         "Li &lt;Ming&gt;",
         "East",
@@ -157,7 +157,7 @@ def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
     assert page.count("<svg") == 3 and page.count('class="blank"') == 1, (
         "the operator signs by hand"
     )
-    assert "SIMULATED" not in job_page(applied, "topdress test")
+    assert "SIMULATED" not in make_job_page(applied, "topdress test")
 
 
 def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> None:
@@ -192,12 +192,12 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
 
 
 def test_a_log_without_a_target_has_a_page_too(applied: AsApplied) -> None:
-    from topdress.console.reports.job_page import job_page
+    from topdress.console.reports.job_page import make_job_page
 
     unknown = applied.stretches._replace(
         target_kg_ha=np.full_like(applied.stretches.time_s, np.nan)
     )
-    assert "No target was logged" in job_page(
+    assert "No target was logged" in make_job_page(
         dataclasses.replace(applied, stretches=unknown), "topdress test"
     )
 
@@ -212,9 +212,9 @@ def test_topdress_map_writes_it_and_every_export(known_log: RunLog, tmp_path: Pa
 
 
 def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
-    from topdress.console.reports.job_page import job_page
+    from topdress.console.reports.job_page import make_job_page
 
-    page = job_page(dataclasses.replace(applied, title="<script>x</script>"), "topdress test")
+    page = make_job_page(dataclasses.replace(applied, title="<script>x</script>"), "topdress test")
     assert "<script>" not in page
 
 
@@ -222,16 +222,18 @@ def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first() -> None
     """What a reader measures on the picture: when work, refills and alarms were, and for how
     long."""
     from topdress.console.reports.job_about import (
-        MOST_ALARMS,
-        About,
+        MOST_ALARM_KINDS,
         AlarmSpan,
-        Happened,
+        JobEvents,
+        JobMetadata,
         draw_time_line,
     )
 
-    alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARMS + 2)]
+    alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARM_KINDS + 2)]
     alarms.append(AlarmSpan("shaft_silent", 1200.0, 2400.0))
-    about = About(happened=Happened(tuple(alarms), ((1800.0, 250.0),), ((60.0, 3000.0),), ""))
+    about = JobMetadata(
+        happened=JobEvents(tuple(alarms), ((1800.0, 250.0),), ((60.0, 3000.0),), "")
+    )
     picture = draw_time_line(about)
     assert picture is not None
     words = re.findall(r'<text x="([-\d.]+)" y="([-\d.]+)"[^>]*>([^<]*)</text>', picture.svg)
@@ -240,13 +242,13 @@ def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first() -> None
         word for _, _, word in words if not word.isdigit() and word not in ("250 kg", "time, min")
     ]
     down = {word: float(y) for _, y, word in words}
-    assert names[:4] == ["at work", "refills", "shaft silent", f"alarm {MOST_ALARMS + 1}"]
-    assert len(names) == 2 + MOST_ALARMS
+    assert names[:4] == ["at work", "refills", "shaft silent", f"alarm {MOST_ALARM_KINDS + 1}"]
+    assert len(names) == 2 + MOST_ALARM_KINDS
     assert [down[name] for name in names] == sorted(down[name] for name in names)
     scale = (at_min["40"] - at_min["10"]) / 30.0
     ends = re.findall(r"M([\d.]+) [\d.]+H([\d.]+)V", picture.svg)
     spans = [tuple(10.0 + (float(end) - at_min["10"]) / scale for end in span) for span in ends]
     assert spans[0] == pytest.approx((1.0, 50.0), abs=0.1)
     assert spans[1] == pytest.approx((20.0, 40.0), abs=0.1)
-    assert spans[2] == pytest.approx((10.0, 12.0 + MOST_ALARMS), abs=0.1)
+    assert spans[2] == pytest.approx((10.0, 12.0 + MOST_ALARM_KINDS), abs=0.1)
     assert "250 kg" in picture.svg

@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 import pytest
 from topdress.console.worker import resume
-from topdress.console.worker.resume_ground import unpacked
+from topdress.console.worker.resume_ground import unpack_raster
 from topdress.control.recordings.places import pieces
 from topdress.control.targets.prescription import statistics
 from topdress.drivers.files import limits
@@ -406,14 +406,14 @@ def test_ground_is_unpacked_no_further_than_it_says(tmp_path: Path) -> None:
     bits = base64.b64encode(zlib.compress(bytes(100 << 20), 9)).decode()
     told = {"west_m": 0.0, "south_m": 0.0, "cell_m": 0.25, "rows": 8, "columns": 8, "bits": bits}
     with pytest.raises(ValueError, match="10 bytes of cells for 8 x 8"):
-        unpacked(told)
+        unpack_raster(told)
     with pytest.raises(ValueError, match="allowed up to 400000000"):
-        unpacked(told | {"rows": 10**6, "columns": 10**6})
+        unpack_raster(told | {"rows": 10**6, "columns": 10**6})
     path = tmp_path / "x.resume.json"
-    for text in ("[" * 100_000, json.dumps({"format": resume.FORMAT, "sums": 1e400})):
+    for text in ("[" * 100_000, json.dumps({"format": resume.SNAPSHOT_FORMAT, "sums": 1e400})):
         path.write_text(text)
         with pytest.raises(ValueError, match="not a job that can go on"):
-            resume.read(path)
+            resume.read_snapshot(path)
 
 
 @pytest.mark.parametrize(

@@ -193,33 +193,35 @@ def desk(tmp_path):
     async def link(resumed=None):
         """A worker that starts with what was taken."""
 
-    launcher.link = link
+    launcher.start_link = link
     return JobFiles(launcher, tmp_path)
 
 
 async def test_another_product_in_the_cab_brings_its_flow(desk, tmp_path):
     """Before, it was a name only: 5.5 g a turn and mm stayed whatever was filled in."""
-    facts = desk.facts()
+    facts = desk.find_facts()
     assert facts.setup.machine.flow.grams_per_rev_mm == 5.5 and not facts.product_file
     mine = next(one.value for one in facts.products if one.label == "mine")
     assert {one.label for one in facts.products} >= {"mine", "urea_prilled", "can_27"}
-    desk.take_names(JobNames(product="mine", product_file=mine))
-    await desk.restart()
-    facts = desk.facts()
+    desk.save_job_names(JobNames(product="mine", product_file=mine))
+    await desk.restart_worker()
+    facts = desk.find_facts()
     assert (facts.setup.machine.flow.grams_per_rev_mm, facts.setup.crop.product_n_fraction) == (
         6.2,
         0.46,
     )
     line = next(one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "product")
     assert line.level == OK and "6.20 g a turn and mm (catch test of 2026-03-17)" in line.text
-    desk.take_names(JobNames(product="can_27", product_file=str(shipped("products")["can_27"])))
-    await desk.restart()
+    desk.save_job_names(JobNames(product="can_27", product_file=str(shipped("products")["can_27"])))
+    await desk.restart_worker()
     line = next(
-        one for one in checks(None, 0.0, desk.facts(), "", None, METRIC) if one.label == "product"
+        one
+        for one in checks(None, 0.0, desk.find_facts(), "", None, METRIC)
+        if one.label == "product"
     )
     assert line.level == LOOK and "no catch test with this machine" in line.text
-    desk.take_names(JobNames(product="from a neighbour"))
-    await desk.restart()
-    facts = desk.facts()
+    desk.save_job_names(JobNames(product="from a neighbour"))
+    await desk.restart_worker()
+    facts = desk.find_facts()
     assert (facts.names.product, facts.product_file) == ("from a neighbour", "")
     assert facts.setup.machine.flow.grams_per_rev_mm == 5.5

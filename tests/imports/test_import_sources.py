@@ -291,7 +291,7 @@ def test_points_are_replayed_diagnosed_and_summed(tmp_path: Path) -> None:
     told = json.loads(run("map", str(path), "--machine", "huanghai", "--json"))
     assert told["area_ha"] == pytest.approx(199 * 1.5 * 2.4 / 1e4)
     assert told["mean_rate_kg_ha"] == pytest.approx(203.0, abs=0.2)
-    assert RunLogs().open(str(path)).name == "applied.geojson"
+    assert RunLogs().open_log(str(path)).name == "applied.geojson"
 
 
 def test_what_is_unsure_is_asked_and_nothing_is_left(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from topdress.console.worker.assemble import assemble
+from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
 from topdress.control.geodesy import TangentPlane
@@ -255,7 +255,7 @@ def test_a_map_that_is_missing_is_one_line(job: Path, tmp_path: Path) -> None:
         and len(result.output.strip().splitlines()) == 1
     )
     with pytest.raises(ValueError, match=r"map_demo\.geojson: not there"):
-        assemble(
+        assemble_run(
             Options((str(job),), tmp_path / "w.json", log=str(tmp_path / "run.csv")), lambda: 0.0
         )
 
@@ -271,13 +271,13 @@ def test_the_worker_takes_the_source_map_live_only_with_a_map(job: Path, tmp_pat
     job.write_text(job.read_text().replace("  source: map ", "  source: canopy "))
     for name, accepted in ((str(job), True), ("demo", False)):
         config = (name,) if accepted else ()
-        parts = assemble(
+        parts = assemble_run(
             Options(config, tmp_path / "w.json", log=str(tmp_path / f"{accepted}.csv")), lambda: 0.0
         )
         answer = parts.loop.order(Order(Do.SOURCE, "map"))
         assert answer.accepted == accepted
         assert answer.why == ("" if accepted else "source_not_ready")
-        parts.bench.close()
+        parts.bench.close_devices()
         parts.writer.close()
 
 

@@ -17,7 +17,7 @@ from topdress.console.app.pages.job.checklist import LOOK, STOP, checks
 from topdress.console.app.pages.job.map_words import map_words
 from topdress.console.app.units import METRIC
 from topdress.console.app.words import describe_alarm
-from topdress.console.locale import use
+from topdress.console.locale import use_language
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
 from topdress.control.field.boundary import Boundary
@@ -136,7 +136,7 @@ def test_the_summary_the_export_and_the_report_miss_the_plan_by_what_was_cut(
     ],
 )
 def test_the_operator_reads_it(language: str, words: str) -> None:
-    use(language)
+    use_language(language)
     try:
         alarm = Alarm(
             "target_cut",
@@ -147,7 +147,7 @@ def test_the_operator_reads_it(language: str, words: str) -> None:
         )
         assert words in describe_alarm(alarm).text
     finally:
-        use("en")
+        use_language("en")
 
 
 # -- before work
@@ -156,7 +156,7 @@ def test_the_operator_reads_it(language: str, words: str) -> None:
 
 def facts_check(job: Path) -> Any:
     launcher = Launcher([str(job)], [], 1, 20.0, None, job.with_name("trouble"))
-    facts = JobFiles(launcher, job.parent).facts()
+    facts = JobFiles(launcher, job.parent).find_facts()
     return next(
         (check for check in checks(None, 0.0, facts, "", None, METRIC) if check.label == "map"),
         None,
@@ -244,7 +244,7 @@ def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
     )
     field = Boundary([(-10.0, -10.0), (100.0, -10.0), (100.0, 50.0), (-10.0, 50.0)])
     far = Boundary([(1e4, 0.0), (2e4, 0.0), (2e4, 1e4)])
-    use("zh")
+    use_language("zh")
     try:
         said = [
             text
@@ -254,7 +254,7 @@ def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
             )
         ]
     finally:
-        use("en")
+        use_language("en")
     assert len(said) == 5
     assert all(any("一" <= letter <= "鿿" for letter in text) for text in said)
 

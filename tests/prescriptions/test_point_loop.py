@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from topdress.console.worker.assemble import assemble
+from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Camera, Job, Plants, Wanted
@@ -403,7 +403,7 @@ def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays
 
 def test_a_run_without_a_plant_list_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a camera has no driver yet"):
-        assemble(
+        assemble_run(
             Options(("bench", "points_demo"), tmp_path / "w.json", log=str(tmp_path / "a.csv")),
             lambda: 0.0,
         )

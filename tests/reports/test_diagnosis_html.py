@@ -15,16 +15,21 @@ import numpy as np
 import pytest
 from topdress.console.app.pages.diagnosis import shown
 from topdress.console.app.units import METRIC
-from topdress.console.locale import ENGLISH, use
+from topdress.console.locale import ENGLISH, use_language
 from topdress.console.reports import html
-from topdress.console.reports.diagnosis_html import diagnosis_page
-from topdress.console.reports.diagnosis_text import summary
-from topdress.console.reports.diagnosis_wording import cost, is_headline, sentence, when
-from topdress.console.reports.fleet_page import fleet_page
-from topdress.console.reports.paper_page import paper_page
-from topdress.console.reports.run_pictures import cause_pictures
-from topdress.console.reports.run_views import View, parts_of, run_views
-from topdress.console.services.diagnosis_view import found_of
+from topdress.console.reports.diagnosis_html import make_diagnosis_page
+from topdress.console.reports.diagnosis_text import summarise_terminal
+from topdress.console.reports.diagnosis_wording import (
+    describe_field_cost,
+    describe_time_span,
+    format_verdict_line,
+    is_headline,
+)
+from topdress.console.reports.fleet_page import make_fleet_page
+from topdress.console.reports.paper_page import make_paper_page
+from topdress.console.reports.run_pictures import draw_cause
+from topdress.console.reports.run_views import ChannelView, list_effect_instances, make_run_views
+from topdress.console.services.diagnosis_view import make_diagnosis_view
 from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.diagnosis.result import (
     UNKNOWN,
@@ -123,7 +128,7 @@ def harmless(text: str) -> Reader:
 def test_page_holds_everything(
     full: Diagnosis, run_columns: dict[str, Any], machine: Machine
 ) -> None:
-    text = diagnosis_page(
+    text = make_diagnosis_page(
         full,
         {
             "columns": run_columns,
@@ -181,7 +186,7 @@ def test_the_same_page_twice(
 ) -> None:
     tools = {"tables": [bench_tables["weigh"]], "machine": machine}
     found = found_of(cause_of("flow.gain"), kind="weigh")
-    assert diagnosis_page(found, tools) == diagnosis_page(found, tools)
+    assert make_diagnosis_page(found, tools) == make_diagnosis_page(found, tools)
 
 
 @pytest.mark.parametrize("kind", OF_TABLES)
@@ -210,7 +215,7 @@ def test_each_kind_of_table(
             0.4,
         ),
     )
-    text = diagnosis_page(
+    text = make_diagnosis_page(
         found_of(*causes, kind=kind, unexplained=left),
         {"tables": [bench_tables[kind]], "machine": machine},
     )
@@ -223,7 +228,7 @@ def test_two_tables_and_nothing_found(
     bench_tables: dict[str, BenchTable], machine: Machine, found_of: Callable[..., Diagnosis]
 ) -> None:
     found = found_of(kind="lag+place")
-    text = diagnosis_page(
+    text = make_diagnosis_page(
         found, {"tables": [bench_tables["lag"], bench_tables["place"]], "machine": machine}
     )
     said = harmless(text).said()
@@ -233,8 +238,8 @@ def test_two_tables_and_nothing_found(
 
 
 @pytest.fixture(scope="module")
-def views(run_columns: dict[str, Any], machine: Machine) -> tuple[View, ...]:
-    return run_views(run_columns, machine)
+def views(run_columns: dict[str, Any], machine: Machine) -> tuple[ChannelView, ...]:
+    return make_run_views(run_columns, machine)
 
 
 @pytest.mark.parametrize(
@@ -245,10 +250,10 @@ def views(run_columns: dict[str, Any], machine: Machine) -> tuple[View, ...]:
     ],
 )
 def test_every_effect_of_a_run_has_its_picture(
-    effect_id: str, views: tuple[View, ...], cause_of: Callable[..., Cause]
+    effect_id: str, views: tuple[ChannelView, ...], cause_of: Callable[..., Cause]
 ) -> None:
-    part = parts_of([cause_of(effect_id)])[0]
-    pictures = cause_pictures(views, [part], part)
+    part = list_effect_instances([cause_of(effect_id)])[0]
+    pictures = draw_cause(views, [part], part)
     # This log has no refill, nothing turns backwards in it, all heads warm up alike, and no
     # drive tells its effort.
     if (
@@ -272,7 +277,7 @@ def test_unexplained_shows_the_smooth_function(
     found = found_of(
         verdict="unexplained", unexplained=(Unexplained("shaft", "supply_v", 0.9),), tables=(fit,)
     )
-    said = harmless(diagnosis_page(found, {"columns": run_columns, "machine": machine})).said()
+    said = harmless(make_diagnosis_page(found, {"columns": run_columns, "machine": machine})).said()
     for words in (
         "shaft changes with supply (supply_v)",
         "90 %",
@@ -299,7 +304,7 @@ def test_hostile_words_stay_words(
         not_shown=(NotShown(HOSTILE, full.not_shown[0].smallest_detectable),),
     )
     found = replace(found, data=replace(found.data, path=HOSTILE, machine=HOSTILE))
-    text = diagnosis_page(
+    text = make_diagnosis_page(
         found,
         {
             "tables": [replace(lag, path=HOSTILE, label=label, label_column=HOSTILE)],
@@ -331,9 +336,9 @@ def test_checksum_is_of_the_file(
     path.write_bytes(b"abc")
     found = found_of(kind="lag")
     found = replace(found, data=replace(found.data, path=str(path)))
-    text = diagnosis_page(found, {"tables": [bench_tables["lag"]], "machine": machine})
+    text = make_diagnosis_page(found, {"tables": [bench_tables["lag"]], "machine": machine})
     assert "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad" in text
-    assert "sha256" not in diagnosis_page(
+    assert "sha256" not in make_diagnosis_page(
         found_of(kind="lag"), {"tables": [bench_tables["lag"]], "machine": machine}
     )
 
@@ -341,26 +346,29 @@ def test_checksum_is_of_the_file(
 def test_sentences(
     cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis], full: Diagnosis
 ) -> None:
-    assert sentence(found_of()).startswith("Everything is as the machine file says")
-    assert sentence(found_of(cause_of("flow.gain"))) == "Kilograms per revolution off by a factor."
-    assert sentence(full).startswith(
+    assert format_verdict_line(found_of()).startswith("Everything is as the machine file says")
+    assert (
+        format_verdict_line(found_of(cause_of("flow.gain")))
+        == "Kilograms per revolution off by a factor."
+    )
+    assert format_verdict_line(full).startswith(
         "Test next: Stairs, twice (10 min). It tells apart: Shaft loses speed when "
     )
-    assert cost(FieldCost(None, None)) == "not known"
-    assert cost(FieldCost(0.0, 0.0)) == "nothing in dose or place"
+    assert describe_field_cost(FieldCost(None, None)) == "not known"
+    assert describe_field_cost(FieldCost(0.0, 0.0)) == "nothing in dose or place"
     assert (
-        cost(FieldCost(2.04, -0.3))
+        describe_field_cost(FieldCost(2.04, -0.3))
         == "2.0 % too much is spread; material lands 0.30 m short of its place"
     )
 
 
 def test_each_of_two_causes_has_a_picture_of_its_own(
-    views: tuple[View, ...], cause_of: Callable[..., Cause]
+    views: tuple[ChannelView, ...], cause_of: Callable[..., Cause]
 ) -> None:
     """What each takes away from what the other leaves: both on one axis, they were one picture
     twice."""
-    parts = parts_of([cause_of("shaft.gain"), cause_of("shaft.voltage_sag")])
-    one, other = (cause_pictures(views, parts, part)[0] for part in parts)
+    parts = list_effect_instances([cause_of("shaft.gain"), cause_of("shaft.voltage_sag")])
+    one, other = (draw_cause(views, parts, part)[0] for part in parts)
     assert one.svg != other.svg
     for picture in (one, other):
         said = harmless(picture.svg).said()
@@ -406,9 +414,9 @@ SOURCES = sorted(Path(console.__file__).parent.rglob("*.py"))
 
 def test_every_page_may_fetch_nothing() -> None:
     for text in (
-        html.page("<script>", "<p>said</p>", "p {}"),
-        paper_page([], "topdress"),
-        fleet_page(
+        html.make_page("<script>", "<p>said</p>", "p {}"),
+        make_paper_page([], "topdress"),
+        make_fleet_page(
             [],
             SeasonFit(),
             low=[],
@@ -435,7 +443,7 @@ def test_no_report_has_a_head_of_its_own() -> None:
 
 def test_pictures_that_stand_in_a_page_are_shown() -> None:
     """The scale of colours beside a map is a picture in the page itself."""
-    policy = html.page("", "", "").partition("Content-Security-Policy")[2].partition(">")[0]
+    policy = html.make_page("", "", "").partition("Content-Security-Policy")[2].partition(">")[0]
     assert "img-src data:" in policy and "http" not in policy and "*" not in policy
 
 
@@ -459,15 +467,15 @@ GATE = Size(0.8, 0.6, 1.0, "mm")
 
 @pytest.fixture(autouse=True)
 def english() -> Iterator[None]:
-    use(ENGLISH)
+    use_language(ENGLISH)
     yield
-    use(ENGLISH)
+    use_language(ENGLISH)
 
 
 def spoken(found: Diagnosis) -> dict[str, str]:
     """What each of them says, in one line of words."""
-    text = diagnosis_page(found, {"machine": Machine()})
-    on_page = found_of(found, {"machine": Machine()}, "run.csv", None)
+    text = make_diagnosis_page(found, {"machine": Machine()})
+    on_page = make_diagnosis_view(found, {"machine": Machine()}, "run.csv", None)
     said, causes, channels = (
         shown.said(on_page, ""),
         shown.causes(on_page, 0, METRIC),
@@ -482,7 +490,7 @@ def spoken(found: Diagnosis) -> dict[str, str]:
         *channels.left,
     ]
     return {
-        "terminal": _flat("\n".join(summary(found))),
+        "terminal": _flat("\n".join(summarise_terminal(found))),
         "report": _flat(unescape(re.sub(r"<[^>]*>", " ", text[text.index("<body>") :]))),
         "page": _flat("\n".join(lines)),
     }
@@ -591,7 +599,7 @@ def test_the_same_facts_everywhere(kind: str, of_kind: Callable[[str], Diagnosis
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_facts_in_chinese(kind: str, of_kind: Callable[[str], Diagnosis]) -> None:
-    use("zh")
+    use_language("zh")
     said = spoken(of_kind(kind))["page"]
     assert [fact for fact in KINDS[kind][3] if fact not in said] == []
 
@@ -625,14 +633,14 @@ def test_what_was_not_judged_comes_before_all_else(
     said = spoken(found)
     for where in ("terminal", "report"):
         assert said[where].index(LEFT_OUT) < said[where].index(found.causes[0].advice)
-    lines = summary(found)
+    lines = summarise_terminal(found)
     missing = "gate" if kind == "missing" else "shaft, gate, flow, scale, speed, heads"
     assert lines[1:3] == [f"not judged: {missing}", f"note: {LEFT_OUT}"]
-    on_page = found_of(found, {"machine": Machine()}, "run.csv", None)
+    on_page = make_diagnosis_view(found, {"machine": Machine()}, "run.csv", None)
     assert shown.channels(on_page).left[0] == LEFT_OUT
     if kind == "missing":
         assert shown.said(on_page, "").sentence.startswith("Not judged: gate. ")
-        assert sentence(found).startswith("Not judged: gate. ")
+        assert format_verdict_line(found).startswith("Not judged: gate. ")
 
 
 def test_a_cause_less_likely_than_not_is_in_no_headline(
@@ -650,7 +658,7 @@ def test_a_cause_less_likely_than_not_is_in_no_headline(
     found = found_of(weak, strong, verdict="ambiguous", channels=CHANNELS)
     titles = [CATALOGUE[one.id].effect.title for one in (strong, weak)]
     on_page = found_of_page(found)
-    for head in (sentence(found), shown.said(on_page, "").sentence):
+    for head in (format_verdict_line(found), shown.said(on_page, "").sentence):
         assert titles[0].lower() in head.lower() and titles[1].lower() not in head.lower()
         assert "suspected" in head
     for said in spoken(found).values():
@@ -663,19 +671,19 @@ def test_a_cause_less_likely_than_not_is_in_no_headline(
 
 
 def found_of_page(found: Diagnosis, mean_target_kg_ha: float | None = None) -> Any:
-    return found_of(found, {"machine": Machine()}, "run.csv", mean_target_kg_ha)
+    return make_diagnosis_view(found, {"machine": Machine()}, "run.csv", mean_target_kg_ha)
 
 
 def test_a_size_that_grows_is_said_with_its_sign_and_without_needless_zeros(
     cause_of: Callable[..., Cause],
 ) -> None:
     grown = cause_of("gate.offset", size=Size(-12.0, None, None, "%"), onset_s=304.0, grows=True)
-    assert when(grown) == "grows from 304 s on to -12 % at the end"
+    assert describe_time_span(grown) == "grows from 304 s on to -12 % at the end"
     assert (
-        when(replace(grown, size=Size(None, None, None, "%")))
+        describe_time_span(replace(grown, size=Size(None, None, None, "%")))
         == "grows from 304 s on to its size at the end"
     )
-    assert when(replace(grown, onset_s=None, grows=False)) == ""
+    assert describe_time_span(replace(grown, onset_s=None, grows=False)) == ""
 
 
 @pytest.mark.parametrize(

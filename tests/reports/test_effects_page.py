@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from topdress.console.reports.effects_page import markdown
+from topdress.console.reports.effects_page import format_effects_page
 from topdress.control.machine.machine import CATALOGUE
 
 from tests.command import topdress
@@ -13,13 +13,13 @@ PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
 
 
 def test_page_is_the_catalogue() -> None:
-    assert PAGE.read_text(encoding="utf-8") == markdown(CATALOGUE), (
+    assert PAGE.read_text(encoding="utf-8") == format_effects_page(CATALOGUE), (
         "write it again: topdress effects --markdown docs/effects.md"
     )
 
 
 def test_page_says_all_of_each_effect() -> None:
-    text = markdown(CATALOGUE)
+    text = format_effects_page(CATALOGUE)
     for effect_id, entry in CATALOGUE.items():
         part = text.split(f"### {effect_id}\n")[1].split("\n##")[0]
         for said in (
@@ -39,4 +39,4 @@ def test_command_writes_the_page(tmp_path: Path) -> None:
     out = tmp_path / "effects.md"
     result = topdress("effects", "--markdown", out)
     assert result.exit_code == 0 and result.output == ""
-    assert out.read_text(encoding="utf-8") == markdown(CATALOGUE)
+    assert out.read_text(encoding="utf-8") == format_effects_page(CATALOGUE)

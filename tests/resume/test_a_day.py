@@ -12,8 +12,8 @@ import pytest
 from topdress.console.app.coverage_raster import CELLS_M, MOST_TILES
 from topdress.console.app.history import TREND_POINTS, History
 from topdress.console.worker.resume import Snapshot
-from topdress.console.worker.resume_ground import TRACK_PLACES, Done
-from topdress.console.worker.resume_keeper import Keeper
+from topdress.console.worker.resume_ground import TRACK_PLACES, DoneGround
+from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.control.diagnosis.live.watch import MOST_ROWS, MOST_S, QUARTER_S, LiveCheck
 from topdress.control.field.coverage import Coverage
 from topdress.control.log_row import LogRow
@@ -81,10 +81,10 @@ def test_the_console_remembers_no_more_of_twelve_hours():
 
 
 def test_the_worker_s_ground_grows_with_the_ground_alone():
-    done, own = Done(Machine()), Coverage(WIDTH_M)
+    done, own = DoneGround(Machine()), Coverage(WIDTH_M)
     for time_s in np.arange(0.0, DAY_S, 3.0):
         at, heading = place(time_s)
-        done.pass_over(time_s, at, heading, 60.0, 300.0)
+        done.add_outlet_place(time_s, at, heading, 60.0, 300.0)
         own.lay(at, heading, True)
     hectares = own.covered.area_ha
     assert hectares == pytest.approx(DAY_S * SPEED_MPS * WIDTH_M / 1e4, rel=0.02)
@@ -106,9 +106,9 @@ def test_what_waits_for_a_disk_that_hangs_is_bounded(tmp_path):
     class Tick:
         row = LogRow(1.0)
 
-    keeper = Keeper(
+    keeper = SnapshotKeeper(
         Path(tmp_path / "a.resume.json"), Machine(), Snapshot("a.csv"), Loop(), lambda: "", 50
     )
     for _ in range(100):
-        keeper.take(Tick())
+        keeper.take_tick(Tick())
     assert keeper._handed.qsize() == 50

@@ -8,10 +8,10 @@ import datetime as dt
 import numpy as np
 import pytest
 from topdress.console.worker import resume
-from topdress.console.worker.assemble import assemble
+from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.console.worker.resume import Snapshot
-from topdress.console.worker.resume_field import find_jobs_here, on_plane
+from topdress.console.worker.resume_field import find_jobs_here, move_snapshot
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Ground, Job
 from topdress.control.field.totals import Sums, Totaliser
@@ -43,7 +43,7 @@ def kept(folder, name="west", box=(0.0, 50.0, 0.0, 20.0), origin=HOME, **known):
     snapshot = Snapshot(
         **{one: getattr(snapshot, one) for one in Snapshot.__dataclass_fields__} | known
     )
-    resume.write(folder / f"{name}.resume.json", snapshot)
+    resume.write_snapshot(folder / f"{name}.resume.json", snapshot)
     return snapshot
 
 
@@ -74,7 +74,7 @@ def job(origin=HOME, ring=SQUARE) -> Job:
 )
 def test_the_field_is_known_by_its_place(tmp_path, field, goes_on):
     kept(tmp_path)
-    assert [one.goes_on for one in find_jobs_here(tmp_path, field, True, NOW)] == (
+    assert [one.is_same_job for one in find_jobs_here(tmp_path, field, True, NOW)] == (
         [] if goes_on is None else [goes_on]
     )
     assert find_jobs_here(tmp_path, field, False, NOW) == [], (
@@ -91,7 +91,7 @@ def test_what_was_cut_off_before_anything_landed_is_where_it_stood(tmp_path):
 def test_on_another_plane_the_same_places_are_done(tmp_path):
     before = kept(tmp_path, box=(200.0, 260.0, 300.0, 340.0))
     own, plane = TangentPlane(*HOME), TangentPlane(HOME[0] + 0.02, HOME[1] - 0.05)
-    moved = on_plane(before, plane)
+    moved = move_snapshot(before, plane)
     for east, north, done in (
         (201.0, 301.0, True),
         (259.0, 339.0, True),
@@ -112,12 +112,12 @@ def test_on_another_plane_the_same_places_are_done(tmp_path):
     assert moved.ground.done.sum() == pytest.approx(before.ground.done.sum(), rel=0.005)
     assert moved.place_m == pytest.approx(plane.to_m(*own.to_deg(260.0, 340.0)), abs=0.002)
     assert moved.track[0][:2] == pytest.approx(plane.to_m(*own.to_deg(200.0, 300.0)), abs=0.06)
-    assert on_plane(moved, plane) is moved
+    assert move_snapshot(moved, plane) is moved
 
 
 def start(folder, config, log="new"):
     """A worker put together."""
-    parts = assemble(
+    parts = assemble_run(
         Options(config, folder / "w.json", log=str(folder / f"{log}.csv")), lambda: 0.0
     )
     parts.writer.close()

@@ -12,22 +12,22 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from topdress.console.worker import resume
-from topdress.console.worker.assemble import assemble
+from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.host import Host
 from topdress.console.worker.options import Options, parse_options
-from topdress.console.worker.requests import Ask
+from topdress.console.worker.requests import Question
 from topdress.console.worker.resume import Snapshot
-from topdress.console.worker.resume_alarms import AlarmBook, AlarmRecord
+from topdress.console.worker.resume_alarms import AlarmHistory, AlarmRecord
 from topdress.console.worker.resume_assemble import find_job_to_continue
 from topdress.console.worker.resume_ground import (
     NOTHING_DONE,
     TRACK_PLACES,
-    Done,
-    joined,
-    packed,
-    unpacked,
+    DoneGround,
+    join_rasters,
+    pack_raster,
+    unpack_raster,
 )
-from topdress.console.worker.resume_keeper import Keeper
+from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
 from topdress.control.agronomy.strips import Strips
 from topdress.control.field.coverage import Coverage, Raster
@@ -85,29 +85,31 @@ def run(
     def sleep(seconds: float) -> None:
         nonlocal now_s
         now_s += max(seconds, 1e-9)
-        host.console_heard()
+        host.note_console_heard()
         if host.newest is not None:
             frames.append(host.newest)
             state = host.newest.row.state
             if work and now_s > 3.0 and state in ("off", "ready"):
-                host.ask(Order(Do.READY if state == "off" else Do.START), lambda answer, _: None)
+                host.queue_request(
+                    Order(Do.READY if state == "off" else Do.START), lambda answer, _: None
+                )
         for at_s in [at_s for at_s in given if at_s <= now_s]:
-            host.ask(given.pop(at_s), lambda answer, _: None)
+            host.queue_request(given.pop(at_s), lambda answer, _: None)
         if now_s > until_s:
             if cut:
                 raise PowerCut
-            host.stop("enough")
+            host.request_stop("enough")
 
-    parts = assemble(
+    parts = assemble_run(
         Options((), log.parent / "w.json", log=str(log), resume=resumed), lambda: now_s
     )
-    parts.bench.measure = silenced(parts.bench.measure, *silent_s)
+    parts.bench.read_measurements = silenced(parts.bench.read_measurements, *silent_s)
     host = Host(parts, lambda: now_s, sleep)
     real_work = parts.writer.after_writing
     if cut:
-        host.close = lambda why: None  # the process is gone: nobody closes anything
+        host.close_run = lambda why: None  # the process is gone: nobody closes anything
     try:
-        host.run()
+        host.run_until_stopped()
     except PowerCut:
         parts.writer.after_writing = None
         parts.writer.close()
@@ -150,15 +152,15 @@ def left(folder):
 def _read(folder, data):
     path = folder / "told.resume.json"
     path.write_text(json.dumps(data))
-    return resume.read(path)
+    return resume.read_snapshot(path)
 
 
 def test_what_is_kept_of_a_morning(morning):
     frames, parts = morning
-    kept = resume.read(resume.snapshot_path(parts.writer.path))
+    kept = resume.read_snapshot(resume.make_snapshot_path(parts.writer.path))
     last = frames[-1]
     assert (
-        kept.worth_going_on
+        kept.is_worth_resuming
         and kept.logs_before == ()
         and kept.strategy == "opening_first"
         and kept.simulated
@@ -172,7 +174,7 @@ def test_what_is_kept_of_a_morning(morning):
 
 def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     before, parts = morning
-    snapshot = resume.snapshot_path(parts.writer.path)
+    snapshot = resume.make_snapshot_path(parts.writer.path)
     frames, later = run(tmp_path / "b.csv", 40.0, resumed=snapshot)
     assert frames[0].row.state == "off", "all else is the operator's act"
     assert frames[0].area_ha == pytest.approx(before[-1].area_ha, rel=0.01)
@@ -185,11 +187,11 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     assert log.name == "b.csv" and meta_from_yaml(log.with_suffix(".yaml").read_text()).extra[
         "resumes"
     ] == str(parts.writer.path)
-    kept = resume.read(resume.snapshot_path(log))
+    kept = resume.read_snapshot(resume.make_snapshot_path(log))
     assert kept.logs_before == (str(parts.writer.path),) and kept.area_ha > before[-1].area_ha
-    assert kept.began_utc == resume.read(snapshot).began_utc and frames[-1].tally.log_before == str(
-        parts.writer.path
-    )
+    assert kept.began_utc == resume.read_snapshot(snapshot).began_utc and frames[
+        -1
+    ].tally.log_before == str(parts.writer.path)
     north = [frame.place_m[1] for frame in frames if frame.place_m is not None]
     assert abs(north[0] - before[-1].place_m[1]) < 3.0, (
         "the simulated tractor stands where it stopped"
@@ -209,9 +211,9 @@ def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(
 ):
     """The machine stands 30 m before the place where it stopped, and works."""
     before, parts = morning
-    kept = resume.read(resume.snapshot_path(parts.writer.path))
+    kept = resume.read_snapshot(resume.make_snapshot_path(parts.writer.path))
     stopped = before[-1].place_m[1]
-    data = json.loads(resume.snapshot_path(parts.writer.path).read_text())
+    data = json.loads(resume.make_snapshot_path(parts.writer.path).read_text())
     data["place_m"] = [kept.place_m[0], stopped - 30.0]
     data["time_s"] = data["sums_s"] = 1e9  # the tail is in it
     moved = tmp_path / "moved.resume.json"
@@ -232,7 +234,7 @@ def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(
 
 def test_the_tail_of_the_log_closes_the_gap(morning):
     frames, parts = morning
-    kept = resume.read(resume.snapshot_path(parts.writer.path))
+    kept = resume.read_snapshot(resume.make_snapshot_path(parts.writer.path))
     whole = add_log_tail(kept, Machine(), 0.45)
     assert whole.time_s > kept.time_s - 1e-9
     assert whole.area_ha == pytest.approx(frames[-1].area_ha, rel=0.01)
@@ -245,7 +247,7 @@ def test_the_tail_of_the_log_closes_the_gap(morning):
 def test_ground_spread_without_a_place_is_done_after_a_cut(tmp_path, silent_s, cut_s):
     """Killed while the receiver is silent, and just after its place returned."""
     frames, parts = run(tmp_path / "a.csv", cut_s, cut=True, silent_s=silent_s)
-    kept = resume.read(resume.snapshot_path(parts.writer.path))
+    kept = resume.read_snapshot(resume.make_snapshot_path(parts.writer.path))
     whole = add_log_tail(kept, Machine(), 0.45, 1.0)
     way = [frame.place_m for frame in frames if frame.row.time_s > 15.0]
     assert way[-1][1] - way[0][1] > 5.0 and frames[-1].row.shaft_rpm > 20.0
@@ -265,7 +267,7 @@ def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):
         21.0: Order(Do.MARK, "job finished"),
     }
     _frames, parts = run(tmp_path / "a.csv", 30.0, orders=orders)
-    kept = resume.read(resume.snapshot_path(parts.writer.path))
+    kept = resume.read_snapshot(resume.make_snapshot_path(parts.writer.path))
     assert [kg for _utc, kg in kept.refills] == [
         250.0
     ] and parts.keeper.tally.refills == kept.refills
@@ -275,7 +277,7 @@ def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):
 
 def test_a_machine_that_only_stood_there_leaves_nothing(tmp_path):
     _frames, parts = run(tmp_path / "a.csv", 12.0, work=False)
-    assert not resume.snapshot_path(parts.writer.path).exists()
+    assert not resume.make_snapshot_path(parts.writer.path).exists()
 
 
 def test_a_snapshot_survives_its_file(tmp_path):
@@ -289,13 +291,13 @@ def test_a_snapshot_survives_its_file(tmp_path):
         place_m=(1.0, 2.0),
         track=((1.0, 2.0, 0.0, 300.0),),
     )
-    resume.write(tmp_path / "a.resume.json", written)
-    again = resume.read(tmp_path / "a.resume.json")
+    resume.write_snapshot(tmp_path / "a.resume.json", written)
+    again = resume.read_snapshot(tmp_path / "a.resume.json")
     for name in Snapshot.__dataclass_fields__:
         if name != "ground":
             assert getattr(again, name) == getattr(written, name), name
-    resume.finish(tmp_path / "a.resume.json")
-    assert resume.read(tmp_path / "a.resume.json").finished
+    resume.mark_finished(tmp_path / "a.resume.json")
+    assert resume.read_snapshot(tmp_path / "a.resume.json").finished
 
 
 @pytest.mark.parametrize(
@@ -305,7 +307,7 @@ def test_what_is_no_snapshot_is_named_in_one_line(tmp_path, text):
     path = tmp_path / "a.resume.json"
     path.write_text(text)
     with pytest.raises(ValueError, match=r"a\.resume\.json: not a job that can go on: ") as caught:
-        resume.read(path)
+        resume.read_snapshot(path)
     assert "\n" not in str(caught.value)
     assert left(tmp_path) is None
 
@@ -319,7 +321,7 @@ def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
 
     def keep(number, name, **known):
         path = tmp_path / f"{name}.resume.json"
-        resume.write(
+        resume.write_snapshot(
             path,
             Snapshot(
                 str(tmp_path / f"{name}.csv"), sums=Sums(area_ha=known.pop("ha", 1.0)), **known
@@ -340,57 +342,57 @@ def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
 
 
 def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_path):
-    keeper = Keeper(
+    keeper = SnapshotKeeper(
         tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
     )
-    keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="working")))
-    keeper.work(False)
+    keeper.take_tick(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="working")))
+    keeper.save_due(False)
     assert left(tmp_path) is None
-    keeper.take(Standing(LogRow(1.05, shaft_rpm_cmd=40.0, state="working")))
-    keeper.work(False)
+    keeper.take_tick(Standing(LogRow(1.05, shaft_rpm_cmd=40.0, state="working")))
+    keeper.save_due(False)
     _, kept = left(tmp_path)
     assert kept.worked and kept.area_ha == 0.0 and kept.time_s == 1.05
 
 
 def test_the_begin_of_work_is_kept_at_once_also_where_something_was_kept_a_moment_before(tmp_path):
-    keeper = Keeper(
+    keeper = SnapshotKeeper(
         tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
     )
     alarm = Alarm("hopper_low", Severity.AMBER, 1.0, False, ())
-    keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="ready"), alarms=(alarm,)))
-    keeper.work(False)
+    keeper.take_tick(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="ready"), alarms=(alarm,)))
+    keeper.save_due(False)
     assert (tmp_path / "x.resume.json").exists() and left(tmp_path) is None
-    keeper.take(Standing(LogRow(1.05, shaft_rpm_cmd=40.0, state="working"), alarms=(alarm,)))
-    keeper.work(False)
+    keeper.take_tick(Standing(LogRow(1.05, shaft_rpm_cmd=40.0, state="working"), alarms=(alarm,)))
+    keeper.save_due(False)
     assert left(tmp_path)[1].worked
 
 
 @pytest.mark.parametrize("quits", [True, False])
 def test_a_snapshot_tells_a_quit_from_a_cut(tmp_path, quits):
-    keeper = Keeper(
+    keeper = SnapshotKeeper(
         tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
     )
-    keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=40.0, state="working")))
+    keeper.take_tick(Standing(LogRow(1.0, shaft_rpm_cmd=40.0, state="working")))
     if quits:
-        keeper.quit()
-    keeper.work(True)
-    assert resume.read(tmp_path / "x.resume.json").quit is quits
+        keeper.note_quit()
+    keeper.save_due(True)
+    assert resume.read_snapshot(tmp_path / "x.resume.json").quit is quits
 
 
 def test_a_job_whose_log_was_cut_short_has_both_as_its_parts(tmp_path):
     first, second = str(tmp_path / "x.csv"), str(tmp_path / "x-2.csv")
-    keeper = Keeper(
+    keeper = SnapshotKeeper(
         tmp_path / "x.resume.json",
         Machine(),
         Snapshot(first, sums=Sums(area_ha=1.0)),
         Loop(),
         lambda: "",
     )
-    keeper.take(Standing(LogRow(1.0, state="working", shaft_rpm_cmd=40.0)))
-    keeper.work(False)
-    keeper.follow(second)
-    keeper.take(Standing(LogRow(1.1, state="working", shaft_rpm_cmd=40.0)))
-    keeper.work(False)
+    keeper.take_tick(Standing(LogRow(1.0, state="working", shaft_rpm_cmd=40.0)))
+    keeper.save_due(False)
+    keeper.follow_log(second)
+    keeper.take_tick(Standing(LogRow(1.1, state="working", shaft_rpm_cmd=40.0)))
+    keeper.save_due(False)
     path, kept = left(tmp_path)
     assert path.name == "x-2.resume.json" and (kept.log_path, kept.logs_before) == (
         second,
@@ -407,9 +409,9 @@ def test_a_clock_set_back_does_not_bring_an_older_job_forward(tmp_path):
     import time
 
     hour_ns = 3_600_000_000_000
-    resume.write(tmp_path / "a.resume.json", Snapshot("a.csv", sums=Sums(area_ha=1.0)))
+    resume.write_snapshot(tmp_path / "a.resume.json", Snapshot("a.csv", sums=Sums(area_ha=1.0)))
     os.utime(tmp_path / "a.resume.json", ns=(time.time_ns() + hour_ns, time.time_ns() + hour_ns))
-    resume.write(tmp_path / "b.resume.json", Snapshot("b.csv", sums=Sums(area_ha=2.0)))
+    resume.write_snapshot(tmp_path / "b.resume.json", Snapshot("b.csv", sums=Sums(area_ha=2.0)))
     path, _ = left(tmp_path)
     assert path.name == "b.resume.json"
 
@@ -438,7 +440,7 @@ def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
     """A board goes on for a second without its host, then its shaft runs down, then what is in
     the air lands."""
     _frames, parts = morning
-    kept = resume.read(resume.snapshot_path(parts.writer.path))
+    kept = resume.read_snapshot(resume.make_snapshot_path(parts.writer.path))
     machine = Machine()
     known, beyond = (add_log_tail(kept, machine, 0.46, stops_s) for stops_s in (None, 1.0))
     last = list(read_log(parts.writer.path).rows())[-1]
@@ -463,28 +465,30 @@ def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
 
 def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
     _frames, parts = morning
-    kept = json.loads(resume.snapshot_path(parts.writer.path).read_text())
+    kept = json.loads(resume.make_snapshot_path(parts.writer.path).read_text())
     data = kept | {"after_cut_kg": 0.17, "cut_hopper_kg": 100.0}
-    keeper = Keeper(
+    keeper = SnapshotKeeper(
         tmp_path / "x.resume.json", Machine(), _read(tmp_path, data), parts.loop, lambda: ""
     )
     assert (keeper.tally.after_cut_kg, keeper.tally.after_cut_scale_kg) == (0.17, None)
     for number in range(120):
-        keeper.take(Standing(LogRow(0.05 * number, hopper_kg=99.8, shaft_rpm_cmd=0.0, state="off")))
-    keeper.work(False)
+        keeper.take_tick(
+            Standing(LogRow(0.05 * number, hopper_kg=99.8, shaft_rpm_cmd=0.0, state="off"))
+        )
+    keeper.save_due(False)
     assert keeper.tally.after_cut_scale_kg == pytest.approx(0.2)
 
 
 @pytest.mark.exam
 def test_a_job_goes_on_after_a_quit_too(tmp_path):
     """Nothing was cut off, and nothing fell after the last row; the ground is done all the same."""
-    frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: Ask.QUIT})
-    path = resume.snapshot_path(parts.writer.path)
-    kept = resume.read(path)
-    assert kept.quit and kept.worth_going_on and left(tmp_path)[0] == path
+    frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: Question.QUIT})
+    path = resume.make_snapshot_path(parts.writer.path)
+    kept = resume.read_snapshot(path)
+    assert kept.quit and kept.is_worth_resuming and left(tmp_path)[0] == path
     later, _parts = run(tmp_path / "b.csv", 5.0)
     assert later[0].area_ha == pytest.approx(frames[-1].area_ha, rel=0.02)
-    assert not resume.read(resume.snapshot_path(tmp_path / "b.csv")).quit, (
+    assert not resume.read_snapshot(resume.make_snapshot_path(tmp_path / "b.csv")).quit, (
         "told to stop, but not by anybody's QUIT"
     )
 
@@ -499,12 +503,12 @@ AMBER = Alarm(
 
 
 def test_first_last_times_and_acknowledged():
-    book = AlarmBook()
-    assert [one.id for one in book.see(1.0, "t1", (RED,))] == ["shaft_silent"]
-    assert book.see(2.0, "t2", (RED, AMBER))[0].id == "hopper_low"
-    assert book.see(3.0, "t3", (RED._replace(acknowledged=True), AMBER)) == ()
-    book.see(4.0, "t4", (AMBER,))
-    assert [one.id for one in book.see(9.0, "t9", (RED, AMBER))] == ["shaft_silent"], (
+    book = AlarmHistory()
+    assert [one.id for one in book.add_row_alarms(1.0, "t1", (RED,))] == ["shaft_silent"]
+    assert book.add_row_alarms(2.0, "t2", (RED, AMBER))[0].id == "hopper_low"
+    assert book.add_row_alarms(3.0, "t3", (RED._replace(acknowledged=True), AMBER)) == ()
+    book.add_row_alarms(4.0, "t4", (AMBER,))
+    assert [one.id for one in book.add_row_alarms(9.0, "t9", (RED, AMBER))] == ["shaft_silent"], (
         "it came again"
     )
     red, amber = book.records
@@ -522,25 +526,25 @@ def test_first_last_times_and_acknowledged():
 
 
 def test_standing_before_gone_and_red_before_amber():
-    book = AlarmBook()
-    book.see(1.0, None, (AMBER,))
-    book.see(2.0, None, (RED,))
+    book = AlarmHistory()
+    book.add_row_alarms(1.0, None, (AMBER,))
+    book.add_row_alarms(2.0, None, (RED,))
     assert [(one.id, one.stands) for one in book.records] == [
         ("shaft_silent", True),
         ("hopper_low", False),
     ]
-    book.see(3.0, None, (AMBER,))
+    book.add_row_alarms(3.0, None, (AMBER,))
     assert [one.id for one in book.records] == ["hopper_low", "shaft_silent"]
 
 
 def test_records_survive_a_file_and_the_time_before_is_added():
-    first = AlarmBook()
-    first.see(1.0, "2026-03-18T06:00:00Z", (RED, AMBER))
+    first = AlarmHistory()
+    first.add_row_alarms(1.0, "2026-03-18T06:00:00Z", (RED, AMBER))
     kept = tuple(typed(AlarmRecord, one) for one in json.loads(json.dumps(plain(first.records))))
     assert kept == first.records
-    later = AlarmBook()
-    later.see(0.5, "2026-03-18T07:00:00Z", (RED,))
-    later.add_before(kept)
+    later = AlarmHistory()
+    later.add_row_alarms(0.5, "2026-03-18T07:00:00Z", (RED,))
+    later.add_earlier_records(kept)
     red, amber = later.records
     assert (
         red.stands
@@ -548,7 +552,7 @@ def test_records_survive_a_file_and_the_time_before_is_added():
         and red.last_utc == "2026-03-18T07:00:00Z"
     )
     assert amber.id == "hopper_low" and not amber.stands
-    assert AlarmBook(kept).see(5.0, "t", (RED,))[0].times == 2
+    assert AlarmHistory(kept).add_row_alarms(5.0, "t", (RED,))[0].times == 2
 
 
 # --- Strips that were measured on the way are still known after a power cut
@@ -558,19 +562,23 @@ def test_records_survive_a_file_and_the_time_before_is_added():
 def test_the_job_goes_on_with_its_strips(tmp_path):
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     path = tmp_path / "a.resume.json"
-    keeper = Keeper(
+    keeper = SnapshotKeeper(
         path,
         setup.machine,
         Snapshot(str(tmp_path / "a.csv")),
         Loop(),
         lambda: "2026-03-18T06:00:00+00:00",
     )
-    keeper.take(Standing(LogRow(0.0, state="working", shaft_rpm_cmd=50.0)))
-    keeper.take(Standing(LogRow(1.0, state="working", events="mark;strip nrich 0.66 0.0041 38")))
-    keeper.take(Standing(LogRow(2.0, state="working", events="strip check 0.55;strip check x")))
-    keeper.work(False)
+    keeper.take_tick(Standing(LogRow(0.0, state="working", shaft_rpm_cmd=50.0)))
+    keeper.take_tick(
+        Standing(LogRow(1.0, state="working", events="mark;strip nrich 0.66 0.0041 38"))
+    )
+    keeper.take_tick(
+        Standing(LogRow(2.0, state="working", events="strip check 0.55;strip check x"))
+    )
+    keeper.save_due(False)
     assert not keeper.trouble
-    before = resume.read(path)
+    before = resume.read_snapshot(path)
     assert (before.ndvi_nrich, before.ndvi_check) == (0.66, 0.55)
     job = find_job_to_continue(setup.job, setup.machine, before)
     assert rule_of(setup.crop, job).strips == Strips(0.66, 0.55)
@@ -578,11 +586,11 @@ def test_the_job_goes_on_with_its_strips(tmp_path):
 
 def test_a_snapshot_of_before_has_no_strips_and_the_trim_that_nobody_reads(tmp_path):
     path = tmp_path / "a.resume.json"
-    resume.write(path, Snapshot("a.csv"))
+    resume.write_snapshot(path, Snapshot("a.csv"))
     text = path.read_text().replace('"ndvi_nrich":null,', "").replace('"ndvi_check":null,', "")
     assert "ndvi" not in text and '"flow_trim":' not in text
     path.write_text(text.replace('"flow_trim_on"', '"flow_trim":1.02,"flow_trim_on"'))
-    assert resume.read(path).ndvi_nrich is None
+    assert resume.read_snapshot(path).ndvi_nrich is None
 
 
 # --- Ground that is done: how it grows and is kept
@@ -596,7 +604,7 @@ NORTH_M = np.arange(0.0, 60.0, 0.1)
 
 
 def drive(
-    done: Done,
+    done: DoneGround,
     north_m: tuple[float, float],
     east_m: float = 0.0,
     rpm: float = 60.0,
@@ -604,7 +612,7 @@ def drive(
 ) -> float:
     """Due north at 2 m/s; returns the time at the end."""
     for north in np.arange(*north_m, SPEED_MPS * STEP_S):
-        done.pass_over(at_s, (east_m, float(north)), 0.0, rpm, 300.0)
+        done.add_outlet_place(at_s, (east_m, float(north)), 0.0, rpm, 300.0)
         at_s += STEP_S
     return at_s
 
@@ -619,7 +627,7 @@ def done_at(ground: Raster, places: list[tuple[float, float]]) -> np.ndarray:
 @pytest.fixture
 def one_pass():
     """From 0 to 50 m north, 10 to 40 of it with flow."""
-    done = Done(MACHINE)
+    done = DoneGround(MACHINE)
     at_s = drive(done, (0.0, 10.0), rpm=0.0)
     at_s = drive(done, (10.0, 40.0), at_s=at_s)
     drive(done, (40.0, 50.0), rpm=0.0, at_s=at_s)
@@ -627,7 +635,7 @@ def one_pass():
 
 
 def test_only_where_something_landed_is_done_and_it_lands_later(one_pass):
-    ground = one_pass.raster()
+    ground = one_pass.make_raster()
     area_m2 = ground.done.sum() * ground.cell_m**2
     assert area_m2 == pytest.approx(30.0 * WIDTH_M, rel=0.06)
     landed = np.flatnonzero(done_at(ground, [(0.0, north) for north in NORTH_M]))
@@ -638,16 +646,16 @@ def test_only_where_something_landed_is_done_and_it_lands_later(one_pass):
 
 def test_a_pass_beside_it_is_not_done_but_the_same_way_is(one_pass):
     places = [(0.0, 25.0), (0.45 * WIDTH_M, 25.0), (WIDTH_M, 25.0), (0.0, 45.0)]
-    assert done_at(one_pass.raster(), places).tolist() == [True, True, False, False]
+    assert done_at(one_pass.make_raster(), places).tolist() == [True, True, False, False]
 
 
 def test_kept_and_read_back_it_is_the_same_and_two_parts_are_one(one_pass):
-    first = one_pass.raster()
-    again = unpacked(packed(first))
+    first = one_pass.make_raster()
+    again = unpack_raster(pack_raster(first))
     assert again[:3] == first[:3] and (again.done == first.done).all()
-    later = Done(MACHINE, again, tuple(one_pass.track))
+    later = DoneGround(MACHINE, again, tuple(one_pass.track))
     drive(later, (100.0, 130.0), east_m=-70.0)
-    both = later.raster()
+    both = later.make_raster()
     assert done_at(both, [(0.0, 25.0), (-70.0, 115.0), (-35.0, 60.0)]).tolist() == [
         True,
         True,
@@ -662,13 +670,13 @@ def test_kept_and_read_back_it_is_the_same_and_two_parts_are_one(one_pass):
 )
 def test_ground_that_was_not_kept_whole_is_refused(one_pass, change):
     with pytest.raises((ValueError, KeyError)):
-        unpacked(packed(one_pass.raster()) | change)
+        unpack_raster(pack_raster(one_pass.make_raster()) | change)
 
 
 def test_a_long_day_is_thinned_not_forgotten():
-    done = Done(MACHINE)
+    done = DoneGround(MACHINE)
     for k in range(int(TRACK_PLACES * 1.5)):
-        done.pass_over(0.5 * k, (0.0, 1.0 * k), 0.0, 60.0, 300.0)
+        done.add_outlet_place(0.5 * k, (0.0, 1.0 * k), 0.0, 60.0, 300.0)
     norths = [spot[1] for spot in done.track]
     assert (
         len(norths) <= TRACK_PLACES and norths[0] < 5.0 and norths[-1] > TRACK_PLACES * 1.5 - 10.0
@@ -677,9 +685,9 @@ def test_a_long_day_is_thinned_not_forgotten():
 
 def test_an_empty_raster_joins_with_anything():
     some = Raster(0.0, 0.0, 0.25, np.ones((4, 4), dtype=np.bool_))
-    assert joined(NOTHING_DONE, some) is some and joined(some, NOTHING_DONE) is some
+    assert join_rasters(NOTHING_DONE, some) is some and join_rasters(some, NOTHING_DONE) is some
 
 
 def test_parts_too_far_apart_for_one_picture_give_the_newer_one():
     here = Raster(0.0, 0.0, 0.25, np.ones((4, 4), dtype=bool))
-    assert joined(here, here._replace(west_m=80_000.0, south_m=80_000.0)).west_m == 80_000.0
+    assert join_rasters(here, here._replace(west_m=80_000.0, south_m=80_000.0)).west_m == 80_000.0

@@ -24,8 +24,8 @@ from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.tablet import (
     MOST_ADDRESSES,
     MOST_BYTES,
-    TAB_BYTES,
-    SharedWaits,
+    TAB_MEMORY_BYTES,
+    SharedKeyWaits,
     TabLink,
     find_counting_key,
     read_options,
@@ -44,11 +44,11 @@ from topdress.console.serve.server import (  # noqa: E402
     MESSAGE_BYTES,
     MOST_COLUMNS,
     MOST_ROWS,
-    TABS,
-    MessagePace,
+    MOST_TABS,
+    MessageThrottle,
     TabletServer,
     is_host_allowed,
-    number,
+    parse_bounded_int,
 )
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
@@ -148,8 +148,8 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
         ]
         for tab in tabs:
             await tab.until("VIEW ONLY")
-        looking = Link(where.looking_only())
-        task = asyncio.create_task(looking.run())
+        looking = Link(where.drop_token())
+        task = asyncio.create_task(looking.run_connection())
         await asyncio.wait_for(looking.attached.wait(), 60)
         assert looking.newest.row.state == "off"
         for tab in tabs:
@@ -157,7 +157,7 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
                 await tab.press(key)
         for tab in tabs:
             await tab.until("view only: hold", again="+")
-        assert await looking.order(Order(Do.READY), 5.0) == Answer(False, "unauthorised")
+        assert await looking.send_order(Order(Do.READY), 5.0) == Answer(False, "unauthorised")
         seq = looking.newest.seq
         while looking.newest.seq < seq + 10:
             await asyncio.sleep(0.05)
@@ -174,17 +174,17 @@ async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp
     order puts that off."""
     where, _address = served
     tab = TabLink(where)
-    task = asyncio.create_task(tab.run())
+    task = asyncio.create_task(tab.run_connection())
     await asyncio.wait_for(tab.attached.wait(), 60)
     await asyncio.sleep(0.7)
-    assert await tab.order(Order(Do.READY), 5.0) == Answer(True)
+    assert await tab.send_order(Order(Do.READY), 5.0) == Answer(True)
     heard = time.monotonic()
     async with asyncio.timeout(60.0):
         while not any(alarm.id == "console_silent" for alarm in tab.newest.alarms):
             await asyncio.sleep(0.05)
             if tab.newest.row.state == "ready":
                 await asyncio.sleep(0.3)
-                await tab.order(Order(Do.START), 5.0)
+                await tab.send_order(Order(Do.START), 5.0)
     assert time.monotonic() - heard < 4.0
     task.cancel()
 
@@ -228,7 +228,7 @@ async def test_nothing_of_a_request_stands_in_the_page_as_it_came(monkeypatch):
 
 
 def test_numbers_out_of_a_query_are_held_in_range():
-    assert [number(text, 16, 8, 40) for text in (None, "x", "1", "20", "999")] == [
+    assert [parse_bounded_int(text, 16, 8, 40) for text in (None, "x", "1", "20", "999")] == [
         16,
         16,
         8,
@@ -241,7 +241,9 @@ def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
     path = tmp_path / "sub" / "key"
     assert serve_command.prepare_token(path) and not serve_command.prepare_token(path)
     token = read_token(path)
-    assert token is not None and len(token) == 10 and set(token) <= set(serve_command.LETTERS)
+    assert (
+        token is not None and len(token) == 10 and set(token) <= set(serve_command.TOKEN_ALPHABET)
+    )
     if os.name == "posix":
         assert path.stat().st_mode & 0o777 == 0o600
     path.write_text("\n", encoding="utf-8")
@@ -258,10 +260,10 @@ async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate():
     where = WorkerAddress(1, "secret", 1)
     app = tablet.make_tab_app(where, "abcd2345")
     assert app.looking and app.source.where.token is None
-    assert (await tablet.link_to(False, lambda: where)).where.token is None
-    assert (await tablet.link_to(True, lambda: where)).where.token == "secret"
+    assert (await tablet.make_tab_link(False, lambda: where)).where.token is None
+    assert (await tablet.make_tab_link(True, lambda: where)).where.token == "secret"
     with pytest.raises(WorkerFailed, match="The console on the machine is not running"):
-        await tablet.link_to(True, lambda: None)
+        await tablet.make_tab_link(True, lambda: None)
 
 
 def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
@@ -363,7 +365,7 @@ linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts 
 @posix
 async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
     """Also where its console hangs: it is killed, and its place is free again."""
-    monkeypatch.setattr(tab_module, "QUIT_S", 0.1)
+    monkeypatch.setattr(tab_module, "QUIT_TIMEOUT_S", 0.1)
     server = TabletServer(["sleep", "60"], "127.0.0.1", 0)
     wrong = {
         "[": 1008,
@@ -400,10 +402,10 @@ async def test_no_more_tabs_than_the_computer_carries_counted_until_they_have_en
     before them."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
-        tabs = [await session.ws_connect(address) for _ in range(TABS)]
+        tabs = [await session.ws_connect(address) for _ in range(MOST_TABS)]
         with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
             await session.ws_connect(address)
-        while len(pids := group(server)) < 3 * TABS:  # shell and two sleeps each
+        while len(pids := group(server)) < 3 * MOST_TABS:  # shell and two sleeps each
             await asyncio.sleep(0.02)
         closed_s = time.monotonic()
         for tab in tabs:
@@ -421,9 +423,9 @@ async def test_ctrl_c_ends_all_consoles_within_two_seconds():
     """Told one after the other, and each waited for, it took 12 s."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
-        for _ in range(TABS):
+        for _ in range(MOST_TABS):
             await session.ws_connect(address)
-        while len(pids := group(server)) < 3 * TABS:
+        while len(pids := group(server)) < 3 * MOST_TABS:
             await asyncio.sleep(0.02)
         began_s = time.monotonic()
         await server.on_shutdown(None)
@@ -441,8 +443,8 @@ async def test_ctrl_c_leaves_no_socket_for_which_the_web_server_waits(asleep):
     short."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
-        tabs = [await session.ws_connect(address) for _ in range(TABS)]
-        while len(group(server)) < 3 * TABS:
+        tabs = [await session.ws_connect(address) for _ in range(MOST_TABS)]
+        while len(group(server)) < 3 * MOST_TABS:
             await asyncio.sleep(0.02)
         reading = [] if asleep else [asyncio.create_task(tab.receive()) for tab in tabs]
         await server.on_shutdown(None)
@@ -460,8 +462,10 @@ async def test_ctrl_c_leaves_no_socket_for_which_the_web_server_waits(asleep):
 @posix
 def test_a_tab_ends_with_its_server_however_that_ended():
     program = (
-        "import os, threading, time; from topdress.console.cli.tablet import end_with; os.setsid();"
-        "threading.Thread(target=end_with, args=(int(os.environ['SERVER']),), daemon=True).start();"
+        "import os, threading, time; from topdress.console.cli.tablet import end_with_server; "
+        "os.setsid();"
+        "threading.Thread(target=end_with_server, args=(int(os.environ['SERVER']),), "
+        "daemon=True).start();"
         "print(os.getpid(), flush=True); time.sleep(60)"
     )
     server = subprocess.Popen(
@@ -493,10 +497,10 @@ async def test_text_and_pings_are_taken_as_they_are():
 
 def test_messages_are_taken_no_faster_than_anybody_types():
     now_s = [0.0]
-    pace = MessagePace(lambda: now_s[0])
+    pace = MessageThrottle(lambda: now_s[0])
     taken = 0
     while now_s[0] < 10.0:
-        now_s[0] += pace.wait_s() + 1e-6
+        now_s[0] += pace.calc_wait_s() + 1e-6
         taken += 1
     assert 900 < taken < 1150
 
@@ -505,7 +509,7 @@ def test_a_wrong_key_makes_every_tab_of_its_address_wait(tmp_path):
     now_s = [100.0]
     path = tmp_path / "run" / "waits.json"
     one, other = (
-        Key("right", lambda: now_s[0], SharedWaits(path, "192.168.1.7")) for _ in range(2)
+        Key("right", lambda: now_s[0], SharedKeyWaits(path, "192.168.1.7")) for _ in range(2)
     )
     assert "not the tablet" in one.wrong("guess")
     assert "wait" in other.wrong("right"), "also a tab that was loaded again"
@@ -536,7 +540,7 @@ def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for
     now_s, path = [100.0], tmp_path / "run" / "waits.json"
 
     def tab(address):
-        return Key("right", lambda: now_s[0], SharedWaits(path, address))
+        return Key("right", lambda: now_s[0], SharedKeyWaits(path, address))
 
     for guess in range(20):
         stranger = tab("192.168.1.66")
@@ -585,8 +589,10 @@ def test_an_address_of_ipv6_counts_as_its_network(address, counted):
 async def listening(free_port, **room):
     """The whole server; gives how often a half-open connection from an address can be made, and
     what became of it."""
-    server = TabletServer(["sleep", "60"], "127.0.0.1", free_port, server_module.Room(**room))
-    task = asyncio.create_task(server._serve())
+    server = TabletServer(
+        ["sleep", "60"], "127.0.0.1", free_port, server_module.ConnectionQuota(**room)
+    )
+    task = asyncio.create_task(server._serve_until_signal())
     made = []
 
     async def half(source="127.0.0.1"):
@@ -666,7 +672,7 @@ async def test_a_connection_that_is_no_tab_has_its_time(free_port):
 
 def test_what_the_server_says_fills_no_disk():
     now_s = [0.0]
-    few = server_module.Few(lambda: now_s[0])
+    few = server_module.RateLimitedFilter(lambda: now_s[0])
 
     def said(text):
         record = logging.LogRecord(
@@ -676,11 +682,12 @@ def test_what_the_server_says_fills_no_disk():
 
     heard = [said("out of files") for _ in range(10_000)]
     assert (
-        heard[0] == ("out of files", None) and sum(map(bool, heard)) == server_module.LINES_A_MINUTE
+        heard[0] == ("out of files", None)
+        and sum(map(bool, heard)) == server_module.LOG_LINES_A_MINUTE
     )
     now_s[0] = 61.0
     assert said("again") == (
-        f"again ({10_000 - server_module.LINES_A_MINUTE} more before it)",
+        f"again ({10_000 - server_module.LOG_LINES_A_MINUTE} more before it)",
         None,
     )
 
@@ -688,15 +695,15 @@ def test_what_the_server_says_fills_no_disk():
 @posix
 def test_a_tab_has_little_memory_and_no_first_claim_on_the_processor():
     program = (
-        "import os, resource; from topdress.console.cli.tablet import bounded; "
+        "import os, resource; from topdress.console.cli.tablet import limit_resources; "
         "before = os.nice(0); "
-        "bounded();"
+        "limit_resources();"
         "print(os.nice(0) - before, resource.getrlimit(resource.RLIMIT_AS)[0])"
     )
     said = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     ).stdout.split()
-    assert int(said[0]) > 0 and int(said[1]) == TAB_BYTES
+    assert int(said[0]) > 0 and int(said[1]) == TAB_MEMORY_BYTES
 
 
 async def test_a_tab_has_the_name_that_its_address_says_or_where_it_is():

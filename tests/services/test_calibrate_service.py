@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from topdress.console.app.pages.calibrate.catch import CatchPoint
 from topdress.console.app.pages.calibrate.wheel import WheelSample
-from topdress.console.services.calibrate import calibrate_job
+from topdress.console.services.calibrate import make_calibrate_service
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
@@ -26,7 +26,7 @@ def machine():
 
 @pytest.fixture
 def job(machine, tmp_path):
-    return calibrate_job(machine, folder=tmp_path / "machines")
+    return make_calibrate_service(machine, folder=tmp_path / "machines")
 
 
 def catches(grams=5.7, falloff=0.0, noise=0.002, settings=SETTINGS):
@@ -103,7 +103,7 @@ def test_a_new_machine_file_says_where_it_comes_from_and_the_old_one_stays(job, 
 
 
 def test_a_wheel_is_fitted_by_the_circumference_it_was_counted_by_and_saved(machine, tmp_path):
-    job = calibrate_job(machine, 2.60, tmp_path)
+    job = make_calibrate_service(machine, 2.60, tmp_path)
     random = np.random.default_rng(5)
     samples = [
         WheelSample(
@@ -128,7 +128,7 @@ def test_a_reference_of_effort_is_saved_as_it_was_fitted(machine, tmp_path):
     """From a run's log; what the log gained since is not in the file."""
     log, job, rng = (
         tmp_path / "run.csv",
-        calibrate_job(machine, folder=tmp_path / "machines"),
+        make_calibrate_service(machine, folder=tmp_path / "machines"),
         np.random.default_rng(3),
     )
     rpm, mm = (
@@ -157,7 +157,7 @@ def test_a_reference_of_effort_is_saved_as_it_was_fitted(machine, tmp_path):
 
 
 def test_the_papers_lag_tables_are_offered_fitted_and_saved(machine, tmp_path):
-    job = calibrate_job(machine, folder=tmp_path, tables=(PAPERS,))
+    job = make_calibrate_service(machine, folder=tmp_path, tables=(PAPERS,))
     offered = {Path(table.path).name: table for table in job.lag_tables()}
     assert {"lag_table1_distance.csv", "lag_table3_drop_time.csv", "lag_table4_total.csv"} <= set(
         offered

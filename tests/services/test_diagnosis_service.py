@@ -17,7 +17,7 @@ from topdress.console.app.pages.diagnosis.service import Adoption, Stop, WorkSto
 from topdress.console.reports.diagnosis_wording import sort_adoptable
 from topdress.console.services import diagnosis
 from topdress.console.services.diagnosis import DiagnosisFiles
-from topdress.console.services.separating_run import _DRIVES, is_drivable, make_drive
+from topdress.console.services.separating_run import _DRIVE_MAKERS, is_drivable, make_drive
 from topdress.control.diagnosis.extend import adoptable
 from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
 from topdress.control.experiments.manoeuvres import manoeuvres
@@ -60,7 +60,7 @@ def files(folder, tmp_path):
 
 
 def test_what_can_be_diagnosed_is_listed_newest_first(files, folder):
-    found = files.sources(str(folder / "run.csv"))
+    found = files.list_sources(str(folder / "run.csv"))
     assert [(one.name, one.kind, one.working) for one in found] == [
         ("run.csv", "run", True),
         ("catch.csv", "catch", False),
@@ -79,7 +79,7 @@ def test_what_can_be_diagnosed_is_listed_newest_first(files, folder):
 )
 def test_a_typed_path_that_will_not_do_is_refused_in_one_line(files, folder, path, said):
     with pytest.raises(ValueError, match=said) as caught:
-        files.source(str(folder / path) if path else path)
+        files.find_source(str(folder / path) if path else path)
     assert "\n" not in str(caught.value)
 
 
@@ -90,8 +90,8 @@ def caught(tmp_path_factory):
     (here / "catch.csv").write_text(CATCH, encoding="utf-8")
     service = DiagnosisFiles([here], own=here / "own")
     told: list[tuple[float, str]] = []
-    found = service.diagnose(
-        service.source(str(here / "catch.csv")), None, lambda *said: told.append(said), Stop()
+    found = service.run_diagnosis(
+        service.find_source(str(here / "catch.csv")), None, lambda *said: told.append(said), Stop()
     )
     return service, found, told
 
@@ -115,21 +115,23 @@ def test_a_catch_test_is_diagnosed_by_a_process_of_its_own(caught):
 
 def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothing(caught):
     service, found, _told = caught
-    paths = [Path(service.adopt(found, Adoption(found.adoptable))) for _twice in (1, 2)]
+    paths = [Path(service.adopt_effects(found, Adoption(found.adoptable))) for _twice in (1, 2)]
     assert paths[0] != paths[1] and paths[0].parent == service.own / "machines"
     machine = load(paths[0], MACHINE).model
     assert machine.flow.gain_percent == pytest.approx(6.0, abs=0.5)
     adopted = next(one for one in machine.adopted if one.id == "flow.gain")
     assert adopted.data.endswith("catch.csv") and len(adopted.sha256) == 64 and adopted.date
     assert "diagnosis of catch.csv" in paths[0].read_text(encoding="utf-8")
-    assert str(paths[0]) in service.machines()
+    assert str(paths[0]) in service.list_machines()
 
 
 def test_a_choice_between_tied_causes_is_kept_with_its_reason(caught):
     service, found, _told = caught
     first, *more = found.found.causes
     tied = having(found, causes=(replace(first, rivals=(Rival("scale.gain", 0.3),)), *more))
-    path = Path(service.adopt(tied, Adoption(found.adoptable, "outlets were\nweighed twice")))
+    path = Path(
+        service.adopt_effects(tied, Adoption(found.adoptable, "outlets were\nweighed twice"))
+    )
     text = path.read_text(encoding="utf-8")
     assert f"The operator picked: {first.id}. Why: outlets were weighed twice" in text
     assert f"Not decided by the data: {first.id}; scale.gain" in text
@@ -141,7 +143,7 @@ def test_there_is_a_machine_file_for_each_choice_and_none_for_nothing(caught):
     assert [offer.ids for offer in found.offers] == [found.adoptable], "all of it is decided"
     assert found.offers[0].changes and (Path(found.folder) / found.offers[0].file).exists()
     with pytest.raises(ValueError, match="pick one of them at a time"):
-        service.adopt(found, Adoption(()))
+        service.adopt_effects(found, Adoption(()))
 
 
 def test_of_undecided_causes_any_may_be_picked_and_of_many_one_at_a_time():
@@ -167,21 +169,29 @@ def test_of_undecided_causes_any_may_be_picked_and_of_many_one_at_a_time():
 
 def test_report_and_data_are_exported(caught):
     service, found, _told = caught
-    report, data = Path(service.export(found, "report")), Path(service.export(found, "data"))
+    report, data = (
+        Path(service.export_result(found, "report")),
+        Path(service.export_result(found, "data")),
+    )
     assert "<!DOCTYPE html>" in report.read_text(encoding="utf-8")
     assert yaml.safe_load(data.read_text(encoding="utf-8"))["format"] == "topdress-diagnosis/1"
 
 
 def test_what_has_no_driven_run_says_so(caught):
     service, found, _told = caught
-    for ask in (service.write_run, lambda found: service.drive(found, lambda *_: None, Stop())):
+    for ask in (
+        service.write_separating_job,
+        lambda found: service.drive_separating_run(found, lambda *_: None, Stop()),
+    ):
         with pytest.raises(ValueError, match="this run"):
             ask(having(found._replace(drives=""), next_run=None))
 
 
 def test_data_that_cannot_be_used_is_one_line(files, folder):
     with pytest.raises(ValueError) as caught:
-        files.diagnose(files.source(str(folder / "run.csv")), None, lambda *_: None, Stop())
+        files.run_diagnosis(
+            files.find_source(str(folder / "run.csv")), None, lambda *_: None, Stop()
+        )
     assert (
         str(caught.value).strip()
         and "\n" not in str(caught.value)
@@ -195,13 +205,18 @@ def test_cancelling_ends_the_process_at_once(files, folder):
 
     stop, begun_s = Stop(), used_s()
     with pytest.raises(WorkStopped):
-        files.diagnose(
-            files.source(str(folder / "catch.csv")), None, lambda share, stage: stop.set(), stop
+        files.run_diagnosis(
+            files.find_source(str(folder / "catch.csv")),
+            None,
+            lambda share, stage: stop.set(),
+            stop,
         )
     already = Stop()
     already.set()
     with pytest.raises(WorkStopped):
-        files.diagnose(files.source(str(folder / "catch.csv")), None, lambda *_: None, already)
+        files.run_diagnosis(
+            files.find_source(str(folder / "catch.csv")), None, lambda *_: None, already
+        )
     assert used_s() - begun_s < 3.0
 
 
@@ -277,7 +292,7 @@ def huanghai():
 
 
 def test_every_planned_manoeuvre_can_be_driven(huanghai):
-    assert {one.id for one in manoeuvres(huanghai) if is_drivable(one.id)} == set(_DRIVES)
+    assert {one.id for one in manoeuvres(huanghai) if is_drivable(one.id)} == set(_DRIVE_MAKERS)
     assert not is_drivable("") and not is_drivable("weigh_by_hand")
 
 
@@ -316,10 +331,10 @@ def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
     on_slope = having(
         found._replace(drives="slope"), next_run=replace(found.found.next_run, plan=slope.plan)
     )
-    path = Path(files.write_run(on_slope))
+    path = Path(files.write_separating_job(on_slope))
     job = load(path, JOB).model
     assert job.simulated.slope_deg == 4.0 and not job.flow_trim and job.title == slope.plan
-    stairs = Path(files.write_run(found)).read_text(encoding="utf-8")
+    stairs = Path(files.write_separating_job(found)).read_text(encoding="utf-8")
     assert "are the operator's to set" in stairs
 
 
@@ -343,8 +358,8 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     after, place = add_effect(before, "shaft.gain", 5.0), tmp_path / "new.yaml"
     save(place, noted(before, after, data="run.csv", date="2026-07-09"), MACHINE)
     service, told = DiagnosisFiles([tmp_path], own=tmp_path / "own"), []
-    found = service.compare(
-        str(place), service.source(str(log)), lambda *said: told.append(said), Stop()
+    found = service.compare_machines(
+        str(place), service.find_source(str(log)), lambda *said: told.append(said), Stop()
     )
     shaft = found.rows[0]
     assert (
@@ -360,7 +375,9 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     stop = Stop()
     stop.set()
     with pytest.raises(WorkStopped):
-        service.compare(str(place), service.source(str(log)), lambda *said: None, stop)
+        service.compare_machines(
+            str(place), service.find_source(str(log)), lambda *said: None, stop
+        )
 
 
 def test_installing_runs_the_installer_and_says_its_last_line_where_it_fails(
@@ -368,7 +385,7 @@ def test_installing_runs_the_installer_and_says_its_last_line_where_it_fails(
 ) -> None:
     def run(program: str) -> None:
         monkeypatch.setattr(diagnosis, "installer", lambda: (sys.executable, "-c", program))
-        files.install(lambda share, stage: None, Stop())
+        files.install_extra(lambda share, stage: None, Stop())
 
     run("import sys; assert sys.argv[1].startswith('numba>=')")
     with pytest.raises(ValueError, match=r"no network$"):

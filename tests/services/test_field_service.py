@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from topdress.console.app.pages.replay.service import WhatIf
 from topdress.console.frame import Frame
-from topdress.console.services.field import MOST_CELLS, field_picture
+from topdress.console.services.field import MOST_CELLS, make_field_picture
 from topdress.console.services.replay_frames import make_frames, open_replay
 from topdress.control.log_row import LogRow
 from topdress.control.simulation.assembly import with_simulated_field
@@ -55,7 +55,7 @@ def frame_of(path: Path) -> Frame:
 
 
 def test_outline_and_plan_of_the_job_in_the_log(tmp_path, setup):
-    picture = field_picture(frame_of(write(tmp_path / "a.csv", setup)))
+    picture = make_field_picture(frame_of(write(tmp_path / "a.csv", setup)))
     assert picture is not None and picture.planned is not None
     box = picture.box
     assert (box.east_m - box.west_m, box.north_m - box.south_m) == pytest.approx((24 * 2.4, 150.0))
@@ -72,7 +72,7 @@ def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
     from topdress.drivers.files.prescriptions.for_job import map_of_job
 
     job = with_simulated_field(setup.job, setup.machine)
-    picture = field_picture(frame_of(write(tmp_path / "a.csv", setup)))
+    picture = make_field_picture(frame_of(write(tmp_path / "a.csv", setup)))
     profile = map_of_job(job, setup.folder)
     rng = np.random.default_rng(3)
     places = rng.uniform((1.0, 1.0), (56.0, 149.0), (200, 2))
@@ -82,21 +82,24 @@ def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
 
 
 def test_a_canopy_job_has_an_outline_and_no_plan(tmp_path):
-    picture = field_picture(
+    picture = make_field_picture(
         frame_of(write(tmp_path / "a.csv", load_setup("huanghai", "demo", dt.date(2026, 3, 18))))
     )
     assert picture.planned is None and picture.rings_m
 
 
 def test_a_log_that_does_not_say_its_job_has_no_picture(tmp_path):
-    assert field_picture(frame_of(tmp_path / "none.csv")) is None
-    assert field_picture(dataclasses.replace(frame_of(tmp_path / "none.csv"), log_path="")) is None
+    assert make_field_picture(frame_of(tmp_path / "none.csv")) is None
+    assert (
+        make_field_picture(dataclasses.replace(frame_of(tmp_path / "none.csv"), log_path=""))
+        is None
+    )
 
 
 def test_a_plan_that_is_gone_is_said_in_one_line(tmp_path, setup):
     path = write(tmp_path / "a.csv", dataclasses.replace(setup, folder=tmp_path))
     with pytest.raises(ValueError, match=r"map_demo\.geojson") as raised:
-        field_picture(frame_of(path))
+        make_field_picture(frame_of(path))
     assert "\n" not in str(raised.value)
 
 
@@ -105,7 +108,7 @@ def test_without_an_outline_log_and_plan_still_share_one_plane(tmp_path, setup):
     path = write(tmp_path / "a.csv", setup, boundary=False)
     recorded = read_log(path)
     frame = next(make_frames(recorded.rows(), recorded))
-    planned = field_picture(frame).planned
+    planned = make_field_picture(frame).planned
     antenna_m = setup.machine.geometry.antenna_m
     assert frame.place_m == pytest.approx((planned.west_m, planned.south_m - antenna_m), abs=1.0)
 
@@ -146,7 +149,7 @@ def test_where_the_map_says_nothing_nothing_is_planned(tmp_path, setup):
     (tmp_path / "map_demo.geojson").write_text(
         json.dumps({"type": "FeatureCollection", "features": [zone, corner]})
     )
-    planned = field_picture(frame_of(write(tmp_path / "a.csv", setup))).planned
+    planned = make_field_picture(frame_of(write(tmp_path / "a.csv", setup))).planned
     assert planned.at(5.0, 20.0) == 200.0 and planned.at(30.0, 20.0) is None
     assert planned.ends == (100.0, 200.0)
     assert planned.mass_kg == pytest.approx(0.02 * 18.4 * 55.5 + 0.01 * 0.5 * 9.2 * 11.1, rel=0.06)

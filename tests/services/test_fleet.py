@@ -20,19 +20,23 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from topdress.console.reports.fleet_page import describe_costliest, fleet_page, service
-from topdress.console.reports.numbers import fixed
+from topdress.console.reports.fleet_page import (
+    describe_costliest,
+    list_service_steps,
+    make_fleet_page,
+)
+from topdress.console.reports.numbers import format_fixed
 from topdress.console.services import fleet
 from topdress.console.services.fleet_job import (
     FORMAT,
-    checksum,
+    calc_checksum,
     list_side_urls,
+    make_record,
     read_record,
-    record,
 )
-from topdress.console.services.fleet_metadata import listed, with_words
-from topdress.console.services.fleet_season import season
-from topdress.console.services.fleet_tables import TABLES, write_tables
+from topdress.console.services.fleet_metadata import apply_list_row, match_rows
+from topdress.console.services.fleet_season import make_season
+from topdress.console.services.fleet_tables import TABLE_COLUMNS, write_tables
 from topdress.control.diagnosis.season.effect_timelines import Cause, SeasonFit
 from topdress.control.diagnosis.season.evidence import evidence
 from topdress.control.diagnosis.season.season_cost import machines
@@ -112,8 +116,8 @@ def diagnosed(tmp_path: Path, client: Any) -> Any:
     `record`."""
 
     def work(logs: list[str], asked: Asked, tell: Any = quiet, retry: bool = False) -> Any:
-        wanted = fleet.Asked(MACHINE, "s", retry=retry)
-        return fleet.diagnosed(client, logs, wanted, tmp_path / "out", tell, asked.answer)
+        wanted = fleet.FleetRequest(MACHINE, "s", retry=retry)
+        return fleet.diagnose_fleet(client, logs, wanted, tmp_path / "out", tell, asked.answer)
 
     return work
 
@@ -124,8 +128,8 @@ def logs(tmp_path: Path) -> list[str]:
 
 
 def test_a_record_tells_machine_time_and_sizes_with_their_errors(tmp_path: Path) -> None:
-    said = with_words(
-        record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), {}, MACHINE),
+    said = apply_list_row(
+        make_record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), {}, MACHINE),
         {"operator": "Li", "time": "2026-04-01T08:00:00+08:00"},
     )
     assert (
@@ -187,9 +191,9 @@ def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> Non
 def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) -> None:
     path = tmp_path / "broken.csv"
     path.write_text(content)
-    said = record(str(path), {}, MACHINE)
+    said = make_record(str(path), {}, MACHINE)
     assert said["error"] and "\n" not in said["error"]
-    assert record(str(tmp_path / "not-there.csv"), {}, MACHINE)["error"]
+    assert make_record(str(tmp_path / "not-there.csv"), {}, MACHINE)["error"]
 
 
 @pytest.mark.parametrize(
@@ -199,18 +203,18 @@ def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) ->
 def test_what_has_anothers_suffix_is_said(tmp_path: Path, begin: bytes, what: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(begin + bytes(range(256)))
-    said = record(str(path), {}, MACHINE)["error"]
+    said = make_record(str(path), {}, MACHINE)["error"]
     assert said.startswith(f"{path}: {what}") and said.isprintable()
 
 
 def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
     path = wheel_log(tmp_path / "a.csv")
-    first = checksum(str(path), {}, "1")
-    assert checksum(str(path), {}, "2") != first
+    first = calc_checksum(str(path), {}, "1")
+    assert calc_checksum(str(path), {}, "2") != first
     (tmp_path / "b.csv").write_bytes(path.read_bytes())
-    assert checksum(str(tmp_path / "b.csv"), {}, "1") == first
+    assert calc_checksum(str(tmp_path / "b.csv"), {}, "1") == first
     path.with_suffix(".yaml").write_text("operator: Li\n")
-    assert checksum(str(path), {}, "1") != first
+    assert calc_checksum(str(path), {}, "1") != first
 
 
 def test_the_sidecar_of_a_url() -> None:
@@ -244,10 +248,10 @@ def test_logs_in_a_store_are_seen_by_one_listing_of_a_folder(
 
     def operators() -> tuple[list[str], int, float]:
         asked.clear()
-        found = fleet.diagnosed(
+        found = fleet.diagnose_fleet(
             client,
             fleet.find_logs(["memory://season"], tmp_path / "out"),
-            fleet.Asked(MACHINE, "s"),
+            fleet.FleetRequest(MACHINE, "s"),
             tmp_path / "out",
             quiet,
         )
@@ -270,10 +274,10 @@ def test_logs_in_a_store_are_seen_by_one_listing_of_a_folder(
     shutil.rmtree(tmp_path / "out")
     # one that shows no folders
     monkeypatch.setattr(store, "ls", lambda *_words, **_more: [])
-    found = fleet.diagnosed(
+    found = fleet.diagnose_fleet(
         client,
         ["memory://season/m0/0.csv", "memory://season/m1/2.csv"],
-        fleet.Asked(MACHINE, "s"),
+        fleet.FleetRequest(MACHINE, "s"),
         tmp_path / "out",
         quiet,
     )
@@ -319,13 +323,13 @@ def test_few_tasks_wait_in_the_cluster(client: Any) -> None:
     asking the scheduler who is there: that took longer than the task."""
     asked, submit, nthreads, here = [], client.submit, client.nthreads, threading.get_ident()
     work, ahead, who = (
-        fleet._Work(client, list(nthreads())),
-        fleet.AHEAD * sum(nthreads().values()),
+        fleet._FleetTasks(client, list(nthreads())),
+        fleet.TASKS_PER_THREAD * sum(nthreads().values()),
         [],
     )
     client.submit = lambda *words, **more: asked.append(words) or submit(*words, **more)
     client.nthreads = lambda: who.append(threading.get_ident()) or nthreads()
-    done = work.once(len, {str(k): ("x" * k,) for k in range(20)})
+    done = work.run_once(len, {str(k): ("x" * k,) for k in range(20)})
     assert ahead < 20
     seen = []
     for number, (path, result, error) in enumerate(done, 1):
@@ -336,9 +340,9 @@ def test_few_tasks_wait_in_the_cluster(client: Any) -> None:
     several = {str(k): (str(k) if k % 9 else "none",) for k in range(60)}
     said = {
         int(k): (result, why.split(":")[0])
-        for k, result, why in work.once(int, several, fleet.TOGETHER)
+        for k, result, why in work.run_once(int, several, fleet.CHECKSUMS_PER_TASK)
     }
-    assert len(asked) == -(-60 // min(fleet.TOGETHER, 60 // ahead))
+    assert len(asked) == -(-60 // min(fleet.CHECKSUMS_PER_TASK, 60 // ahead))
     assert said == {
         k: (k, "") if k % 9 else (None, "invalid literal for int() with base 10") for k in range(60)
     }
@@ -423,7 +427,7 @@ def test_a_full_disk_ends_it_and_keeps_what_is_done(
 def test_a_scheduler_that_is_not_there_is_one_line() -> None:
     pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
     for address in ("tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"):
-        with pytest.raises(OSError) as raised, fleet.cluster(address, 1, connect_s=0.5):
+        with pytest.raises(OSError) as raised, fleet.open_cluster(address, 1, connect_s=0.5):
             pass
         assert str(raised.value).startswith(f"{address}: no Dask scheduler: ") and "\n" not in str(
             raised.value
@@ -442,13 +446,13 @@ def test_a_cluster_of_other_versions_is_said() -> None:
         "scheduler": told(),
         "workers": {"tcp://a": told(python="3.11.9.final.0")},
     }
-    assert not list(fleet.unlike(same))
+    assert not list(fleet.list_version_clashes(same))
     other = {
         **same,
         "scheduler": told(distributed="2024.1.0"),
         "workers": {"tcp://a": told(python="3.12.1.final.0")},
     }
-    scheduler, worker = fleet.unlike(other)
+    scheduler, worker = fleet.list_version_clashes(other)
     assert "the scheduler has distributed 2024.1.0, here is 2026.8.0" in scheduler
     assert "worker tcp://a runs Python 3.12.1" in worker
 
@@ -467,7 +471,7 @@ def test_a_worker_without_topdress_is_said() -> None:
 
 
 def test_a_cluster_that_is_as_here_is_used(client: Any) -> None:
-    with fleet.cluster(client.scheduler.address, 1) as other:
+    with fleet.open_cluster(client.scheduler.address, 1) as other:
         assert other.nthreads() == client.nthreads()
 
 
@@ -479,8 +483,8 @@ def test_a_worker_that_ends_is_noted() -> None:
             return dict(self.workers)
 
     client, over = Client(), threading.Event()
-    work = fleet._Work(client, list(client.workers), look_s=0.01)
-    thread = threading.Thread(target=work._until_alone, args=({}, over, threading.Event()))
+    work = fleet._FleetTasks(client, list(client.workers), look_s=0.01)
+    thread = threading.Thread(target=work._watch_workers, args=({}, over, threading.Event()))
     client.workers = {"tcp://a": 1, "tcp://c": 1}
     thread.start()
     wait_for(lambda: work.gone)
@@ -495,7 +499,7 @@ def test_workers_of_this_computer_keep_the_memory_of_arrays_as_any_process_does(
     pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
     name = "MALLOC_TRIM_THRESHOLD_"
     outside = os.environ.get(name)  # Dask sets it here too
-    with fleet.cluster(None, 1) as client:
+    with fleet.open_cluster(None, 1) as client:
         assert list(client.run(os.getenv, name).values()) == [outside]
 
 
@@ -518,7 +522,7 @@ def test_nobody_else_on_this_computer_reaches_the_workers() -> None:
     """Who reaches a Dask scheduler, or one of its workers, runs code as its user: any program
     on loopback did."""
     pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
-    with fleet.cluster(None, 1) as client:
+    with fleet.open_cluster(None, 1) as client:
         assert client.submit(sum, [1, 2]).result() == 3
         doors = [client.scheduler.address, *client.nthreads()]
         rooms = {
@@ -571,7 +575,7 @@ def test_names_that_differ_in_capitals_or_blanks_are_one() -> None:
         bare("c", "Seeder 7", 20_502.0, operator="li, ming"),
         bare("d", "Seeder 8", 20_502.0),
     ]
-    found = season(logs, (), NOW_D)
+    found = make_season(logs, (), NOW_D)
     assert {one.machine: one.logs for one in found.machines} == {"Seeder 7": 3, "Seeder 8": 1}
     assert [one.shared.get("operator") for one in found.logs] == [
         "Li, Ming",
@@ -587,15 +591,15 @@ def test_logs_of_two_models_are_two_machines() -> None:
         bare("b", "s", 20_501.0, model="two"),
         bare("c", "t", 20_501.0),
     ]
-    found = season(logs, (), NOW_D)
+    found = make_season(logs, (), NOW_D)
     assert sorted(one.machine for one in found.machines) == ["s (one)", "s (two)", "t"]
 
 
 @pytest.mark.parametrize("time_d", [0.001, 40_180.0, -1e12, 1e12])
 def test_a_log_whose_clock_was_wrong_is_said_and_left_out(time_d: float) -> None:
-    found = season([bare("a", "s", 20_500.0), bare("b", "s", time_d)], (), NOW_D)
+    found = make_season([bare("a", "s", 20_500.0), bare("b", "s", time_d)], (), NOW_D)
     assert found.machines[0].logs == 1 and [one.path for one in found.aside] == ["b"]
-    page = fleet_page(
+    page = make_fleet_page(
         found.machines,
         SeasonFit(),
         low=[],
@@ -615,7 +619,9 @@ def records(tmp_path: Path) -> list[dict[str, Any]]:
     for machine, percent in (("one", 3.0), ("two", 0.0)):
         for day in range(4):
             path = wheel_log(tmp_path / machine / f"{day}.parquet", percent, 60.0, seed=day)
-            said = with_words(record(str(path), {}, MACHINE), {"time": f"2026-04-0{day + 1}"})
+            said = apply_list_row(
+                make_record(str(path), {}, MACHINE), {"time": f"2026-04-0{day + 1}"}
+            )
             made.append({"key": f"{machine}{day}", **read_record(json.dumps(said))})
     return made
 
@@ -623,7 +629,7 @@ def records(tmp_path: Path) -> list[dict[str, Any]]:
 def test_page_and_tables(tmp_path: Path) -> None:
     made = records(tmp_path)
     assert not [one["error"] for one in made if "error" in one]
-    whole = season(made, [("c.csv", "spoilt <b>")], NOW_D)
+    whole = make_season(made, [("c.csv", "spoilt <b>")], NOW_D)
     worst = whole.machines[0]
     (course,) = (cost.cause for cost in worst.costs)
     assert worst.machine == course.level == "one" and course.effect.startswith("speed.wheel_")
@@ -634,11 +640,11 @@ def test_page_and_tables(tmp_path: Path) -> None:
     assert (
         pl.read_parquet(tmp_path / "logs.parquet")["machine"].to_list() == ["one"] * 4 + ["two"] * 4
     )
-    for name, columns in TABLES.items():
+    for name, columns in TABLE_COLUMNS.items():
         assert pl.read_parquet(tmp_path / f"{name}.parquet").columns == list(columns)
     # an empty season has the same columns
-    write_tables(tmp_path, season([], (), NOW_D), [])
-    for name, columns in TABLES.items():
+    write_tables(tmp_path, make_season([], (), NOW_D), [])
+    for name, columns in TABLE_COLUMNS.items():
         assert pl.read_parquet(tmp_path / f"{name}.parquet").columns == list(columns)
     product = Cause("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
     told = [
@@ -648,10 +654,10 @@ def test_page_and_tables(tmp_path: Path) -> None:
     ]
     (costs,) = machines(told, SeasonFit((), (product,)))
     assert costs.wrong_kg == pytest.approx(costs.costs[0].kg) and costs.wrong_kg > 0.0
-    assert service([costs])[0].startswith("product compound: ") and describe_costliest(
+    assert list_service_steps([costs])[0].startswith("product compound: ") and describe_costliest(
         costs
     ).startswith("product compound: ")
-    page = fleet_page(
+    page = make_fleet_page(
         whole.machines,
         whole.fit,
         low=whole.low,
@@ -716,10 +722,12 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
     """Chart, sentence, kilograms, advice and tables say one thing, of a worn machine, a product
     and a repaired gate."""
     made = told_season()
-    whole = season(made, [], NOW_D)
+    whole = make_season(made, [], NOW_D)
     write_tables(tmp_path, whole, made)
-    tables = {name: pl.read_parquet(tmp_path / f"{name}.parquet").to_dicts() for name in TABLES}
-    page = fleet_page(
+    tables = {
+        name: pl.read_parquet(tmp_path / f"{name}.parquet").to_dicts() for name in TABLE_COLUMNS
+    }
+    page = make_fleet_page(
         whole.machines,
         whole.fit,
         low=whole.low,
@@ -754,7 +762,9 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
                 for digits in range(4)
                 for sign in ("", "+z")
             } | {f"{abs(value):.2g}"}
-            known |= {fixed(each, digits) for each in (value, 100.0 * value) for digits in range(3)}
+            known |= {
+                format_fixed(each, digits) for each in (value, 100.0 * value) for digits in range(3)
+            }
         elif value is not None:
             known.add(str(value))
     known |= {
@@ -788,7 +798,7 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
     # nothing is not less than nothing
     assert "-0.0" not in re.sub(r"-0\.0*[1-9]", "", text)
     assert "Logs without a time" not in text
-    advice = service(whole.machines)
+    advice = list_service_steps(whole.machines)
     assert any(one.startswith("product compound: The machine spreads 5 %") for one in advice)
     assert any(one.startswith("m1: ") for one in advice) and not any(
         one.startswith("m2: ") for one in advice
@@ -833,10 +843,10 @@ def test_the_command_says_what_it_cannot_use(tmp_path: Path) -> None:
 )
 def test_a_row_is_of_the_one_log_whose_path_ends_so(said: str, log: str) -> None:
     logs = ["/data/m1/a.csv", "/data/m2/a.csv", "/data/m2/b.csv", "here/c.csv"]
-    found = listed([{"log": said, "operator": "Li"}], logs)
+    found = match_rows([{"log": said, "operator": "Li"}], logs)
     assert [*found.of, *found.unused] == ([log] if log in logs else [f"row 1: {said}: {log}"])
     assert found.silent == (3 if log in logs else 4)
-    twice = listed([{"log": logs[0]}, {"log": "m1/a.csv"}], logs)
+    twice = match_rows([{"log": logs[0]}, {"log": "m1/a.csv"}], logs)
     assert twice.unused == ("row 2: m1/a.csv: its log has a row already",)
 
 
@@ -922,7 +932,9 @@ def test_workers_in_other_folders_find_logs_by_relative_paths(
     monkeypatch.chdir(tmp_path)
     logs = [str(wheel_log(Path("in") / f"{k}.csv", seconds=30.0, seed=k)) for k in range(3)]
     two_workers.run(os.chdir, "/")
-    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, "s"), tmp_path / "out", quiet)
+    found = fleet.diagnose_fleet(
+        two_workers, logs, fleet.FleetRequest(MACHINE, "s"), tmp_path / "out", quiet
+    )
     assert sorted(one["path"] for one in found.records) == logs and found.twins == 0
 
 
@@ -932,12 +944,16 @@ def test_a_worker_that_does_not_see_the_logs_is_left_out_and_said(
     logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seconds=30.0, seed=k)) for k in range(4)]
     who = sorted(two_workers.nthreads())[0]
     two_workers.run(hidden, str(tmp_path / "in"), workers=[who])
-    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, "s"), tmp_path / "out", quiet)
+    found = fleet.diagnose_fleet(
+        two_workers, logs, fleet.FleetRequest(MACHINE, "s"), tmp_path / "out", quiet
+    )
     assert len(found.records) == 4 and not found.broken and found.twins == 0
     assert len(found.blind) == 1 and who in found.blind[0] and "No such file" in found.blind[0]
     two_workers.run(hidden, str(tmp_path / "in"))
     with pytest.raises(OSError, match="no worker sees the logs"):
-        fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, "other"), tmp_path / "out", quiet)
+        fleet.diagnose_fleet(
+            two_workers, logs, fleet.FleetRequest(MACHINE, "other"), tmp_path / "out", quiet
+        )
 
 
 class AtFault(Asked):
@@ -973,10 +989,10 @@ def test_a_log_that_is_not_there_is_the_workers_fault_and_one_that_is_spoilt_its
     tmp_path: Path,
 ) -> None:
     (tmp_path / "empty.csv").write_text("")
-    assert record(str(tmp_path / "empty.csv"), {}, MACHINE)["lasting"]
-    assert not record(str(tmp_path / "gone.csv"), {}, MACHINE)["lasting"]
+    assert make_record(str(tmp_path / "empty.csv"), {}, MACHINE)["lasting"]
+    assert not make_record(str(tmp_path / "gone.csv"), {}, MACHINE)["lasting"]
     with pytest.raises(FileNotFoundError):
-        checksum(str(tmp_path / "gone.csv"), {}, "s")
+        calc_checksum(str(tmp_path / "gone.csv"), {}, "s")
 
 
 def test_the_import_file_beside_a_log_or_of_its_folder_says_what_its_columns_mean(
@@ -990,13 +1006,13 @@ def test_the_import_file_beside_a_log_or_of_its_folder_says_what_its_columns_mea
         "format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
         "  shaft_rpm_cmd: {from: S, unit: 1/min}\n  shaft_rpm: {from: I, unit: 1/min}\n"
     )
-    assert "error" in record(str(tmp_path / "a.csv"), {}, MACHINE)
-    before = checksum(str(tmp_path / "a.csv"), {}, "s")
+    assert "error" in make_record(str(tmp_path / "a.csv"), {}, MACHINE)
+    before = calc_checksum(str(tmp_path / "a.csv"), {}, "s")
     for place in ("a.import.yaml", "import.yaml"):
         (tmp_path / place).write_text(said)
-        found = record(str(tmp_path / "a.csv"), {}, MACHINE)
+        found = make_record(str(tmp_path / "a.csv"), {}, MACHINE)
         assert found.get("rows") == 600, found
-        assert checksum(str(tmp_path / "a.csv"), {}, "s") != before
+        assert calc_checksum(str(tmp_path / "a.csv"), {}, "s") != before
         (tmp_path / place).unlink()
 
 
@@ -1011,22 +1027,24 @@ def test_where_nothing_was_diagnosed_the_command_fails(tmp_path: Path) -> None:
 def test_a_run_as_text_and_as_parquet_is_one_log(tmp_path: Path, client: Any) -> None:
     logs = [str(wheel_log(tmp_path / "in" / name, seconds=30.0)) for name in ("a.csv", "a.parquet")]
     logs.append(str(wheel_log(tmp_path / "in" / "b.csv", seconds=30.0, seed=2)))
-    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, "s"), tmp_path / "out", quiet)
+    found = fleet.diagnose_fleet(
+        client, logs, fleet.FleetRequest(MACHINE, "s"), tmp_path / "out", quiet
+    )
     assert len(found.records) == 2 and found.twins == 1 and not found.broken
 
 
 def test_a_log_of_six_seconds_is_no_log(tmp_path: Path) -> None:
-    said = record(str(wheel_log(tmp_path / "a.csv", seconds=6.0)), {}, MACHINE)
+    said = make_record(str(wheel_log(tmp_path / "a.csv", seconds=6.0)), {}, MACHINE)
     assert said["error"].endswith("6 s long: allowed is a log of 20 s and more") and said["lasting"]
 
 
 def test_progress_without_a_terminal_is_a_line_now_and_then(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from topdress.console.cli.fleet import _progress
+    from topdress.console.cli.fleet import _make_progress
 
     now = [0.0]
-    tell = _progress(lambda: now[0])
+    tell = _make_progress(lambda: now[0])
     for done in range(1, 101):
         now[0] += 1.0
         tell(done, 100, "diagnosing")
@@ -1058,14 +1076,14 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(
     ],
 )
 def test_the_owner_reads_what_the_machine_does_and_what_to_do(effect, size, language, said):
-    from topdress.console.locale import use
+    from topdress.console.locale import use_language
     from topdress.console.reports.fleet_page import describe_for_owner
 
-    use(language)
+    use_language(language)
     try:
         assert describe_for_owner(effect, size).startswith(said)
     finally:
-        use("en")
+        use_language("en")
 
 
 def test_where_no_worker_is_left_it_ends_in_one_line():
@@ -1081,8 +1099,8 @@ def test_where_no_worker_is_left_it_ends_in_one_line():
         distributed.LocalCluster(**threads) as local,
         distributed.Client(local, set_as_default=False) as client,
     ):
-        work = fleet._Work(client, list(client.nthreads()), join_s=1.0, look_s=0.2)
-        asked = work.once(time.sleep, dict.fromkeys("abc", (4.0,)))
+        work = fleet._FleetTasks(client, list(client.nthreads()), join_s=1.0, look_s=0.2)
+        asked = work.run_once(time.sleep, dict.fromkeys("abc", (4.0,)))
         threading.Timer(0.5, local.scale, (0,)).start()
         with pytest.raises(OSError, match="no worker is left: what is done is kept"):
             list(asked)

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from topdress.console.app.pages.diagnosis.service import IMPORT, OpenQuestions, Stop
 from topdress.console.services.diagnosis import DiagnosisFiles
-from topdress.console.services.foreign_files import brought_in, is_listed
+from topdress.console.services.foreign_files import import_file_as_log, is_likely_log
 from topdress.drivers.plain_text import Refused
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "import"
@@ -29,22 +29,22 @@ def folder(tmp_path: Path) -> Path:
 
 def test_files_that_may_be_logs_are_listed_as_such(folder: Path, tmp_path: Path) -> None:
     (folder / "planter.import.yaml").write_text("format: topdress-import/1\n", encoding="utf-8")
-    found = DiagnosisFiles([folder], own=tmp_path / "own").sources("")
+    found = DiagnosisFiles([folder], own=tmp_path / "own").list_sources("")
     assert {one.name: one.kind for one in found} == dict.fromkeys(
         ("planter.csv", "tractor.csv", "applied.geojson", "shopping.csv", "planter.import.yaml"),
         IMPORT,
     )
-    assert not is_listed(Path("run.truth.csv")) and not is_listed(Path("machine.yaml"))
-    assert is_listed(Path("TASKDATA.XML"))
+    assert not is_likely_log(Path("run.truth.csv")) and not is_likely_log(Path("machine.yaml"))
+    assert is_likely_log(Path("TASKDATA.XML"))
 
 
 def test_what_is_certain_becomes_a_new_log_each_time(folder: Path, tmp_path: Path) -> None:
     logs = tmp_path / "own" / "logs"
-    paths = [brought_in(folder / "tractor.csv", logs)[0] for _twice in (1, 2)]
+    paths = [import_file_as_log(folder / "tractor.csv", logs)[0] for _twice in (1, 2)]
     assert [path.name for path in paths] == ["tractor.csv", "tractor-2.csv"]
     assert all(path.with_suffix(".yaml").exists() for path in paths)
     assert pl.read_csv(paths[0]).height == 400
-    assert "65535" in " ".join(brought_in(folder / "tractor.csv", logs)[1])
+    assert "65535" in " ".join(import_file_as_log(folder / "tractor.csv", logs)[1])
     assert sorted(file.name for file in folder.glob("*.yaml")) == []
 
 
@@ -54,7 +54,7 @@ def test_open_questions_are_asked_until_the_import_file_is_edited(
     logs, place = tmp_path / "logs", folder / "planter.import.yaml"
     for picked in (folder / "planter.csv", folder / "planter.csv", place):
         with pytest.raises(OpenQuestions) as asked:
-            brought_in(picked, logs)
+            import_file_as_log(picked, logs)
         assert (
             asked.value.import_file == str(place)
             and "what 100 % is in mm" in asked.value.questions[0]
@@ -67,7 +67,7 @@ def test_open_questions_are_asked_until_the_import_file_is_edited(
     )
     place.write_text(text, encoding="utf-8")
     for picked, name in ((folder / "planter.csv", "planter.csv"), (place, "planter-2.csv")):
-        log, notes = brought_in(picked, logs)
+        log, notes = import_file_as_log(picked, logs)
         assert log.name == name and pl.read_csv(log)["opening_mm"].max() > 10.0
         assert any("-9999" in note for note in notes)
     assert place.read_text(encoding="utf-8") == text
@@ -79,17 +79,17 @@ def test_an_import_file_without_its_file_is_refused(folder: Path, tmp_path: Path
     with pytest.raises(
         ValueError, match=r"must stand next to it as gone\.csv or alike; there: none"
     ):
-        brought_in(alone, tmp_path)
+        import_file_as_log(alone, tmp_path)
     (folder / "broken.parquet").write_bytes(b"no table")
     with pytest.raises(Refused, match="not readable as Parquet"):
-        brought_in(folder / "broken.parquet", tmp_path / "logs")
+        import_file_as_log(folder / "broken.parquet", tmp_path / "logs")
     assert not (folder / "broken.import.yaml").exists() and not (tmp_path / "logs").exists()
 
 
 def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path: Path) -> None:
     service, told = DiagnosisFiles([folder], own=tmp_path / "own"), []
-    source = service.source(str(folder / "tractor.csv"))
-    found = service.diagnose(source, None, lambda share, stage: told.append(stage), Stop())
+    source = service.find_source(str(folder / "tractor.csv"))
+    found = service.run_diagnosis(source, None, lambda share, stage: told.append(stage), Stop())
     assert source.kind == IMPORT and found.source == "tractor.csv" and found.found.data.rows > 100
     assert (
         Path(found.found.data.path) == tmp_path / "own" / "logs" / "tractor.csv"
@@ -97,10 +97,12 @@ def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path
     )
     assert any("65535" in note for note in found.found.findings)
     with pytest.raises(OpenQuestions, match="opening_mm"):
-        service.diagnose(service.source(str(folder / "planter.csv")), None, lambda *_: None, Stop())
+        service.run_diagnosis(
+            service.find_source(str(folder / "planter.csv")), None, lambda *_: None, Stop()
+        )
     (folder / "broken.parquet").write_bytes(b"no table")
     with pytest.raises(ValueError, match="not readable as Parquet") as caught:
-        service.diagnose(
-            service.source(str(folder / "broken.parquet")), None, lambda *_: None, Stop()
+        service.run_diagnosis(
+            service.find_source(str(folder / "broken.parquet")), None, lambda *_: None, Stop()
         )
     assert "\n" not in str(caught.value) and "Traceback" not in str(caught.value)

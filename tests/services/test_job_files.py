@@ -17,9 +17,9 @@ from topdress.console.app.pages.job.service import MapReading
 from topdress.console.app.units import METRIC
 from topdress.console.running import WorkerFailed
 from topdress.console.services.job import JobFiles, find_implausible_rates
-from topdress.console.services.launcher import Launcher, list_others
-from topdress.console.services.removable_media import entries, find_maps, is_map_likely
-from topdress.console.services.running_limits import at_work, earlier
+from topdress.console.services.launcher import Launcher, list_other_files
+from topdress.console.services.removable_media import find_maps, is_map_likely, list_entries
+from topdress.console.services.running_limits import read_earlier_run, read_running_limits
 from topdress.console.worker import resume
 from topdress.console.worker.resume import Snapshot
 from topdress.control.agronomy.strips import StripValue
@@ -44,7 +44,7 @@ class NoWorker(Launcher):
         super().__init__((), (), 1, 20.0, str(logs / "run.csv"), logs.parent / "trouble")
         self.starts, self.fails = [], False
 
-    async def link(self, resumed=None):
+    async def start_link(self, resumed=None):
         if self.fails:
             raise WorkerFailed("no port")
         self.starts.append((self.config, self.seed, resumed))
@@ -61,15 +61,15 @@ def desk(launcher, tmp_path):
 
 
 def test_a_start_that_fails_leaves_the_files_of_before(desk, launcher):
-    desk.take("job", str(shipped("jobs")["map_demo"]))
+    desk.choose_file("job", str(shipped("jobs")["map_demo"]))
     launcher.fails = True
     with pytest.raises(WorkerFailed):
-        asyncio.run(desk.restart())
-    assert launcher.config == () and desk.facts().setup.job.target.source == "canopy"
+        asyncio.run(desk.restart_worker())
+    assert launcher.config == () and desk.find_facts().setup.job.target.source == "canopy"
 
 
 def test_facts_of_what_is_shipped(desk):
-    facts = desk.facts()
+    facts = desk.find_facts()
     assert (
         facts.setup.crop.name.startswith("Winter wheat")
         and facts.setup.crop.warnings
@@ -89,39 +89,39 @@ def test_facts_of_what_is_shipped(desk):
 
 def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tmp_path):
     before = shipped("jobs")["demo"].read_bytes()
-    path = Path(desk.take_strip(StripValue("nrich", 0.71, 0.004, 38)))
+    path = Path(desk.save_strip_value(StripValue("nrich", 0.71, 0.004, 38)))
     assert "standard error 0.0040, 38 samples" in path.read_text(encoding="utf-8")
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
     assert (
         load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
     )
-    facts = desk.facts()
+    facts = desk.find_facts()
     assert (
         facts.setup.rule.ndvi_nrich == facts.setup.job.ndvi_nrich == 0.71
         and facts.job_file == str(path)
     )
-    both = load(Path(desk.take_strip(StripValue("check", 0.55))), JOB).model
+    both = load(Path(desk.save_strip_value(StripValue("check", 0.55))), JOB).model
     assert (both.ndvi_nrich, both.ndvi_check) == (
         0.71,
         0.55,
-    ) and desk.facts().setup.rule.ndvi_check == 0.55
+    ) and desk.find_facts().setup.rule.ndvi_check == 0.55
 
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
-    desk.take("job", str(shipped("jobs")["map_demo"]))
-    asyncio.run(desk.restart())
-    new = load(Path(desk.take_strip(StripValue("nrich", 0.7))), JOB).model
+    desk.choose_file("job", str(shipped("jobs")["map_demo"]))
+    asyncio.run(desk.restart_worker())
+    new = load(Path(desk.save_strip_value(StripValue("nrich", 0.7))), JOB).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
 
 def test_another_crop_and_machine(desk, launcher):
-    before = desk.facts().crop_file
-    desk.take("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
-    assert desk.facts().crop_file == before, "what runs is what is said"
-    asyncio.run(desk.restart())
-    desk.take("machine", str(shipped("machines")["bench"]))
-    asyncio.run(desk.restart())
-    facts = desk.facts()
+    before = desk.find_facts().crop_file
+    desk.choose_file("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
+    assert desk.find_facts().crop_file == before, "what runs is what is said"
+    asyncio.run(desk.restart_worker())
+    desk.choose_file("machine", str(shipped("machines")["bench"]))
+    asyncio.run(desk.restart_worker())
+    facts = desk.find_facts()
     assert facts.crop_file == str(shipped("crops")["osu_winter_wheat_2006"])
     assert facts.machine_file == str(shipped("machines")["bench"]) and len(launcher.config) == 2
 
@@ -135,42 +135,42 @@ def test_what_cannot_be_used_is_one_line_and_changes_nothing(desk, launcher, tmp
         ("crop", str(tmp_path / "none.yaml")),
     ):
         with pytest.raises(ValueError, match=r"\.yaml: ") as caught:
-            desk.take(kind, value)
+            desk.choose_file(kind, value)
         assert "\n" not in str(caught.value)
     assert launcher.config == ()
 
 
 def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_path):
-    launcher.logs.mkdir(exist_ok=True)
-    path = resume.snapshot_path(launcher.logs / "a.csv")
+    launcher.log_folder.mkdir(exist_ok=True)
+    path = resume.make_snapshot_path(launcher.log_folder / "a.csv")
     now = dt.datetime.now(dt.UTC)
 
     def keep(days: float) -> None:
         saved = (now - dt.timedelta(days=days)).isoformat()
-        resume.write(
+        resume.write_snapshot(
             path,
             Snapshot("a.csv", began_utc=saved, saved_utc=saved, job="west", sums=Sums(area_ha=1.2)),
         )
 
-    assert desk.offer() is None
+    assert desk.find_offer() is None
     keep(1.0)
-    offer = desk.offer()
+    offer = desk.find_offer()
     assert (offer.path, offer.job, offer.area_ha) == (str(path), "west", 1.2)
     keep(20.0)
-    assert desk.offer() is None
+    assert desk.find_offer() is None
 
 
 def test_a_shipped_file_by_its_name_is_the_same_file(tmp_path):
     other = str(tmp_path / "other.yaml")
-    assert list_others((str(shipped("jobs")["demo"]),), ("demo", other)) == (other,)
-    assert list_others(("demo",), (str(shipped("jobs")["demo"]),)) == ()
+    assert list_other_files((str(shipped("jobs")["demo"]),), ("demo", other)) == (other,)
+    assert list_other_files(("demo",), (str(shipped("jobs")["demo"]),)) == ()
 
 
 async def test_begin_anew_is_not_asked_again(desk, launcher):
-    launcher.logs.mkdir(exist_ok=True)
+    launcher.log_folder.mkdir(exist_ok=True)
     saved = dt.datetime.now(dt.UTC).isoformat()
-    resume.write(
-        resume.snapshot_path(launcher.logs / "a.csv"),
+    resume.write_snapshot(
+        resume.make_snapshot_path(launcher.log_folder / "a.csv"),
         Snapshot(
             "a.csv",
             began_utc=saved,
@@ -180,11 +180,11 @@ async def test_begin_anew_is_not_asked_again(desk, launcher):
             seed=7,
         ),
     )
-    offer = desk.offer()
-    await desk.resume(offer)
+    offer = desk.find_offer()
+    await desk.resume_job(offer)
     assert launcher.starts == [(("demo",), 7, Path(offer.path))]
-    await desk.anew(offer)
-    assert launcher.starts[-1][2] is None and desk.offer() is None
+    await desk.start_anew(offer)
+    assert launcher.starts[-1][2] is None and desk.find_offer() is None
 
 
 @pytest.mark.parametrize(
@@ -210,10 +210,10 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
         JOB,
         "",
     )
-    launcher.logs.mkdir(exist_ok=True)
-    path = resume.snapshot_path(launcher.logs / "a.csv")
+    launcher.log_folder.mkdir(exist_ok=True)
+    path = resume.make_snapshot_path(launcher.log_folder / "a.csv")
     west, east = box
-    resume.write(
+    resume.write_snapshot(
         path,
         Snapshot(
             "a.csv",
@@ -227,13 +227,15 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
             ),
         ),
     )
-    desk.take("job", str(tmp_path / "other.yaml"))
-    assert (desk.offer() is None) is far
-    await desk.restart(anew)
+    desk.choose_file("job", str(tmp_path / "other.yaml"))
+    assert (desk.find_offer() is None) is far
+    await desk.restart_worker(anew)
     assert [(config, resumed) for config, _, resumed in launcher.starts] == [
         ((str(tmp_path / "other.yaml"),), path if named else None)
     ]
-    assert resume.read(path).finished is anew and (desk.offer() is None) is (far or anew)
+    assert resume.read_snapshot(path).finished is anew and (desk.find_offer() is None) is (
+        far or anew
+    )
 
 
 def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
@@ -243,32 +245,39 @@ def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
         log, run_meta(sha256={str(job): "x", str(shipped("crops")["huanghai_wheat"]): "y"})
     ).close()
     launcher.config = ("mine.yaml", str(job))
-    assert launcher.adopt(str(log)) == ("mine.yaml",), "what is not used is said"
+    assert launcher.adopt_running_files(str(log)) == ("mine.yaml",), "what is not used is said"
     assert launcher.config == (str(job),)
     launcher.config = ("map_demo", "points_demo")
-    assert launcher.adopt(str(log)) == ("points_demo",), "a name is the file that is shipped by it"
-    assert launcher.adopt(str(tmp_path / "none.csv")) is None, "not known is not all used"
+    assert launcher.adopt_running_files(str(log)) == ("points_demo",), (
+        "a name is the file that is shipped by it"
+    )
+    assert launcher.adopt_running_files(str(tmp_path / "none.csv")) is None, (
+        "not known is not all used"
+    )
     assert launcher.config == (str(job),)
 
 
 def test_the_limits_of_a_run_are_its_own(tmp_path):
     log = tmp_path / "run.csv"
     PlainLogWriter(log, run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})).close()
-    found = at_work(str(log))
+    found = read_running_limits(str(log))
     assert found is not None and found[:2] == (450.0, 280.0) and found.machine is not None
-    assert found.machine.flow.full_kg == 280.0 and at_work(str(tmp_path / "none.csv")) is None
+    assert (
+        found.machine.flow.full_kg == 280.0
+        and read_running_limits(str(tmp_path / "none.csv")) is None
+    )
 
 
 def test_an_export_of_nothing_is_one_line(desk, tmp_path):
     log = tmp_path / "run.csv"
     PlainLogWriter(log, run_meta()).close()
     with pytest.raises((ValueError, OSError)) as caught:
-        desk.export(str(log), ".geojson", lambda done, of, what: None, lambda: False)
+        desk.export_as_applied(str(log), ".geojson", lambda done, of, what: None, lambda: False)
     assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
-    assert desk.export(str(log), ".csv", lambda done, of, what: None, lambda: True) == (), (
-        "cancelled before it began"
-    )
-    assert desk.free_bytes(os.fspath(log)) > 0 and earlier(str(log)) is None
+    assert (
+        desk.export_as_applied(str(log), ".csv", lambda done, of, what: None, lambda: True) == ()
+    ), "cancelled before it began"
+    assert desk.find_free_bytes(os.fspath(log)) > 0 and read_earlier_run(str(log)) is None
 
 
 def field_of_zones(path: Path, names: tuple[str, ...] = ("rate",)) -> Path:
@@ -302,21 +311,23 @@ def field_of_zones(path: Path, names: tuple[str, ...] = ("rate",)) -> Path:
 
 def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, launcher, tmp_path):
     stick = field_of_zones(tmp_path / "stick" / "north.geojson", ("RATE",))
-    seen = desk.preview(str(stick), MapReading("", "lb/ac"))
+    seen = desk.preview_map(str(stick), MapReading("", "lb/ac"))
     assert seen.question == "" and seen.reading.column == "RATE" and "lb/ac" in seen.unit
     assert seen.rates_kg_ha == (pytest.approx(224.2, abs=0.1), pytest.approx(358.7, abs=0.1))
     assert seen.picture is not None and seen.picture.planned is not None and seen.check is not None
     assert launcher.config == () and not (tmp_path / "maps").exists(), "looking changes nothing"
-    job = load(Path(desk.take_map(seen)), JOB).model
+    job = load(Path(desk.choose_map(seen)), JOB).model
     assert job.target.source == "map" and Path(job.target.map).parent == tmp_path / "maps"
     stick.unlink()  # the stick is pulled
-    assert desk.facts().setup.job.target.source == "canopy", "until the worker starts again with it"
-    desk.drop()
-    asyncio.run(desk.restart())
-    assert desk.facts().setup.job.target.source == "canopy", "not taken"
-    desk.take("job", str(next((tmp_path / "jobs").iterdir())))
-    asyncio.run(desk.restart())
-    facts = desk.facts()
+    assert desk.find_facts().setup.job.target.source == "canopy", (
+        "until the worker starts again with it"
+    )
+    desk.drop_choices()
+    asyncio.run(desk.restart_worker())
+    assert desk.find_facts().setup.job.target.source == "canopy", "not taken"
+    desk.choose_file("job", str(next((tmp_path / "jobs").iterdir())))
+    asyncio.run(desk.restart_worker())
+    facts = desk.find_facts()
     assert (
         facts.setup.job.target.source == "map"
         and facts.map_trouble == ""
@@ -335,22 +346,23 @@ def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tm
         job = Job.model_validate(data | {"target": data["target"] | target})
         save(tmp_path / "job.yaml", job, JOB)
         shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
-        desk.take("job", str(tmp_path / "job.yaml"))
-        asyncio.run(desk.restart())
+        desk.choose_file("job", str(tmp_path / "job.yaml"))
+        asyncio.run(desk.restart_worker())
         new = load(
-            Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), MapReading()))), JOB
+            Path(desk.choose_map(desk.preview_map(str(tmp_path / "old.geojson"), MapReading()))),
+            JOB,
         ).model
         assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
 
 def test_a_map_with_two_columns_asks_and_names_them(desk, tmp_path):
     stick = field_of_zones(tmp_path / "stick" / "zones.geojson", ("alpha", "beta"))
-    seen = desk.preview(str(stick), MapReading())
+    seen = desk.preview_map(str(stick), MapReading())
     assert seen.columns == ("alpha", "beta") and "not chosen" in seen.question and seen.kept == ""
-    assert desk.preview(str(stick), MapReading("beta")).rates_kg_ha == (201.0, 321.0)
+    assert desk.preview_map(str(stick), MapReading("beta")).rates_kg_ha == (201.0, 321.0)
     stick.write_text("{", encoding="utf-8")
     with pytest.raises(ValueError, match="zones"):
-        desk.preview(str(stick), MapReading())
+        desk.preview_map(str(stick), MapReading())
 
 
 def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
@@ -369,20 +381,20 @@ def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
 
 
 def test_names_go_into_a_new_job_and_come_back(desk, launcher):
-    desk.take_names(JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
-    asyncio.run(desk.restart())
-    assert desk.facts().names == JobNames(
+    desk.save_job_names(JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
+    asyncio.run(desk.restart_worker())
+    assert desk.find_facts().names == JobNames(
         "Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"
     )
     with pytest.raises(ValueError, match="client"):
-        desk.take_names(JobNames("x" * 200))
+        desk.save_job_names(JobNames("x" * 200))
 
 
 def test_a_job_s_card(desk, launcher, tmp_path):
-    desk.take_strip(StripValue("nrich", 0.71))
-    launcher.logs.mkdir(exist_ok=True)
-    resume.write(
-        resume.snapshot_path(launcher.logs / "a.csv"),
+    desk.save_strip_value(StripValue("nrich", 0.71))
+    launcher.log_folder.mkdir(exist_ok=True)
+    resume.write_snapshot(
+        resume.make_snapshot_path(launcher.log_folder / "a.csv"),
         Snapshot(
             "a.csv",
             saved_utc="2026-03-18T07:02:00+00:00",
@@ -393,7 +405,7 @@ def test_a_job_s_card(desk, launcher, tmp_path):
     (tmp_path / "jobs" / "broken.yaml").write_text(
         "format: topdress-job/1\nid: 7\n", encoding="utf-8"
     )
-    listed = desk.cards()
+    listed = desk.list_job_cards()
     cards = {file.label: card for file, card in listed}
     assert listed[0][0].value == launcher.config[0] and cards["broken"] is None
     mine, by_map = listed[0][1], cards["map_demo"]
@@ -414,20 +426,20 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
             load(path, JOB).model.ndvi_nrich for path in sorted((jobs / "history").glob("*.yaml"))
         ]
 
-    desk.take_strip(StripValue("nrich", 0.71))
-    desk.take_strip(StripValue("nrich", 0.72))
-    desk.take_names(JobNames(client="Li Ming"))
-    assert load(jobs / "demo.yaml", JOB).model.client == "" == desk.facts().setup.job.client, (
+    desk.save_strip_value(StripValue("nrich", 0.71))
+    desk.save_strip_value(StripValue("nrich", 0.72))
+    desk.save_job_names(JobNames(client="Li Ming"))
+    assert load(jobs / "demo.yaml", JOB).model.client == "" == desk.find_facts().setup.job.client, (
         "nothing has it yet"
     )
-    desk.drop()
+    desk.drop_choices()
     assert versions() == [0.71], "what was not taken is not kept"
-    desk.take_names(JobNames(client="Li Ming"))
-    asyncio.run(desk.restart())
-    desk.take("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
+    desk.save_job_names(JobNames(client="Li Ming"))
+    asyncio.run(desk.restart_worker())
+    desk.choose_file("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
     launcher.fails = True
     with pytest.raises(WorkerFailed):
-        asyncio.run(desk.restart())
+        asyncio.run(desk.restart_worker())
     job = load(jobs / "demo.yaml", JOB).model
     assert (job.id, job.client, job.ndvi_nrich) == (
         "demo",
@@ -472,7 +484,7 @@ def test_what_is_no_prescription_map_says_what_it_is(desk, tmp_path):
     (tmp_path / "worker.json").write_text('{"port": 1}')
     for name, what in (("notes.csv", "this is a PDF document"), ("worker.json", "type None")):
         with pytest.raises(ValueError) as raised:
-            desk.preview(str(tmp_path / name), MapReading())
+            desk.preview_map(str(tmp_path / name), MapReading())
         assert str(raised.value).startswith("not a prescription map: ") and what in str(
             raised.value
         )
@@ -484,12 +496,12 @@ def test_swapped_latitude_and_longitude_are_named(desk, tmp_path):
     with pytest.raises(
         ValueError, match=r"^latitude and longitude look swapped: latitudes up to 120, "
     ):
-        desk.preview(_geojson(tmp_path / "a.geojson", *_square(34.28, 119.88)), MapReading())
+        desk.preview_map(_geojson(tmp_path / "a.geojson", *_square(34.28, 119.88)), MapReading())
     with pytest.raises(ValueError, match=r"^coordinates up to 500"):
-        desk.preview(
+        desk.preview_map(
             _geojson(tmp_path / "m.geojson", *_square(500_000.0, 3_800_000.0, 100.0)), MapReading()
         )
-    assert not desk.preview(
+    assert not desk.preview_map(
         _geojson(tmp_path / "b.geojson", *_square(119.88, 34.28)), MapReading()
     ).check.away_m
 
@@ -540,7 +552,7 @@ def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path)
     """Words of English that are left: names of files, columns, formats and units."""
     import re
 
-    from topdress.console.locale import use
+    from topdress.console.locale import use_language
 
     kept = {
         "pdf",
@@ -562,18 +574,18 @@ def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path)
         "ddi",
     }
     left = {}
-    use("zh")
+    use_language("zh")
     try:
         for name, data in REFUSED.items():
             (tmp_path / name).write_bytes(data)
             with pytest.raises(ValueError) as error:
-                desk.preview(str(tmp_path / name), MapReading())
+                desk.preview_map(str(tmp_path / name), MapReading())
             said = str(error.value).replace(f"({name})", "")
             words = set(re.findall(r"[a-z]{2,}", said.lower())) - kept
             if words or not re.search("[\u4e00-\u9fff]", said):
                 left[name] = said
     finally:
-        use("en")
+        use_language("en")
     assert left == {}
 
 
@@ -614,7 +626,7 @@ def test_only_maps_are_listed(stick):
 
 
 def test_folders_first_then_maps(stick):
-    names = [one.name for one in entries(stick)]
+    names = [one.name for one in list_entries(stick)]
     assert (
         names[0] == ".."
         and names[1] == "deep/"

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.console.services import live_check
-from topdress.console.services.live_check import followed
+from topdress.console.services.live_check import follow_log
 from topdress.console.services.live_checker import LiveChecker
 from topdress.control.diagnosis.live import watch
 from topdress.control.diagnosis.result import Departure
@@ -46,9 +46,9 @@ def test_what_the_check_says_is_at_hand(tmp_path: Path) -> None:
     checker = LiveChecker(
         program(tmp_path, f"print('no json'); print({said!r}, flush=True); sys.stdin.read()\n")
     )
-    assert waited(lambda: checker.latest("a.csv"), FOUND) == FOUND
-    assert checker.latest("") is None  # no log any more: the process is ended
-    checker.close()
+    assert waited(lambda: checker.find_departure("a.csv"), FOUND) == FOUND
+    assert checker.find_departure("") is None  # no log any more: the process is ended
+    checker.stop_check()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="no signals of this kind here")
@@ -65,22 +65,22 @@ def test_a_check_that_is_frozen_keeps_nobody_waiting_and_one_that_dies_is_starte
         ),
         again_s=0.05,
     )
-    assert waited(lambda: checker.latest("a.csv"), FOUND) == FOUND
+    assert waited(lambda: checker.find_departure("a.csv"), FOUND) == FOUND
     first = int(pid_file.read_text())
     os.kill(first, signal.SIGSTOP)
     begin = time.monotonic()
     for _ in range(1000):
-        assert checker.latest("a.csv") == FOUND
+        assert checker.find_departure("a.csv") == FOUND
     assert time.monotonic() - begin < 5.0
     os.kill(first, signal.SIGKILL)
     assert waited(lambda: pid_file.read_text() not in ("", str(first)), True)
-    checker.close()
+    checker.stop_check()
 
 
 def test_a_program_that_is_not_there_says_nothing() -> None:
     checker = LiveChecker(("/nowhere/at-all",), again_s=0.01)
-    assert checker.latest("a.csv") is None
-    checker.close()
+    assert checker.find_departure("a.csv") is None
+    checker.stop_check()
 
 
 def test_the_real_one_ends_with_its_stdin(tmp_path: Path) -> None:
@@ -196,14 +196,14 @@ def test_a_new_log_is_checked_from_its_beginning(path: Path, tmp_path: Path) -> 
         replaced.append(True)
         return len(replaced) < 3
 
-    looked = [look.at_s for look in followed(path, "huanghai", wait)]
+    looked = [look.at_s for look in follow_log(path, "huanghai", wait)]
     assert len([at_s for at_s in looked if at_s < 400.0]) == 6  # three of each log
     assert looked[-1] < 400.0
 
 
 def test_a_clock_that_jumps_far_ahead_costs_nothing() -> None:
     time_s = np.concatenate((np.arange(0.0, 100.0, 0.1), [1e6, 1e6 + 0.1]))
-    pieces = list(live_check._pieces({"time_s": time_s}))
+    pieces = list(live_check._split_rows({"time_s": time_s}))
     assert len(pieces) == 5 and sum(len(piece["time_s"]) for piece in pieces) == len(time_s)
 
 
@@ -226,9 +226,9 @@ def test_logs_of_other_programs_and_stores_are_followed_too(path: Path, tmp_path
 @pytest.mark.usefixtures("looks")
 def test_rows_at_once_are_gone_through_as_they_would_have_come(path: Path) -> None:
     path.write_text(HEADER + rows(0, 6000))
-    looked = [look.at_s for look in followed(path, "huanghai", lambda: False)]
+    looked = [look.at_s for look in follow_log(path, "huanghai", lambda: False)]
     assert len(looked) == 10 and looked[0] == pytest.approx(300.0, abs=30.1)
-    assert live_check.machine_of_log(path, None).id == "huanghai"
+    assert live_check.load_log_machine(path, None).id == "huanghai"
 
 
 def test_what_departed_before_it_was_started_is_not_said_as_if_it_did_now(
@@ -242,7 +242,7 @@ def test_what_departed_before_it_was_started_is_not_said_as_if_it_did_now(
         raise OSError("enough")
 
     path.write_text(HEADER + rows(0, 6300))
-    live_check.main([str(path), "huanghai"], end)
+    live_check.run_live_check([str(path), "huanghai"], end)
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line.get("departure", "ended") for line in lines] == [None, "ended"]
 
@@ -318,7 +318,7 @@ def test_a_log_that_no_longer_grows_is_said_once(path: Path) -> None:
             grow(path, rows(100, 110))
         return waits[0] < 40
 
-    list(followed(path, "huanghai", wait, said.append))
+    list(follow_log(path, "huanghai", wait, said.append))
     assert [one.split(": ", 1)[1] for one in said] == [
         "no new row for 60 s: it no longer grows; still watched",
         "it grows again",

@@ -53,8 +53,8 @@ def exported(run: RunLog, name: str) -> Path:
 )
 def test_our_own_files_lie_where_it_was_done(run, frame, name):
     path = run.path if name == "run.csv" else exported(run, name)
-    laid = MapLayers().lay(str(path), frame)
-    own = MapLayers().lay(str(run.path), frame).worked
+    laid = MapLayers().make_overlay(str(path), frame)
+    own = MapLayers().make_overlay(str(run.path), frame).worked
     assert laid.name == name and laid.harvest is None
     assert laid.has >= {MapLayer.APPLIED, MapLayer.TARGET, MapLayer.ERROR}
     assert laid.worked.box.east_m == pytest.approx(own.box.east_m, abs=1.0)
@@ -84,7 +84,7 @@ def test_a_combine_s_yield_is_laid_by_its_own_scale(run, frame, tmp_path):
             )
     path = tmp_path / "yield.csv"
     path.write_text("\n".join(lines) + "\n")
-    laid = MapLayers().lay(str(path), frame)
+    laid = MapLayers().make_overlay(str(path), frame)
     assert laid.harvest == ("crop flow m", "kg/s")
     assert laid.worked.width_m == 6.0
     scale = laid.scale(find_colour_scale(MapLayer.APPLIED, laid.worked, None, METRIC))
@@ -135,7 +135,7 @@ def test_what_is_no_such_file_is_one_line(frame, tmp_path, name, text, said):
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(ValueError, match=said) as trouble:
-        MapLayers().lay(str(path), frame)
+        MapLayers().make_overlay(str(path), frame)
     assert "\n" not in str(trouble.value) and str(tmp_path) not in str(trouble.value)
     assert sorted(one.name for one in tmp_path.iterdir()) == [name], "nothing is written"
 
@@ -146,10 +146,10 @@ def test_files_are_listed_without_the_log_that_is_written(run, tmp_path):
     layers = MapLayers(DiagnosisFiles([run.path.parent], own=tmp_path))
     exported(run, "applied.geojson"), exported(run, "applied.zip")
     (run.path.parent / "holiday.zip").write_bytes(b"PK")
-    names = [one.name for one in layers.files(str(run.path))]
+    names = [one.name for one in layers.list_layer_files(str(run.path))]
     assert {"applied.geojson", "applied.zip"} <= set(names)
     assert not {"run.csv", "run.yaml", "holiday.zip"} & set(names)
-    assert "run.csv" in [one.name for one in layers.files("")]
+    assert "run.csv" in [one.name for one in layers.list_layer_files("")]
 
 
 def test_the_plane_is_had_from_fix_and_place_where_the_job_tells_none():

@@ -16,7 +16,7 @@ import pytest
 from topdress.console.link import Link, WorkerGone
 from topdress.console.running import WorkerAddress, start_worker
 from topdress.console.worker.host import Host
-from topdress.console.worker.parts import Assembly, Names
+from topdress.console.worker.parts import Assembly, RunNames
 
 FAKE = Path(__file__).with_name("fake_worker.py")
 
@@ -52,7 +52,10 @@ def rig(fake: ModuleType) -> Callable[..., SimpleNamespace]:
             made.on_sleep()
 
         parts = Assembly(
-            made.bench, made.loop, made.writer, Names("job", "huanghai", "wheat", "run.csv", True)
+            made.bench,
+            made.loop,
+            made.writer,
+            RunNames("job", "huanghai", "wheat", "run.csv", True),
         )
         made.host = Host(parts, lambda: made.now_s, sleep, **options)
         return made
@@ -90,7 +93,7 @@ async def attach() -> AsyncIterator[Callable[[WorkerAddress], Any]]:
 
     async def to(where: WorkerAddress) -> Link:
         link = Link(where)
-        link.task = asyncio.create_task(link.run())  # type: ignore[attr-defined]
+        link.task = asyncio.create_task(link.run_connection())  # type: ignore[attr-defined]
         tasks.append(link.task)  # type: ignore[attr-defined]
         await asyncio.wait_for(link.attached.wait(), 30)
         return link

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from topdress.console.worker.options import Options
-from topdress.console.worker.parts import Assembly, Names
-from topdress.console.worker.program import Clock, main
+from topdress.console.worker.parts import Assembly, RunNames
+from topdress.console.worker.program import Clock, run_worker_program
 from topdress.control.agronomy.strips import Strips
 from topdress.control.field.totals import Totaliser, Totals
 from topdress.control.log_row import LogRow
@@ -69,26 +69,26 @@ class FakeBench:
         self.commands: list[tuple[float, DriveCommand | None, bool]] = []
         self.closed = False
         self.lines: dict[str, DeviceLine] = {}
-        self.rig: RigReadings | None = None
+        self.rig_readings: RigReadings | None = None
         self.rig_orders: list[tuple[int, bool]] = []
 
-    def measure(self, now_s: float) -> Measurements:
+    def read_measurements(self, now_s: float) -> Measurements:
         return Measurements(now_s, shaft_rpm=Reading(50.0, now_s))
 
-    def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
+    def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
         self.commands.append((now_s, command, enabled))
         del self.commands[:-1000]
 
-    def line(self, name: str) -> DeviceLine | None:
+    def find_device_line(self, name: str) -> DeviceLine | None:
         return self.lines.get(name)
 
-    def order_rig(self, run: int, arm: bool) -> None:
+    def send_rig_order(self, run: int, arm: bool) -> None:
         self.rig_orders.append((run, arm))
 
-    def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
+    def list_device_status(self, now_s: float) -> tuple[DeviceStatus, ...]:
         return (DeviceStatus("board", "memory", "fake", True, 0.01, 20.0, 7, 1, "$"),)
 
-    def close(self) -> None:
+    def close_devices(self) -> None:
         self.closed = True
 
 
@@ -222,9 +222,12 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         raise ValueError("cab.yaml: key gnss.port: value 7: allowed: a port name")
     writer = LineWriter(options.log) if options.log else FakeWriter()
     return Assembly(
-        FakeBench(), FakeLoop(), writer, Names("job", "huanghai", "wheat", options.log or "", True)
+        FakeBench(),
+        FakeLoop(),
+        writer,
+        RunNames("job", "huanghai", "wheat", options.log or "", True),
     )
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:], assemble))
+    sys.exit(run_worker_program(sys.argv[1:], assemble))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from topdress.console.running import WorkerFailed, start_worker
-from topdress.console.worker.assemble import assemble
+from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.host import Host
 from topdress.console.worker.options import Options
 from topdress.control.orders import Do, Order
@@ -29,20 +29,20 @@ def test_the_simulated_machine_from_power_on_to_spreading(tmp_path):
     def sleep(seconds: float) -> None:
         nonlocal now_s
         now_s += max(seconds, 1e-9)
-        host.console_heard()
+        host.note_console_heard()
         state = host.newest.row.state if host.newest else None
         if now_s > 5.0 and state in ("off", "ready"):
-            host.ask(
+            host.queue_request(
                 Order(Do.READY if state == "off" else Do.START),
                 lambda answer, _: said.append(answer),
             )
         if now_s > 40.0:
-            host.stop("enough")
+            host.request_stop("enough")
 
     said: list = []
-    parts = assemble(options(tmp_path), lambda: now_s)
+    parts = assemble_run(options(tmp_path), lambda: now_s)
     host = Host(parts, lambda: now_s, sleep)
-    assert host.run() == "enough"
+    assert host.run_until_stopped() == "enough"
     log = read_log(parts.writer.path)
     working = [row for row in log.rows() if row.state == "working"]
     assert len(working) > 500, said
@@ -70,10 +70,10 @@ async def test_the_real_program_on_the_simulated_machine(tmp_path, attach):
         run_file=tmp_path / "run" / "w.json",
     )
     link = await attach(where)
-    assert (await link.order(Order(Do.READY))).accepted
+    assert (await link.send_order(Order(Do.READY))).accepted
     assert link.newest.log_path == where.log_path == str(tmp_path / "run.csv")
     await asyncio.sleep(0.5)
-    stats = await link.stats()
+    stats = await link.request_stats()
     await link.stop_worker()
     assert stats["ticks"] >= 10 and stats["busy_p50_ms"] < 10.0
     rows = list(read_log(tmp_path / "run.csv").rows())
@@ -86,17 +86,17 @@ def test_what_a_running_worker_has_loaded(tmp_path):
     code = f"""
 import sys
 from pathlib import Path
-from topdress.console.worker.assemble import assemble
+from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.host import Host
 from topdress.console.worker.options import Options
 import topdress.console.worker.__main__
 now = [0.0]
-parts = assemble(Options((), Path('w.json'), log={str(tmp_path / "run.csv")!r}), lambda: now[0])
+parts = assemble_run(Options((), Path('w.json'), log={str(tmp_path / "run.csv")!r}), lambda: now[0])
 host = Host(parts, lambda: now[0], lambda s: None)
 for k in range(100):
     now[0] = 0.05 * k
-    host.tick(now[0])
-host.close('')
+    host.run_one_tick(now[0])
+host.close_run('')
 print(*{{m.split('.')[0] for m in sys.modules}})
 """
     ended = subprocess.run(
@@ -122,7 +122,7 @@ def test_what_is_wrong_is_said(tmp_path, monkeypatch, files, more, said):
     Path("cab.yaml").write_text("format: topdress-cab/1\nboard: {port: COM3, baud: 1}\n")
     Path("good_cab.yaml").write_text("format: topdress-cab/1\nboard: {port: COM3}\n")
     with pytest.raises(ValueError, match=said):
-        assemble(options(tmp_path, *files, **more), lambda: 0.0)
+        assemble_run(options(tmp_path, *files, **more), lambda: 0.0)
     assert not (tmp_path / "run.csv").exists()
 
 
@@ -132,7 +132,7 @@ def test_a_log_in_a_loop_of_links_is_said(tmp_path):
     (tmp_path / "b").symlink_to(tmp_path / "a")
     log = tmp_path / "a" / "run.csv"
     with pytest.raises(ValueError, match=f"--log {log}: its folder cannot be made"):
-        assemble(Options((), tmp_path / "w.json", log=str(log)), lambda: 0.0)
+        assemble_run(Options((), tmp_path / "w.json", log=str(log)), lambda: 0.0)
 
 
 def test_a_wrong_option_reaches_the_console_as_one_line(tmp_path):

@@ -18,12 +18,12 @@ from topdress.console.attached import (
     Attached,
     Ordered,
     clean_name,
-    own_name,
+    find_own_name,
+    make_unique_name,
     read_orders,
-    unlike,
 )
 from topdress.console.cli.tablet import TabLink
-from topdress.console.frame import from_json
+from topdress.console.frame import parse_frame
 from topdress.console.link import Link
 from topdress.control.orders import Answer, Do, Order
 
@@ -38,7 +38,7 @@ async def join():
     tasks = []
 
     async def to(link):
-        link.task = asyncio.create_task(link.run())
+        link.task = asyncio.create_task(link.run_connection())
         tasks.append(link.task)
         await asyncio.wait_for(link.attached.wait(), 30)
         return link
@@ -61,7 +61,7 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
     where = running()
     ann, lab = await join(Link(where, "ann@cab pts/3")), await join(Link(where, "lab@cab pts/4"))
     tablet = await join(TabLink(where, "tablet Ann"))
-    looks = await join(TabLink(where.looking_only(), "tablet office"))
+    looks = await join(TabLink(where.drop_token(), "tablet office"))
     everybody = (ann, lab, tablet, looks)
     wanted = {
         Attached("ann@cab pts/3", False, True, True),
@@ -71,10 +71,10 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
     }
     for link in everybody:
         await until(lambda link=link: set(link.newest.attached) == wanted)
-    assert await ann.order(Order(Do.START)) == Answer(True)
-    assert await tablet.order(Order(Do.NUDGE, 5.0)) == Answer(True)
-    assert await looks.order(Order(Do.STOP)) == Answer(False, "unauthorised")
-    assert await lab.order(Order(Do.HOLD)) == Answer(True)
+    assert await ann.send_order(Order(Do.START)) == Answer(True)
+    assert await tablet.send_order(Order(Do.NUDGE, 5.0)) == Answer(True)
+    assert await looks.send_order(Order(Do.STOP)) == Answer(False, "unauthorised")
+    assert await lab.send_order(Order(Do.HOLD)) == Answer(True)
     for link in everybody:
         await until(
             lambda link=link: (
@@ -109,7 +109,7 @@ CONSOLE = textwrap.dedent("""
     from topdress.console.running import WorkerAddress
     async def main():
         link = Link(WorkerAddress(**json.loads(sys.argv[1])), sys.argv[2])
-        task = asyncio.create_task(link.run())
+        task = asyncio.create_task(link.run_connection())
         await link.attached.wait()
         print("attached", flush=True)
         await task
@@ -136,7 +136,7 @@ async def test_one_of_two_consoles_goes_and_the_machine_goes_on_the_last_goes_an
     first, second = console_of(where, "first"), console_of(where, "second")
     try:
         await until(lambda: sum(one.keeps for one in tablet.newest.attached) == 2)
-        await tablet.order(Order(Do.START))
+        await tablet.send_order(Order(Do.START))
         await until(lambda: tablet.newest.row.state == "working")
         os.kill(first.pid, signal.SIGKILL)
         await until(lambda: names(tablet) == ["tablet Ann", "second"])
@@ -217,8 +217,8 @@ async def test_a_console_of_before_says_no_name_and_takes_the_frames_as_ever(run
 
 def test_a_frame_of_a_worker_of_before_has_nobody_and_one_of_a_later_one_has_more_of_each():
     plain = {"seq": 1, "at_s": 0.0, "row": {"time_s": 0.0}, "consoles": 2}
-    assert from_json(plain).attached == ()
-    assert from_json(plain | {"attached": [{"name": "ann", "seat": 2}]}).attached == (
+    assert parse_frame(plain).attached == ()
+    assert parse_frame(plain | {"attached": [{"name": "ann", "seat": 2}]}).attached == (
         Attached("ann"),
     )
 
@@ -255,18 +255,18 @@ def test_a_name_breaks_neither_the_log_nor_the_screen(said, name):
 
 def test_names_that_are_taken_get_a_number():
     assert (
-        unlike("a", []) == "a"
-        and unlike("a", ["a"]) == "a #2"
-        and unlike("a", ["a", "a #2"]) == "a #3"
+        make_unique_name("a", []) == "a"
+        and make_unique_name("a", ["a"]) == "a #2"
+        and make_unique_name("a", ["a", "a #2"]) == "a #3"
     )
-    assert len(unlike("x" * NAME_CHARACTERS, ["x" * NAME_CHARACTERS])) <= NAME_CHARACTERS
+    assert len(make_unique_name("x" * NAME_CHARACTERS, ["x" * NAME_CHARACTERS])) <= NAME_CHARACTERS
 
 
 def test_a_console_is_named_by_its_user_computer_and_terminal_or_as_it_is_given(monkeypatch):
     monkeypatch.delenv("TOPDRESS_NAME", raising=False)
-    assert "@" in own_name()
+    assert "@" in find_own_name()
     monkeypatch.setenv("TOPDRESS_NAME", "cab left")
-    assert own_name() == "cab left" and own_name("by option") == "by option"
+    assert find_own_name() == "cab left" and find_own_name("by option") == "by option"
 
 
 def test_orders_are_read_out_of_a_cell_of_events():

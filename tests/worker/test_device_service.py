@@ -24,7 +24,7 @@ def made(tmp_path):
     """A desk with one device: `head_1` on a memory line."""
     host, device = memory_pair("head_1")
     line = DeviceLine("head_1", "greenseeker", host, Counts())
-    bench = SimpleNamespace(line=lambda name: line if name == "head_1" else None)
+    bench = SimpleNamespace(find_device_line=lambda name: line if name == "head_1" else None)
     files = SideFiles()
     made = SimpleNamespace(
         line=line,
@@ -38,7 +38,7 @@ def made(tmp_path):
     )
 
     def order(do, state="ready", name="head_1"):
-        return made.desk.order(DeviceOrder(name, do), made.now_s, state)
+        return made.desk.obey_device_order(DeviceOrder(name, do), made.now_s, state)
 
     def run(seconds, state="ready", said=b""):
         for _ in range(round(seconds / 0.05)):
@@ -46,23 +46,26 @@ def made(tmp_path):
             if said:
                 device.write(said)
             line.read(made.now_s)
-            made.desk.tick(made.now_s, state)
+            made.desk.end_due_work(made.now_s, state)
 
     made.order, made.run = order, run
     yield made
-    files.close()
+    files.close_files()
 
 
 def settled(made):
     until = time.monotonic() + 5.0
-    while made.desk.test("head_1").running:
+    while made.desk.find_test_result("head_1").running:
         assert time.monotonic() < until
         time.sleep(0.005)
-    return made.desk.test("head_1")
+    return made.desk.find_test_result("head_1")
 
 
 def test_an_unknown_device_is_named(made):
-    assert made.order(DeviceDo.TEST, name="tail;1") == (False, "no_such_device;device=tail 1")
+    assert made.order(DeviceDo.TEST, name="tail;1") == (
+        False,
+        "no_such_device;device=tail 1",
+    )
 
 
 def test_disconnect_and_connect(made):
@@ -84,7 +87,10 @@ def test_disconnect_and_connect(made):
 
 @pytest.mark.parametrize("state", ["working", "calibrating"])
 def test_nothing_is_disconnected_under_work(made, state):
-    assert made.order(DeviceDo.DISCONNECT, state) == (False, f"device_in_use;state={state}")
+    assert made.order(DeviceDo.DISCONNECT, state) == (
+        False,
+        f"device_in_use;state={state}",
+    )
     assert made.line.plugged
 
 
@@ -92,14 +98,14 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
     made.run(0.1, said=HEAD)
     assert made.order(DeviceDo.CAPTURE).accepted
     path = tmp_path / "run.head_1.1.capture"
-    assert made.desk.capture_path("head_1") == str(path)
+    assert made.desk.find_capture_path("head_1") == str(path)
     made.run(0.1, said=HEAD)
     made.line.write(made.now_s, b"?\r\n")
     assert made.order(DeviceDo.CAPTURE).accepted, "again: the same one goes on"
     made.run(0.05, said=b"ha")
     assert made.order(DeviceDo.END_CAPTURE).accepted
     made.run(0.1, said=HEAD)
-    made.files.close()
+    made.files.close_files()
     text = path.read_bytes()
     assert text.decode().splitlines() == [
         "# topdress-capture/1 head_1 greenseeker head_1:host",
@@ -109,9 +115,9 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
         "0.250 < ha",
     ]
     assert received(text) == HEAD * 2 + b"ha"
-    assert made.desk.capture_path("head_1") == ""
+    assert made.desk.find_capture_path("head_1") == ""
     made.order(DeviceDo.CAPTURE)
-    assert made.desk.capture_path("head_1").endswith("run.head_1.2.capture"), (
+    assert made.desk.find_capture_path("head_1").endswith("run.head_1.2.capture"), (
         "the one before stays as it is"
     )
 
@@ -119,8 +125,8 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
 def test_a_capture_ends_by_itself_before_it_fills_the_disk(made, tmp_path):
     made.order(DeviceDo.CAPTURE)
     made.run(5.0, said=HEAD)
-    assert made.desk.capture_path("head_1") == ""
-    made.files.close()
+    assert made.desk.find_capture_path("head_1") == ""
+    made.files.close_files()
     assert 1_000 <= (tmp_path / "run.head_1.1.capture").stat().st_size < 1_100
 
 
@@ -128,15 +134,15 @@ def test_a_capture_that_cannot_be_written_is_told_and_stops_nothing(made, tmp_pa
     (tmp_path / "run.head_1.1.capture").mkdir()
     made.order(DeviceDo.CAPTURE)
     made.run(0.2, said=HEAD)
-    made.files.close()
+    made.files.close_files()
     assert "run.head_1.1.capture" in made.files.trouble
 
 
 def test_a_test_says_what_speaks_there(made):
     assert made.order(DeviceDo.TEST).accepted
-    assert made.desk.test("head_1") == DeviceTest(True)
+    assert made.desk.find_test_result("head_1") == DeviceTest(True)
     made.run(1.4, said=HEAD)
-    assert made.desk.test("head_1").running
+    assert made.desk.find_test_result("head_1").running
     made.run(0.2, said=HEAD)
     found = settled(made)
     assert (found.protocol, found.baud, found.rejected, found.said) == (

@@ -15,7 +15,7 @@ from topdress.console.worker.link_server import LinkServer
 
 async def test_who_comes_gets_the_newest_frame_at_once(rig):
     made = rig()
-    made.host.tick(0.0)  # one frame, and none after it
+    made.host.run_one_tick(0.0)  # one frame, and none after it
     server = LinkServer(made.host, "key")
     server.start()
     links = [
@@ -24,14 +24,14 @@ async def test_who_comes_gets_the_newest_frame_at_once(rig):
     tasks = []
     try:
         for link in links:
-            tasks.append(asyncio.create_task(link.run()))
+            tasks.append(asyncio.create_task(link.run_connection()))
             await asyncio.wait_for(link.attached.wait(), 5.0)
         assert [link.newest.seq for link in links] == [made.host.newest.seq] * 2
     finally:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        server.close()
+        server.close_link()
 
 
 async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
@@ -44,15 +44,15 @@ async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
         return dataclasses.replace(made_of, row=made_of.row._replace(shaft_rpm=0.0))
 
     made.loop.tick = stands
-    made.host.tick(0.0)
+    made.host.run_one_tick(0.0)
     server = LinkServer(made.host, "key")
     server.start()
     link = Link(WorkerAddress(server.port, "key", os.getpid()), "first")
-    task, seen = asyncio.create_task(link.run()), set()
+    task, seen = asyncio.create_task(link.run_connection()), set()
     try:
         await asyncio.wait_for(link.attached.wait(), 5.0)
         for k in range(1, 21):  # a second
-            made.host.tick(0.05 * k)
+            made.host.run_one_tick(0.05 * k)
             await asyncio.sleep(0.05)
             seen.add(link.newest.seq)
         # ten a second, on a busy machine too; standing it is two
@@ -60,7 +60,7 @@ async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
-        server.close()
+        server.close_link()
 
 
 def loaded_with(modules: str, *heavy: str) -> str:

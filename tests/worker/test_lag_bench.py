@@ -7,10 +7,10 @@ import datetime as dt
 import statistics
 
 import pytest
-from topdress.console.cli.lag_rig import Attended
+from topdress.console.cli.lag_rig import LagOperator
 from topdress.console.worker.host import Host
-from topdress.console.worker.parts import Assembly, Names
-from topdress.console.worker.requests import Ask
+from topdress.console.worker.parts import Assembly, RunNames
+from topdress.console.worker.requests import Question
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.calibration.lag_fit import fit_lag
 from topdress.control.field.job import Simulated
@@ -69,7 +69,7 @@ class Rig:
         loop = control_loop(setup.machine, setup.crop, setup.rule, job)
         self.writer = fake.FakeWriter()
         self.host = Host(
-            Assembly(cab, loop, self.writer, Names(log_path=str(log_path))),
+            Assembly(cab, loop, self.writer, RunNames(log_path=str(log_path))),
             lambda: self.now_s,
             lambda _: None,
             hz=50.0,
@@ -78,7 +78,7 @@ class Rig:
 
     def ask(self, what):
         said = []
-        self.host.ask(what, lambda answer, extra: said.append(answer))
+        self.host.queue_request(what, lambda answer, extra: said.append(answer))
         self.run(STEP_S)
         return said[0]
 
@@ -89,10 +89,10 @@ class Rig:
         for _ in range(round(seconds / STEP_S)):
             self.now_s += STEP_S
             if self.held and round(self.now_s / STEP_S) % 10 == 0:
-                self.host.ask(Order(Do.CALIBRATE), lambda *_: None)
+                self.host.queue_request(Order(Do.CALIBRATE), lambda *_: None)
             self.virtual.advance(self.now_s)
-            self.host.tick(self.now_s)
-            self.host.console_heard()
+            self.host.run_one_tick(self.now_s)
+            self.host.note_console_heard()
         return self.host.newest
 
 
@@ -102,12 +102,12 @@ def bench(tmp_path, fake):
     made.run(3.0)
     assert made.order(Do.READY).accepted
     yield made
-    made.host.close("end of test")
+    made.host.close_run("end of test")
 
 
 def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(bench, tmp_path):
-    assert bench.ask(Ask.LAG_TEST).accepted
-    bench.host.lag.begin(
+    assert bench.ask(Question.LAG_TEST).accepted
+    bench.host.lag.begin_lag_test(
         tmp_path / "run.lag.1.csv", Plan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
     )
     view = bench.run(5.0).lag_test
@@ -120,7 +120,7 @@ def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(ben
     assert {row.shaft_rpm_cmd for row in bench.writer.rows} == {0.0, 10.0, 40.0, 70.0}
     responses = [response_s for _, response_s, _ in view.runs]
     assert statistics.mean(responses) == pytest.approx(bench.machine.shaft.dead_time_s, abs=0.06)
-    bench.host.close("end")
+    bench.host.close_run("end")
     table = read_bench_table(tmp_path / "run.lag.1.csv", None)
     assert (table.kind, table.rows, view.table_path) == ("lag", 6, str(tmp_path / "run.lag.1.csv"))
     assert [
@@ -134,7 +134,7 @@ def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(ben
 
 
 def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(bench, tmp_path):
-    bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
+    bench.host.lag.begin_lag_test(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
     bench.held = True
     bench.run(2.5)
     assert bench.plant.truth.shaft_rpm > 30.0
@@ -159,11 +159,11 @@ def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_pa
 
 
 def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench, tmp_path):
-    bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
+    bench.host.lag.begin_lag_test(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
     bench.held = True
     bench.run(2.5)
     assert bench.plant.truth.shaft_rpm > 30.0
-    assert bench.ask(Ask.END_LAG_TEST).accepted
+    assert bench.ask(Question.END_LAG_TEST).accepted
     frame = bench.run(1.0)
     assert (frame.row.state, frame.row.shaft_rpm_cmd, frame.lag_test) == ("calibrating", 0.0, None)
     assert bench.order(Do.CALIBRATE_SHAFT, 20.0).accepted
@@ -173,8 +173,8 @@ def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench,
 def test_without_a_rig_there_is_no_test(rig):
     r = rig()
     said = []
-    r.host.ask(Ask.LAG_TEST, lambda answer, extra: said.append(answer))
-    r.host.tick(0.0)
+    r.host.queue_request(Question.LAG_TEST, lambda answer, extra: said.append(answer))
+    r.host.run_one_tick(0.0)
     assert said == [Answer(False, "no_lag_rig")]
     assert r.host.newest.lag_test is None and not r.bench.rig_orders
 
@@ -182,10 +182,10 @@ def test_without_a_rig_there_is_no_test(rig):
 def test_side_files_are_written_in_order_and_can_be_begun_again(tmp_path):
     files = SideFiles()
     for number in range(50):
-        files.append(tmp_path / "a", b"%d " % number)
-    files.close()
-    files.append(tmp_path / "a", b"end")
-    files.close()
+        files.queue_append(tmp_path / "a", b"%d " % number)
+    files.close_files()
+    files.queue_append(tmp_path / "a", b"end")
+    files.close_files()
     assert (tmp_path / "a").read_bytes() == b"".join(b"%d " % n for n in range(50)) + b"end"
     assert files.trouble == ""
 
@@ -196,14 +196,14 @@ class Hand:
     def __init__(self):
         self.down = False
 
-    def pressed(self):
+    def read_pressed(self):
         return " " if self.down else ""
 
 
 def attend(bench, tmp_path, no_key=False, repeats=1):
     """The command's own attendant at the bench, `go(seconds)` with whatever its hand does."""
     hand = Hand()
-    attended = Attended(
+    attended = LagOperator(
         hand,
         tmp_path / "table.csv",
         Plan((40.0,), repeats=repeats, settle_s=2.5),
@@ -219,8 +219,8 @@ def attend(bench, tmp_path, no_key=False, repeats=1):
         for _ in range(round(seconds / STEP_S)):
             bench.now_s += STEP_S
             bench.virtual.advance(bench.now_s)
-            bench.host.tick(bench.now_s)
-            attended.between(0.0)
+            bench.host.run_one_tick(bench.now_s)
+            attended.pause_between_ticks(0.0)
         return bench.host.newest
 
     return hand, attended, go

@@ -22,7 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from topdress.console.cli.live import FIELDS, _served, _split, most_readers
+from topdress.console.cli.live import (
+    PUBLISHED_FIELDS,
+    _parse_broker_url,
+    _serve_socket,
+    calc_most_readers,
+)
 from topdress.console.cli.plain_errors import CommandError
 from topdress.console.running import WorkerAddress
 from topdress.control.log_row import LogRow
@@ -69,7 +74,7 @@ def working(running: Callable[..., WorkerAddress], attach: Callable[..., Any]) -
     async def at_work() -> Any:
         link = await attach(running(name="worker"))
         for do in (Do.READY, Do.START):
-            assert (await link.order(Order(do))).accepted
+            assert (await link.send_order(Order(do))).accepted
         return link
 
     return at_work
@@ -87,7 +92,10 @@ async def test_stdout_and_socket_say_the_row_and_nothing_is_heard(
     told = live("--port", "0")
     port = int((await asyncio.to_thread(told.stderr.readline)).rpartition(":")[2])
     line = json.loads(await asyncio.to_thread(told.stdout.readline))
-    assert set(line) == {"format", *LogRow._fields, *FIELDS} and line["format"] == "topdress-live/1"
+    assert (
+        set(line) == {"format", *LogRow._fields, *PUBLISHED_FIELDS}
+        and line["format"] == "topdress-live/1"
+    )
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.write(json.dumps({"id": 1, "do": "stop", "value": None}).encode() + b"\n")
     lines = [json.loads(await asyncio.wait_for(reader.readline(), 10.0)) for _ in range(8)]
@@ -137,8 +145,8 @@ def test_without_its_broker_it_ends_as_it_does_with_one(live: Callable[..., Any]
 async def test_more_readers_than_there_is_room_for_are_turned_away_with_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("topdress.console.cli.live.most_readers", lambda: 2)
-    tell = await _served(0)
+    monkeypatch.setattr("topdress.console.cli.live.calc_most_readers", lambda: 2)
+    tell = await _serve_socket(0)
     port = int(capsys.readouterr().err.rpartition(":")[2])
     ends = [await asyncio.open_connection("127.0.0.1", port) for _ in range(5)]
     late = [await asyncio.wait_for(one.read(), 10.0) for one, _ in ends[2:]]
@@ -156,7 +164,7 @@ async def test_more_readers_than_there_is_room_for_are_turned_away_with_one_line
 def test_readers_leave_files_for_the_machine() -> None:
     resource = pytest.importorskip("resource")
     files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    assert 1 <= most_readers() <= max(1, files - 80)
+    assert 1 <= calc_most_readers() <= max(1, files - 80)
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
@@ -203,9 +211,13 @@ async def test_a_broker_reads_a_working_machine(
 def test_the_page_says_every_field_and_the_example_is_taken() -> None:
     page = PAGE.read_text(encoding="utf-8")
     rows = [row.split("|")[1] for row in page.splitlines() if row.startswith("| `")]
-    assert [name for row in rows for name in re.findall(r"`(\w+)`", row)] == list(FIELDS)
+    assert [name for row in rows for name in re.findall(r"`(\w+)`", row)] == list(PUBLISHED_FIELDS)
     url = re.findall(r"mqtt://\S+", page)[0]
-    assert (_split(url).username, _split(url).hostname, _split(url).path) == (
+    assert (
+        _parse_broker_url(url).username,
+        _parse_broker_url(url).hostname,
+        _parse_broker_url(url).path,
+    ) == (
         "cab",
         "barn.local",
         "/farm/spreader",
@@ -226,5 +238,5 @@ def test_the_page_says_every_field_and_the_example_is_taken() -> None:
 )
 def test_a_url_that_is_none_is_refused_without_its_password(url: str) -> None:
     with pytest.raises(CommandError, match="allowed is mqtt://USER@HOST:PORT/TOPIC") as refused:
-        _split(url)
+        _parse_broker_url(url)
     assert "secret" not in str(refused.value)

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from topdress.console.frame import DeviceDo
 from topdress.console.worker.limits import TEXT_CHARACTERS
-from topdress.console.worker.requests import Ask, DeviceOrder, Refusal, Request, parse
+from topdress.console.worker.requests import DeviceOrder, Question, Refusal, Request, parse_request
 from topdress.control.orders import Do, Order
 
 TOKEN = "0123456789abcdef"
@@ -21,7 +21,7 @@ def line(**message: object) -> bytes:
 
 @pytest.mark.parametrize("do", list(Do))
 def test_every_order_comes_through(do):
-    assert parse(line(do=do.value), TOKEN) == Request(7, Order(do))
+    assert parse_request(line(do=do.value), TOKEN) == Request(7, Order(do))
 
 
 @pytest.mark.parametrize(
@@ -29,18 +29,18 @@ def test_every_order_comes_through(do):
     [(5, 5.0), (-2.5, -2.5), ("map", "map"), (True, True), (None, None), (0, 0.0)],
 )
 def test_values_keep_their_kind(sent, taken):
-    order = parse(line(do="nudge", value=sent), TOKEN).what
+    order = parse_request(line(do="nudge", value=sent), TOKEN).what
     assert order.value == taken and type(order.value) is type(taken)
 
 
-@pytest.mark.parametrize("ask", list(Ask))
+@pytest.mark.parametrize("ask", list(Question))
 def test_asks(ask):
-    assert parse(line(ask=ask.value), TOKEN) == Request(7, ask)
+    assert parse_request(line(ask=ask.value), TOKEN) == Request(7, ask)
 
 
 @pytest.mark.parametrize("do", list(DeviceDo))
 def test_what_is_ordered_of_a_device(do):
-    assert parse(line(device="head_3", act=do.value), TOKEN) == Request(
+    assert parse_request(line(device="head_3", act=do.value), TOKEN) == Request(
         7, DeviceOrder("head_3", do)
     )
 
@@ -72,25 +72,29 @@ def test_what_is_ordered_of_a_device(do):
     ids=lambda sent: repr(sent)[:40],
 )
 def test_what_is_wrong_is_refused_and_said(sent, id_, why):
-    assert parse(sent, TOKEN) == Refusal(id_, "malformed", f"malformed: {why}")
+    assert parse_request(sent, TOKEN) == Refusal(id_, "malformed", f"malformed: {why}")
 
 
 @pytest.mark.parametrize(
     "token", [None, "", "0123456789abcdeg", 7, "\ud800", TOKEN + "0", TOKEN.upper()], ids=ascii
 )
 def test_without_the_token_nothing_is_taken(token):
-    assert parse(line(token=token, do="start"), TOKEN) == Refusal(7, "unauthorised", "unauthorised")
-    for ask in set(Ask) - {Ask.LOOK}:
-        assert parse(line(token=token, ask=ask.value), TOKEN) == Refusal(
+    assert parse_request(line(token=token, do="start"), TOKEN) == Refusal(
+        7, "unauthorised", "unauthorised"
+    )
+    for ask in set(Question) - {Question.LOOK}:
+        assert parse_request(line(token=token, ask=ask.value), TOKEN) == Refusal(
             7, "unauthorised", "unauthorised"
         ), ask
-    assert parse(line(token=token, ask="look"), TOKEN) == Request(7, Ask.LOOK, with_key=False)
+    assert parse_request(line(token=token, ask="look"), TOKEN) == Request(
+        7, Question.LOOK, with_key=False
+    )
 
 
 @relaxed
 @given(st.binary(max_size=200))
 def test_no_bytes_raise(data):
-    assert isinstance(parse(data, TOKEN), Refusal)
+    assert isinstance(parse_request(data, TOKEN), Refusal)
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text("ab\n", max_size=5)
@@ -102,12 +106,12 @@ json_values = (
 @relaxed
 @given(st.dictionaries(st.sampled_from(["id", "token", "do", "ask", "value", "x"]), json_values))
 def test_no_object_without_the_token_is_a_request(message):
-    assert isinstance(parse(json.dumps(message).encode(), TOKEN), Refusal)
+    assert isinstance(parse_request(json.dumps(message).encode(), TOKEN), Refusal)
 
 
 @relaxed
 @given(json_values, st.sampled_from([d.value for d in Do]))
 def test_a_request_carries_only_what_an_order_may(value, do):
-    request = parse(line(do=do, value=value), TOKEN)
+    request = parse_request(line(do=do, value=value), TOKEN)
     if isinstance(request, Request):
         assert isinstance(request.what.value, str | float | bool | None)

@@ -7,10 +7,10 @@ import time
 from dataclasses import replace
 
 import pytest
-from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, from_json
+from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, parse_frame
 from topdress.console.worker import run_file, wire
 from topdress.console.worker.limits import MOVES_S, STANDS_S
-from topdress.console.worker.link_server import Telling
+from topdress.console.worker.link_server import FrameSchedule
 from topdress.control.agronomy.strips import Strips
 from topdress.control.field.totals import Totals
 from topdress.control.log_row import LogRow
@@ -75,28 +75,28 @@ def test_a_frame_comes_back_as_it_was():
         head_ndvi=(0.5, None, 0.6),
         bench=BenchRun(50.0, 25.0, 3.2, 116.8),
     )
-    assert from_json(json.loads(wire.framed(frame))) == frame
+    assert parse_frame(json.loads(wire.format_frame(frame))) == frame
 
 
 def test_an_older_workers_frame_lacks_nothing_that_the_console_needs():
-    message = json.loads(wire.framed(Frame(3, 1.5, LogRow(1.5))))
+    message = json.loads(wire.format_frame(Frame(3, 1.5, LogRow(1.5))))
     older = {name: message[name] for name in ("seq", "at_s", "row")} | {"of_tomorrow": 1}
-    assert from_json(older) == Frame(3, 1.5, LogRow(1.5))
+    assert parse_frame(older) == Frame(3, 1.5, LogRow(1.5))
 
 
 def test_one_value_that_is_not_finite_does_not_blind_the_console():
     frame = Frame(3, 1.5, LogRow(1.5, shaft_rpm=float("nan"), hopper_kg=float("inf"), ndvi=0.5))
-    row = from_json(json.loads(wire.framed(frame))).row
+    row = parse_frame(json.loads(wire.format_frame(frame))).row
     assert row == LogRow(1.5, shaft_rpm=None, hopper_kg=None, ndvi=0.5)
     with pytest.raises(ValueError):
-        wire.framed(Frame(3, float("nan"), LogRow(1.5)))
+        wire.format_frame(Frame(3, float("nan"), LogRow(1.5)))
 
 
 def test_every_message_is_one_line():
     for line in (
-        wire.greeting(7),
-        wire.answered(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
-        wire.framed(Frame(1, 0.0, LogRow(0.0, events="mark a\nb"))),
+        wire.format_greeting(7),
+        wire.format_answer(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
+        wire.format_frame(Frame(1, 0.0, LogRow(0.0, events="mark a\nb"))),
     ):
         assert line.endswith(b"\n") and line.count(b"\n") == 1
 
@@ -111,16 +111,16 @@ def test_what_a_newer_worker_adds_anywhere_is_passed_over():
         totals=None,
         strips=Strips(0.6),
     )
-    newer = json.loads(wire.framed(frame))
+    newer = json.loads(wire.format_frame(frame))
     for place in (newer, newer["row"], newer["alarms"][1], newer["devices"][0], newer["strips"]):
         place["of_tomorrow"] = {"a": 1}
-    assert from_json(newer) == frame
+    assert parse_frame(newer) == frame
 
 
 def test_a_frame_that_is_none_is_one_line():
-    broken = json.loads(wire.framed(Frame(3, 1.5, LogRow(1.5)))) | {"area_ha": "much"}
+    broken = json.loads(wire.format_frame(Frame(3, 1.5, LogRow(1.5)))) | {"area_ha": "much"}
     with pytest.raises(ValueError, match=r"^area_ha: [^\n]*$"):
-        from_json(broken)
+        parse_frame(broken)
 
 
 # --- The right to be the worker of a run file: what a start waits for
@@ -130,10 +130,10 @@ def test_a_frame_that_is_none_is_one_line():
 def waited(path, now_s=None):
     """Seconds that a start at such a time of the computer's clock waited."""
     slept: list[float] = []
-    with run_file.held(
+    with run_file.hold_right(
         path, lambda: time.time() if now_s is None else now_s, slept.append
     ) as right:
-        right.confirm()
+        right.confirm_right()
     return slept
 
 
@@ -168,9 +168,9 @@ LISTENS = DeviceView("gnss", "p", "nmea", True, 0.0, 10.0, 1, 0, test=DeviceTest
 
 
 def told_in_10_s(frame: Frame) -> int:
-    telling = Telling()
+    telling = FrameSchedule()
     return sum(
-        telling.due(
+        telling.is_frame_due(
             replace(
                 frame,
                 seq=k,
@@ -213,45 +213,47 @@ def test_a_device_that_is_listened_to_is_told_as_often():
     ],
 )
 def test_what_changes_is_told_at_once(changed):
-    telling = Telling()
-    assert telling.due(STANDS)
-    assert not telling.due(replace(STANDS, seq=1, at_s=TICK_S))
-    assert telling.due(replace(STANDS, seq=2, at_s=2.0 * TICK_S, **changed))
+    telling = FrameSchedule()
+    assert telling.is_frame_due(STANDS)
+    assert not telling.is_frame_due(replace(STANDS, seq=1, at_s=TICK_S))
+    assert telling.is_frame_due(replace(STANDS, seq=2, at_s=2.0 * TICK_S, **changed))
 
 
 def test_an_event_and_a_state_are_told_at_once():
-    telling = Telling()
-    telling.due(STANDS)
-    assert telling.due(
+    telling = FrameSchedule()
+    telling.is_frame_due(STANDS)
+    assert telling.is_frame_due(
         replace(STANDS, seq=1, at_s=TICK_S, row=STANDS.row._replace(events="mark:x"))
     )
-    assert telling.due(
+    assert telling.is_frame_due(
         replace(STANDS, seq=2, at_s=2.0 * TICK_S, row=STANDS.row._replace(state="ready"))
     )
 
 
 def test_after_a_console_came_it_is_told_as_while_the_machine_moves_for_two_seconds():
-    telling = Telling()
-    telling.due(STANDS)
-    telling.come()
-    told = [k for k in range(1, 201) if telling.due(replace(STANDS, seq=k, at_s=k * TICK_S))]
+    telling = FrameSchedule()
+    telling.is_frame_due(STANDS)
+    telling.greet_console()
+    told = [
+        k for k in range(1, 201) if telling.is_frame_due(replace(STANDS, seq=k, at_s=k * TICK_S))
+    ]
     assert told[:20] == list(range(1, 40, 2)) and len(told) == 20 + round(8.0 / STANDS_S)
     assert not telling.moves
 
 
 def test_time_held_is_no_word_that_changes():
-    telling = Telling()
-    telling.due(STANDS)
-    assert not telling.due(replace(STANDS, seq=1, at_s=TICK_S, tally=Tally(held_s=0.05)))
+    telling = FrameSchedule()
+    telling.is_frame_due(STANDS)
+    assert not telling.is_frame_due(replace(STANDS, seq=1, at_s=TICK_S, tally=Tally(held_s=0.05)))
 
 
 def test_who_comes_waits_for_no_frame_and_a_clock_that_goes_back_silences_nobody():
-    telling = Telling()
-    telling.due(replace(STANDS, at_s=100.0))
-    assert telling.due(replace(STANDS, seq=1, at_s=99.0))
-    telling.hurry()
-    assert telling.due(replace(STANDS, seq=2, at_s=99.05))
-    telling.come()
-    telling.due(replace(STANDS, seq=3, at_s=99.1))
-    telling.due(replace(STANDS, seq=4, at_s=1.0))
+    telling = FrameSchedule()
+    telling.is_frame_due(replace(STANDS, at_s=100.0))
+    assert telling.is_frame_due(replace(STANDS, seq=1, at_s=99.0))
+    telling.send_next_frame()
+    assert telling.is_frame_due(replace(STANDS, seq=2, at_s=99.05))
+    telling.greet_console()
+    telling.is_frame_due(replace(STANDS, seq=3, at_s=99.1))
+    telling.is_frame_due(replace(STANDS, seq=4, at_s=1.0))
     assert not telling.moves

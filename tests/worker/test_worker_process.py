@@ -20,8 +20,8 @@ from pathlib import Path
 import pytest
 from topdress.console.cli.tablet import TabLink
 from topdress.console.link import Link, WorkerGone
-from topdress.console.locale import use
-from topdress.console.running import WorkerAddress, WorkerFailed, find_running, start_worker
+from topdress.console.locale import use_language
+from topdress.console.running import WorkerAddress, WorkerFailed, find_running_worker, start_worker
 from topdress.console.worker.limits import (
     CLIENTS_LOOKING,
     CLIENTS_NEW,
@@ -63,14 +63,14 @@ async def test_attach_and_order(running, attach, log_of):
         and link.newest.machine == "huanghai"
         and link.newest.simulated
     )
-    assert await link.order(Order(Do.START)) == Answer(True)
+    assert await link.send_order(Order(Do.START)) == Answer(True)
     await until(lambda: link.newest.row.state == "working")
-    assert await link.order(Order(Do.MANUAL_RATE, 900.0)) == Answer(False, "rate_above_limit")
-    refused = await link.order(Order(Do.REFILL, 5.0))
+    assert await link.send_order(Order(Do.MANUAL_RATE, 900.0)) == Answer(False, "rate_above_limit")
+    refused = await link.send_order(Order(Do.REFILL, 5.0))
     assert not refused.accepted and refused.why.startswith(
         "internal_error: refill 5.0: RuntimeError"
     )
-    assert await link.order(Order(Do.HOLD)) == Answer(True)
+    assert await link.send_order(Order(Do.HOLD)) == Answer(True)
     await until(lambda: link.newest.alarms)
     assert link.newest.alarms[0].id == "console_silent" and link.newest.alarms[0].details == (
         ("age_s", 2.0),
@@ -79,7 +79,7 @@ async def test_attach_and_order(running, attach, log_of):
     with pytest.raises(WorkerGone):
         await link.task
     with pytest.raises(WorkerGone):
-        await link.order(Order(Do.START))
+        await link.send_order(Order(Do.START))
     assert log_of(where)[-1] == {"end": True} and log_of(where)[-2]["state"] == "off"
 
 
@@ -89,7 +89,7 @@ async def test_the_frame_tells_how_many_consoles_keep_the_machine_working(runnin
     first = await attach(where)
     await until(lambda: first.newest.consoles == 1)
     second = await attach(where)
-    await attach(where.looking_only())
+    await attach(where.drop_token())
     await until(lambda: first.newest.consoles == 2)
     second.task.cancel()
     await until(lambda: first.newest.consoles == 1)
@@ -108,24 +108,24 @@ async def test_frames_of_a_shaft_that_turns_come_at_ten_hertz_and_the_worker_hea
     assert 7 <= len(seen) <= 13
     # a word every 0.1 s, twenty times the need
     assert sum(row["age_s"] < 0.3 for row in log_of(where)) > 40
-    stats = await link.stats()
+    stats = await link.request_stats()
     assert stats["hz"] == pytest.approx(100.0) and stats["ticks"] > 50 and stats["clients"] == 1
     assert 0.0 < stats["p50_ms"] <= stats["p99_ms"] <= stats["p999_ms"] <= stats["max_ms"]
 
 
 async def test_without_the_token_a_client_only_looks(running, attach):
     where = running()
-    owner, watcher = await attach(where), await attach(where.looking_only())
-    assert await owner.order(Order(Do.START)) == Answer(True)
+    owner, watcher = await attach(where), await attach(where.drop_token())
+    assert await owner.send_order(Order(Do.START)) == Answer(True)
     await until(lambda: watcher.newest.row.state == "working")
-    assert await watcher.order(Order(Do.HOLD)) == Answer(False, "unauthorised")
+    assert await watcher.send_order(Order(Do.HOLD)) == Answer(False, "unauthorised")
     with pytest.raises(PermissionError, match="unauthorised"):
         await watcher.stop_worker()
     forger = await attach(WorkerAddress(where.port, "f" * 32, where.pid))
-    assert await forger.order(Order(Do.STOP)) == Answer(False, "unauthorised")
+    assert await forger.send_order(Order(Do.STOP)) == Answer(False, "unauthorised")
     await asyncio.sleep(0.2)
     assert watcher.newest.row.state == "working"
-    assert (await owner.stats())["unauthorised"] >= 3
+    assert (await owner.request_stats())["unauthorised"] >= 3
 
 
 CONSOLE = textwrap.dedent("""
@@ -136,9 +136,9 @@ CONSOLE = textwrap.dedent("""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)        # a suite under nohup hands its ignoring on
     async def main():
         link = Link(WorkerAddress(**json.loads(sys.argv[1])))
-        task = asyncio.create_task(link.run())
+        task = asyncio.create_task(link.run_connection())
         await link.attached.wait()
-        await link.order(Order(Do.START))
+        await link.send_order(Order(Do.START))
         print("working", flush=True)
         await task
     asyncio.run(main())
@@ -160,7 +160,7 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(
         )
         try:
             assert await asyncio.to_thread(console.stdout.readline) == b"working\n"
-            watcher = await attach(where.looking_only())
+            watcher = await attach(where.drop_token())
             os.kill(console.pid, getattr(signal, how))
             await until(lambda: watcher.newest.row.state == "held")
             # the log's own thread is a little behind
@@ -174,12 +174,12 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(
         gaps = [b["time_s"] - a["time_s"] for a, b in pairwise(rows)]
         assert max(gaps) < 1.0  # the loop did not even stumble
         # and a new console may attach
-        assert find_running(tmp_path / "run" / f"{how}.json") == where
+        assert find_running_worker(tmp_path / "run" / f"{how}.json") == where
 
     async def detached() -> None:
         where = running(name="detached")
-        owner, watcher = await attach(where), await attach(where.looking_only())
-        await owner.order(Order(Do.START))
+        owner, watcher = await attach(where), await attach(where.drop_token())
+        await owner.send_order(Order(Do.START))
         owner.task.cancel()
         left_s = time.monotonic()
         await until(lambda: watcher.newest.row.state == "held")
@@ -195,7 +195,7 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(
 async def test_worker_killed_is_told_at_once(running, attach):
     where = running()
     link = await attach(where)
-    waiting = asyncio.create_task(link.order(Order(Do.START), 5.0))
+    waiting = asyncio.create_task(link.send_order(Order(Do.START), 5.0))
     await asyncio.sleep(0)
     os.kill(where.pid, signal.SIGKILL)
     killed = time.monotonic()
@@ -220,7 +220,7 @@ async def test_a_worker_that_ends_in_the_middle_of_a_line_is_gone(last):
     async with await asyncio.start_server(cut_off, "127.0.0.1", 0) as server:
         link = Link(WorkerAddress(server.sockets[0].getsockname()[1], "", 0))
         with pytest.raises(WorkerGone):
-            await asyncio.wait_for(link.run(), 10.0)
+            await asyncio.wait_for(link.run_connection(), 10.0)
 
 
 @posix
@@ -230,10 +230,10 @@ async def test_a_frozen_worker_costs_an_order_only_its_time_limit(running, attac
     os.kill(where.pid, signal.SIGSTOP)
     try:
         began = time.monotonic()
-        assert await link.order(Order(Do.HOLD)) == Answer(False, "no_answer")
+        assert await link.send_order(Order(Do.HOLD)) == Answer(False, "no_answer")
         assert time.monotonic() - began < 5.0
         with pytest.raises(WorkerFailed, match="does not answer"):
-            find_running(Path(where.log_path).parent / "run" / "worker.json")
+            find_running_worker(Path(where.log_path).parent / "run" / "worker.json")
     finally:
         os.kill(where.pid, signal.SIGCONT)
 
@@ -242,7 +242,7 @@ async def test_a_frozen_worker_costs_an_order_only_its_time_limit(running, attac
 async def test_terminate_is_a_clean_stop_and_ctrl_c_is_nothing(running, attach, log_of):
     where = running("--hz", "100")
     link = await attach(where)
-    await link.order(Order(Do.START))
+    await link.send_order(Order(Do.START))
     os.kill(where.pid, signal.SIGINT)
     os.kill(where.pid, signal.SIGHUP)
     await asyncio.sleep(0.2)
@@ -281,7 +281,7 @@ async def test_rubbish_is_counted_answered_and_harmless(running, attach):
         for _ in range(100):
             flood.sendall(b"x" * LINE_BYTES)
             time.sleep(0.01)
-    stats = await link.stats()
+    stats = await link.request_stats()
     assert stats["malformed"] == 3 and stats["oversized"] == 1
     assert stats["skipped"] < 5 and stats["clients"] == 2
     client.close()
@@ -303,11 +303,11 @@ async def test_a_client_that_never_reads_stalls_nobody(running, attach):
         except BlockingIOError:
             pass
         await asyncio.sleep(0.01)
-    stats = await link.stats()
+    stats = await link.request_stats()
     assert stats["dropped_frames"] >= 3
     assert stats["skipped"] < 5
     assert link.newest.seq - first > 80  # 100 ticks went by
-    assert await link.order(Order(Do.START)) == Answer(True)
+    assert await link.send_order(Order(Do.START)) == Answer(True)
     lazy.close()
 
 
@@ -342,12 +342,12 @@ async def test_stop_does_not_wait_behind_strangers_who_flood(running, attach):
         took = []
         for _ in range(9):
             began_s = time.monotonic()
-            assert await link.order(Order(Do.STOP), 10.0) == Answer(True)
+            assert await link.send_order(Order(Do.STOP), 10.0) == Answer(True)
             took.append(time.monotonic() - began_s)
             await asyncio.sleep(0.1)
         assert sorted(took)[4] < 0.4
         assert link.newest.row.speed_mps < 1.5  # the fake shows the console's age there
-        stats = await link.stats(10.0)
+        stats = await link.request_stats(10.0)
         assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * REFUSALS * 10
         assert (await attach(where)).newest is not None  # and a second console gets in
     finally:
@@ -366,7 +366,7 @@ async def test_a_client_that_only_looks_is_put_aside_when_it_goes_on_asking(runn
     assert [one["why"] for one in said] == ["unauthorised"] * (REFUSALS - 1) + ["refused too often"]
     client.settimeout(10)
     assert await asyncio.to_thread(closed, client)
-    assert await link.order(Order(Do.START)) == Answer(True)
+    assert await link.send_order(Order(Do.START)) == Answer(True)
 
 
 async def test_a_console_that_floods_costs_the_others_little(running, attach):
@@ -381,7 +381,7 @@ async def test_a_console_that_floods_costs_the_others_little(running, attach):
         with contextlib.suppress(BlockingIOError):
             client.send(ask * 400)
         began_s = time.monotonic()
-        assert await link.order(Order(Do.STOP), 10.0) == Answer(True)
+        assert await link.send_order(Order(Do.STOP), 10.0) == Answer(True)
         assert time.monotonic() - began_s < 1.0
     client.close()
 
@@ -411,14 +411,14 @@ async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path
     crowd = [raw(where) for _ in range(CLIENTS_NEW)]
     assert all(c.recv(100).startswith(b'{"hello"') for c in crowd)
     run_file = tmp_path / "run" / "worker.json"
-    assert find_running(run_file) == where and run_file.exists()
+    assert find_running_worker(run_file) == where and run_file.exists()
     with pytest.raises(WorkerFailed, match=f"runs already on this computer .program {where.pid}"):
         running()
     link = await attach(where)
-    assert await link.order(Order(Do.START)) == Answer(True)
+    assert await link.send_order(Order(Do.START)) == Answer(True)
     await until(lambda: link.newest.row.state == "working")
     assert await asyncio.to_thread(closed, crowd[-1])  # none of them is kept
-    stats = await link.stats()
+    stats = await link.request_stats()
     assert stats["clients_silent"] >= CLIENTS_NEW and stats["clients"] == 1
     for client in crowd:
         client.close()
@@ -430,10 +430,10 @@ async def test_who_only_looks_never_takes_the_place_of_a_console(running, attach
     assert all(answers(c, 1)[0]["accepted"] for c in crowd)
     assert closed(look(where))
     consoles = [await attach(where) for _ in range(CLIENTS_WITH_KEY)]
-    assert (await consoles[-1].stats())["clients_refused"] == 1
+    assert (await consoles[-1].request_stats())["clients_refused"] == 1
     crowd.pop().close()
     await asyncio.sleep(0.3)
-    assert (await attach(where.looking_only())).newest is not None
+    assert (await attach(where.drop_token())).newest is not None
     for client in crowd:
         client.close()
 
@@ -442,7 +442,7 @@ async def test_orders_do_not_keep_the_machine_working(running, attach, log_of):
     """A tablet with the key that orders without end, beside a console that froze: the machine
     worked for 9.7 s."""
     where = running()
-    watcher = await attach(where.looking_only())
+    watcher = await attach(where.drop_token())
     client = raw(where)
     began_s = time.monotonic()
     for number in range(40):
@@ -463,9 +463,9 @@ async def test_a_sign_of_life_without_the_key_keeps_no_machine_working(running, 
     """Whoever can reach the port may say that he lives; nobody hears it as a console's."""
     where = running()
     console = await attach(where)
-    assert await console.order(Order(Do.START)) == Answer(True)
+    assert await console.send_order(Order(Do.START)) == Answer(True)
     await until(lambda: console.newest.row.state == "working")
-    watcher = await attach(where.looking_only())
+    watcher = await attach(where.drop_token())
     console.task.cancel()
     began_s = time.monotonic()
     while watcher.newest.row.state == "working" and time.monotonic() - began_s < 10.0:
@@ -481,9 +481,9 @@ async def test_a_tablets_tab_that_operates_keeps_no_machine_working(running, att
     where = running()
     console = await attach(where)
     tab = TabLink(where)
-    reading = asyncio.create_task(tab.run())
+    reading = asyncio.create_task(tab.run_connection())
     await asyncio.wait_for(tab.attached.wait(), 30.0)
-    assert await tab.order(Order(Do.START)) == Answer(True)
+    assert await tab.send_order(Order(Do.START)) == Answer(True)
     await until(lambda: tab.newest.row.state == "working")
     console.task.cancel()
     began_s = time.monotonic()
@@ -497,8 +497,8 @@ async def test_the_console_lives_as_its_event_loop_turns(running, attach):
     """A loop that stands for 1.65 s is heard in time, for its word before was fresh, and not
     half a second old; one that stands longer is not."""
     where = running()
-    link, watcher = await attach(where), await attach(where.looking_only())
-    await link.order(Order(Do.START))
+    link, watcher = await attach(where), await attach(where.drop_token())
+    await link.send_order(Order(Do.START))
     time.sleep(1.65)
     await asyncio.sleep(0.45)
     assert watcher.newest.row.state == "working"
@@ -531,7 +531,7 @@ def test_of_starts_at_the_same_time_one_succeeds(running, tmp_path):
     started = [one for one in found if isinstance(one, WorkerAddress)]
     assert len(started) == 1
     assert all("runs already" in one for one in found if isinstance(one, str))
-    assert find_running(tmp_path / "run" / "worker.json") == started[0]
+    assert find_running_worker(tmp_path / "run" / "worker.json") == started[0]
 
 
 @posix
@@ -564,7 +564,7 @@ def test_a_worker_whose_lock_was_removed_still_is_the_only_one(running, tmp_path
             WorkerFailed, match=f"a machine runs already on this computer .program {where.pid}"
         ):
             running()
-        assert find_running(run_file) == where
+        assert find_running_worker(run_file) == where
     until_s = time.monotonic() + 5.0
     # it locks the new file
     while (lock := take_lock(run_file.with_suffix(".lock"))) is not None:
@@ -581,7 +581,7 @@ def test_a_console_that_looks_removes_no_run_file_of_a_worker_whose_lock_was_rem
     run_file = tmp_path / "run" / "worker.json"
     for _time in range(5):
         (run_file.parent / "worker.lock").unlink(missing_ok=True)
-        assert find_running(run_file) == where
+        assert find_running_worker(run_file) == where
 
 
 @posix
@@ -591,7 +591,7 @@ def test_the_run_file_is_private_and_found(running, tmp_path):
     assert (
         run_file.stat().st_mode & 0o777 == 0o600 and run_file.parent.stat().st_mode & 0o777 == 0o700
     )
-    assert find_running(run_file) == where
+    assert find_running_worker(run_file) == where
     assert (
         where.log_path.endswith("worker.log")
         and where.started.endswith("Z")
@@ -609,8 +609,8 @@ async def test_a_file_left_by_a_dead_worker_is_removed(running, attach, tmp_path
     assert run_file.exists()
     await asyncio.sleep(0.1)
     with pytest.raises(WorkerGone):
-        await Link(where).run()
-    assert find_running(run_file) is None and not run_file.exists()
+        await Link(where).run_connection()
+    assert find_running_worker(run_file) is None and not run_file.exists()
     assert running().pid != where.pid
 
 
@@ -619,31 +619,31 @@ async def test_what_became_of_the_worker_is_said_in_the_language_of_the_screen(t
     understood."""
     run_file = tmp_path / "worker.json"
     run_file.write_text("{}")
-    use("zh")
+    use_language("zh")
     try:
         with pytest.raises(WorkerGone, match="与机器的连接中断了"):
-            await Link(WorkerAddress(1, "x", 4711, "")).run()
+            await Link(WorkerAddress(1, "x", 4711, "")).run_connection()
         with (
             take_lock(run_file.with_suffix(".lock")),
             pytest.raises(WorkerFailed, match="或结束该程序"),
         ):
-            find_running(run_file)
+            find_running_worker(run_file)
     finally:
-        use("en")
+        use_language("en")
 
 
 def test_a_port_taken_over_by_another_program_is_not_a_worker(tmp_path):
     run_file = tmp_path / "worker.json"
     with socket.create_server(("127.0.0.1", 0)) as other:
         run_file.write_text(json.dumps({"port": other.getsockname()[1], "token": "x", "pid": 1}))
-        assert find_running(run_file) is None and not run_file.exists()
+        assert find_running_worker(run_file) is None and not run_file.exists()
 
 
 def test_a_port_taken_over_by_another_worker_is_not_ours(running, tmp_path):
     where = running()
     run_file = tmp_path / "old.json"
     run_file.write_text(json.dumps({"port": where.port, "token": "x", "pid": where.pid + 1}))
-    assert find_running(run_file) is None and not run_file.exists()
+    assert find_running_worker(run_file) is None and not run_file.exists()
 
 
 def test_a_worker_that_runs_mends_its_run_file(running, tmp_path):
@@ -664,7 +664,7 @@ def test_a_worker_that_runs_mends_its_run_file(running, tmp_path):
         run_file.unlink()
         if text is not None:
             run_file.write_text(text)
-        assert find_running(run_file) == where, text
+        assert find_running_worker(run_file) == where, text
         assert run_file.stat().st_mode & 0o777 == 0o600, text
 
 
@@ -674,7 +674,7 @@ def test_a_wrong_run_file_that_nobody_mends_is_said(tmp_path, text):
     run_file = tmp_path / "worker.json"
     run_file.write_text(text)
     with take_lock(run_file.with_suffix(".lock")), pytest.raises(WorkerFailed, match="end"):
-        find_running(run_file)
+        find_running_worker(run_file)
     assert run_file.read_text() == text
 
 
@@ -698,7 +698,7 @@ def test_a_port_that_drips_is_not_waited_for(tmp_path):
         run_file.write_text(json.dumps({"port": dripping.getsockname()[1], "token": "x", "pid": 1}))
         began_s = time.monotonic()
         with pytest.raises(WorkerFailed, match="does not answer"):
-            find_running(run_file)
+            find_running_worker(run_file)
         # half a second, and room for a busy machine; 4 s without
         assert time.monotonic() - began_s < 2.0
 
@@ -707,8 +707,8 @@ def test_a_port_that_drips_is_not_waited_for(tmp_path):
 def test_a_spoilt_run_file_is_removed(tmp_path, text):
     run_file = tmp_path / "worker.json"
     run_file.write_text(text)
-    assert find_running(run_file) is None and not run_file.exists()
-    assert find_running(run_file) is None
+    assert find_running_worker(run_file) is None and not run_file.exists()
+    assert find_running_worker(run_file) is None
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.visual import Visual
 from textual.widget import Widget
-from topdress.console.locale import in_use
+from topdress.console.locale import find_language_code
 
 V = TypeVar("V")
 R = TypeVar("R")
@@ -45,16 +45,16 @@ class Drawn(Widget, Generic[V, R]):
 
     def __init__(self, view: V, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
-        self.view, self._language = view, in_use()
+        self.view, self._language = view, find_language_code()
         self.redraws = 0
         self._drawn: Sequence[R] = ()
         self._drawn_for: object = None
 
     def show(self, view: V) -> None:
         """Take a new view; of the screen those rows are touched that look other than before."""
-        if (view, in_use()) == (self.view, self._language):
+        if (view, find_language_code()) == (self.view, self._language):
             return
-        self.view, self._language = view, in_use()
+        self.view, self._language = view, find_language_code()
         self.redraws += 1
         if self._drawn_for is None or self._drawn_for != self._wanted():
             self.refresh()

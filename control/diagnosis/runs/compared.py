@@ -66,7 +66,7 @@ class Compared(NamedTuple):
 
     def plot(self) -> Any:
         """A picture of each channel, as of `Diagnosis.plot`."""
-        return notebook().pictures_of_compared(self)
+        return notebook().draw_compared(self)
 
     def _repr_html_(self) -> str:
         """What a notebook shows below a cell that ends with a comparison."""

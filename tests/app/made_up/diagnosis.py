@@ -241,10 +241,10 @@ class MadeUpDiagnosis:
         self.asked: list[str] = []
         self.installed = True
 
-    def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
+    def list_sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
         return SOURCES
 
-    def source(self, path: str) -> DiagnosisSource:
+    def find_source(self, path: str) -> DiagnosisSource:
         if not path.endswith((".csv", ".xlsx")):
             raise ValueError(
                 f"{path}: neither a run log (column time_s), a bench table nor a log that "
@@ -259,27 +259,27 @@ class MadeUpDiagnosis:
     def is_installed(self) -> bool:
         return self.installed
 
-    def install(self, tell: Tell, stop: Stop) -> None:
+    def install_extra(self, tell: Tell, stop: Stop) -> None:
         self.asked.append("install")
         self._work(tell, stop)
         self.installed = True
 
-    def machines(self) -> tuple[str, ...]:
+    def list_machines(self) -> tuple[str, ...]:
         return ("bench", "huanghai")
 
-    def diagnose(
+    def run_diagnosis(
         self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
     ) -> DiagnosisView:
         self.asked.append(f"diagnose {source.name} {machine}")
         self._work(tell, stop)
         return self.found
 
-    def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
+    def drive_separating_run(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         self.asked.append(f"drive {found.drives}")
         self._work(tell, stop)
         return sample_found("named")
 
-    def compare(
+    def compare_machines(
         self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
     ) -> ComparedShown:
         self.asked.append(f"compare {machine} {source.name}")
@@ -302,27 +302,27 @@ class MadeUpDiagnosis:
         if self.refuse:
             raise ValueError(self.refuse)
 
-    def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
+    def adopt_effects(self, found: DiagnosisView, chosen: Adoption) -> str:
         self.asked.append(
             f"adopt {', '.join(chosen.ids)}" + (f": {chosen.why}" if chosen.why else "")
         )
         return "/data/machines/huanghai-2026-03-18.yaml"
 
-    def last_change(self, machine: str | None) -> tuple[str, ...]:
+    def describe_last_change(self, machine: str | None) -> tuple[str, ...]:
         return (
             ()
             if machine is None
             else ("2026-03-18, from 20260317-134500.csv", "  flow.gain: 0 -> 3 %")
         )
 
-    def take_back(self, machine: str | None) -> str:
+    def undo_last_change(self, machine: str | None) -> str:
         self.asked.append(f"take back {machine}")
         return "/data/machines/bench-2026-03-19.yaml"
 
-    def export(self, found: DiagnosisView, what: Export) -> str:
+    def export_result(self, found: DiagnosisView, what: Export) -> str:
         self.asked.append(f"export {what}")
         return "/data/reports/20260317-134500-diagnosis.html"
 
-    def write_run(self, found: DiagnosisView) -> str:
+    def write_separating_job(self, found: DiagnosisView) -> str:
         self.asked.append("write_run")
         return "/data/jobs/separate_stairs.yaml"

@@ -146,45 +146,45 @@ class SampleJobService:
         self.trouble = ""
         self.next: FrameSource | None = None
 
-    def facts(self) -> Facts:
+    def find_facts(self) -> Facts:
         self._fail()
         return self.known
 
-    def free_bytes(self, log_path: str) -> int | None:
+    def find_free_bytes(self, log_path: str) -> int | None:
         return 83_000_000_000
 
-    def take(self, kind: str, value: str) -> None:
+    def choose_file(self, kind: str, value: str) -> None:
         self.asked.append(("take", kind, value))
         self._fail()
 
-    def recent(self) -> tuple[Recent, ...]:
+    def list_recent(self) -> tuple[Recent, ...]:
         return RECENT
 
-    def take_recent(self, recent: Recent) -> None:
+    def choose_recent(self, recent: Recent) -> None:
         self.asked.append(("recent", *recent.files))
         self._fail()
 
-    def drop(self) -> None:
+    def drop_choices(self) -> None:
         self.asked.append(("drop",))
 
-    def take_strip(self, strip: StripValue) -> str:
+    def save_strip_value(self, strip: StripValue) -> str:
         self.asked.append(("strip", strip.which, f"{strip.ndvi:.3f}"))
         self._fail()
         return "jobs/division-2-strip.yaml"
 
-    def maps(self) -> tuple[MapFile, ...]:
+    def list_maps(self) -> tuple[MapFile, ...]:
         self.asked.append(("maps",))
         return MAPS
 
-    def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
+    def list_map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         if not folder:
             return (MapFile("/media/STICK", "STICK/", "", ""),)
         if kind != "map":
             north = MapFile(f"{folder}/north.yaml", "north.yaml", "STICK", "2026-03-18")
             return (MapFile("/media", "..", "", ""), north)
-        return (MapFile("/media", "..", "", ""), *self.maps())
+        return (MapFile("/media", "..", "", ""), *self.list_maps())
 
-    def preview(self, path: str, reading: MapReading) -> MapPreview:
+    def preview_map(self, path: str, reading: MapReading) -> MapPreview:
         self.asked.append(("preview", path, *reading))
         self._fail()
         if path.endswith("zones.shp") and not reading.column:
@@ -214,22 +214,22 @@ class SampleJobService:
             "/tmp/kept.geojson",
         )
 
-    def take_map(self, preview: MapPreview) -> str:
+    def choose_map(self, preview: MapPreview) -> str:
         self.asked.append(("map", preview.path, *preview.reading))
         self._fail()
         return "jobs/division-2-map.yaml"
 
-    def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
+    def save_driven_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
         self._fail()
         self.asked.append(("boundary", str(len(ring_deg))))
         return "/jobs/field-20260318-141500.yaml"
 
-    def take_names(self, who: JobNames) -> str:
+    def save_job_names(self, who: JobNames) -> str:
         self.asked.append(("who", *who))
         self._fail()
         return "jobs/division-2-who.yaml"
 
-    def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+    def list_job_cards(self) -> tuple[tuple[File, JobCard | None], ...]:
         known = {
             "division-2": JobCard(
                 "Topdressing winter wheat, division 2",
@@ -243,28 +243,30 @@ class SampleJobService:
         }
         return tuple((file, known.get(file.label)) for file in self.known.jobs)
 
-    async def restart(self, anew: bool = False) -> FrameSource:
+    async def restart_worker(self, anew: bool = False) -> FrameSource:
         return self._source("restart anew" if anew else "restart")
 
-    def export(
+    def export_as_applied(
         self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
     ) -> tuple[str, ...]:
         self.asked.append(("export", log_path, ending))
         self._fail()
         return (f"run-applied{ending}",)
 
-    def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+    def write_reports(
+        self, log_path: str, progress: Progress, cancelled: Cancelled
+    ) -> tuple[str, ...]:
         self.asked.append(("report", log_path))
         self._fail()
         return ("run-report.html",)
 
-    def offer(self) -> Offer | None:
+    def find_offer(self) -> Offer | None:
         return self.cut_off
 
-    async def resume(self, offer: Offer) -> FrameSource:
+    async def resume_job(self, offer: Offer) -> FrameSource:
         return self._source("resume")
 
-    async def anew(self, offer: Offer) -> FrameSource:
+    async def start_anew(self, offer: Offer) -> FrameSource:
         return self._source("anew")
 
     def _source(self, asked: str) -> FrameSource:

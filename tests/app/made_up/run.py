@@ -189,13 +189,13 @@ class SampleLayers:
     """`console.app.pages.map.service.LayerFiles`: one file that was applied crosswise, and one
     that is none."""
 
-    def files(self, running_log: str) -> tuple[LogFile, ...]:
+    def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
         return (
             LogFile("/logs/autumn.geojson", "autumn.geojson", "2025-10-02 17:20", "0.4 MB"),
             LogFile("/logs/zones.geojson", "zones.geojson", "2025-09-30 08:05", "12.0 kB"),
         )
 
-    def lay(self, path: str, frame: Frame) -> LaidFile:
+    def make_overlay(self, path: str, frame: Frame) -> LaidFile:
         if not path.endswith("autumn.geojson"):
             raise ValueError("zones.geojson: shapes of type Polygon: allowed Point")
         worked = Worked(6.0)

@@ -193,7 +193,7 @@ class LagCalibration(HeldRun):
             return
         begin = not self.measuring
         self.page.app.run_worker(
-            self.page.app.asked(lambda source: source.lag_test(begin)),
+            self.page.app.asked(lambda source: source.send_lag_test_order(begin)),
             group="orders",
             exit_on_error=False,
         )

@@ -290,7 +290,7 @@ class CalibrateScreen(Page):
         self.runner.let_go(self.app.clock())
 
     async def _give(self, order: Order) -> Any:
-        return await self.app.asked(lambda source: source.order(order), quiet=True)
+        return await self.app.asked(lambda source: source.send_order(order), quiet=True)
 
     # --- for the calibrations
     # ------------------------------------------------------------------------------------

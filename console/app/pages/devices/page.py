@@ -137,7 +137,7 @@ class DevicesScreen(Page):
 
     def order(self, device: DeviceView, do: DeviceDo) -> None:
         self.app.run_worker(
-            self.app.asked(lambda source: source.device(device.name, do)),
+            self.app.asked(lambda source: source.send_device_order(device.name, do)),
             group="orders",
             exit_on_error=False,
         )

@@ -20,7 +20,7 @@ def undecided(found: DiagnosisView) -> tuple[Cause, ...]:
     return tuple(
         one
         for one in found.found.causes
-        if one.id in found.adoptable and diagnosis_wording.undecided(one)
+        if one.id in found.adoptable and diagnosis_wording.is_undecided(one)
     )
 
 

@@ -44,7 +44,7 @@ def diagnose(page: DiagnosisScreen) -> None:
 
 def install(page: DiagnosisScreen) -> None:
     if not page.installed:
-        page.begin(_("Installing the diagnosis"), page.served.install, INSTALL_S)
+        page.begin(_("Installing the diagnosis"), page.served.install_extra, INSTALL_S)
 
 
 def other_data(page: DiagnosisScreen) -> None:
@@ -57,14 +57,14 @@ def type_path(page: DiagnosisScreen) -> None:
 
     def wrong(text: str) -> str:
         try:
-            service.source(text)
+            service.find_source(text)
         except ValueError as error:
             return str(error)
         return ""
 
     def typed(path: str | None) -> None:
         if path is not None:
-            page.diagnose(service.source(path))
+            page.diagnose(service.find_source(path))
 
     what = _("A run log, a bench table, or the log of another machine")
     page.app.push_screen(NameDialog(_("Which file?"), "", what, wrong), typed)
@@ -137,17 +137,21 @@ def _ask_next(
     if not open_:
         _ask_why(page, found, picked)
         return
-    from topdress.console.reports.diagnosis_wording import others, title, title_of
-    from topdress.console.reports.numbers import percent
+    from topdress.console.reports.diagnosis_wording import (
+        find_cause_title,
+        find_effect_title,
+        list_rivals,
+    )
+    from topdress.console.reports.numbers import format_percent
 
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
     choices = (
         Choice(NONE, _("none of these: the next test is driven first")),
-        Choice(cause.id, f"{title(cause)} {percent(cause.probability)}"),
+        Choice(cause.id, f"{find_cause_title(cause)} {format_percent(cause.probability)}"),
         *(
-            Choice(f"rival {rival}", f"{title_of(rival)} {percent(share)}", unsized)
-            for rival, share in others(cause)
+            Choice(f"rival {rival}", f"{find_effect_title(rival)} {format_percent(share)}", unsized)
+            for rival, share in list_rivals(cause)
         ),
     )
 
@@ -156,7 +160,7 @@ def _ask_next(
             _ask_next(page, found, rest, (*picked, value) if value != NONE else picked)
 
     question = _("Undecided: this is only suspected. Is it adopted all the same?")
-    if others(cause):
+    if list_rivals(cause):
         question = _(
             "Undecided: this data cannot tell these apart. Is one of them adopted all the same?"
         )
@@ -192,10 +196,10 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     from topdress.console.app.pages.diagnosis import words
     from topdress.console.app.pages.diagnosis.adoption import find_offer, undecided
-    from topdress.console.reports.diagnosis_wording import title
+    from topdress.console.reports.diagnosis_wording import find_cause_title
 
     offer = find_offer(found, chosen.ids)
-    left = [title(one) for one in undecided(found) if one.id not in chosen.ids]
+    left = [find_cause_title(one) for one in undecided(found) if one.id not in chosen.ids]
     lines = [
         _("Adopted: {what}").format(
             what=", ".join(words.adopted_title(found, one) for one in chosen.ids)
@@ -221,7 +225,9 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The new machine file"), partial(page.served.adopt, found, chosen), True)
+            page.write(
+                _("The new machine file"), partial(page.served.adopt_effects, found, chosen), True
+            )
 
     page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
 
@@ -230,7 +236,8 @@ def take_back(page: DiagnosisScreen) -> None:
     """Of the machine file that was adopted here, else of the one that is held against."""
     machine = page.adopted or page.machine
     page.app.list_files(
-        partial(page.served.last_change, machine), partial(_ask_to_take_back, page, machine)
+        partial(page.served.describe_last_change, machine),
+        partial(_ask_to_take_back, page, machine),
     )
 
 
@@ -242,7 +249,9 @@ def _ask_to_take_back(page: DiagnosisScreen, machine: str | None, lines: tuple[s
     def answer(yes: bool | None) -> None:
         if yes:
             page.write(
-                _("The machine file without it"), partial(page.served.take_back, machine), True
+                _("The machine file without it"),
+                partial(page.served.undo_last_change, machine),
+                True,
             )
 
     text = [*lines, _("A new machine file is written without this; the one that has it stays.")]
@@ -273,17 +282,17 @@ def compare(page: DiagnosisScreen) -> None:
 
     def wrong(text: str) -> str:
         try:
-            kind = page.served.source(text).kind
+            kind = page.served.find_source(text).kind
         except ValueError as error:
             return str(error)
         return "" if kind == "run" else _("no run log: diagnose it first, then it is one")
 
     def started(path: str | None) -> None:
         if path is not None:
-            source = page.served.source(path)
+            source = page.served.find_source(path)
             page.begin(
                 _("Before and after, on {name}").format(name=source.name),
-                partial(page.served.compare, page.adopted, source),
+                partial(page.served.compare_machines, page.adopted, source),
                 COMPARED_S,
             )
 
@@ -295,22 +304,24 @@ def compare(page: DiagnosisScreen) -> None:
 
 @_of_found
 def report(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    page.write(_("The report"), partial(page.served.export, found, "report"))
+    page.write(_("The report"), partial(page.served.export_result, found, "report"))
 
 
 @_of_found
 def data(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    page.write(_("The result as data"), partial(page.served.export, found, "data"))
+    page.write(_("The result as data"), partial(page.served.export_result, found, "data"))
 
 
 @_of_found
 def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    page.write(_("The separating run as a job file"), partial(page.served.write_run, found))
+    page.write(
+        _("The separating run as a job file"), partial(page.served.write_separating_job, found)
+    )
 
 
 @_of_found
 def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    from topdress.console.reports.diagnosis_wording import to_do
+    from topdress.console.reports.diagnosis_wording import list_next_steps
 
     text = _(
         "{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; "
@@ -322,12 +333,13 @@ def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
         if yes:
             page.begin(
                 _("Separating run, simulated"),
-                partial(page.served.drive, found),
+                partial(page.served.drive_separating_run, found),
                 DRIVE_S_PER_MIN * found.minutes,
             )
 
     page.app.push_screen(
-        Confirm(_("Drive the separating run?"), "\n".join((*to_do(found.found), text))), answer
+        Confirm(_("Drive the separating run?"), "\n".join((*list_next_steps(found.found), text))),
+        answer,
     )
 
 

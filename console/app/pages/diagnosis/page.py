@@ -39,7 +39,7 @@ from topdress.console.app.view import RunView, duration
 from topdress.console.app.widgets.chips import Chip, Chips
 from topdress.console.app.widgets.panel import Panel, Picked, PickList, fit, line, right, solid
 from topdress.console.frame import Frame
-from topdress.console.locale import _, in_use
+from topdress.console.locale import _, find_language_code
 
 # Data to diagnose, newest first: a row a file. A click chooses, a second one on the same row
 # begins.
@@ -213,13 +213,15 @@ class DiagnosisScreen(Page):
         with Vertical(id="diagnosis"):
             yield WorkBar(None, id="dia-work")
             yield Static("", id="dia-said", markup=False)
-            yield SourceList(SourcesView((), 0, True, in_use()), id="dia-sources")
+            yield SourceList(SourcesView((), 0, True, find_language_code()), id="dia-sources")
             yield VerdictPanel((), id="dia-verdict")
             with Horizontal(id="dia-found"):
                 with Vertical(id="dia-left"):
-                    yield Causes(CausesView((), 0, (), in_use()), id="dia-causes")
-                    yield ChannelTable(ChannelsView((), (), (), in_use()), id="dia-channels")
-                    yield RunPlanPanel(PlanView("", (), "", in_use()), id="dia-run")
+                    yield Causes(CausesView((), 0, (), find_language_code()), id="dia-causes")
+                    yield ChannelTable(
+                        ChannelsView((), (), (), find_language_code()), id="dia-channels"
+                    )
+                    yield RunPlanPanel(PlanView("", (), "", find_language_code()), id="dia-run")
                 with Vertical(id="dia-right"):
                     yield ResidualPlot(None, id="dia-over")
                     yield ResidualPlot(None, id="dia-time")
@@ -284,7 +286,7 @@ class DiagnosisScreen(Page):
                 self.sources or (),
                 self.at,
                 self.sources is None and self.service is not None,
-                in_use(),
+                find_language_code(),
             )
         )
         self.query_one("#dia-chips", Chips).show(self._chips())
@@ -432,7 +434,11 @@ class DiagnosisScreen(Page):
         running = frame.log_path if frame is not None else ""
         self._listed_for = running
         self._listing = self.run_worker(
-            lambda: (service.sources(running), service.machines(), service.is_installed()),
+            lambda: (
+                service.list_sources(running),
+                service.list_machines(),
+                service.is_installed(),
+            ),
             group="list",
             thread=True,
             exit_on_error=False,
@@ -444,7 +450,7 @@ class DiagnosisScreen(Page):
         self._brings_in = source.kind == IMPORT
         self.begin(
             _("Diagnosis of {name}").format(name=source.name),
-            partial(self.service.diagnose, source, self.machine),
+            partial(self.service.run_diagnosis, source, self.machine),
             estimate_duration_s(source.bytes / 1e6),
         )
 

@@ -164,22 +164,22 @@ class DiagnosisService(Protocol):
     Everything here blocks: the page calls it in a thread.
     """
 
-    def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
+    def list_sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
         """Newest first. running_log: path that the control worker writes, or empty."""
 
-    def source(self, path: str) -> DiagnosisSource:
+    def find_source(self, path: str) -> DiagnosisSource:
         """A file by its typed path."""
 
     def is_installed(self) -> bool:
         """Whether what computes a diagnosis is there."""
 
-    def install(self, tell: Tell, stop: Stop) -> None:
+    def install_extra(self, tell: Tell, stop: Stop) -> None:
         """Installs it next to topdress, by what installed topdress."""
 
-    def machines(self) -> tuple[str, ...]:
+    def list_machines(self) -> tuple[str, ...]:
         """Machine files to hold the data against, along with the one that the log names."""
 
-    def diagnose(
+    def run_diagnosis(
         self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
     ) -> DiagnosisView:
         """machine None: the one that the log names, else the configured one.
@@ -188,26 +188,26 @@ class DiagnosisService(Protocol):
         OpenQuestions where not sure.
         """
 
-    def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
+    def adopt_effects(self, found: DiagnosisView, chosen: Adoption) -> str:
         """Writes the new machine file; its path."""
 
-    def last_change(self, machine: str | None) -> tuple[str, ...]:
+    def describe_last_change(self, machine: str | None) -> tuple[str, ...]:
         """What a diagnosis changed last in a machine file, before and after, a line each; ()
         where nothing is left."""
 
-    def take_back(self, machine: str | None) -> str:
+    def undo_last_change(self, machine: str | None) -> str:
         """Writes a new machine file without the last change; its path."""
 
-    def export(self, found: DiagnosisView, what: Export) -> str:
+    def export_result(self, found: DiagnosisView, what: Export) -> str:
         """Writes the report or the data next to the log; the path."""
 
-    def write_run(self, found: DiagnosisView) -> str:
+    def write_separating_job(self, found: DiagnosisView) -> str:
         """Writes the separating run as a job file; its path."""
 
-    def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
+    def drive_separating_run(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         """Drives the separating run on the simulated machine and diagnoses its log."""
 
-    def compare(
+    def compare_machines(
         self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
     ) -> ComparedShown:
         """A machine file as it was before its last change, and as it is, on a log that it was

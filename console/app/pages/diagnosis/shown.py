@@ -10,10 +10,10 @@ from topdress.console.app.pages.diagnosis.run_plan import PlanView
 from topdress.console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve
 from topdress.console.app.pages.diagnosis.verdict import SaidVerdict
 from topdress.console.app.units import Units
-from topdress.console.locale import _, in_use
+from topdress.console.locale import _, find_language_code
 from topdress.console.reports import diagnosis_wording as sentences
-from topdress.console.reports.numbers import percent
-from topdress.console.reports.variables import recorded
+from topdress.console.reports.numbers import format_percent
+from topdress.console.reports.variables import find_variable
 from topdress.control.diagnosis.result import Cause, Channel, Diagnosis, Size
 
 MOST_GAIN_LINES = 3
@@ -23,13 +23,13 @@ LEAST_SHARE = 0.01
 
 
 def said(view: DiagnosisView, lead: str) -> SaidVerdict:
-    _word, name, symbol = sentences.VERDICTS[view.found.verdict]
+    _word, name, symbol = sentences.VERDICT_WORDS[view.found.verdict]
     return SaidVerdict(
         view.found.verdict,
         symbol,
         _(name),
         words.about(view),
-        sentences.sentence(view.found),
+        sentences.format_verdict_line(view.found),
         words.todo(view),
         lead,
     )
@@ -43,7 +43,7 @@ def causes(view: DiagnosisView, at: int, units: Units) -> CausesView:
         tuple(_cause(cause, view.mean_target_kg_ha, units) for cause in found.causes),
         at,
         (*_left(found), *_whole(found), none),
-        in_use(),
+        find_language_code(),
     )
 
 
@@ -53,13 +53,14 @@ def _cause(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> Cause
         ""
         if tied
         else ", ".join(
-            f"{sentences.title_of(one)} {percent(share)}" for one, share in sentences.others(cause)
+            f"{sentences.find_effect_title(one)} {format_percent(share)}"
+            for one, share in sentences.list_rivals(cause)
         )
     )
     return CauseLine(
-        sentences.heading(cause),
+        sentences.format_heading(cause),
         words.size(cause),
-        percent(cause.probability),
+        format_percent(cause.probability),
         rivals,
         words.cost(cause, mean_target_kg_ha, units),
         _("Drive the next test before anything is changed.") if tied else _(cause.advice),
@@ -101,12 +102,15 @@ def channels(view: DiagnosisView) -> ChannelsView:
         tuple(_channel(one, view.after.get(one.channel)) for one in found.channels),
         (*found.findings, *_left(found)),
         (*_whole(found), *gains[:MOST_GAIN_LINES]),
-        in_use(),
+        find_language_code(),
     )
 
 
 def _left(found: Diagnosis) -> tuple[str, ...]:
-    return tuple(sentences.left(one, found.data.kind, column=False) for one in found.unexplained)
+    return tuple(
+        sentences.describe_unexplained(one, found.data.kind, column=False)
+        for one in found.unexplained
+    )
 
 
 def _whole(found: Diagnosis) -> tuple[str, ...]:
@@ -114,7 +118,10 @@ def _whole(found: Diagnosis) -> tuple[str, ...]:
     return (
         ()
         if found.fitted is None
-        else (f"{sentences.whole(found.fitted)}. {sentences.describe_whole_gain(found.fitted)}",)
+        else (
+            f"{sentences.describe_whole(found.fitted)}. "
+            f"{sentences.describe_whole_gain(found.fitted)}",
+        )
     )
 
 
@@ -130,15 +137,19 @@ def _channel(one: Channel, after: float | None) -> ChannelLine:
         words.figure(one.rmse),
         "" if after is None else words.figure(after),
         words.figure(one.noise_floor),
-        percent(share) if wrong else "-",
+        format_percent(share) if wrong else "-",
         wrong,
     )
 
 
 def plan(view: DiagnosisView) -> PlanView:
     if view.found.next_run is None:
-        return PlanView("", (), "", in_use())
-    names = [sentences.title(cause) for cause in view.found.causes if sentences.others(cause)]
+        return PlanView("", (), "", find_language_code())
+    names = [
+        sentences.find_cause_title(cause)
+        for cause in view.found.causes
+        if sentences.list_rivals(cause)
+    ]
     why = _("Tells apart: {names}.").format(names=", ".join(names)) if names else ""
     how = (
         _(
@@ -148,7 +159,7 @@ def plan(view: DiagnosisView) -> PlanView:
         if view.drives
         else _("Do it by these steps; it cannot be simulated.")
     )
-    return PlanView(why, sentences.to_do(view.found), how, in_use())
+    return PlanView(why, sentences.list_next_steps(view.found), how, find_language_code())
 
 
 def over(view: DiagnosisView, at: int) -> PlotView | None:
@@ -168,5 +179,9 @@ def _plot(view: DiagnosisView, curve: ResidualCurve | None) -> PlotView | None:
         channel=sentences.name_channel(curve.channel), unit=curve.unit
     )
     return PlotView(
-        title, recorded(curve.variable, view.found.data.kind).label, curve, not view.drawn, in_use()
+        title,
+        find_variable(curve.variable, view.found.data.kind).label,
+        curve,
+        not view.drawn,
+        find_language_code(),
     )

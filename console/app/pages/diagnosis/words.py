@@ -10,15 +10,15 @@ from topdress.console.app.units import Units
 from topdress.console.app.view import duration
 from topdress.console.locale import N_, _
 from topdress.console.reports.diagnosis_wording import (
-    better,
+    describe_improvement,
+    describe_time_span,
+    describe_whole,
+    find_cause_title,
     format_whole_id,
     is_headline,
     name_channel,
-    title,
-    when,
-    whole,
 )
-from topdress.console.reports.numbers import number, plain
+from topdress.console.reports.numbers import format_number, use_plain_minus
 from topdress.control.diagnosis.result import Cause
 
 KINDS = {
@@ -60,7 +60,7 @@ LEAST_PLACE_M = 0.005  # less is not said
 def figure(value: float, digits: int = 3) -> str:
     """As many digits as one reads at a glance, no powers of ten, with a minus that every
     terminal has."""
-    return plain(number(value, digits))
+    return use_plain_minus(format_number(value, digits))
 
 
 def about(view: DiagnosisView) -> tuple[str, ...]:
@@ -107,13 +107,13 @@ def adopted_title(view: DiagnosisView, name: str) -> str:
     term by its id."""
     fitted = view.found.fitted
     if fitted is not None and name == format_whole_id(fitted):
-        return whole(fitted)
-    return next((title(one) for one in view.found.causes if one.id == name), name)
+        return describe_whole(fitted)
+    return next((find_cause_title(one) for one in view.found.causes if one.id == name), name)
 
 
 def size(cause: Cause) -> str:
     """Size, 90 % interval, since when."""
-    of, then = cause.size, when(cause)
+    of, then = cause.size, describe_time_span(cause)
     if of.value is None:
         said = _("size not known")
     else:
@@ -150,7 +150,7 @@ def compared(found: ComparedShown) -> list[str]:
     """A line for each channel: error before and after, and which is better beyond chance."""
     lines = [
         f"{name_channel(one.channel)}: {figure(one.old)} -> {figure(one.new)} {one.unit}   "
-        f"{better(one.old, one.new, one.low, one.high)}"
+        f"{describe_improvement(one.old, one.new, one.low, one.high)}"
         for one in found.rows
     ]
     return lines or [_("no channel of this log could be held against both")]

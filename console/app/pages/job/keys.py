@@ -131,7 +131,7 @@ def _use_strip(page: JobScreen, value: StripValue) -> None:
     def keep(strip: StripValue) -> None:
         service = page.service
         if service is not None:
-            page.keep(lambda: service.take_strip(strip))
+            page.keep(lambda: service.save_strip_value(strip))
 
     page.app.give_all(Order(Do.STRIP, value.text), also_back=lambda: keep(before))
     keep(value)
@@ -169,7 +169,7 @@ def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
                     card_lines(file, card, page.app.units),
                     picture=card and card.picture,
                 )
-                for file, card in service.cards()
+                for file, card in service.list_job_cards()
             ],
             lambda choices: _choose_file(page, service, kind, choices, now),
         )
@@ -185,7 +185,7 @@ def _choose_file(
 
     def chosen(value: str) -> None:
         def take() -> str:
-            service.take(kind, value)
+            service.choose_file(kind, value)
             return value
 
         if value != now:
@@ -216,7 +216,9 @@ def export(page: JobScreen, service: JobService) -> None:
         ChoiceDialog(_("Export as"), choices, ""),
         lambda ending: page.begin(
             _("export"),
-            lambda log, progress, cancelled: service.export(log, ending, progress, cancelled),
+            lambda log, progress, cancelled: service.export_as_applied(
+                log, ending, progress, cancelled
+            ),
         ),
     )
 
@@ -228,8 +230,8 @@ def end_of_job(page: JobScreen, service: JobService) -> None:
         page.begin(
             _("export"),
             lambda log, progress, cancelled: (
-                *service.export(log, ".geojson", progress, cancelled),
-                *service.report(log, progress, cancelled),
+                *service.export_as_applied(log, ".geojson", progress, cancelled),
+                *service.write_reports(log, progress, cancelled),
             ),
         )
 
@@ -370,7 +372,7 @@ ACTIONS = on(
         "Q4",
         N_("report"),
         N_("The job's report: sums, map, evenness."),
-        _with_files(lambda page, service: page.begin(_("report"), service.report)),
+        _with_files(lambda page, service: page.begin(_("report"), service.write_reports)),
         why=why_no_log,
     ),
     Action(

@@ -139,9 +139,9 @@ class JobScreen(Page):
 
     def _look(self, service: JobService, log_path: str) -> None:
         def read() -> tuple[Facts | None, str, int | None]:
-            free = service.free_bytes(log_path) if log_path else None
+            free = service.find_free_bytes(log_path) if log_path else None
             try:
-                return service.facts(), "", free
+                return service.find_facts(), "", free
             except ValueError as error:
                 return None, str(error), free
 
@@ -338,7 +338,7 @@ class JobScreen(Page):
         def answer(how: str | bool | None) -> None:
             if how and service is not None:
                 self.pending = ""
-                self.app.restart(lambda: service.restart(how == "anew"))
+                self.app.restart(lambda: service.restart_worker(how == "anew"))
             else:
                 self._drop(taken)
 
@@ -356,7 +356,7 @@ class JobScreen(Page):
     def _drop(self, taken: str) -> None:
         """What was taken is not started with: what runs is what is shown."""
         if self.service is not None:
-            self.service.drop()
+            self.service.drop_choices()
         self.pending = ""
         self.say_of_run(
             _("not taken: {name}; the job goes on as it was").format(name=file_name(taken))
@@ -395,7 +395,7 @@ class JobScreen(Page):
         is asked."""
 
         def taken() -> tuple[str, Offer | None]:
-            return work(), None if self.service is None else self.service.offer()
+            return work(), None if self.service is None else self.service.find_offer()
 
         self.app.with_files(
             taken,
@@ -410,7 +410,7 @@ class JobScreen(Page):
 
     def look_for_maps(self, service: JobService) -> None:
         self.app.notice(_("looking for prescriptions"))
-        self._bring(service.maps, self._list_maps)
+        self._bring(service.list_maps, self._list_maps)
 
     def _list_maps(self, found: tuple[MapFile, ...]) -> None:
         none = (
@@ -458,7 +458,7 @@ class JobScreen(Page):
         service = self.service
         if service is not None:
             self._bring(
-                lambda: service.map_folder(folder, kind),
+                lambda: service.list_map_folder(folder, kind),
                 lambda found: self._list_folder(folder, found, kind, take),
             )
 
@@ -486,13 +486,13 @@ class JobScreen(Page):
         service = self.service
         if service is not None:
             self.app.notice(_("reading the map"))
-            self._bring(lambda: service.preview(path, reading), self._show_map)
+            self._bring(lambda: service.preview_map(path, reading), self._show_map)
 
     def _show_map(self, shown: MapPreview) -> None:
         def answer(what: str) -> None:
             if what == TAKE and self.service is not None:
                 service = self.service
-                self.take(lambda: service.take_map(shown))
+                self.take(lambda: service.choose_map(shown))
             elif what == COLUMN:
                 self._ask_reading(
                     shown,
@@ -557,7 +557,7 @@ class JobScreen(Page):
 
         def answer(name: str) -> None:
             if name == WRITE:
-                self.take(lambda: service.take_names(who))
+                self.take(lambda: service.save_job_names(who))
             elif name == "product" and self.facts is not None and self.facts.products:
                 self._ask_product(service, who, lambda: type_name(name))
             else:
@@ -604,7 +604,7 @@ class JobScreen(Page):
             return
 
         def take() -> str:
-            service.take("machine", machine)
+            service.choose_file("machine", machine)
             return machine
 
         def use() -> None:

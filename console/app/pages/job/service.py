@@ -165,71 +165,71 @@ class JobService(Protocol):
     """Errors are one-line ValueErrors. All but `restart`, `resume` and `anew` may take their
     time: in a thread."""
 
-    def facts(self) -> Facts: ...
+    def find_facts(self) -> Facts: ...
 
-    def free_bytes(self, log_path: str) -> int | None:
+    def find_free_bytes(self, log_path: str) -> int | None:
         """On the disk where the log is written; None where it is not known."""
 
-    def take(self, kind: str, value: str) -> None:
+    def choose_file(self, kind: str, value: str) -> None:
         """Another job, crop or machine for `restart`; checked first. `facts` are those of what
         runs until then."""
 
-    def recent(self) -> tuple[Recent, ...]:
+    def list_recent(self) -> tuple[Recent, ...]:
         """What was worked lately, the newest first."""
 
-    def take_recent(self, recent: Recent) -> None:
+    def choose_recent(self, recent: Recent) -> None:
         """All its files for `restart`; checked first."""
 
-    def drop(self) -> None:
+    def drop_choices(self) -> None:
         """What was taken last is not wanted: the next start has the files that run."""
 
-    def take_strip(self, strip: StripValue) -> str:
+    def save_strip_value(self, strip: StripValue) -> str:
         """The job with this NDVI of a strip, or without one, which the worker knows already;
         returns where it stands."""
 
-    def maps(self) -> tuple[MapFile, ...]:
+    def list_maps(self) -> tuple[MapFile, ...]:
         """What may be a prescription, on sticks, among downloads and the user's own files; the
         newest first."""
 
-    def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
+    def list_map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         """Folders, whose names end in a slash, then maps, or files of another kind (job, crop,
         machine); "": the places where one may begin to look."""
 
-    def preview(self, path: str, reading: MapReading) -> MapPreview:
+    def preview_map(self, path: str, reading: MapReading) -> MapPreview:
         """Reads a prescription for the job; nothing of the job changes."""
 
-    def take_map(self, preview: MapPreview) -> str:
+    def choose_map(self, preview: MapPreview) -> str:
         """The job with this map, for `restart`; returns where it stands."""
 
-    def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
+    def save_driven_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
         """The job with this ring of latitude and longitude as the field's edge, for `restart`;
         returns where it stands."""
 
-    def take_names(self, who: JobNames) -> str:
+    def save_job_names(self, who: JobNames) -> str:
         """The job with these names, for `restart`; returns where it stands."""
 
-    def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+    def list_job_cards(self) -> tuple[tuple[File, JobCard | None], ...]:
         """The jobs of `facts`, the newest first; None: it cannot be read."""
 
-    async def restart(self, anew: bool = False) -> FrameSource:
+    async def restart_worker(self, anew: bool = False) -> FrameSource:
         """A worker with what was taken. The one before must have ended. What was left on its
         field goes on, or is ended (anew). Where it does not start, the files are those of
         before."""
 
-    def export(
+    def export_as_applied(
         self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
     ) -> tuple[str, ...]:
         """As applied, a file for each part of the job; returns where they stand."""
 
-    def report(
+    def write_reports(
         self, log_path: str, progress: Progress, cancelled: Cancelled
     ) -> tuple[str, ...]: ...
 
-    def offer(self) -> Offer | None:
+    def find_offer(self) -> Offer | None:
         """The job that was left on the field of the next start; where no files are chosen, the
         newest of any."""
 
-    async def resume(self, offer: Offer) -> FrameSource: ...
+    async def resume_job(self, offer: Offer) -> FrameSource: ...
 
-    async def anew(self, offer: Offer) -> FrameSource:
+    async def start_anew(self, offer: Offer) -> FrameSource:
         """Begin another job; what was left on its field is ended."""

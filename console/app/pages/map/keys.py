@@ -35,7 +35,9 @@ def lay_file(page: MapScreen) -> None:
     if services is None:
         _choose_laid(page, ())
     else:
-        page.app.list_files(partial(services.files, running), partial(_choose_laid, page))
+        page.app.list_files(
+            partial(services.list_layer_files, running), partial(_choose_laid, page)
+        )
 
 
 def _choose_laid(page: MapScreen, listed: tuple[LogFile, ...]) -> None:

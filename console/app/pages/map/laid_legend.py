@@ -51,7 +51,7 @@ class LaidFiles:
         if key != self._asked:
             self._asked, self._laid = key, None
             self._page.app.with_files(
-                partial(files.lay, self.path, frame),
+                partial(files.make_overlay, self.path, frame),
                 partial(self._have, key),
                 partial(self._not_laid, key),
                 group="laid",

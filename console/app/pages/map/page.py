@@ -183,7 +183,7 @@ class MapScreen(LogPage):
                 ring = drive.ring_deg()
                 self._drive_is(None)
                 self.app.turn_to(JOB)
-                self.call_later(self.app.job_page.take, lambda: service.take_boundary(ring))
+                self.call_later(self.app.job_page.take, lambda: service.save_driven_boundary(ring))
 
         no_files = (
             _("files are not available here")

@@ -14,17 +14,17 @@ from topdress.console.frame import Frame
 class LayerFiles(Protocol):
     """Errors are one-line ValueErrors."""
 
-    def files(self, running_log: str) -> tuple[LogFile, ...]:
+    def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
         """The newest first, without the log that is being written."""
 
-    def lay(self, path: str, frame: Frame) -> LaidFile:
+    def make_overlay(self, path: str, frame: Frame) -> LaidFile:
         """Reads a file onto the plane of a frame that has a position; seconds for a long one."""
 
 
 class LineFiles(Protocol):
-    def append(self, log_path: str, record: str) -> None:
+    def append_record(self, log_path: str, record: str) -> None:
         """Kept next to the log; returns at once."""
 
-    def read(self, log_path: str) -> KeptLines:
+    def read_lines(self, log_path: str) -> KeptLines:
         """What holds, with what the log tells of the drive since; where nothing was said of a
         line, that of the last job on the same field. Takes its time; never raises."""

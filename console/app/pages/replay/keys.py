@@ -23,7 +23,7 @@ def open_log(page: ReplayScreen) -> None:
     if files is None:
         page.app.notice(_("there is no log yet"))
     else:
-        page.app.list_files(files.logs, partial(_choose_log, page, files))
+        page.app.list_files(files.list_logs, partial(_choose_log, page, files))
 
 
 def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]) -> None:

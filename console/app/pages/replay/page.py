@@ -34,7 +34,7 @@ from topdress.console.app.replay_source import ReplaySource
 from topdress.console.app.units import Units
 from topdress.console.app.view import RunView, duration, find_rate_error
 from topdress.console.frame import Frame
-from topdress.console.worker.resume_alarms import AlarmBook, AlarmRecord
+from topdress.console.worker.resume_alarms import AlarmHistory, AlarmRecord
 
 
 # Where in the log the replay stands, how fast it runs, and whether it is the log or a what-if.
@@ -208,11 +208,11 @@ class ReplayScreen(PanelScreen):
 
     def alarm_records(self) -> tuple[AlarmRecord, ...]:
         """All alarms of the log up to what is shown."""
-        book = AlarmBook()
+        book = AlarmHistory()
         if self.job is not None:
             source = self.job.source
             for frame in islice(source.frames, source.index + 1):
-                book.see(frame.row.time_s, frame.row.utc, frame.alarms)
+                book.add_row_alarms(frame.row.time_s, frame.row.utc, frame.alarms)
         return book.records
 
     def extra(self) -> ComposeResult:
@@ -313,7 +313,7 @@ class ReplayScreen(PanelScreen):
             self.open(job)
 
         self.app.notice(_("reading the log"))
-        self.app.with_files(lambda: files.open(path), opened, group="open-log")
+        self.app.with_files(lambda: files.open_log(path), opened, group="open-log")
 
     def begin(self, choice: str) -> None:
         if self.job is None or self.job.what_if is None:

@@ -50,8 +50,8 @@ class LogFile(NamedTuple):
 class LogFiles(Protocol):
     """Errors are one-line ValueErrors."""
 
-    def logs(self) -> tuple[LogFile, ...]:
+    def list_logs(self) -> tuple[LogFile, ...]:
         """The newest first."""
 
-    def open(self, path: str) -> ReplayJob:
+    def open_log(self, path: str) -> ReplayJob:
         """Reads a log for the page; seconds for a long one."""

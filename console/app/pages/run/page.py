@@ -45,7 +45,11 @@ def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tu
     """
     if turns(frame):
         return ()
-    from topdress.console.reports.live_words import departure_line, offer, todo
+    from topdress.console.reports.live_words import (
+        describe_next_step,
+        describe_offer,
+        format_departure,
+    )
 
     since = ""
     if found.since_s is not None:
@@ -53,16 +57,16 @@ def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tu
             :5
         ] or duration(found.since_s)
     full, named, dated, plain = (
-        departure_line(found, time, why)
+        format_departure(found, time, why)
         for time, why in ((since, True), ("", True), (since, False), ("", False))
     )
     if frame.row.state == State.HELD:
         pairs = [
-            (full, todo(found)),
-            (full, offer(found)),
-            (named, offer(found)),
-            (dated, offer(found)),
-            (plain, offer(found)),
+            (full, describe_next_step(found)),
+            (full, describe_offer(found)),
+            (named, describe_offer(found)),
+            (dated, describe_offer(found)),
+            (plain, describe_offer(found)),
         ]
     else:
         pairs = [(said, "F9") for said in (full, named, dated, plain)]
