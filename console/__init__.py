@@ -3,7 +3,7 @@
 Files:
 
 - `app`: The console's screens. They know `console.frame.Frame` and a `FrameSource`
-- `attached`: Who is attached to the control worker, and who ordered what
+- `attached`: Who is attached to the control worker, and who ordered what?
 - `cli`: The command line: `topdress --help`
 - `frame`: What the control worker tells its consoles, ten times a second while the machine moves
 - `gc_tuning`: What lives as long as the console is not swept again and again
@@ -16,9 +16,9 @@ Files:
 - `scale`: Colour scales. For rates: perceptually even, safe for colour-blind eyes
 - `serve`: The console in a browser
 - `services`: What the pages have done with files and long work
-- `threads`: How many threads numeric libraries may take for themselves
+- `threads`: How many threads may numeric libraries take for themselves?
 - `worker`: The control worker: a program of its own that owns devices, loop and log
-- `worker_handshake`: Who listens where a run file says
+- `worker_handshake`: Who listens where a run file says?
 """
 
 import time

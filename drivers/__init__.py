@@ -1,20 +1,20 @@
-"""What is connected: ports, devices, the virtual machine, files.
+"""What is connected to the program? Ports, devices, the virtual machine, files.
 
 Files:
 
-- `board`: Programs of the boards on the applicator
-- `cab`: The cab: all ports and drivers of one machine
-- `cab_config`: The cab file: which devices a machine has and where they are plugged in
-- `cab_line`: One device's line in the cab
-- `datagrams`: UDP: datagrams in and out, whole ones only
-- `day_clock`: What day it is, by the computer's clock, whatever that says
-- `device_status`: What is known of one device in the cab
-- `devices`: One file a protocol: bytes in, readings out
+- `board`: What runs on the boards of the applicator?
+- `cab`: Which devices does one machine have, and what do they read and obey in a tick?
+- `cab_config`: Which devices does a machine have, and where are they connected?
+- `cab_line`: How is one device's line in the cab managed?
+- `datagrams`: How are datagrams sent and received over UDP?
+- `day_clock`: Which day is it by the computer's clock?
+- `device_status`: What is known of one device in the cab?
+- `devices`: How are the bytes of a device decoded?
 - `files`: Files: configuration, run logs, replay, tables of other programs
-- `plain_text`: Text from files, devices and networks before a terminal sees it
-- `plugin_host`: The program that runs the code of a plug-in
-- `plugin_process`: Asks the code of a plug-in, which runs in a process of its own
-- `plugins`: What other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins")
-- `ports`: Ports: bytes in and out of one device, never blocking the control loop
-- `virtual`: The virtual machine
+- `plain_text`: Which characters of foreign text may a terminal see?
+- `plugin_host`: How does the code of a plug-in run in its own process?
+- `plugin_process`: How is the code of a plug-in called safely?
+- `plugins`: What do other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins")?
+- `ports`: How do bytes reach a device and come back without blocking the control loop?
+- `virtual`: How does a simulated machine speak like a real one?
 """

@@ -1,5 +1,5 @@
-"""The cab: all ports and drivers of one machine, and what they say and are commanded once a
-tick."""
+"""Which devices does one machine have, and what do they read and obey in a tick? The cab owns
+all ports and drivers."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ DatagramOpener = Callable[[str, Clock], Datagrams]
 
 
 class FixDecoder(Protocol):
-    """What every source of fixes has."""
+    """Defines what every source of fixes has."""
 
     counts: Counts
 
@@ -73,8 +73,7 @@ class Cab:
 
     `measure` and `command` are called once a tick by one thread; they never wait for a device.
     `refused_commands` counts the set-points that were not finite: in their place a stop was
-    sent; `dropped_doses` those that came while the board was still giving the one before.
-    """
+    sent; `dropped_doses` those that came while the board was still giving the one before."""
 
     def __init__(
         self,
@@ -230,8 +229,8 @@ class Cab:
             self._send(now_s, None, False)
 
     def _give_ordered(self, now_s: float, command: DriveCommand | None) -> None:
-        """The dose of this tick's command. Where the board is not yet done with the one before
-        it waits a tick or two; then it is dropped, and counted."""
+        """Sends the dose of this tick's command. While the board is busy with the dose before it
+        waits a tick or two; then it is dropped and counted."""
         if command is None or self._drives is None:
             self._dose_waits = None
             return
@@ -249,11 +248,10 @@ class Cab:
             self.dropped_doses += 1
 
     def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> GivenDose | None:
-        """Send one dose of a point applicator; None without a board. Raises ValueError as
+        """Sends one dose of a point applicator; None without a board. Raises ValueError as
         `PointDose.give` does.
 
-        What became of it is in `dose` at every later tick.
-        """
+        What became of it is in `dose` at every later tick."""
         if self._drives is None or self._record_only:
             return None
         line, board = self._drives
@@ -262,11 +260,12 @@ class Cab:
 
     @property
     def dose(self) -> GivenDose | None:
-        """The newest dose, as far as is known."""
+        """Returns what is known of the newest dose."""
         return self._drives[1].dose.newest if self._drives else None
 
     def ask_turned(self) -> ShaftTurned | None:
-        """Ask the board how far its shaft turned; gives what it answered before. Moves nothing."""
+        """Requests how far the board's shaft turned, and returns its last answer. It moves
+        nothing."""
         if self._drives is None:
             return None
         line, board = self._drives
@@ -298,7 +297,7 @@ class Cab:
             self._gnss.close()
 
     def _send(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        """Both drives' bytes are made before any is sent: a number that one refuses reaches
+        """Makes both drives' bytes before any is sent: a number that one refuses reaches
         neither."""
         datagrams: list[bytes] = []
         if self._module is not None:
@@ -328,7 +327,7 @@ class Cab:
         return [line for line, _ in self._listening]
 
     def _listeners(self) -> list[tuple[DeviceLine, Callable[[float], None]]]:
-        """Every device, and what reads it at a tick."""
+        """Returns every device with the function that reads it at a tick."""
         found: list[tuple[DeviceLine, Callable[[float], None]]] = []
         if self._gnss is not None:
             found.append((self._gnss.line, self._read_gnss))
@@ -375,9 +374,9 @@ class Cab:
         return self.board is not None and self.board.driver_fault
 
     def _drive_stopped(self) -> bool:
-        """The board has not followed for as long as a command and its echo may take: it lost
-        the heartbeat, or its power, and waits for an enable 0. (A driver's fault is reported by
-        itself.)"""
+        """Returns whether the board has not followed for as long as a command and its echo may
+        take: it lost the heartbeat or its power, and waits for an enable 0. (A driver's fault is
+        reported separately.)"""
         board, since_s = self.board, self._enabled_since_s
         return (
             board is not None
@@ -388,7 +387,8 @@ class Cab:
         )
 
     def _switch(self, now_s: float) -> bool | None:
-        """The work switch as last heard; one that is fitted is forgotten when it falls silent."""
+        """Returns the newest state of the work switch; a fitted one is unknown when it falls
+        silent."""
         if self._switch_fitted and now_s - self._work_switch_s > SWITCH_SILENT_S:
             return None
         return self._work_switch
@@ -445,13 +445,14 @@ BOARD_READINGS = (
     "gate_effort",
 )
 SWITCH_SILENT_S = 0.5
-DOSE_WAITS_S = 0.1  # for the board to be done with the dose before
-# from the first enable 1 to a status line that says so
+# Time for which a dose waits for the board to finish the one before, s.
+DOSE_WAITS_S = 0.1
+# Time from the first enable 1 to a status line that confirms it, s.
 FOLLOWS_WITHIN_S = 0.3
 
 
 class _Gnss:
-    """The source of fixes on its line; gpsd is asked to speak at every connect."""
+    """Reads the source of fixes on its line; gpsd is asked to report at every connect."""
 
     def __init__(self, config: GnssConfig, clock: Clock, opener: Opener) -> None:
         makers: dict[str, Callable[[], FixDecoder]] = {
@@ -473,7 +474,7 @@ class _Gnss:
         self._greeted = 0
 
     def read(self, now_s: float) -> GnssFix | None:
-        """The newest fix that has arrived."""
+        """Returns the newest fix that has arrived."""
         port = self.line.port
         if self._hello:
             state = port.state()
@@ -499,8 +500,8 @@ def _plugin_receiver(protocol: str) -> PluginReceiver:
 
 
 class _Module:
-    """A rate module on its datagram line. A gate set by hand is as fresh as the module's own
-    news."""
+    """Reads a rate module on its datagram line. A gate set by hand is as fresh as the module's
+    own readings."""
 
     def __init__(self, config: RateModuleConfig, clock: Clock, opener: DatagramOpener) -> None:
         self.driver = RateModule(
@@ -521,7 +522,7 @@ class _Module:
 
     @property
     def work_switch(self) -> tuple[bool, float] | None:
-        """As last heard, and when."""
+        """Returns the newest state of the work switch, and its time."""
         board, heard_s = self.driver.board, self.driver.board_s
         return (
             (board.work_switch, heard_s)
@@ -530,7 +531,7 @@ class _Module:
         )
 
     def read(self, now_s: float) -> dict[str, Reading | None]:
-        """The readings that are new."""
+        """Returns the new readings."""
         found: dict[str, Reading | None] = {}
         accepted = self.driver.feed(self.line.read_each(now_s), now_s)
         for readings in accepted:
@@ -558,7 +559,7 @@ def _open_heads(
 
 
 class _Counting(Protocol):
-    """A driver or decoder that counts what it takes."""
+    """Defines a driver or decoder that counts what it takes."""
 
     @property
     def counts(self) -> Counts: ...
@@ -567,12 +568,13 @@ class _Counting(Protocol):
 def _opened(
     name: str, protocol: str, url: str, baud: int, driver: _Counting, clock: Clock, opener: Opener
 ) -> DeviceLine:
-    """The line of one device, with the rate that it has."""
+    """Returns the line of one device, with its baud rate."""
     return DeviceLine(
         name, protocol, opener(url, baud, clock), driver.counts, serial_baud(url, baud)
     )
 
 
 def serial_baud(url: str, baud: int) -> int | None:
-    """The rate of a line that has one: not a socket, a datagram port or one in memory."""
+    """Returns the baud rate of a serial line; None for a socket, a datagram port or a line in
+    memory."""
     return None if url.startswith(("socket://", "udp://", "memory:")) else baud

@@ -1,4 +1,4 @@
-"""The cab file: which devices a machine has and where they are plugged in."""
+"""Which devices does a machine have, and where are they connected? The cab file."""
 
 from __future__ import annotations
 

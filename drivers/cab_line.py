@@ -1,4 +1,5 @@
-"""One device's line in the cab: its port with name, counts and rate, and who listens in."""
+"""How is one device's line in the cab managed? Its port with name, counts and rate, and its
+listeners."""
 
 from __future__ import annotations
 
@@ -12,16 +13,18 @@ from topdress.drivers.devices.lines import Counts
 from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import Port
 
-RATE_OVER_S = 2.0  # a device silent for this long has rate 0
+# Span of the message rate, s; a device silent for this long has rate 0.
+RATE_OVER_S = 2.0
 ASIDE_CHARACTERS = 200
 
 Direction = Literal["<", ">"]  # received, sent
-# must return at once: the control loop calls it
+# Is called for all bytes; it must return at once, because the control loop calls it.
 Tap = Callable[[float, Direction, bytes], None]
 
 
 class DeviceLine:
-    """`baud`: of a serial line; None where the port has none (socket, memory, datagrams)."""
+    """Holds the line of one device. `baud`: of a serial line; None for other ports (socket,
+    memory, datagrams)."""
 
     def __init__(
         self, name: str, protocol: str, port: Port, counts: Counts, baud: int | None = None
@@ -30,9 +33,9 @@ class DeviceLine:
         self.port = port
         self.baud = baud
         self.plugged = True
-        # why the device is not listened to any more; empty: it is
+        # Why the device is no longer read; empty: it is read.
         self.aside = ""
-        # what is named for it: the device, with the plug-in that reads it
+        # Name of the culprit: the device, with the plug-in that reads it.
         self.blamed = name
         self._protocol = protocol
         self._counts = counts
@@ -40,24 +43,24 @@ class DeviceLine:
         self._times_s: deque[float] = deque(maxlen=64)
 
     def read(self, now_s: float) -> bytes:
-        """What has arrived since the last call."""
+        """Returns the bytes that have arrived since the last call."""
         data = self.port.read()
         if data:
             self._tell(now_s, "<", data)
         return data
 
     def write(self, now_s: float, data: bytes) -> None:
-        """Queue for sending."""
+        """Queues bytes for sending."""
         self.port.write(data)
         self._tell(now_s, ">", data)
 
     def note(self, times_s: Iterable[float]) -> None:
-        """Times of accepted messages."""
+        """Records the times of accepted messages."""
         self._times_s.extend(times_s)
 
     def listen_in(self, tap: Tap) -> None:
-        """Give `tap` everything that is received and sent from now on, as it is (each datagram
-        by itself)."""
+        """Passes all received and sent bytes to `tap` from now on, unchanged (each datagram
+        separately)."""
         self._taps.append(tap)
 
     def leave(self, tap: Tap) -> None:
@@ -65,15 +68,15 @@ class DeviceLine:
             self._taps.remove(tap)
 
     def put_aside(self, error: Exception) -> None:
-        """Its driver could not digest what it said: it is not listened to until it is plugged
-        again. What is sent to it goes on, so that a drive can be stopped."""
+        """Stops reading a device whose driver failed on its bytes, until it is plugged again.
+        Sending continues, so that a drive can be stopped."""
         by_plugin = isinstance(error, PluginFault)
         why = str(error) if by_plugin else f"{type(error).__name__}: {error}"
         self.aside = f"put aside: {why}"[:ASIDE_CHARACTERS]
         self.blamed = f"{self.name} (plug-in {self._protocol})" if by_plugin else self.name
 
     def plug(self, plugged: bool) -> None:
-        """False: let go of the port and leave it alone until True."""
+        """Closes the port and leaves it alone (False) until True."""
         self.plugged, self.aside = plugged, ""
         self.port.plug(plugged)
 
@@ -111,14 +114,14 @@ class DeviceLine:
 
 
 class DatagramLine(DeviceLine):
-    """The same over a port that keeps datagrams apart."""
+    """Holds the line of a port that keeps datagrams apart."""
 
     def __init__(self, name: str, protocol: str, port: Datagrams, counts: Counts) -> None:
         super().__init__(name, protocol, port, counts)
         self._datagrams = port
 
     def read_each(self, now_s: float) -> list[bytes]:
-        """The datagrams that have arrived since the last call, oldest first."""
+        """Returns the datagrams that have arrived since the last call, oldest first."""
         found = self._datagrams.read_each()
         for data in found:
             self._tell(now_s, "<", data)

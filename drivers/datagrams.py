@@ -1,5 +1,5 @@
-"""UDP: datagrams in and out, whole ones only. A bound UDP socket never makes the loop wait, so
-it needs no thread."""
+"""How are datagrams sent and received over UDP? Whole ones only. A bound UDP socket never blocks
+the loop, so that it needs no thread."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from topdress.drivers.ports import (
 )
 
 LONGEST_DATAGRAM = 2048
-# datagrams given at one read; older ones are dropped: a flood
+# Datagrams returned by one read; in a flood older ones are dropped.
 MOST_WAITING = 64
-# taken from the system at one read, strangers' included; the rest is its to drop
+# Datagrams taken from the system in one read, strangers' included; the system may drop the rest.
 MOST_TAKEN = 512
 LOOPBACK = ipaddress.ip_network("127.0.0.0/8")
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 TRY_AGAIN_S = 1.0
-# UDP has no plug: "connected" means heard this lately
+# UDP has no plug: "connected" means that a datagram arrived within this time, s.
 SILENT_S = 2.0
 
 
 class Datagrams(Port, Protocol):
-    """A port that keeps datagrams apart. `read` gives them joined."""
+    """Defines a port that keeps datagrams apart. `read` returns them joined."""
 
     def read_each(self) -> list[bytes]:
-        """The datagrams that arrived since the last call, oldest first."""
+        """Returns the datagrams that arrived since the last call, oldest first."""
         ...
 
 
 class UdpAddress(NamedTuple):
-    """Both ends of `udp://HOST:PORT[?to=HOST:PORT][&from=NETWORK]`. `senders`: who is listened
-    to; None: everybody."""
+    """Holds both ends of `udp://HOST:PORT[?to=HOST:PORT][&from=NETWORK]`. `senders`: who is
+    accepted; None: everybody."""
 
     host: str
     number: int
@@ -51,12 +51,14 @@ class UdpAddress(NamedTuple):
 
 
 def udp_address(url: str) -> UdpAddress:
-    """Where to listen, where to send, whom to believe; ValueError with one line where any of it
-    cannot be read.
+    """Returns where to listen, where to send and whom to accept.
 
-    Without `from`, a port on loopback hears this computer only, any other one the address that
+    Without `from`, a port on loopback accepts this computer only, any other one the address that
     it sends to.
-    """
+
+    Raises
+    ------
+    ValueError : in one line, where a part cannot be read."""
     try:
         parts = urlsplit(url)
         asked = parse_qs(parts.query)
@@ -85,7 +87,7 @@ def udp_address(url: str) -> UdpAddress:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is this computer's own, and nobody else can reach it."""
+    """Returns whether an address is this computer's own, which nobody else can reach."""
     if host == "localhost":
         return True
     try:
@@ -95,14 +97,14 @@ def is_loopback(host: str) -> bool:
 
 
 def _usual_senders(host: str, to: tuple[str, int] | None) -> Network | None:
-    """Raises ValueError where the address sent to is a name."""
+    """Returns the default senders. Raises ValueError where the destination is a name."""
     if is_loopback(host):
         return LOOPBACK
     return None if to is None else ipaddress.ip_network(to[0])
 
 
 class _Traffic:
-    """The counters of both directions."""
+    """Counts the bytes of both directions."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -132,11 +134,10 @@ class _Traffic:
 
 
 class UdpPort:
-    """A bound socket. Where it cannot be bound (another program has the port), it is tried
+    """Holds a bound socket. Where it cannot be bound (another program has the port), it is tried
     again every second.
 
-    Who is not among the senders of its address is not heard, and counted with what was dropped.
-    """
+    Datagrams of other senders than its address allows are dropped and counted."""
 
     def __init__(self, url: str, clock: Clock) -> None:
         self._url = url
@@ -158,7 +159,7 @@ class UdpPort:
 
     @property
     def number(self) -> int:
-        """The port number listened on (of use where 0 was asked for); 0 while not bound."""
+        """Returns the port number (useful where 0 was requested); 0 while not bound."""
         return int(self._socket.getsockname()[1]) if self._socket else 0
 
     def read_each(self) -> list[bytes]:
@@ -187,7 +188,8 @@ class UdpPort:
         return list(found)
 
     def _believes(self, host: str) -> bool:
-        """Asked for each datagram, so the answer for the newest sender is kept."""
+        """Returns whether a sender is accepted; the answer for the newest sender is cached,
+        because every datagram needs it."""
         if host != self._asked:
             senders = self._address.senders
             self._asked, self._believed = (
@@ -217,7 +219,7 @@ class UdpPort:
         return state if self._plugged else state._replace(connected=False, last_error=UNPLUGGED)
 
     def plug(self, plugged: bool) -> None:
-        """False: nobody listens here; True: bound at the next use."""
+        """Closes the socket (False), or binds it at the next use (True)."""
         self._plugged = plugged
         self._next_try_s = self._clock()
         if not plugged:
@@ -256,7 +258,7 @@ class UdpPort:
 
 
 class MemoryDatagrams:
-    """One end of a datagram line in memory; see `datagram_pair`."""
+    """Holds one end of a datagram line in memory; see `datagram_pair`."""
 
     def __init__(self, name: str, clock: Clock) -> None:
         self._name = name
@@ -302,19 +304,21 @@ class MemoryDatagrams:
 
 
 def datagram_pair(name: str, clock: Clock) -> tuple[MemoryDatagrams, MemoryDatagrams]:
-    """Two ends of one datagram line."""
+    """Returns two ends of one datagram line."""
     one, two = MemoryDatagrams(f"{name}:host", clock), MemoryDatagrams(f"{name}:device", clock)
     one.join(two)
     return one, two
 
 
 def open_line(url: str, baud: int, clock: Clock) -> Port:
-    """Any port of a cab file: what `open_port` opens, or `udp://`. Raises ValueError as they do."""
+    """Opens any port of a cab file: those of `open_port`, or `udp://`. Raises ValueError as they
+    do."""
     return UdpPort(url, clock) if url.startswith("udp://") else open_port(url, baud, clock)
 
 
 def line_url(url: str) -> str:
-    """The URL, where `open_line` knows its kind; ValueError with one line where it does not."""
+    """Returns the URL where `open_line` knows its kind; raises ValueError with one line where it
+    does not."""
     if url.startswith("udp://"):
         udp_address(url)
     else:

@@ -1,6 +1,6 @@
-"""What day it is, by the computer's clock, whatever that says: one that no date can be made of
-(Python's time ends in 2262, some systems' begins in 1970) costs no start and no tick. All of
-the program asks here."""
+"""Which day is it by the computer's clock? A clock that no date can be made from (Python's time
+ends in 2262, some systems' begins in 1970) stops no start and no tick. All of the program asks
+here."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _epoch_s = time.time
 
 
 def epoch_s() -> float:
-    """Seconds since 1970."""
+    """Returns the seconds since 1970."""
     try:
         return _epoch_s()
     except _NO_DATE:
@@ -21,16 +21,17 @@ def epoch_s() -> float:
 
 
 def is_set() -> bool:
-    """Whether a date can be made of what the clock says."""
+    """Returns whether the clock gives a date."""
     return epoch_s() != 0.0
 
 
 def utc_now() -> dt.datetime:
+    """Returns the present UTC."""
     return moment(epoch_s())
 
 
 def local_now() -> dt.datetime:
-    """Without its zone, as file names and lists of files have it."""
+    """Returns the local time without its zone, as in file names and lists of files."""
     try:
         return dt.datetime.fromtimestamp(epoch_s())
     except _NO_DATE:
@@ -38,11 +39,12 @@ def local_now() -> dt.datetime:
 
 
 def today() -> dt.date:
+    """Returns the local date."""
     return local_now().date()
 
 
 def offset_s() -> float:
-    """Of local time from UTC."""
+    """Returns the offset of local time from UTC, s."""
     try:
         return float(time.localtime().tm_gmtoff or 0)
     except _NO_DATE:
@@ -50,7 +52,7 @@ def offset_s() -> float:
 
 
 def moment(epoch_s: float) -> dt.datetime:
-    """UTC of seconds since 1970."""
+    """Converts seconds since 1970 to UTC."""
     try:
         return dt.datetime.fromtimestamp(epoch_s, dt.UTC)
     except _NO_DATE:
@@ -58,7 +60,7 @@ def moment(epoch_s: float) -> dt.datetime:
 
 
 def said_of_file(changed_s: float) -> str:
-    """Local date and minute of seconds since 1970; empty where that is no date."""
+    """Returns local date and minute of seconds since 1970; empty where that is no date."""
     try:
         return dt.datetime.fromtimestamp(changed_s).strftime("%Y-%m-%d %H:%M")
     except _NO_DATE:

@@ -1,4 +1,4 @@
-"""What is known of one device in the cab. The console's end needs it, and nothing else of the
+"""What is known of one device in the cab? The console needs this, and nothing else of the
 drivers."""
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DeviceStatus:
-    """What a device's line has counted and heard."""
+    """Holds what a device's line has counted and received."""
 
     name: str  # "gnss", "heads", "board"
     port: str

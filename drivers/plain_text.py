@@ -1,10 +1,9 @@
-"""Text from files, devices and networks before a terminal sees it: characters that steer a
-terminal are left out.
+"""Which characters of foreign text may a terminal see? Those that control a terminal are left
+out.
 
 Control characters of both sets (C0 but for the end of a line and the tabulator, DEL, C1), which
 begin escape sequences, and the marks that turn the direction of writing round, with which a
-text can show something else than it says (Unicode Technical Report 36, section 2.7).
-"""
+text can show something else than it says (Unicode Technical Report 36, section 2.7)."""
 
 from __future__ import annotations
 
@@ -27,33 +26,34 @@ _WITHOUT = dict.fromkeys(STEERING)
 
 
 def plain(text: str) -> str:
-    """The text without what steers a terminal. Any character that is left is shown as itself."""
+    """Returns the text without characters that control a terminal. Any other character is shown
+    as itself."""
     return text if text.isprintable() else text.translate(_WITHOUT)
 
 
 def one_line(text: str) -> str:
-    """The same in one line: a message that quotes a file, in which anything may stand."""
+    """Returns the text in one line: for a message that quotes a file with any content."""
     return " ".join(
         part for part in map(str.strip, plain(text.replace("\r", "\n")).splitlines()) if part
     )
 
 
 class OneLine(ValueError):
-    """A refusal in one line, whatever the file holds that it quotes."""
+    """Reports a refusal in one line, whatever the quoted file contains."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(one_line(text))
 
     @classmethod
     def of(cls, error: Refused) -> Self:
-        """Another reader's refusal as one of this kind."""
+        """Converts another reader's refusal to this kind."""
         return cls(str(error))
 
 
 @dataclass(frozen=True)
 class Reason:
-    """A sentence as catalogues of translations have it, and the values of its {names}; a value
-    may be a Reason."""
+    """Holds a sentence as in the catalogues of translations, and the values of its {names}; a
+    value may be a Reason."""
 
     text: str
     values: Mapping[str, object] = field(default_factory=dict)
@@ -63,13 +63,13 @@ class Reason:
 
 
 class PlaceInFile(NamedTuple):
-    """A place in a file: the file, and the way down to what is meant, from the outside in."""
+    """Holds a place in a file: the file, and the path inside it from the outside in."""
 
     file: str
     inside: tuple[Reason, ...] = ()
 
     def at(self, text: str, **values: object) -> PlaceInFile:
-        """One step further down."""
+        """Returns a place one step further down."""
         return self._replace(inside=(*self.inside, Reason(text, values)))
 
     def __str__(self) -> str:
@@ -77,9 +77,9 @@ class PlaceInFile(NamedTuple):
 
 
 class Refused(OneLine):
-    """Where, and why. Its one line is for a terminal; a screen says the same in its own
-    language from `where` and `reason`. `hint`: what only the user of a command can do about it
-    (an option, a program to run)."""
+    """Reports where and why a file was refused. Its one line is for a terminal; a screen says
+    the same in its own language from `where` and `reason`. `hint`: what only the user of a
+    command can do about it (an option, a program to run)."""
 
     def __init__(
         self, where: PlaceInFile | Path | str, text: str, hint: str = "", **values: object
@@ -94,8 +94,7 @@ class Refused(OneLine):
     def of(
         cls, error: Refused, where: PlaceInFile | Path | str | None = None, hint: str = ""
     ) -> Self:
-        """The same refusal as one of this kind; where: instead of the place that it names.
-        hint: one more."""
+        """Converts a refusal to this kind. where: replaces its place. hint: adds one."""
         return cls(
             error.where if where is None else where,
             error.reason.text,
@@ -104,7 +103,7 @@ class Refused(OneLine):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """From one process to another as what it is, not as its line."""
+        """Passes the whole refusal, not only its line, to another process."""
         return (
             partial(type(self), self.where, self.reason.text, self.hint, **self.reason.values),
             (),

@@ -1,6 +1,5 @@
-"""The program that runs the code of a plug-in. It is a process of its own, so that what another
-package does ends, hangs or breaks nothing but itself; `drivers.plugin_process` starts it and
-asks.
+"""How does the code of a plug-in run in its own process? So that it cannot end, hang or break
+the program; `drivers.plugin_process` starts it and sends requests.
 
 Requests come on standard input, answers go to standard output, a JSON object a line:
 
@@ -9,8 +8,7 @@ Requests come on standard input, answers go to standard output, a JSON object a 
     {"do": "feed", "data": ..., "time_s": ...}  {"gives": {"fixes": [[...], ...], "counts": {...}}}
     {"do": "flush", "time_s": ...}              the same
     {"do": "read", "path": ...}                 {"gives": what the format's function returns}
-    anything that raises                        {"raises": "ZeroDivisionError: division by zero"}
-"""
+    anything that raises                        {"raises": "ZeroDivisionError: division by zero"}"""
 
 from __future__ import annotations
 
@@ -32,7 +30,7 @@ _SIGKILL = 9
 
 
 class PluginHost:
-    """One plug-in, loaded when it is asked for."""
+    """Runs one plug-in, loaded on request."""
 
     def __init__(self, group: str, name: str) -> None:
         self._group, self._name = group, name
@@ -49,7 +47,8 @@ class PluginHost:
         }
 
     def answer(self, request: bytes) -> bytes:
-        """The line that answers a request. Whatever the plug-in raises becomes part of it."""
+        """Returns the line that answers a request. Whatever the plug-in raises becomes part of
+        it."""
         try:
             asked = json.loads(request)
             given = {"gives": self._does[asked["do"]](asked)}
@@ -58,7 +57,7 @@ class PluginHost:
             return json.dumps({"raises": _describe(error)}).encode() + b"\n"
 
     def _load(self, _asked: dict[str, Any]) -> dict[str, Any]:
-        """Raises whatever the plug-in's import does."""
+        """Loads the plug-in. Raises whatever its import raises."""
         found = entry_points(group=self._group, name=self._name)
         self._loaded = next(iter(found)).load()
         is_tuple = isinstance(self._loaded, tuple) and hasattr(self._loaded, "_asdict")
@@ -82,14 +81,14 @@ class PluginHost:
 
 
 def _plain_value(value: Any) -> Any:
-    """Numbers and arrays of numpy as plain ones. Raises TypeError for anything else."""
+    """Converts numbers and arrays of numpy to plain ones. Raises TypeError for anything else."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"gives a {type(value).__name__}, which is no plain data")
 
 
 def _describe(error: BaseException) -> str:
-    """What is wrong, in words; a ValueError's own say enough."""
+    """Returns what is wrong, in words; a ValueError's own text suffices."""
     text = ""
     with suppress(BaseException):
         text = str(error)
@@ -98,8 +97,8 @@ def _describe(error: BaseException) -> str:
 
 
 def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
-    """Standard input and output for this program alone; what the plug-in reads is empty, what it
-    prints is lost."""
+    """Takes standard input and output for this program alone; the plug-in reads nothing, and its
+    prints are lost."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
@@ -108,7 +107,7 @@ def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
 
 
 def _end_with_parent() -> None:
-    """Where the system offers it, a plug-in that hangs ends with the program that asked."""
+    """Ends a hanging plug-in together with the calling program, where the system can do that."""
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):
             import ctypes
@@ -117,14 +116,14 @@ def _end_with_parent() -> None:
 
 
 def _queue_requests(requests: BinaryIO, queue: SimpleQueue[bytes]) -> None:
-    """Ends this process, whatever the plug-in does, when nobody asks any more."""
+    """Queues requests, and ends this process when there are no more, whatever the plug-in does."""
     for line in requests:
         queue.put(line)
     os._exit(0)
 
 
 def main(group: str, name: str) -> None:
-    """Answers until nobody asks any more."""
+    """Answers requests until there are no more."""
     requests, answers = _take_pipes()
     _end_with_parent()
     queue: SimpleQueue[bytes] = SimpleQueue()

@@ -1,8 +1,8 @@
-"""Asks the code of a plug-in, which runs in a process of its own (`drivers.plugin_host`).
+"""How is the code of a plug-in called safely? It runs in its own process
+(`drivers.plugin_host`).
 
 Whatever that code does (it raises, ends its process, hangs, gives nonsense) becomes a
-`PluginFault`, which names the plug-in in one line; its process is then ended.
-"""
+`PluginFault`, which names the plug-in in one line; its process is then ended."""
 
 from __future__ import annotations
 
@@ -28,20 +28,23 @@ from topdress.drivers.plain_text import one_line
 from topdress.drivers.plugin_host import ENCODING
 from topdress.drivers.plugins import Group, Plugin, PluginFault
 
-# s; a large package takes some seconds to import on a small computer
+# Time-out of loading, s: a large package takes some seconds to import on a small computer.
 LOAD_S = 20.0
-# s; a decoder gives what some milliseconds of a line hold
+# Time-out of a decoder, s, for the bytes of some milliseconds of a line.
 FEED_S = 2.0
-# s; any reader of ours takes less for a map of 256 MB
+# Time-out of a format, s: our own readers take less for a map of 256 MB.
 FORMAT_S = 60.0
-# of an answer, bytes: as much as is read of GeoJSON
+# Greatest length of an answer, bytes: as for GeoJSON.
 MOST_BYTES = 256 << 20
-# bytes of a line that wait for the plug-in: five seconds at 115,200 baud
+# Bytes of a line that wait for the plug-in: five seconds at 115,200 baud.
 WAITING_BYTES = 64 << 10
 _UTC = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+Z", re.ASCII)
-END_S = 1.0  # for a killed process to be gone
-PIECE_BYTES = 64 << 10  # of an answer, read at a time
-WHY_CHARACTERS = 200  # of what is said of a plug-in
+# Time for a killed process to end, s.
+END_S = 1.0
+# Bytes of an answer in one read.
+PIECE_BYTES = 64 << 10
+# Greatest length of a message about a plug-in, characters.
+WHY_CHARACTERS = 200
 _COMMAND = (
     *(sys.executable, "-P", "-c"),
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -50,10 +53,10 @@ _COMMAND = (
 
 
 class PluginProcess:
-    """A plug-in's process. One thread asks at a time; any may end it."""
+    """Runs a plug-in's process. One thread asks at a time; any may end it."""
 
     def __init__(self, group: Group, name: str) -> None:
-        """Raises PluginFault where no process can be started."""
+        """Starts the process. Raises PluginFault where that fails."""
         self._group, self._name = group, name
         self._is_late = False
         self._asks = threading.Lock()
@@ -71,7 +74,8 @@ class PluginProcess:
             raise self._fault(f"its process does not start: {error.strerror}") from None
 
     def ask(self, limit_s: float, do: str, **values: Any) -> Any:
-        """What the plug-in gives. Raises PluginFault, also where it takes longer than limit_s."""
+        """Returns the plug-in's answer. Raises PluginFault, also where it takes longer than
+        limit_s."""
         watch = threading.Timer(limit_s, self._end_late)
         watch.daemon = True
         watch.start()
@@ -87,7 +91,7 @@ class PluginProcess:
         return self._read_answer(do, line)
 
     def end(self) -> None:
-        """Ends the process and what it started, whatever they do."""
+        """Ends the process and its children."""
         with suppress(OSError):
             self._kill()
         with suppress(subprocess.TimeoutExpired):
@@ -140,7 +144,7 @@ class PluginProcess:
 
 
 def describe_plugin(group: Group, name: str) -> Plugin:
-    """What a plug-in is. Raises PluginFault."""
+    """Returns the kind of a plug-in. Raises PluginFault."""
     process = PluginProcess(group, name)
     try:
         found = process.ask(LOAD_S, "load")
@@ -150,7 +154,7 @@ def describe_plugin(group: Group, name: str) -> Plugin:
 
 
 def read_format(name: str, path: Path) -> Any:
-    """What the plug-in of a format makes of a file, as plain data. Raises PluginFault."""
+    """Returns a file as read by the plug-in of a format, as plain data. Raises PluginFault."""
     process = PluginProcess("formats", name)
     try:
         process.ask(LOAD_S, "load")
@@ -160,10 +164,10 @@ def read_format(name: str, path: Path) -> Any:
 
 
 class PluginDecoder:
-    """A receiver's decoder of a plug-in, which is waited for: for recordings."""
+    """Decodes recordings by a plug-in's receiver, and waits for it."""
 
     def __init__(self, name: str) -> None:
-        """Raises PluginFault."""
+        """Starts the plug-in. Raises PluginFault."""
         self.counts = Counts()
         self._name = name
         self._process = PluginProcess("devices", name)
@@ -171,11 +175,11 @@ class PluginDecoder:
             self._ask(LOAD_S, do)
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
-        """The fixes that these bytes complete. Raises PluginFault."""
+        """Returns the fixes that these bytes complete. Raises PluginFault."""
         return self._fixes_of(self._ask(FEED_S, "feed", data=data.decode(ENCODING), time_s=time_s))
 
     def flush(self, time_s: float) -> list[GnssFix]:
-        """What the end of a recording completes. Raises PluginFault."""
+        """Returns the fixes that the end of a recording completes. Raises PluginFault."""
         return self._fixes_of(self._ask(FEED_S, "flush", time_s=time_s))
 
     def close(self) -> None:
@@ -206,8 +210,8 @@ class PluginDecoder:
 
 
 class PluginReceiver:
-    """A receiver's decoder of a plug-in in a cab: `feed` never waits for it. What some bytes
-    complete comes with a later call."""
+    """Decodes a line in a cab by a plug-in's receiver without waiting for it: the fixes of some
+    bytes come with a later call."""
 
     def __init__(self, name: str) -> None:
         self.counts = Counts()
@@ -215,10 +219,9 @@ class PluginReceiver:
         self._session: _Session | None = None
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
-        """The fixes that came since the last call; to be called at every tick.
+        """Returns the fixes that came since the last call; it is called at every tick.
 
-        Raises PluginFault; the call after that begins anew, with a new process.
-        """
+        Raises PluginFault; the call after that begins anew, with a new process."""
         if self._session is None:
             self._session = _Session(self._name)
         session = self._session
@@ -242,7 +245,7 @@ class PluginReceiver:
 
 
 class _Session:
-    """A thread that waits for a plug-in's decoder, and what goes in and out of it."""
+    """Waits for a plug-in's decoder in a thread, with its input and output."""
 
     def __init__(self, name: str) -> None:
         self.fault: PluginFault | None = None
@@ -256,7 +259,7 @@ class _Session:
         threading.Thread(target=self._run, name=f"plug-in {name}", daemon=True).start()
 
     def put(self, data: bytes, time_s: float) -> None:
-        """Where the plug-in is too slow the oldest bytes are lost."""
+        """Queues bytes; where the plug-in is too slow the oldest are lost."""
         with self._changed:
             self._pieces.append((data, time_s))
             self._waiting_bytes += len(data)
@@ -265,7 +268,7 @@ class _Session:
             self._changed.notify()
 
     def take(self) -> tuple[list[GnssFix], Counts | None]:
-        """The fixes that came, and the newest counts, None where nothing came."""
+        """Returns the fixes that came, and the newest counts; None where nothing came."""
         given = [self._given.popleft() for _ in range(len(self._given))]
         return [fix for fixes, _ in given for fix in fixes], given[-1][1] if given else None
 
@@ -288,7 +291,7 @@ class _Session:
             self.fault = fault
 
     def _next_piece(self) -> tuple[bytes, float] | None:
-        """Waits for bytes; None: it is to end."""
+        """Waits for bytes; None: the session is to end."""
         with self._changed:
             while not self._pieces and not self._is_ended:
                 self._changed.wait()
@@ -301,12 +304,12 @@ class _Session:
 
 @cache
 def _types_of_fix() -> tuple[tuple[type, ...], ...]:
-    """The types that each value of a fix may have."""
+    """Returns the allowed types of each value of a fix."""
     return tuple(get_args(hint) or (hint,) for hint in get_type_hints(GnssFix).values())
 
 
 def _fix_of(values: Any) -> GnssFix:
-    """A fix of plain values, each of its type. Raises ValueError, TypeError."""
+    """Returns a fix of plain values, each of its type. Raises ValueError, TypeError."""
     read = [_typed(value, types) for value, types in zip(values, _types_of_fix(), strict=True)]
     fix = GnssFix(*read)
     if not isfinite(fix.time_s):

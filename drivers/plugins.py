@@ -1,5 +1,5 @@
-"""What other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins"): looked for
-where a name or a suffix is none of ours.
+"""What do other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins")? They are
+searched for names and suffixes that are not built in.
 
     topdress.devices   NAME    -> `HeadFields` of a canopy head's line; or a receiver's decoder,
                                made without arguments,
@@ -26,10 +26,9 @@ CALLABLE = "callable"  # what a plug-in is that is no value: a function, a class
 
 
 class EffectPlugin(NamedTuple):
-    """An effect as a term of the machine model (docs/terms.md): `simulate --effect NAME=SIZE`
-    plants it, and a term that a diagnosis finds with the same action, form and variables is
-    named by it. term: as of `--term`, with {size}.
-    """
+    """Defines an effect as a term of the machine model (docs/terms.md): `simulate --effect
+    NAME=SIZE` plants it, and a term that a diagnosis finds with the same action, form and
+    variables gets its name. term: as of `--term`, with {size}."""
 
     title: str
     term: str
@@ -37,8 +36,8 @@ class EffectPlugin(NamedTuple):
 
 
 class PluginFault(ValueError):
-    """What the code of a plug-in did that it should not, in one line that names it. name: of the
-    plug-in; why: without that."""
+    """Reports a fault in the code of a plug-in, in one line that names it. name: of the plug-in;
+    why: without that."""
 
     def __init__(self, group: Group, name: str, why: str) -> None:
         super().__init__(f"plug-in {name} of {package_of(group, name)}: {why}")
@@ -46,7 +45,7 @@ class PluginFault(ValueError):
 
 
 class Plugin(NamedTuple):
-    """is_a: name of the type of what a plug-in gives, or `CALLABLE`; values: its fields."""
+    """Describes a plug-in. is_a: name of its type, or `CALLABLE`; values: its fields."""
 
     name: str
     is_a: str
@@ -55,12 +54,12 @@ class Plugin(NamedTuple):
 
 @cache
 def names(group: Group) -> dict[str, EntryPoint]:
-    """The entry points of a group by their names; loads none."""
+    """Returns the entry points of a group by their names; loads none."""
     return {one.name: one for one in entry_points(group=f"topdress.{group}")}
 
 
 def package_of(group: Group, name: str) -> str:
-    """The package that adds a plug-in."""
+    """Returns the package that adds a plug-in."""
     point = names(group).get(name)
     if point is None:
         return "no package"
@@ -68,7 +67,8 @@ def package_of(group: Group, name: str) -> str:
 
 
 def plugged(group: Group, name: str) -> Plugin | None:
-    """The plug-in of a name; None: nobody adds it. Raises PluginFault where it cannot be loaded."""
+    """Returns the plug-in of a name; None: there is none. Raises PluginFault where it cannot be
+    loaded."""
     if name not in names(group):
         return None
     found = _described(group, name)
@@ -79,7 +79,7 @@ def plugged(group: Group, name: str) -> Plugin | None:
 
 @cache
 def _described(group: Group, name: str) -> Plugin | PluginFault:
-    """Asked once: one that hangs costs its time once."""
+    """Returns a plug-in's description once: one that hangs costs its time only once."""
     from topdress.drivers.plugin_process import describe_plugin
 
     try:
@@ -89,7 +89,7 @@ def _described(group: Group, name: str) -> Plugin | PluginFault:
 
 
 def effect(name: str) -> EffectPlugin | None:
-    """The effect of a plug-in; None: nobody adds it. Raises PluginFault."""
+    """Returns the effect of a plug-in; None: there is none. Raises PluginFault."""
     found = plugged("effects", name)
     if found is None:
         return None
@@ -103,7 +103,7 @@ def effect(name: str) -> EffectPlugin | None:
 
 
 def effects() -> dict[str, EffectPlugin]:
-    """All that can be loaded."""
+    """Returns all effects that can be loaded."""
     found: dict[str, EffectPlugin] = {}
     for name in names("effects"):
         with suppress(PluginFault):
@@ -114,5 +114,5 @@ def effects() -> dict[str, EffectPlugin]:
 
 
 def has_format(suffix: str) -> bool:
-    """Whether a plug-in reads files of this suffix, with its point and in lower case."""
+    """Returns whether a plug-in reads files of this suffix, with its point and in lower case."""
     return suffix[1:] in names("formats")

@@ -1,11 +1,10 @@
-"""Ports: bytes in and out of one device, never blocking the control loop.
+"""How do bytes reach a device and come back without blocking the control loop? Ports.
 
 `open_port` takes a serial device (`/dev/ttyUSB0`, `COM3`), `socket://HOST:PORT` or
 `rfc2217://HOST:PORT`, and nothing else: of pyserial's other URLs `spy://` writes what passes
 into any file that it names. A reader and a writer thread do what blocks; the loop only takes
 bytes from, and puts bytes into, bounded queues. `memory_pair` gives two ends of one line
-without any thread.
-"""
+without any thread."""
 
 from __future__ import annotations
 
@@ -23,25 +22,27 @@ import serial.rfc2217
 
 Clock = Callable[[], float]
 
-# received and not yet read, 1.4 s at 115 200 Bd: bounds what a tick reads from a flood; older
-# bytes are dropped and counted
+# Received bytes that wait for a read, 1.4 s at 115 200 Bd: it limits a tick's read in a flood;
+# older bytes are dropped and counted.
 MAX_BUFFERED_BYTES = 16384
-# not yet sent; the oldest is dropped and counted, for only the newest command matters
+# Writes that wait for sending; the oldest is dropped and counted, because only the newest command
+# matters.
 MAX_QUEUED_WRITES = 64
-# a reader thread looks at its stop flag this often
+# Interval at which a reader thread checks its stop flag, s.
 READ_TIMEOUT_S = 0.05
 WRITE_TIMEOUT_S = 0.5
 CONNECT_TIMEOUT_S = 3.0
 FIRST_BACK_OFF_S = 0.25
 LONGEST_BACK_OFF_S = 2.0
-# docs/devices.md; datagrams (udp) have a module of their own
+# Kinds of URLs (docs/devices.md); datagrams (udp) have their own module.
 SCHEMES = ("socket", "rfc2217")
 UNPLUGGED = "unplugged"
-TAIL_BYTES = 512  # kept to show the last raw lines
+# Newest bytes that are kept to show the last raw lines.
+TAIL_BYTES = 512
 
 
 class PortState(NamedTuple):
-    """What is known of a port; times are on the injected clock."""
+    """Holds the state of a port; times are on the injected clock."""
 
     connected: bool
     connects: int  # times the line was opened
@@ -54,30 +55,32 @@ class PortState(NamedTuple):
     raw_tail: bytes  # the newest bytes received
 
     def last_lines(self, count: int = 1) -> list[str]:
-        """The newest `count` whole lines received, oldest first; unprintable bytes as `\\xNN`."""
+        """Returns the newest `count` whole lines received, oldest first; unprintable bytes as
+        `\\xNN`."""
         whole, _, _ = self.raw_tail.rpartition(b"\n")
         lines = [line for line in whole.replace(b"\r", b"\n").split(b"\n") if line]
         return [printable(line) for line in lines[-count:]]
 
 
 class Port(Protocol):
-    """One end of a line. `read` and `write` return at once."""
+    """Defines one end of a line. `read` and `write` return at once."""
 
     @property
     def name(self) -> str: ...
 
     def read(self) -> bytes:
-        """Whatever has arrived since the last call; empty when nothing has."""
+        """Returns what has arrived since the last call; empty when nothing has."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Queue for sending; dropped (and counted) where the line is down or the queue is full."""
+        """Queues bytes for sending; dropped (and counted) where the line is down or the queue is
+        full."""
         ...
 
     def state(self) -> PortState: ...
 
     def plug(self, plugged: bool) -> None:
-        """False: let go of the line and leave it alone until True, as if the plug had been
+        """Closes the line (False) and leaves it alone until True, as if the plug had been
         pulled."""
         ...
 
@@ -85,11 +88,11 @@ class Port(Protocol):
 
 
 class Stream(Protocol):
-    """An opened line, used by the threads of a `ThreadedPort`. Any `OSError` means the line is
-    gone."""
+    """Defines an open line, used by the threads of a `ThreadedPort`. Any `OSError` means that
+    the line is lost."""
 
     def read(self) -> bytes:
-        """Wait `READ_TIMEOUT_S` at most for the first byte, then return what is there."""
+        """Waits `READ_TIMEOUT_S` at most for the first byte, then returns the available ones."""
         ...
 
     def write(self, data: bytes) -> None: ...
@@ -98,7 +101,7 @@ class Stream(Protocol):
 
 
 def printable(line: bytes) -> str:
-    """ASCII text with every other byte as `\\xNN`, for screens and messages."""
+    """Returns ASCII text with every other byte as `\\xNN`, for screens and messages."""
     text = line.decode("latin-1")
     if text.isascii() and text.isprintable():  # nearly every line, and five times a second
         return text
@@ -106,7 +109,7 @@ def printable(line: bytes) -> str:
 
 
 class _Inbox:
-    """Bytes between the thread that receives and the loop that reads, with the counters of both
+    """Holds bytes between the receiving thread and the reading loop, with the counters of both
     directions."""
 
     def __init__(self, clock: Clock) -> None:
@@ -156,7 +159,7 @@ class _Inbox:
 
 
 class MemoryPort:
-    """One end of a line in memory; see `memory_pair`."""
+    """Holds one end of a line in memory; see `memory_pair`."""
 
     def __init__(self, name: str, clock: Clock) -> None:
         self._name = name
@@ -171,7 +174,7 @@ class MemoryPort:
         return self._name
 
     def join(self, other: MemoryPort) -> None:
-        """Make the two ends one line."""
+        """Joins two ends to one line."""
         self._other, other._other = other, self
 
     def read(self) -> bytes:
@@ -205,15 +208,15 @@ class MemoryPort:
 
 
 def memory_pair(name: str = "memory", clock: Clock = lambda: 0.0) -> tuple[MemoryPort, MemoryPort]:
-    """Two ends of one line: what one writes the other reads, at once and in order."""
+    """Returns two ends of one line: what one writes the other reads, at once and in order."""
     one, two = MemoryPort(f"{name}:host", clock), MemoryPort(f"{name}:device", clock)
     one.join(two)
     return one, two
 
 
 class SerialStream:
-    """A serial line of this computer or (RFC 2217) of another, for this process alone: a second
-    one would take bytes from it."""
+    """Opens a serial line of this computer or (RFC 2217) of another for this process alone: a
+    second one would take bytes from it."""
 
     def __init__(self, url: str, baud: int) -> None:
         self._serial: serial.Serial | serial.rfc2217.Serial
@@ -242,8 +245,8 @@ class SerialStream:
 
 
 class SocketStream:
-    """A TCP line. pyserial's own `socket://` gives one byte a call or waits for its time-out;
-    this does neither."""
+    """Wraps a TCP line. pyserial's own `socket://` returns one byte a call or waits for its
+    time-out; this does neither."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
@@ -267,16 +270,15 @@ class SocketStream:
 
 
 class ThreadedPort:
-    """A port kept open by threads of its own: opened, read, written and, when lost, opened
-    again with back-off.
+    """Keeps a port open with its own threads: opened, read, written and, when lost, opened again
+    with back-off.
 
     `opener` gives a `Stream` or raises `OSError` (pyserial's own errors are `OSError`) or
     `ValueError`. What was queued for sending when the line went down is dropped: a set-point
     must never arrive late.
 
     A subclass may say in `let_go` what else ends while it is unplugged; the reader's thread
-    calls it, again and again.
-    """
+    calls it, again and again."""
 
     def __init__(
         self,
@@ -331,7 +333,7 @@ class ThreadedPort:
         return self._inbox.state(self._stream is not None, self._connects, self._last_error)
 
     def plug(self, plugged: bool) -> None:
-        """False: the line ends now and is not opened again until True, which opens it without
+        """Ends the line now and does not open it again until True, which opens it without
         waiting."""
         self._plugged = plugged
         stream = self._stream
@@ -340,11 +342,10 @@ class ThreadedPort:
         self._again.set()
 
     def let_go(self) -> None:
-        """For subclasses: unplugged."""
+        """Ends, in subclasses, what else exists while unplugged."""
 
     def close(self) -> None:
-        """Send what is queued (a last stop, say), then give the line back; takes a second at
-        most."""
+        """Sends queued bytes (a last stop, say), then closes the line; takes a second at most."""
         with self._to_send:
             self._closing = True
             self._to_send.notify()
@@ -381,7 +382,7 @@ class ThreadedPort:
         self._again.clear()
 
     def _read_until_lost(self, stream: Stream) -> bool:
-        """True when anything at all was received on this connection."""
+        """Returns whether anything was received on this connection."""
         received = False
         while not self._stop.is_set() and self._stream is stream:
             try:
@@ -434,7 +435,7 @@ class ThreadedPort:
 
 
 def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
-    """Open a port, now or as soon as it is there.
+    """Opens a port, now or as soon as it is there.
 
     Parameters
     ----------
@@ -446,8 +447,7 @@ def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
     ------
     ValueError : the URL is of another kind or names no host and port, or the baud rate is not
         positive. A device that is not there is no error: the port keeps trying and says so in
-        `state().last_error`.
-    """
+        `state().last_error`."""
     if baud <= 0:
         raise ValueError(f"port {url}: baud {baud}, allowed is 1 or more")
     if scheme_of(url) == "socket":
@@ -459,8 +459,8 @@ def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
 
 
 def scheme_of(url: str) -> str:
-    """`socket` or `rfc2217`, with a host and a port behind it; empty: a serial device.
-    ValueError with one line."""
+    """Returns `socket` or `rfc2217`, with a host and a port behind it; empty: a serial device.
+    Raises ValueError with one line."""
     scheme, found, _ = url.partition("://")
     if not found:
         return ""
@@ -474,8 +474,8 @@ def scheme_of(url: str) -> str:
 
 
 def socket_address(url: str) -> tuple[str, int]:
-    """Host and port number of `socket://host:port`; `ValueError` with one line where either is
-    missing."""
+    """Returns host and port number of `socket://host:port`; raises ValueError with one line
+    where either is missing."""
     try:
         parts = urlsplit(url)
         host, number = parts.hostname, parts.port

@@ -1,11 +1,11 @@
-"""Frames of the boards' line protocols: `$<name>,<field>,...*<CRC>`
+"""How are frames of the boards' line protocols built and read? `$<name>,<field>,...*<CRC>`
 (docs/protocol-slave-board.md)."""
 
 from array import array
 
 LONGEST_LINE = 120
 SEQUENCES = 1 << 16
-# clocks, counts, the words; and orders that carry one, 6 years at 20 a second
+# Modulus of clocks, counts and words, and of orders with a word: 6 years at 20 a second.
 WORDS = 1 << 32
 REPEAT_WINDOW = 16
 
@@ -24,7 +24,7 @@ _CRC = _table()
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/CCITT-FALSE, a byte a step."""
+    """Returns the CRC-16/CCITT-FALSE, a byte a step."""
     crc = 0xFFFF
     for byte in data:
         crc = ((crc << 8) & 0xFF00) ^ _CRC[(crc >> 8) ^ byte]
@@ -32,13 +32,12 @@ def crc16(data: bytes) -> int:
 
 
 def seal(payload: str) -> bytes:
-    """The line with its CRC and line end."""
+    """Returns the line with its CRC and line end."""
     return f"${payload}*{crc16(payload.encode()):04X}\r\n".encode()
 
 
 class Receiver:
-    """Bytes in any pieces to the fields of frames; what is wrong is counted by kind in
-    `rejected`."""
+    """Splits bytes into the fields of frames; faults are counted by kind in `rejected`."""
 
     def __init__(self) -> None:
         self.rejected: dict[str, int] = {}
@@ -49,7 +48,7 @@ class Receiver:
         self.rejected[kind] = self.rejected.get(kind, 0) + 1
 
     def feed(self, data: bytes) -> list[list[bytes]]:
-        """The fields of each frame whose CRC is right, its name first."""
+        """Returns the fields of each frame whose CRC is right, its name first."""
         if not data:
             return []
         lines = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
@@ -85,7 +84,7 @@ class Receiver:
 
 
 def hexadecimal(text: bytes) -> int:
-    """Four hexadecimal digits; -1 where it is something else."""
+    """Returns the value of four hexadecimal digits; -1 where they are something else."""
     if len(text) != 4:
         return -1
     value = 0
@@ -103,7 +102,7 @@ def hexadecimal(text: bytes) -> int:
 
 
 def whole(text: bytes, high: int) -> int:
-    """A number of 1 to 10 digits up to `high`. Raises ValueError with the kind of what is wrong."""
+    """Returns a number of 1 to 10 digits up to `high`. Raises ValueError with the kind of fault."""
     if len(text) > 10 or not text.isdigit():
         raise ValueError("not_a_number")
     value = int(text)
@@ -113,8 +112,8 @@ def whole(text: bytes, high: int) -> int:
 
 
 def number(text: bytes, low: float, high: float) -> float:
-    """`-12.345`: up to six digits on either side of the point. Raises ValueError with the kind
-    of what is wrong."""
+    """Returns a number like `-12.345`, up to six digits on either side of the point. Raises
+    ValueError with the kind of fault."""
     unsigned = text[1:] if text[:1] == b"-" else text
     before, point, after = unsigned.partition(b".")
     if not 1 <= len(before) <= 6 or len(after) > 6 or (point and not after):
@@ -129,20 +128,18 @@ def number(text: bytes, low: float, high: float) -> float:
 
 
 def decimal(value: "float | None", low: float, high: float) -> str:
-    """Three decimals, cut to what the protocol allows; empty for None and for what is not a
-    number."""
+    """Returns three decimals, limited to the protocol's range; empty for None and for NaN."""
     if value is None or value != value:
         return ""
     return f"{min(max(value, low), high):.3f}"
 
 
 class Newest:
-    """Which orders of the host are newer than all before them (docs/protocol-slave-board.md,
-    "Only what is newer").
+    """Accepts only orders of the host that are newer than all before them
+    (docs/protocol-slave-board.md, "Only what is newer").
 
     `chance` gives a number below 2^32 that nobody can foresee, or None: such a board knows
-    orders without a word only.
-    """
+    orders without a word only."""
 
     def __init__(self, chance, words_only: bool = False) -> None:  # type: ignore[no-untyped-def]
         self._chance = chance
@@ -151,15 +148,19 @@ class Newest:
         self.renew()
 
     def renew(self) -> None:
-        """After power-on and after a silence: what was sent before it is old, for it has
-        another word."""
+        """Draws a new word after power-on and after a silence: earlier orders have another word
+        and are old."""
         self.word: int | None = self._chance()
         self.last = -1
         self.used = False  # an order with this word has come
 
     def take(self, count: int, word: "int | None") -> None:
-        """Raises ValueError: `repeated_sequence` for the newest order and the 15 before it,
-        which a line may double; `old_order` for all others, at which the board is to stop."""
+        """Accepts a newer order.
+
+        Raises
+        ------
+        ValueError : `repeated_sequence` for the newest order and the 15 before it, which a line
+            may double; `old_order` for all others, at which the board stops."""
         if word is None and not self._words_only:
             behind = (self.last - count) % SEQUENCES
             newer = self.last < 0 or behind >= SEQUENCES // 2

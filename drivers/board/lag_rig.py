@@ -1,14 +1,13 @@
-"""The lag rig's program (lag paper, 1.2): an encoder on the metering shaft starts the clock,
-the first granule on a pressure plate stops it. Both times are this board's own. See
-docs/protocol-lag-rig.md.
+"""How does the lag rig measure response and drop time (lag paper, 1.2)? An encoder on the
+metering shaft starts the clock, the first granule on a pressure plate stops it. Both times are
+this board's own. See docs/protocol-lag-rig.md.
 
 `RigProgram.tick` is called about every millisecond. A pin layer has:
 
     read() -> bytes, write(data)                as of the slave board
     encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the
                                                 one before
-    plate() -> int                              the plate's reading, any scale
-"""
+    plate() -> int                              the plate's reading, any scale"""
 
 from .framing import SEQUENCES, WORDS, Receiver, seal, whole
 from .motion import SpeedMeter
@@ -17,10 +16,13 @@ STATUS_US = 50000
 START_RPM = 2.0  # the shaft "turns" from here on (lag paper)
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
 TURNED_BEFORE, PLATE_BEFORE = 1, 2
-FORGET = 1.0 / 64.0  # of a sample, in the plate's mean and noise
+# Share of a sample in the plate's mean and noise.
+FORGET = 1.0 / 64.0
 
 
 class RigSettings:
+    """Holds the settings of a rig."""
+
     counts_per_turn = 1000.0
     # of the plate's reading; a landing is at least this ...
     least_step = 20.0
@@ -29,7 +31,7 @@ class RigSettings:
 
 
 class RigPins:
-    """What the program asks of its hardware; pin layers and tests inherit from it."""
+    """Defines what the program needs of its hardware; pin layers and tests inherit from it."""
 
     def read(self) -> bytes:
         return b""
@@ -45,7 +47,7 @@ class RigPins:
 
 
 class RigProgram:
-    """The program's state. `tick` does one round; it neither waits nor reads a clock."""
+    """Holds the program's state. `tick` runs one round; it neither waits nor reads a clock."""
 
     def __init__(self, pins: RigPins, settings: RigSettings) -> None:
         self.receiver = Receiver()
@@ -64,7 +66,7 @@ class RigProgram:
         self._next_status_us = 0
 
     def tick(self, now_us: int) -> None:
-        """One round at `now_us` of a clock that never runs over."""
+        """Runs one round at `now_us` of a clock that never overflows."""
         counts, count_us, before_us = self._pins.encoder()
         for fields in self.receiver.feed(self._pins.read()):
             try:
@@ -106,7 +108,7 @@ class RigProgram:
                 self._flags = TURNED_BEFORE
 
     def _look_at_plate(self) -> bool:
-        """Whether this sample stands out; only samples that do not are learned from."""
+        """Returns whether this sample stands out; only other samples are learnt."""
         value = self._pins.plate()
         if self._mean is None:
             self._mean = float(value)

@@ -1,9 +1,9 @@
-"""Motion on the board: shaft speed by PI with feed-forward, gate and doses by counted steps.
-Pure: time comes in."""
+"""How do the drives move? Shaft speed by PI with feed-forward, gate and doses by counted steps.
+Pure: time is passed in."""
 
 
 class SpeedMeter:
-    """Speed from an encoder's count, as the mean over the last `window_us`."""
+    """Measures speed from an encoder's count, as the mean over the last `window_us`."""
 
     def __init__(self, counts_per_turn: float, window_us: int = 50000) -> None:
         self._per_turn = counts_per_turn
@@ -11,7 +11,7 @@ class SpeedMeter:
         self._seen: list[tuple[int, int]] = []  # (us, counts), oldest first
 
     def update(self, now_us: int, counts: int) -> float:
-        """r/min, positive in the direction of rising counts."""
+        """Returns the speed, r/min, positive in the direction of rising counts."""
         seen = self._seen
         seen.append((now_us, counts))
         while len(seen) > 2 and now_us - seen[1][0] >= self._window_us:
@@ -23,16 +23,15 @@ class SpeedMeter:
 
 
 class ShaftControl:
-    """Duty of a DC motor, 0 to 1: feed-forward from the motor's own curve, PI for what is left.
+    """Controls the duty of a DC motor, 0 to 1: feed-forward from the motor's own curve, PI for
+    the rest.
 
-    The set-point rises and falls no faster than `acceleration_rpm_s`. The error is taken
-    against what a motor with `time_constant_s` would measure by now, so that the integrator
-    learns nothing from a ramp that is followed as it should be. Anti-windup: it stands still
-    while the shaft is slower than that by more than `held_share` of the speed and `held_rpm`
-    (jammed or held: there is nothing to learn), and while the duty is at its limit and the
-    error would drive it further; it learns no more than `held_share` of the feed-forward; and
-    it is emptied at every stop.
-    """
+    The set-point rises and falls no faster than `acceleration_rpm_s`. The error is the
+    difference to the expected reading of a motor with `time_constant_s`, so that the integrator
+    learns nothing from a ramp that is followed correctly. Anti-windup: it stands still while
+    the shaft is slower than that by more than `held_share` of the speed and `held_rpm` (a
+    jammed shaft), and while the duty is at its limit and the error would drive it further; it
+    learns at most `held_share` of the feed-forward; and it is reset at every stop."""
 
     def __init__(
         self,
@@ -60,7 +59,7 @@ class ShaftControl:
         return 0.0
 
     def update(self, wanted_rpm: float, measured_rpm: float, dt_s: float) -> float:
-        """The duty for the next `dt_s`; a set-point of 0 is a stop at once."""
+        """Returns the duty for the next `dt_s`; a set-point of 0 stops at once."""
         if wanted_rpm <= 0.0:
             return self.stop()
         most = self._acceleration * dt_s
@@ -86,8 +85,8 @@ class ShaftControl:
 
 
 class Stepper:
-    """Steps to a place or without end, along a ramp of constant acceleration. `place` counts
-    what was put out."""
+    """Makes steps to a place or without end, along a ramp of constant acceleration. `place`
+    counts the steps."""
 
     def __init__(self, fastest_steps_s: float, acceleration_steps_s2: float) -> None:
         self.place = 0
@@ -96,11 +95,11 @@ class Stepper:
         self._phase = 0.0
 
     def halt(self) -> None:
-        """Stand still at once."""
+        """Stops at once."""
         self.speed_steps_s = self._phase = 0.0
 
     def run(self, steps_s: float, dt_s: float) -> int:
-        """Steps to put out now, signed, on the way to this speed; `place` is counted on."""
+        """Returns the steps to make now, signed, towards this speed; `place` counts on."""
         most = self._acceleration * dt_s
         self.speed_steps_s += min(max(steps_s - self.speed_steps_s, -most), most)
         self._phase += self.speed_steps_s * dt_s
@@ -110,7 +109,7 @@ class Stepper:
         return steps
 
     def advance(self, wanted: int, dt_s: float) -> int:
-        """Steps to put out now, signed, on the way to this place."""
+        """Returns the steps to make now, signed, towards this place."""
         ahead = wanted - self.place
         if ahead == 0 and abs(self.speed_steps_s) <= self._acceleration * dt_s:
             self.halt()
@@ -126,12 +125,11 @@ class Stepper:
 
 
 class GateMotion:
-    """The gate's stepper with its reckoning: homed by the displacement sensor or the switch,
-    checked for lost steps.
+    """Moves the gate by counted steps: homed by the displacement sensor or the switch, checked
+    for lost steps.
 
-    `opening_mm` of the sensor is None where there is none. `lost`: the sensor said that steps
-    had been lost; they were made good; cleared by `forgive`.
-    """
+    `opening_mm` of the sensor is None where there is none. `lost`: the sensor has shown lost
+    steps, which were made good; `forgive` clears it."""
 
     def __init__(
         self,
@@ -156,7 +154,7 @@ class GateMotion:
         return self._stepper.place / self._per_mm
 
     def refer(self, opening_mm: float) -> None:
-        """The gate stands there, whatever was reckoned."""
+        """Sets the reference: the gate stands at this opening."""
         self._stepper.place = round(opening_mm * self._per_mm)
         self._stepper.halt()
         self.homed = True
@@ -165,7 +163,7 @@ class GateMotion:
         self.lost = False
 
     def home(self, at_switch: bool, dt_s: float) -> int:
-        """Steps of the search for the switch, closing; 0 when it is found."""
+        """Returns the closing steps of the search for the switch; 0 when it is found."""
         if at_switch:
             self.refer(0.0)
             return 0
@@ -175,7 +173,7 @@ class GateMotion:
         return -steps
 
     def move(self, wanted_mm: float, sensor_mm: "float | None", dt_s: float) -> int:
-        """Steps towards `wanted_mm`, positive opens."""
+        """Returns the steps towards `wanted_mm`, positive opens."""
         if sensor_mm is not None:
             apart = abs(sensor_mm - self.reckoned_mm) > self._lost_mm
             self._apart_s = self._apart_s + dt_s if apart else 0.0
@@ -187,7 +185,7 @@ class GateMotion:
 
 
 class Doser:
-    """Turns a stepper's shaft by an angle, dose after dose; what rounding to steps leaves over
+    """Turns a stepper's shaft by an angle, dose after dose; the remainder of rounding to steps
     goes to the next."""
 
     def __init__(self, steps_per_turn: float, acceleration_rpm_s: float) -> None:
@@ -213,7 +211,7 @@ class Doser:
         self.running = False
 
     def advance(self, dt_s: float) -> int:
-        """Steps to put out now."""
+        """Returns the steps to make now."""
         if not self.running:
             return 0
         steps = self._stepper.advance(self.steps, dt_s)
@@ -223,12 +221,11 @@ class Doser:
 
 
 class SteppedShaft:
-    """Turns the metering shaft by a stepper for as long as it is asked to.
+    """Turns the metering shaft by a stepper.
 
     Where an encoder shows the shaft slower than its steps by more than `held_share` of them and
-    `held_rpm` for `lost_after_s`, the motor fell out of step, which no steps at full speed
-    bring back: the ramp begins anew.
-    """
+    `held_rpm` for `lost_after_s`, the motor has stalled, and steps at full speed cannot restart
+    it: the ramp begins anew."""
 
     def __init__(
         self,
@@ -246,19 +243,19 @@ class SteppedShaft:
         self._slow_s = 0.0
 
     def stop(self) -> None:
-        """No step more."""
+        """Stops without a further step."""
         self._stepper.halt()
         self._slow_s = 0.0
 
     def advance(self, wanted_rpm: float, dt_s: float) -> int:
-        """Steps to put out now; a set-point of 0 is a stop at once."""
+        """Returns the steps to make now; a set-point of 0 stops at once."""
         if wanted_rpm <= 0.0:
             self.stop()
             return 0
         return self._stepper.run(min(wanted_rpm / 60.0 * self._per_turn, self._most), dt_s)
 
     def compare(self, measured_rpm: float, dt_s: float) -> None:
-        """What the encoder says, every `dt_s`."""
+        """Compares the steps with the encoder, every `dt_s`."""
         stepped_rpm = self._stepper.speed_steps_s * 60.0 / self._per_turn
         slow = stepped_rpm - measured_rpm > self._held_share * stepped_rpm + self._held_rpm
         self._slow_s = self._slow_s + dt_s if slow else 0.0

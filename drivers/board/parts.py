@@ -1,5 +1,5 @@
-"""Parts at the slave board: a load-cell amplifier HX711, an accelerometer LIS3DH, and the plug
-for USB."""
+"""How are the parts at the slave board read? A load-cell amplifier HX711, an accelerometer
+LIS3DH, and the plug for USB."""
 
 from math import atan2, degrees
 
@@ -22,9 +22,10 @@ USB_ROUND = 64
 
 
 class UsbLine:
-    """The line through the board's own USB plug, on the streams of MicroPython's prompt. Bytes
-    go one at a time, and only while there is room: `stdout` waits up to 0.5 s for a host that
-    does not read (MicroPython's shared/tinyusb/mp_usbd_cdc.c), and the program with it.
+    """Reads and writes through the board's own USB plug, on the streams of MicroPython's prompt.
+
+    Bytes go one at a time, and only while there is room: `stdout` waits up to 0.5 s for a host
+    that does not read (MicroPython's shared/tinyusb/mp_usbd_cdc.c), and the program with it.
     `can_read`, `can_write` ask without waiting."""
 
     def __init__(self, stdin, stdout, can_read, can_write) -> None:  # type: ignore[no-untyped-def]
@@ -33,7 +34,7 @@ class UsbLine:
         self._waiting = b""
 
     def read(self) -> bytes:
-        """What came; what waits to be sent goes first. To be called every round."""
+        """Returns received bytes, after sending waiting ones. It is called every round."""
         sent = 0
         while sent < min(len(self._waiting), USB_ROUND) and self._can_write():
             self._out.write(self._waiting[sent : sent + 1])
@@ -53,8 +54,8 @@ class UsbLine:
 
 
 class LoadCell:
-    """HX711: `data` falls when a conversion is there (10 a second); `clock` fetches it bit by
-    bit. kg = slope x counts + zero, from the two-point calibration of the hopper."""
+    """Reads an HX711: `data` falls when a conversion is ready (10 a second); `clock` fetches it
+    bit by bit. kg = slope x counts + zero, from the two-point calibration of the hopper."""
 
     def __init__(self, clock, data, kg_per_count: float, zero_kg: float) -> None:  # type: ignore[no-untyped-def]
         self._clock, self._data = clock, data
@@ -64,8 +65,8 @@ class LoadCell:
         clock.value(0)
 
     def look(self, rounds_silent: int = 1000) -> None:
-        """To be called every round (about a millisecond); takes 0.3 ms when a conversion is
-        there."""
+        """Polls the converter, every round (about a millisecond); it takes 0.3 ms when a
+        conversion is ready."""
         if self._data.value():
             self._silent += 1
             if self._silent > rounds_silent:
@@ -92,8 +93,8 @@ class LoadCell:
 
 
 class Tilt:
-    """LIS3DH lying flat, x to the front, y to the right, z up. Shaking is taken out by a mean
-    over `tau_s`."""
+    """Reads a LIS3DH that lies flat, x to the front, y to the right, z up. A mean over `tau_s`
+    removes shaking."""
 
     def __init__(self, i2c, tau_s: float = 0.5) -> None:  # type: ignore[no-untyped-def]
         self._i2c = i2c
@@ -104,8 +105,8 @@ class Tilt:
         self.roll_deg: float | None = None  # right side down positive
 
     def look(self, dt_s: float) -> None:
-        """To be called every 50 ms or so; a part that does not answer is looked for again at
-        the next call."""
+        """Polls the part, every 50 ms or so; one that does not answer is configured again at the
+        next call."""
         try:
             if not self._there:
                 self._begin()

@@ -1,5 +1,5 @@
-"""What the main programs of both boards have in common on an RP2040 (Raspberry Pi Pico): serial
-line, clock, rounds."""
+"""What do the main programs of both boards share on an RP2040 (Raspberry Pi Pico)? Serial line,
+clock, rounds."""
 
 import select
 import sys
@@ -12,7 +12,7 @@ from .parts import UsbLine
 
 
 def usb_line() -> UsbLine:
-    """Through the board's own plug; MicroPython's prompt is gone until the next power-on."""
+    """Opens the board's own plug; MicroPython's prompt is unavailable until the next power-on."""
     micropython.kbd_intr(-1)  # a byte of 3 is no Ctrl-C
     inward, outward = select.poll(), select.poll()
     inward.register(sys.stdin, select.POLLIN)
@@ -23,8 +23,8 @@ def usb_line() -> UsbLine:
 
 
 class Board:
-    """The serial line, on UART 0 or USB, and a clock that never runs over; pin layers inherit
-    from it first."""
+    """Provides the serial line, on UART 0 or USB, and a clock that never overflows; pin layers
+    inherit from it first."""
 
     def __init__(self, rxbuf: int, txbuf: int, link: str = "uart") -> None:
         self._line = (
@@ -38,15 +38,15 @@ class Board:
         self._ticks = time.ticks_us()  # type: ignore[attr-defined]
 
     def now_us(self) -> int:
-        """Out of a clock that does run over; to be asked more often than that."""
+        """Returns the time from a clock that overflows; it must be called more often than that."""
         ticks = time.ticks_us()  # type: ignore[attr-defined]
         self._now_us += int(time.ticks_diff(ticks, self._ticks))  # type: ignore[attr-defined]
         self._ticks = ticks
         return self._now_us
 
     def at_us(self, ticks: int) -> int:
-        """A time that an interrupt noted, on this clock; soon after: later its own clock has
-        run over."""
+        """Converts an interrupt's time to this clock, soon after it: later the interrupt's clock
+        has overflowed."""
         now_us = self.now_us()
         return now_us - max(0, int(time.ticks_diff(self._ticks, ticks)))  # type: ignore[attr-defined]
 
@@ -57,7 +57,7 @@ class Board:
         self._line.write(data)
 
     def rest(self, started_us: int, round_us: int) -> None:
-        """Wait for the end of a round."""
+        """Waits for the end of a round."""
         rest_us = round_us - (self.now_us() - started_us)
         if rest_us > 0:
             time.sleep_us(rest_us)  # type: ignore[attr-defined]

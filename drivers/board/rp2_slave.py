@@ -23,7 +23,8 @@ VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
 
 
 class Rp2Settings(BoardSettings):
-    """And what is wired to this one's pins. Left out: `False`, and the status says "not fitted"."""
+    """Holds the settings of the board and of its pins. Left out: `False`, and the status says
+    "not fitted"."""
 
     counts_per_turn = 1200.0  # both edges of one channel
     # False: the gate finds its place by the home switch
@@ -120,8 +121,8 @@ class Rp2Pins(Board, Pins):
         return not self._fault.value()
 
     def wheel(self) -> "tuple[int, int]":
-        """The newest pulse's time is turned into this clock's when it is new: later its own
-        clock has run over."""
+        """Converts the newest pulse's time to this clock when it is new: later its own clock has
+        overflowed."""
         pulses = self._pulses
         if pulses != self._newest[0]:
             self._newest = pulses, self.at_us(self._pulse_us)
@@ -147,7 +148,7 @@ class Rp2Pins(Board, Pins):
         return self._tilt.roll_deg if self._tilt else None
 
     def look(self, now_us: int) -> None:
-        """Fetch what scale, inclination and the current sensor have; every round."""
+        """Polls scale, inclination and the current sensor, every round."""
         self._amps += EFFORT_SHARE * (
             self._current.read_u16() * self._settings.amps_per_count - self._amps
         )
@@ -176,7 +177,7 @@ class Rp2Pins(Board, Pins):
 
 
 def own_settings() -> Rp2Settings:
-    """With what `board_settings.py` on the board says. Raises ValueError as
+    """Returns the settings with those of `board_settings.py` on the board. Raises ValueError as
     `BoardSettings.take` does."""
     settings = Rp2Settings()
     try:

@@ -52,8 +52,8 @@ DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
 
 
 class BoardSettings:
-    """What is screwed to this board. Change the values in `board_settings.py` on the board,
-    which `take` reads."""
+    """Holds the wiring and tuning of this board. Change the values in `board_settings.py` on the
+    board, which `take` reads."""
 
     # to the host: "uart" (GP0, GP1) or "usb" (the board's own plug)
     link = "uart"
@@ -92,8 +92,8 @@ class BoardSettings:
     words_only = False
 
     def take(self, own: object) -> None:
-        """The values of a module or class `own`. Raises ValueError with one line for one that
-        cannot be: the board does not start then, and its drives stay off."""
+        """Takes the values of a module or class `own`. Raises ValueError with one line for an
+        impossible value: the board does not start then, and its drives stay off."""
         for name in dir(own):
             if name.startswith("_"):
                 continue
@@ -136,8 +136,8 @@ ALLOWED = {
 
 
 class Pins:
-    """What the program asks of its hardware; here everything is absent. Pin layers and tests
-    inherit from it."""
+    """Defines what the program needs of its hardware; here everything is absent. Pin layers and
+    tests inherit from it."""
 
     def _absent(self) -> "float | None":
         return None
@@ -178,7 +178,7 @@ class Pins:
 
 
 class Slave:
-    """The program's state. `tick` does one round; it neither waits nor reads a clock."""
+    """Holds the program's state. `tick` runs one round; it neither waits nor reads a clock."""
 
     def __init__(self, pins: Pins, settings: BoardSettings) -> None:
         self.receiver = Receiver()
@@ -244,7 +244,7 @@ class Slave:
         pins.valves(0)
 
     def tick(self, now_us: int) -> None:
-        """One round at `now_us` of a clock that never runs over."""
+        """Runs one round at `now_us` of a clock that never overflows."""
         pins = self._pins
         dt_s = 0.0 if self._last_us is None else min(now_us - self._last_us, 20000) * 1e-6
         self._last_us = now_us
@@ -268,7 +268,7 @@ class Slave:
             self.say(now_us, now_us)
 
     def hear(self, now_us: int) -> None:
-        """What the host sent: from here on the newest order is in force, and `enabled` says
+        """Takes the host's orders: the newest is in force from here on, and `enabled` says
         whether the drives are."""
         if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
             self._heartbeat_lost, self._armed, self._heard_us = True, False, None
@@ -281,14 +281,14 @@ class Slave:
         self.enabled = self._armed and self._enable and not self._pins.driver_fault()
 
     def say(self, now_us: int, clock_us: int) -> None:
-        """The status, `clock_us` for the board's clock in it, and what became of a dose."""
+        """Sends the status, with `clock_us` as the board's clock, and the report of a dose."""
         self._pins.write(self._status(now_us, clock_us))
         if now_us < self._report_until_us:
             self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
 
     def _reject(self, kind: str, now_us: int) -> None:
-        """An old order stops the board until it is sent enable 0. While no order has come with
-        the word the host has not heard it yet, and what it sends is old by no fault of the
+        """Counts a fault. An old order stops the board until enable 0 arrives. Before the first
+        order with the word the host does not know it, and its orders are old by no fault of the
         line."""
         self.receiver.reject(kind)
         if kind == "old_order":
@@ -297,7 +297,7 @@ class Slave:
                 self._old_order_until_us = now_us + OLD_ORDER_US
 
     def _obey(self, fields: "list[bytes]", now_us: int) -> None:
-        """Raises ValueError with the kind of what is wrong; nothing has changed then."""
+        """Obeys an order. Raises ValueError with the kind of fault; nothing has changed then."""
         name = fields[0]
         if name not in FIELDS or (name in (b"A1", b"T3", b"D3") and self._newest.word is None):
             raise ValueError("unknown_frame")
@@ -329,7 +329,7 @@ class Slave:
         self._commanded_mm = min(opening_mm, self._settings.max_opening_mm)
 
     def _take(self, fields: "list[bytes]") -> None:
-        """Only what is newer; an order's word is its last field."""
+        """Accepts only newer orders; an order's word is its last field."""
         if fields[0].endswith(b"3"):
             self._newest.take(whole(fields[1], WORDS - 1), whole(fields[-1], WORDS - 1))
         else:
@@ -357,7 +357,7 @@ class Slave:
             )
 
     def _turn_stepper(self, now_us: int, dt_s: float) -> None:
-        """A dose, or metering where the stepper does it; `_stop_shaft` has ended both when not
+        """Turns the stepper for a dose, or for metering; `_stop_shaft` has ended both when not
         enabled."""
         if self._doser.running:
             steps = self._doser.advance(dt_s)
@@ -374,7 +374,7 @@ class Slave:
             self._pins.dose_steps(steps)
 
     def _metered_rpm(self) -> float:
-        """The set-point; the shaft waits for a gate that looks for its switch."""
+        """Returns the set-point; the shaft waits for a gate that searches its switch."""
         return self._wanted_rpm if self._gate.homed else 0.0
 
     def _move_gate(self, enabled: bool, dt_s: float) -> None:
@@ -460,7 +460,7 @@ class Slave:
         )
 
     def _turned(self) -> bytes:
-        """How far the shaft turned since power-on, and what a turn is taken to be: by its
+        """Returns how far the shaft turned since power-on and the length of a turn: by its
         encoder, by its stepper."""
         settings = self._settings
         counts = (

@@ -1,24 +1,25 @@
-"""One file a protocol: bytes in, readings out. No decoder opens a port or reads a clock.
+"""How are the bytes of a device decoded? One file for each protocol: bytes in, readings out. No
+decoder opens a port or reads a clock.
 
 Files:
 
-- `agopengps`: Position and speed from AgOpenGPS on the same computer
-- `board_frames`: Frames of the slave board's line protocol, version 1, both directions
-- `canopy_heads`: Canopy heads that write one ASCII line a sample
-- `capture`: Raw captures of one device's line
-- `decode`: A raw capture of one device, read through its real driver
-- `gnss`: GNSS receivers speaking NMEA 0183: GGA, RMC, VTG
-- `gpsd`: gpsd: JSON objects, one a line, over TCP. TPV is a fix, SKY the satellites in it
-- `lag_rig`: Host side of the lag rig
-- `lag_run`: The lag paper's measuring procedure (section 1.2 and tables 2 to 4)
-- `lines`: Bytes that arrive in any pieces, cut into lines; what every decoder of lines has
-- `nmea`: One NMEA 0183 sentence: checksum, address, fields
-- `point_dose`: Point fertilisation (point-fertilisation paper)
-- `probe`: What speaks on a line: its bytes are given to every driver
-- `rate_line`: A target from another display
-- `rate_module`: Host side of a rate module on UDP, as the drive of the metering shaft
-- `rate_module_frames`: Datagrams of the open rate modules
-- `slave_board`: Host side of the slave board
-- `tractor_speed`: Speeds that the tractor says it will aim at
-- `wheel`: Ground speed from wheel pulses and the board's own clock
+- `agopengps`: How are position and speed of AgOpenGPS decoded?
+- `board_frames`: How are frames of the slave board's line protocol, version 1
+- `canopy_heads`: How are the lines of canopy heads decoded?
+- `capture`: How are the raw bytes of one device's line recorded, with times?
+- `decode`: What does a raw capture of one device contain, read through its real driver?
+- `gnss`: How are the NMEA 0183 sentences of GNSS receivers decoded to fixes?
+- `gpsd`: How are the JSON objects of gpsd decoded?
+- `lag_rig`: How are the lag rig's lines decoded and its orders encoded?
+- `lag_run`: How are response and drop time measured over shaft speed?
+- `lines`: How are bytes that arrive in any pieces cut into lines, and how are faults counted?
+- `nmea`: How is one NMEA 0183 sentence read?
+- `point_dose`: How is one dose a plant ordered (point-fertilisation paper)?
+- `probe`: Which device speaks on a line?
+- `rate_line`: Which target does another display send, and which rate does another controller apply?
+- `rate_module`: How does the host drive the metering shaft through a rate module on UDP?
+- `rate_module_frames`: How are datagrams of the open rate modules encoded and decoded?
+- `slave_board`: How does the host talk to the slave board?
+- `tractor_speed`: Which speeds does the tractor announce?
+- `wheel`: How fast does the wheel turn?
 """

@@ -1,10 +1,10 @@
-"""Position and speed from AgOpenGPS on the same computer: UDP frames on loopback, port 17777.
+"""How are position and speed of AgOpenGPS decoded? UDP frames on loopback, port 17777, from the
+same computer.
 
     80 81 7F <id> <length> <length bytes> <sum of all bytes from the third on, modulo 256>
 
 0x64 carries position and heading, 0xFE speed. See docs/rate-module.md for where the facts come
-from.
-"""
+from."""
 
 from __future__ import annotations
 
@@ -18,18 +18,17 @@ from topdress.drivers.devices.nmea import FASTEST_MPS
 HEAD = b"\x80\x81\x7f"
 POSITION, DRIVE = 0x64, 0xFE
 FEWEST_BYTES = {POSITION: 24, DRIVE: 8}
-# a speed older than this is not given with a position
+# A speed older than this is not combined with a position, s.
 SPEED_HELD_S = 1.0
 _PLACE = struct.Struct("<ddd")  # longitude, latitude, heading
 
 
 class AgOpenGpsDecoder(Decoder[GnssFix]):
-    """Bytes of the loopback to fixes; each position is a fix, with the newest speed.
+    """Decodes bytes of the loopback to fixes; each position is a fix, with the newest speed.
 
     The frames tell no fix quality and no time: quality is 1, `utc` None. Counted as rejected:
     `bad_checksum`, `wrong_length`, `impossible_value`, `garbage` (bytes that belong to no
-    frame, once a run). Counted as ignored: every other frame as `pgn_<id in hexadecimal>`.
-    """
+    frame, once a run). Counted as ignored: every other frame as `pgn_<id in hexadecimal>`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -40,25 +39,24 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         self._speed_s = -math.inf
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
-        """Fixes completed by `data`, which arrived at `time_s`; oldest first."""
+        """Returns the fixes completed by `data`, which arrived at `time_s`; oldest first."""
         self._rest += data
         return [fix for frame in iter(self._next, None) for fix in self._counted(frame, time_s)]
 
     def flush(self, time_s: float) -> list[GnssFix]:
-        """At the end of a recording: a frame cut short is counted."""
+        """Ends a recording: a truncated frame is counted."""
         if self._rest:
             self.counts.reject("wrong_length")
             self._rest = b""
         return []
 
     def _next(self) -> bytes | None:
-        """The next frame whose sum is right; None: more bytes are needed, and what was read is
-        dropped.
+        """Returns the next frame whose sum is right; None: more bytes are needed, and the bytes
+        read are dropped.
 
         Every byte is looked at once as the beginning of a frame, and summed at most once for
         each head before it: no pattern of bytes costs more than the longest frame for every
-        three bytes.
-        """
+        three bytes."""
         while True:
             start = self._rest.find(HEAD, self._at)
             if start < 0:

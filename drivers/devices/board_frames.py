@@ -1,8 +1,7 @@
-"""Frames of the slave board's line protocol, version 1, both directions: text to records and back.
+"""How are frames of the slave board's line protocol, version 1, converted to records and back?
 
 The protocol is described in docs/protocol-slave-board.md; the names and ranges here are the
-same as there.
-"""
+same as there."""
 
 from __future__ import annotations
 
@@ -50,9 +49,9 @@ _CRC = re.compile(rb"[0-9A-Fa-f]{4}")
 
 
 class CommandFrame(NamedTuple):
-    """Host to board: set-points. Every frame is also the heartbeat. `valves`: bit 0 the
-    leftmost section, 1 open; None: the machine has none. `word`: the board's; None: it has
-    none, and `seq` runs over at 65536 instead of 2^32."""
+    """Holds a frame from host to board: set-points. Every frame is also the heartbeat. `valves`:
+    bit 0 the leftmost section, 1 open; None: the machine has none. `word`: the board's; None: it
+    has none, and `seq` overflows at 65536 instead of 2^32."""
 
     seq: int
     shaft_rpm: float
@@ -63,7 +62,7 @@ class CommandFrame(NamedTuple):
 
 
 class StatusFrame(NamedTuple):
-    """Board to host. `None`: not fitted."""
+    """Holds a frame from board to host. `None`: not fitted."""
 
     seq: int
     echo: int  # sequence number of the last command accepted
@@ -84,8 +83,8 @@ class StatusFrame(NamedTuple):
 
 
 class ShaftTurned(NamedTuple):
-    """How far the shaft turned since power-on, below 2^32, and what the board takes a turn to
-    be. `None`: no encoder, or no stepper that meters."""
+    """Holds how far the shaft turned since power-on, below 2^32, and the board's length of a
+    turn. `None`: no encoder, or no metering stepper."""
 
     seq: int
     counts: int | None
@@ -95,33 +94,34 @@ class ShaftTurned(NamedTuple):
 
 
 def crc16(payload: bytes) -> int:
-    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected; `123456789` gives
-    0x29B1."""
+    """Returns the CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected;
+    `123456789` gives 0x29B1."""
     return binascii.crc_hqx(payload, 0xFFFF)
 
 
 def is_repeat(seq: int, last: int | None) -> bool:
-    """True for the last sequence number and for those shortly before it, over the wrap at 65536."""
+    """Returns whether a sequence number is the last one or shortly before it, over the wrap at
+    65536."""
     return last is not None and (last - seq) % SEQUENCES < REPEAT_WINDOW
 
 
 def valves_mask(valves: Sequence[bool]) -> int:
-    """Bit 0 is the leftmost section; 1: open."""
+    """Encodes valves: bit 0 is the leftmost section; 1: open."""
     return sum(1 << k for k, on in enumerate(valves) if on is True)
 
 
 def valves_of(mask: int) -> tuple[bool, ...]:
-    """All that a frame has room for, left to right; those that a machine lacks are closed."""
+    """Decodes all valves that a frame has room for, left to right; those that a machine lacks
+    are closed."""
     return tuple([bool(mask >> k & 1) for k in range(MOST_VALVES)])
 
 
 def encode_command(frame: CommandFrame) -> bytes:
-    """The line with its CRC and line end.
+    """Returns the line of a command with its CRC and line end.
 
     Raises
     ------
-    ValueError : a set-point that is not finite or that the protocol does not allow.
-    """
+    ValueError : a set-point that is not finite or that the protocol does not allow."""
     for name, value, (low, high) in (
         ("shaft_rpm", frame.shaft_rpm, COMMAND_SHAFT_RPM),
         ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM),
@@ -143,13 +143,13 @@ ASK, ASK_TURNED = seal("A1"), seal("A2")
 
 
 def decode_word(frame: bytes) -> tuple[int, int]:
-    """Sequence number and word. Raises ValueError with its kind."""
+    """Returns sequence number and word. Raises ValueError with the kind of fault."""
     fields = open_frame(frame, WORD, 2)
     return whole(fields[0], SEQUENCES - 1), whole(fields[1], COUNTERS - 1)
 
 
 def decode_turned(frame: bytes) -> ShaftTurned:
-    """Raises ValueError with its kind."""
+    """Returns the turns of the shaft. Raises ValueError with the kind of fault."""
     seq, *said = open_frame(frame, TURNED, 5)
     (counts, per_count), (steps, per_step) = (
         (whole(said[k], COUNTERS - 1), number(said[k + 1], 1.0, 100000.0))
@@ -161,7 +161,8 @@ def decode_turned(frame: bytes) -> ShaftTurned:
 
 
 def decode_status(frame: bytes) -> StatusFrame:
-    """A frame as received, without `$` and line end. Raises ValueError with its kind."""
+    """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
+    fault."""
     name = next(
         (name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS
     )
@@ -197,8 +198,8 @@ def decode_status(frame: bytes) -> StatusFrame:
 
 
 def open_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
-    """The fields after the frame's name, once CRC, name and number of fields are right. Raises
-    Rejected."""
+    """Returns the fields after the frame's name, once CRC, name and number of fields are right.
+    Raises Rejected."""
     payload, star, crc = frame.partition(b"*")
     crc = crc.strip()
     if not star or not crc:

@@ -1,9 +1,9 @@
-"""Canopy heads that write one ASCII line a sample: GreenSeeker, Crop Circle ACS-430 and ACS-435.
+"""How are the lines of canopy heads decoded? One ASCII line a sample: GreenSeeker, Crop Circle
+ACS-430 and ACS-435.
 
 Six heads come on six ports, one decoder each, or on one multiplexed line on which every line is
 preceded by the head that it belongs to, counted from 1 at the left: `H3,<the head's own line>`.
-See docs/protocol-heads.md.
-"""
+See docs/protocol-heads.md."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _HEAD = re.compile(rb"H([1-9]\d?)")
 
 
 class HeadFields(NamedTuple):
-    """Which field of a head's line means what; the first field is 1, and 0 stands for "not on
-    the line"."""
+    """Defines the fields of a head's line; the first field is 1, and 0 stands for "not on the
+    line"."""
 
     fields: int
     ndvi: int
@@ -40,7 +40,8 @@ PROTOCOLS: dict[str, HeadFields] = {
 
 
 def head_fields(protocol: str) -> HeadFields | None:
-    """Of a protocol of ours or of a plug-in. Raises ValueError, where that cannot be loaded."""
+    """Returns the fields of a built-in protocol or of a plug-in. Raises ValueError where a
+    plug-in cannot be loaded."""
     if protocol in PROTOCOLS:
         return PROTOCOLS[protocol]
     found = plugged("devices", protocol)
@@ -53,7 +54,7 @@ def head_fields(protocol: str) -> HeadFields | None:
 
 
 class HeadSample(NamedTuple):
-    """One accepted sample of one head."""
+    """Holds one accepted sample of one head."""
 
     time_s: float  # arrival on the loop's clock
     head: int  # 1-based, from the left
@@ -62,7 +63,7 @@ class HeadSample(NamedTuple):
 
 
 class HeadDecoder(LineDecoder[HeadSample]):
-    """Bytes of one head, or of several heads on one line, to samples.
+    """Decodes bytes of one head, or of several heads on one line, to samples.
 
     Parameters
     ----------
@@ -83,8 +84,7 @@ class HeadDecoder(LineDecoder[HeadSample]):
     the port was opened), `comment` (lines beginning with #). The lines carry no checksum: a
         digit changed on the wire
     into another digit cannot be seen here; the fusion of six heads by their median is what
-        withstands it.
-    """
+        withstands it."""
 
     longest = 200
 

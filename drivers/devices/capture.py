@@ -1,4 +1,4 @@
-r"""Raw captures of one device's line: what came and went, with times. Nothing is lost:
+r"""How are the raw bytes of one device's line recorded, with times? Nothing is lost:
 `received` gives the bytes back.
 
     # topdress-capture/1 gnss nmea0183 socket://127.0.0.1:4100
@@ -23,12 +23,12 @@ _LINE = re.compile(rb"-?[0-9]+\.[0-9]{3} ([<>]) (.*)")
 
 
 def header(name: str, protocol: str, port: str) -> bytes:
-    """The first line of a capture."""
+    """Returns the first line of a capture."""
     return HEADER + f" {name} {protocol} {port}\n".encode("ascii", "backslashreplace")
 
 
 def captured(time_s: float, direction: str, data: bytes) -> bytes:
-    """What was received (`<`) or sent (`>`) at `time_s`, as lines of a capture."""
+    """Returns bytes received (`<`) or sent (`>`) at `time_s` as lines of a capture."""
     begin = f"{time_s:.3f} {direction} "
     return "".join(
         f"{begin}{_printable(piece)}\n" for piece in data.splitlines(keepends=True)
@@ -40,12 +40,12 @@ def is_capture(data: bytes) -> bool:
 
 
 def received(capture: bytes) -> bytes:
-    """All bytes received, in order. A capture that was cut off is read up to its last whole line.
+    """Returns all received bytes, in order. A truncated capture is read up to its last whole
+    line.
 
     Raises
     ------
-    ValueError : a line that is none of a capture, with its number.
-    """
+    ValueError : a line that is none of a capture, with its number."""
     found = []
     for number, line in enumerate(capture.split(b"\n")[:-1], start=1):
         if line.startswith(b"#"):

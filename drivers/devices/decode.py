@@ -1,4 +1,5 @@
-"""A raw capture of one device, read through its real driver: what `topdress decode` shows."""
+"""What does a raw capture of one device contain, read through its real driver? The answer of
+`topdress decode`."""
 
 from __future__ import annotations
 
@@ -21,16 +22,16 @@ from topdress.drivers.plugins import plugged
 
 Record = dict[str, float | int | str | None]
 
-# A capture holds no arrival times: bytes are taken to have come at 9600 baud, the usual rate of
-# a receiver. Only what depends on the order of seconds uses it (when a receiver's clock that
-# jumped back is believed).
+# A capture has no arrival times: bytes are assumed to arrive at 9600 baud, the usual rate of a
+# receiver. Only rules about seconds depend on it (when a receiver's clock that jumped back is
+# trusted).
 BYTES_PER_S = 960.0
 PIECE_BYTES = 96
 
 
 def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
-    """Every accepted measurement of a capture, with the run log's column names, and the counts by
-    kind.
+    """Returns every accepted measurement of a capture, with the run log's column names, and the
+    counts by kind.
 
     Parameters
     ----------
@@ -47,8 +48,7 @@ def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     Raises
     ------
     ValueError : an unknown protocol; the message lists the known ones. A capture of the
-        console's with a wrong line.
-    """
+        console's with a wrong line."""
     name = protocol.removesuffix("-multi")
     if protocol not in PROTOCOLS and plugged("devices", name) is not None:
         data = received(data) if is_capture(data) else data

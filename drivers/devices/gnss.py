@@ -1,9 +1,9 @@
-"""GNSS receivers speaking NMEA 0183: GGA, RMC, VTG, GNS and GLL grouped into epochs of one UTC
-time, ZDA for the date.
+"""How are the NMEA 0183 sentences of GNSS receivers decoded to fixes? GGA, RMC, VTG, GNS and GLL
+grouped into epochs of one UTC time, ZDA for the date.
 
-GNS, then GLL, serve receivers that send no GGA, and talkers that are no receivers (IN, EC, ...)
-lines on which none speaks: what stands behind another is ignored until that has been silent for
-5 s.
+GNS, then GLL, are used for receivers that send no GGA, and talkers that are no receivers (IN,
+EC, ...) on lines without a receiver: a lesser source is ignored until the preferred one has been
+silent for 5 s.
 
 Latency: a fix is handed over with the sentence that ended the last epochs (the last type that
 the last two epochs have in common), so nothing is added to the receiver's own sending time.
@@ -24,9 +24,9 @@ from topdress.drivers.devices.nmea import GNSS_TALKERS, Sentence, parse
 
 DAY_MS = 86_400_000
 BEHIND = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}
-# a lesser source of places counts when the better one has been silent for so long
+# A lesser source of places counts when the preferred one has been silent for this long, s.
 STANDS_BEHIND_S = 5.0
-# a receiver whose time has run on behind the old one this long has a new clock
+# A receiver whose time has run on behind the old one for this long has a new clock, s.
 NEW_CLOCK_AFTER_S = 5.0
 
 
@@ -43,7 +43,7 @@ class _Epoch:
 
 
 class GnssDecoder(LineDecoder[GnssFix]):
-    """Bytes to fixes.
+    """Decodes bytes to fixes.
 
     Counted as rejected: `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`;
     `time_backwards`: earlier than the epoch before, and a VTG that follows. After 5 s of time
@@ -60,8 +60,7 @@ class GnssDecoder(LineDecoder[GnssFix]):
     Parameters
     ----------
     live : hand over at the earliest moment (see the module's text). False, for recordings: each
-        epoch once, whole, when the next one begins or at `flush`.
-    """
+        epoch once, whole, when the next one begins or at `flush`."""
 
     framed = True
 
@@ -78,7 +77,7 @@ class GnssDecoder(LineDecoder[GnssFix]):
         self._heard_s: dict[str, float] = {}
 
     def flush(self, time_s: float) -> list[GnssFix]:
-        """At the end of a recording: the last line and the last epoch."""
+        """Ends a recording: returns the fixes of the last line and the last epoch."""
         return super().flush(time_s) + self._close_epoch()
 
     def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
@@ -96,10 +95,9 @@ class GnssDecoder(LineDecoder[GnssFix]):
             raise
 
     def _first_hand(self, sentence: Sentence, time_s: float) -> Sentence:
-        """The sentence, where none that stands before it has spoken lately. Raises Ignored.
+        """Returns the sentence where no preferred one has spoken recently. Raises Ignored.
 
-        A recording is read at one time: there, whoever has spoken once stands.
-        """
+        A recording is read at one time: there, whoever has spoken once stands."""
         if sentence.type == "ZDA":
             assert sentence.date is not None and sentence.time_of_day_ms is not None
             self._dated = sentence.date, sentence.time_of_day_ms
@@ -142,8 +140,8 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return closed
 
     def _epoch_of(self, sentence: Sentence, time_s: float) -> tuple[_Epoch, list[GnssFix]]:
-        """The epoch that a sentence belongs to, a new one where it begins one; the fix of the
-        one that it closes."""
+        """Returns the epoch of a sentence, a new one where it begins one, and the fix of the
+        epoch that it closes."""
         epoch = self._epoch
         if sentence.time_of_day_ms is None:
             if epoch is None:
@@ -161,7 +159,7 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return self._epoch, closed
 
     def _check_new_clock(self, time_of_day_ms: int, time_s: float) -> None:
-        """Return where a backward time is the receiver's new clock, else reject."""
+        """Accepts a backward time as the receiver's new clock, else rejects it."""
         if self._behind is None or _ahead_ms(time_of_day_ms, self._behind[0]) < 0:
             self._behind = time_of_day_ms, time_s
         self._behind = time_of_day_ms, self._behind[1]
@@ -217,6 +215,6 @@ class GnssDecoder(LineDecoder[GnssFix]):
 
 
 def _ahead_ms(later_ms: int, earlier_ms: int) -> int:
-    """How far one time of day is ahead of another, the shorter way round midnight: -12 h to 12
-    h."""
+    """Returns how far one time of day is ahead of another, the shorter way round midnight: -12 h
+    to 12 h."""
     return (later_ms - earlier_ms + DAY_MS // 2) % DAY_MS - DAY_MS // 2

@@ -1,5 +1,5 @@
-"""gpsd: JSON objects, one a line, over TCP. TPV is a fix, SKY the satellites in it; VERSION
-greets."""
+"""How are the JSON objects of gpsd decoded? One a line, over TCP: TPV is a fix, SKY its
+satellites; VERSION greets."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ _UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
 
 
 class GpsdDecoder(LineDecoder[GnssFix]):
-    """Bytes of a gpsd connection to fixes. Send `WATCH` after every connect.
+    """Decodes bytes of a gpsd connection to fixes. `WATCH` is sent after every connect.
 
     Counted as rejected: `malformed` (no JSON object), `impossible_value`, `time_backwards`,
     `duplicate_epoch`, `overlong`. Counted as ignored: every other class by its name, `no_fix`,
-    `other_device` (gpsd may serve several receivers; the first that has a fix stays).
-    """
+    `other_device` (gpsd may serve several receivers; the first that has a fix stays)."""
 
     longest = 16384
 
@@ -59,8 +58,8 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         return self._fix(said, time_s) if name == "TPV" else self._sky(said)
 
     def _poll(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
-        """An answer to ?POLL holds the newest reports of each receiver: those of the one that
-        is used."""
+        """Takes an answer to ?POLL, which has the newest reports of each receiver: those of the
+        used one count."""
         found: list[GnssFix] | Ignored | Rejected = Ignored("POLL")
         for name, kind in (("sky", "SKY"), ("tpv", "TPV")):
             reports = said.get(name, [])
@@ -128,8 +127,8 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         ]
 
     def _new_clock(self, time_s: float) -> bool:
-        """Whether the receiver's time has run on behind the old one for long enough to be its
-        new clock."""
+        """Returns whether the receiver's time has run on behind the old one for long enough to
+        be its new clock."""
         if self._behind_since_s is None:
             self._behind_since_s = time_s
         return time_s - self._behind_since_s >= NEW_CLOCK_AFTER_S

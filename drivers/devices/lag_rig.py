@@ -1,5 +1,5 @@
-"""Host side of the lag rig: its lines to readings, orders to lines. See
-docs/protocol-lag-rig.md; lag paper, 1.2."""
+"""How are the lag rig's lines decoded and its orders encoded? Host side; see
+docs/protocol-lag-rig.md and lag paper, 1.2."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from topdress.drivers.devices.board_frames import COUNTERS, is_repeat, open_fram
 from topdress.drivers.devices.lines import LineDecoder, Rejected
 
 ORDER, STATUS = "R1", "L1"
-# crystals drift by some 50 ppm: the least delay is looked for in the last two blocks
+# The least delay is searched in the last two blocks of this length, s: crystals drift by some 50
+# ppm.
 CLOCK_BLOCK_S = 10.0
 
 
 class RigStatus(NamedTuple):
-    """One line of the rig. Times are its own 32-bit clock; None: not yet."""
+    """Holds one line of the rig. Times are its own 32-bit clock; None: not yet."""
 
     seq: int
     run: int
@@ -32,8 +33,8 @@ class RigStatus(NamedTuple):
 
 
 class RigReadings(NamedTuple):
-    """One accepted line. `start_s` on the host's clock; `drop_s` on the rig's own, which no
-    link delays."""
+    """Holds one accepted line. `start_s` is on the host's clock; `drop_s` on the rig's own,
+    which no link delays."""
 
     time_s: float
     run: int
@@ -46,14 +47,14 @@ class RigReadings(NamedTuple):
 
 
 class LagRig(LineDecoder[RigReadings]):
-    """Bytes of the rig to readings, orders to bytes. Opens nothing and reads no clock.
+    """Decodes bytes of the rig to readings and encodes orders. It opens nothing and reads no
+    clock.
 
     The rig's clock is laid over the host's by the line of the last 10 to 20 s that came with
     the least delay: `start_s` is late by that least delay (1 to 3 ms at 115 200 Bd, and less
     than one tick where bytes are stamped once a tick).
 
-    Counted as rejected: as the slave board's lines, see `slave_board.SlaveBoard`.
-    """
+    Counted as rejected: as the slave board's lines, see `slave_board.SlaveBoard`."""
 
     longest, framed, wrong = 200, True, ValueError
 
@@ -70,8 +71,8 @@ class LagRig(LineDecoder[RigReadings]):
         return [self._take(decode_status(sentence), time_s)]
 
     def order(self, run: int, arm: bool) -> bytes:
-        """Arm the rig for a run of that number, or let it idle. Sent again and again, it does
-        no harm."""
+        """Returns an order: arm the rig for a run of that number, or idle. Repeating it is
+        harmless."""
         count, self._next_order = self._next_order, (self._next_order + 1) % SEQUENCES
         return seal(f"{ORDER},{count},{run % SEQUENCES},{arm:d}")
 
@@ -105,13 +106,14 @@ class LagRig(LineDecoder[RigReadings]):
         )
 
     def _before(self, status: RigStatus, micros: int | None) -> int | None:
-        """A moment of the past on the rig's clock, run on."""
+        """Converts an earlier time on the rig's clock to its unwrapped clock."""
         assert self._micros is not None
         return None if micros is None else self._micros - (status.micros - micros) % COUNTERS
 
 
 def decode_status(frame: bytes) -> RigStatus:
-    """A frame as received, without `$` and line end. Raises ValueError with its kind."""
+    """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
+    fault."""
     fields = open_frame(frame, STATUS, 9)
     seq, run = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
     state, micros = whole(fields[2], LANDED), whole(fields[3], COUNTERS - 1)

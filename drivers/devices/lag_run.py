@@ -1,11 +1,10 @@
-"""The lag paper's measuring procedure (section 1.2 and tables 2 to 4): shaft speeds in steps of
-10 r/min, ten repeats.
+"""How are response and drop time measured over shaft speed? The lag paper's procedure (section
+1.2 and tables 2 to 4): steps of 10 r/min, ten repeats.
 
 Each run: the shaft stands and the plate is quiet; the rig is armed; the set-point is sent; at 2
 r/min the rig starts its clock, the first granule on the plate stops it. Response = command to 2
 r/min, drop = 2 r/min to landing. Pure: readings and times in, set-points and orders out. It
-never starts a shaft by itself: the caller's safety does.
-"""
+never starts a shaft by itself: the caller's safety does."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ Phase = Literal["settling", "arming", "running", "done"]
 
 
 class Plan(NamedTuple):
-    """Which runs, and how long to wait for what."""
+    """Defines the runs, and the time-outs of their phases."""
 
     shaft_rpm: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
     repeats: int = 10
@@ -32,7 +31,7 @@ class Plan(NamedTuple):
 
 
 class LagRun(NamedTuple):
-    """One measured run."""
+    """Holds one measured run."""
 
     shaft_rpm: float
     replicate: int
@@ -45,7 +44,8 @@ class LagRun(NamedTuple):
 
 
 class Wish(NamedTuple):
-    """What the procedure wants at this tick. `run`: number to order of the rig, with `arm`."""
+    """Holds what the procedure wants at this tick. `run`: number to order of the rig, with
+    `arm`; `said`: a failed run and its reason."""
 
     shaft_rpm: float
     run: int
@@ -55,8 +55,7 @@ class Wish(NamedTuple):
 
 
 class _RigTest:
-    """What both procedures do first: the shaft must stand for so long that what was in the
-    tubes has landed."""
+    """Begins both procedures: the shaft must stand long enough for the tubes to empty."""
 
     def __init__(self, settle_s: float) -> None:
         self._settle_s = settle_s
@@ -72,12 +71,11 @@ class _RigTest:
 
 
 class LagTest(_RigTest):
-    """Runs through a plan, one `tick` after the other; measured runs are in `runs`, those given
-    up in `left_out`.
+    """Measures the runs of a plan, one `tick` after the other; measured runs are in `runs`,
+    abandoned ones in `left_out`.
 
     `allowed` False (hold-to-run released, an interlock): the shaft is wanted at 0 and the run
-    begins again later.
-    """
+    begins again later."""
 
     def __init__(self, plan: Plan | None = None) -> None:
         plan = plan or Plan()
@@ -99,20 +97,20 @@ class LagTest(_RigTest):
 
     @property
     def now(self) -> tuple[float, int]:
-        """Shaft speed and replicate of the run that is measured now or next; zeros when done."""
+        """Returns shaft speed and replicate of the present or next run; zeros when done."""
         return self._todo[0] if self._todo else (0.0, 0)
 
     @property
     def progress(self) -> float:
-        """Share of the plan behind us, 0 to 1."""
+        """Returns the completed share of the plan, 0 to 1."""
         return 1.0 - len(self._todo) / self._total if self._total else 1.0
 
     def tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> Wish:
-        """`rig`: the newest reading, however old; `now_s` on the clock that stamped it.
+        """Returns the wish of this tick. `rig`: the newest reading, however old; `now_s` on the
+        clock that stamped it.
 
         In the tick whose wish turns to the run's speed, that speed must be sent at `now_s`: the
-        response is counted from then.
-        """
+        response is counted from then."""
         if self._phase == "done":
             return self._wish()
         if not allowed:
@@ -189,13 +187,13 @@ COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
 
 
 def bench_row(run: LagRun) -> str:
-    """One run as a row of the table; times to a millisecond."""
+    """Returns one run as a row of the table; times to a millisecond."""
     return f"{run.shaft_rpm:g},{run.replicate},{run.response_s:.3f},{run.drop_s:.3f}\n"
 
 
 def bench_table(runs: Iterable[LagRun]) -> str:
-    """The runs as a lag bench table (CSV) with both measured times, by shaft speed; their sum
-    is the lag."""
+    """Returns the runs as a lag bench table (CSV) with both measured times, by shaft speed;
+    their sum is the lag."""
     ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))
     return ",".join(COLUMNS) + "\n" + "".join(map(bench_row, ordered))
 
@@ -204,14 +202,15 @@ DropPhase = Literal["stop", "arming", "start", "falling"]
 
 
 class DropRun(NamedTuple):
-    """One measured run; the shaft speed is the rig's own reading when the granule landed."""
+    """Holds one measured run; the shaft speed is the rig's own reading when the granule landed."""
 
     shaft_rpm: float
     drop_s: float
 
 
 class DropWish(NamedTuple):
-    """What is wanted now: `phase` of the person at the machine, `run` and `arm` of the rig."""
+    """Holds what is wanted now: `phase` of the person at the machine, `run` and `arm` of the
+    rig; `said`: a failed run and its reason."""
 
     run: int
     arm: bool
@@ -220,14 +219,13 @@ class DropWish(NamedTuple):
 
 
 class DropTest(_RigTest):
-    """Drop times with the lag rig alone: the machine's own drive turns the shaft, which this
-    program does not command. One `tick` after the other, for as long as somebody likes;
-    measured runs are in `runs`.
+    """Measures drop times with the lag rig alone: the machine's own drive turns the shaft, which
+    this program does not command. It runs for as many ticks as wanted; measured runs are in
+    `runs`.
 
     Each run: the shaft stands and the tubes are empty; the rig is armed; somebody starts the
     shaft; the rig times from 2 r/min to the first granule on the plate (lag paper, 1.2).
-    Nothing is known of the response: nobody announced when the start was wanted.
-    """
+    Nothing is known of the response: nobody announced when the start was wanted."""
 
     def __init__(self, settle_s: float = 3.0, longest_s: float = 8.0) -> None:
         super().__init__(settle_s)
@@ -236,7 +234,8 @@ class DropTest(_RigTest):
         self._phase: DropPhase = "stop"
 
     def tick(self, now_s: float, rig: RigReadings | None) -> DropWish:
-        """`rig`: the newest reading, however old; `now_s` on the clock that stamped it."""
+        """Returns the wish of this tick. `rig`: the newest reading, however old; `now_s` on the
+        clock that stamped it."""
         said = ""
         mine = rig is not None and rig.run == self._number
         if self._phase == "stop":
@@ -274,7 +273,7 @@ class DropTest(_RigTest):
 
 
 def drop_table(runs: Iterable[DropRun]) -> str:
-    """The runs as a lag bench table (CSV), in the order in which they were measured."""
+    """Returns the runs as a lag bench table (CSV), in the order of measurement."""
     rows = [
         f"{run.shaft_rpm:.1f},{number},{run.drop_s:.3f}\n"
         for number, run in enumerate(runs, start=1)

@@ -1,5 +1,5 @@
-"""Bytes that arrive in any pieces, cut into lines; what every decoder of lines has, and the
-counts that it keeps."""
+"""How are bytes that arrive in any pieces cut into lines, and how are faults counted? The base
+of every line decoder."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _LINE_END = re.compile(rb"[\r\n]+")
 
 
 class LineCutter:
-    """Cuts a byte stream at CR and LF. A line longer than `longest` is given up, in `counts`
-    rejected as `overlong`."""
+    """Cuts a byte stream at CR and LF. A line longer than `longest` is dropped and counted as
+    rejected `overlong`."""
 
     def __init__(self, counts: Counts, longest: int = 512) -> None:
         self._counts = counts
@@ -22,7 +22,7 @@ class LineCutter:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines completed by `data`, without their ends, empty ones left out."""
+        """Returns the lines completed by `data`, without their ends and without empty ones."""
         pieces = _LINE_END.split(self._rest + data)
         self._rest = pieces.pop()
         if self._skipping and pieces:
@@ -39,7 +39,7 @@ class LineCutter:
         return lines
 
     def flush(self) -> list[bytes]:
-        """What stands after the last line end, as a line: for the end of a file."""
+        """Returns the rest after the last line end as a line: for the end of a file."""
         rest, self._rest = self._rest, b""
         skipping, self._skipping = self._skipping, False
         return [rest] if rest and not skipping else []
@@ -47,7 +47,8 @@ class LineCutter:
 
 @dataclass(slots=True)
 class Counts:
-    """What became of every sentence or frame: `read` = accepted + all rejected + all ignored."""
+    """Counts what became of every sentence or frame: `read` = accepted + all rejected + all
+    ignored."""
 
     read: int = 0
     accepted: int = 0
@@ -72,20 +73,20 @@ class Counts:
 
 
 class Rejected(ValueError):
-    """A sentence, frame or datagram that is wrong; the argument is the kind under which it is
+    """Reports a wrong sentence, frame or datagram; the argument is the kind under which it is
     counted."""
 
 
 class Ignored(Exception):
-    """One that is right and of no use here; the argument is the kind under which it is counted."""
+    """Reports a valid but unused sentence; the argument is the kind under which it is counted."""
 
 
 Said = TypeVar("Said")
 
 
 class Decoder(Generic[Said]):
-    """Sentences of a protocol to what they say. Opens nothing and reads no clock. A protocol
-    gives `_said`."""
+    """Decodes sentences of a protocol. It opens nothing and reads no clock. A protocol defines
+    `_said`."""
 
     # what `_said` raises of a sentence that is wrong
     wrong: ClassVar[type[Exception]] = Rejected
@@ -106,12 +107,12 @@ class Decoder(Generic[Said]):
         return said
 
     def _said(self, sentence: bytes, time_s: float) -> list[Said]:
-        """What one sentence says. Raises Rejected, Ignored."""
+        """Decodes one sentence. Raises Rejected, Ignored."""
         raise NotImplementedError
 
 
 class LineDecoder(Decoder[Said]):
-    """Of a protocol of lines, which arrive in any pieces."""
+    """Decodes a protocol of lines, which arrive in any pieces."""
 
     longest: ClassVar[int] = 512  # of a line, bytes
     framed: ClassVar[bool] = False  # a line is frames that each begin with `$`
@@ -121,15 +122,15 @@ class LineDecoder(Decoder[Said]):
         self._cutter = LineCutter(self.counts, self.longest)
 
     def feed(self, data: bytes, time_s: float) -> list[Said]:
-        """What `data`, which arrived at `time_s`, completes; oldest first."""
+        """Returns the readings completed by `data`, which arrived at `time_s`; oldest first."""
         return [one for line in self._cutter.feed(data) for one in self._line(line, time_s)]
 
     def flush(self, time_s: float) -> list[Said]:
-        """At the end of a recording: the last line, where it has no line end."""
+        """Ends a recording: returns the readings of the last line, where it has no line end."""
         return [one for line in self._cutter.flush() for one in self._line(line, time_s)]
 
     def _line(self, line: bytes, time_s: float) -> list[Said]:
-        """What one line says; whatever is wrong with it is counted by kind."""
+        """Decodes one line; faults are counted by kind."""
         return [
             one
             for sentence in (self._frames(line) if self.framed else (line,))
@@ -137,7 +138,7 @@ class LineDecoder(Decoder[Said]):
         ]
 
     def _frames(self, line: bytes) -> list[bytes]:
-        """The frames of a line, without their `$`: one that was cut short is followed at once
+        """Returns the frames of a line, without their `$`: a truncated one is followed at once
         by the next."""
         before, *frames = line.split(b"$")
         if before.strip():

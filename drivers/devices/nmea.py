@@ -1,5 +1,5 @@
-"""One NMEA 0183 sentence: checksum, address, fields. pynmea2 reads the fields; ranges are
-checked here."""
+"""How is one NMEA 0183 sentence read? Checksum, address, fields. pynmea2 reads the fields;
+ranges are checked here."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ADDRESS = re.compile(r"[A-Z][A-Z0-9]{2,7}")
 
 
 class Sentence(NamedTuple):
-    """What one GGA, RMC, VTG, GNS, GLL or ZDA says. `None`: not said."""
+    """Holds the content of a GGA, RMC, VTG, GNS, GLL or ZDA. `None`: not given."""
 
     type: str
     talker: str
@@ -56,25 +56,24 @@ class Sentence(NamedTuple):
 
 
 def checksum(payload: bytes) -> int:
-    """The exclusive or of all bytes between `$` and `*`."""
+    """Returns the exclusive or of all bytes between `$` and `*`."""
     return reduce(operator.xor, payload, 0)
 
 
 def seal(payload: str) -> bytes:
-    """A sentence from what stands between `$` and `*`."""
+    """Returns a sentence from the text between `$` and `*`."""
     data = payload.encode("ascii")
     return b"$%b*%02X\r\n" % (data, checksum(data))
 
 
 def parse(sentence: bytes) -> Sentence:
-    """Read one sentence, given without `$` and line end.
+    """Reads one sentence, given without `$` and line end.
 
     Raises
     ------
     Rejected : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
     Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the
-        receiver says that it has no position or no speed.
-    """
+        receiver says that it has no position or no speed."""
     text = _checked(sentence)
     address, _, rest = text.partition(",")
     if not _ADDRESS.fullmatch(address):
@@ -94,7 +93,7 @@ def parse(sentence: bytes) -> Sentence:
 
 
 def _checked(sentence: bytes) -> str:
-    """The text before `*`, where the checksum behind it fits."""
+    """Returns the text before `*` where its checksum is right."""
     payload, star, given = sentence.partition(b"*")
     given = given.strip()
     if not star or not given:
@@ -164,7 +163,7 @@ def _vtg(talker: str, fields: Any) -> Sentence:
 
 
 def _gns(talker: str, fields: Any) -> Sentence:
-    """One mode letter a constellation: the best of them is the fix's."""
+    """Reads a GNS: of the mode letters, one for each constellation, the best is the fix's."""
     modes = fields.data[5]
     if not modes or set(modes) - set(QUALITY_OF_MODE) - {"N"}:
         raise Rejected("malformed")
@@ -202,7 +201,7 @@ def _gll(talker: str, fields: Any) -> Sentence:
 
 
 def _zda(talker: str, fields: Any) -> Sentence:
-    """Empty before the receiver knows the day."""
+    """Reads a ZDA, which is empty before the receiver knows the day."""
     day, month, year = fields.data[1:4]
     if not (fields.data[0] and day and month and year):
         raise Ignored("ZDA")
@@ -265,8 +264,8 @@ def _date(fields: Any) -> date | None:
 
 
 def _position(fields: Any) -> tuple[float, float]:
-    """Latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's "unknown",
-    not a field."""
+    """Returns latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's
+    "unknown", not a field."""
     if not (_LATITUDE.fullmatch(fields.lat) and _LONGITUDE.fullmatch(fields.lon)):
         raise Rejected("malformed")
     if fields.lat_dir not in ("N", "S") or fields.lon_dir not in ("E", "W"):

@@ -1,10 +1,9 @@
-"""Point fertilisation (point-fertilisation paper): one dose a plant, sent to the board as an
-angle of its shaft.
+"""How is one dose a plant ordered (point-fertilisation paper)? As an angle of the shaft, sent to
+the board.
 
 Doses go to the slave board on the same line as its targets, frames `D1` and `E1`
 (docs/protocol-slave-board.md). The targets with enable 1 and 0 r/min go on meanwhile: they are
-the heartbeat, and a stop ends the dose under way.
-"""
+the heartbeat, and a stop ends the dose under way."""
 
 from __future__ import annotations
 
@@ -21,13 +20,14 @@ DOSE, REPORT = "D1", "E1"
 DOSE_WORD = "D3"
 ANGLE_DEG = (0.0, 3600.0)
 SHAFT_RPM = (1.0, 300.0)
-# no word of a dose for this long: it is not known whether it was given
+# Without a report for this long, s, it is unknown whether the dose was given.
 UNHEARD_S = 0.3
-OVERDUE_S = 0.5  # beyond the time that its angle takes
+# A dose is overdue this long after the time of its angle, s.
+OVERDUE_S = 0.5
 
 
 class DoseState(IntEnum):
-    """As the board reports it; SENT and LOST are the host's own."""
+    """Names the states that the board reports; SENT and LOST are the host's own."""
 
     SENT = 0
     RUNNING = 1
@@ -38,7 +38,7 @@ class DoseState(IntEnum):
 
 
 class DoseReport(NamedTuple):
-    """One `E1`. Times are the board's 32-bit clock."""
+    """Holds one `E1`. Times are the board's 32-bit clock."""
 
     seq: int
     dose: int
@@ -49,8 +49,8 @@ class DoseReport(NamedTuple):
 
 
 class GivenDose(NamedTuple):
-    """What is known of one dose. `took_s` from the board's receipt to its end, on the board's
-    clock."""
+    """Holds what is known of one dose. `took_s` goes from the board's receipt to its end, on the
+    board's clock."""
 
     number: int
     angle_deg: float
@@ -70,7 +70,8 @@ class GivenDose(NamedTuple):
 def encode_dose(
     seq: int, dose: int, angle_deg: float, shaft_rpm: float, word: int | None = None
 ) -> bytes:
-    """Raises ValueError for a number that is not finite or that the protocol does not allow."""
+    """Returns the line of a dose. Raises ValueError for a number that is not finite or not
+    allowed by the protocol."""
     for name, value, (low, high) in (
         ("angle_deg", angle_deg, ANGLE_DEG),
         ("shaft_rpm", shaft_rpm, SHAFT_RPM),
@@ -84,7 +85,8 @@ def encode_dose(
 
 
 def decode_report(frame: bytes) -> DoseReport:
-    """A frame as received, without `$` and line end. Raises ValueError with its kind."""
+    """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
+    fault."""
     fields = open_frame(frame, REPORT, 6)
     seq, dose = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
     state = whole(fields[2], DoseState.ABORTED)
@@ -102,12 +104,11 @@ def decode_report(frame: bytes) -> DoseReport:
 
 
 class PointDose:
-    """One dose after the other. The sequence numbers are the board driver's: every frame to the
-    board counts.
+    """Gives one dose after the other. The sequence numbers are the board driver's: every frame
+    to the board counts.
 
-    A dose is never sent twice: a plant that was missed is reported (LOST), one that was dosed
-    twice could not be mended.
-    """
+    A dose is never sent twice: a missed plant is reported (LOST), but a double dose cannot be
+    undone."""
 
     def __init__(self, max_shaft_rpm: float = 201.0) -> None:
         self.newest: GivenDose | None = None
@@ -116,19 +117,18 @@ class PointDose:
 
     @property
     def ready(self) -> bool:
-        """Whether the next dose may be sent."""
+        """Returns whether the next dose may be sent."""
         return self.newest is None or self.newest.settled
 
     def give(
         self, angle_deg: float, shaft_rpm: float, seq: int, now_s: float, word: int | None = None
     ) -> bytes:
-        """The line of a new dose, to be sent at `now_s`; the speed is cut to the limit.
+        """Returns the line of a new dose, to be sent at `now_s`; the speed is cut to the limit.
 
         Raises
         ------
         ValueError : a number that is not finite or not allowed; or the dose before is still
-            under way.
-        """
+            under way."""
         if not self.ready:
             raise ValueError("dose: the one before is still under way")
         if not math.isfinite(shaft_rpm):
@@ -143,8 +143,7 @@ class PointDose:
         return line
 
     def hear(self, report: DoseReport, now_s: float) -> None:
-        """A report of the board; those of older doses and of doses that are settled say nothing
-        new."""
+        """Takes a report of the board; reports of older or settled doses change nothing."""
         dose = self.newest
         if dose is None or dose.settled or report.dose != dose.number or report.state < dose.state:
             return
@@ -157,7 +156,7 @@ class PointDose:
         )
 
     def look(self, now_s: float) -> None:
-        """Give a dose up of which nothing was heard in time; to be called every tick."""
+        """Gives up a dose without a report in time; it is called every tick."""
         dose = self.newest
         if dose is None or dose.settled:
             return

@@ -1,8 +1,7 @@
-"""What speaks on a line: its bytes are given to every driver, and the one that makes most of
-them says what it is.
+"""Which device speaks on a line? Its bytes are given to every decoder, and the one that accepts
+most identifies it.
 
-Listens only: nothing is sent, so that no drive can be set in motion by being looked at.
-"""
+It only listens: nothing is sent, so that probing can set no drive in motion."""
 
 from __future__ import annotations
 
@@ -35,8 +34,8 @@ FEWEST = 2  # accepted messages that make a finding
 
 
 class ProbeFinding(NamedTuple):
-    """`protocol` empty: nothing known speaks there. `said`: the last line, or why the port
-    cannot be used."""
+    """Holds the result. `protocol` empty: nothing known speaks there. `said`: the last line, or
+    why the port cannot be used."""
 
     protocol: str = ""
     baud: int | None = None
@@ -53,7 +52,7 @@ class Decoder(Protocol):
 
 
 def decoders() -> dict[str, Decoder]:
-    """A fresh driver of every protocol on a line, the strictest first."""
+    """Returns a fresh decoder of every line protocol, the strictest first."""
     return {
         "slave-board/1": SlaveBoard(),
         "lag-rig/1": LagRig(),
@@ -104,11 +103,10 @@ def probe(
     sleep: Callable[[float], None] = time.sleep,
     listen_s: float = LISTEN_S,
 ) -> ProbeFinding:
-    """Listen at each baud rate in turn until something is recognised; takes `listen_s` a rate
-    at most.
+    """Listens at each baud rate in turn until something is recognised; takes at most `listen_s`
+    a rate.
 
-    `open_at` opens the port at a rate; ValueError and OSError come through.
-    """
+    `open_at` opens the port at a rate; ValueError and OSError come through."""
     said = ""
     for baud in bauds:
         port = open_at(baud)
@@ -140,7 +138,7 @@ def probe(
 
 
 def recognise_either(heard: Sequence[bytes]) -> ProbeFinding:
-    """What pieces of a line are, or datagrams: the last line is said with it."""
+    """Identifies pieces of a line, or datagrams; the last line is part of the result."""
     found = recognise(b"".join(heard))
     if found.protocol:
         lines = re.split(rb"[\r\n]+", b"".join(heard))
@@ -154,7 +152,7 @@ def recognise_either(heard: Sequence[bytes]) -> ProbeFinding:
 
 
 def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
-    """Rate modules heard, by number, with what they call themselves."""
+    """Returns the rate modules heard, by number, with their names."""
     found: dict[int, str] = {}
     for data in datagrams:
         try:

@@ -1,5 +1,5 @@
-"""A target from another display, and what somebody else's rate controller says that it applies:
-sentences on a serial line or in datagrams.
+"""Which target does another display send, and which rate does another controller apply?
+Sentences on a serial line or in datagrams.
 
     $R,RC,1300<CR><LF>              a rate request, as displays send it to a Raven SCS console
                                     (SCS 450/460 manual,
@@ -31,7 +31,7 @@ _OWN = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
 
 
 class RateSaid(NamedTuple):
-    """`is_target`: wanted; else what is applied."""
+    """Holds a rate: wanted where `is_target`, else applied."""
 
     time_s: float
     rate_kg_ha: float
@@ -39,9 +39,9 @@ class RateSaid(NamedTuple):
 
 
 class RateLineDecoder(LineDecoder[RateSaid]):
-    """unit_kg_ha: of a Raven sentence's number. Rejected: `bad_checksum`, `garbage`,
-    `impossible_value`, `overlong`; ignored: `said_once`, a Raven target that has not come twice
-    yet."""
+    """Decodes rates. unit_kg_ha: of a Raven sentence's number. Rejected: `bad_checksum`,
+    `garbage`, `impossible_value`, `overlong`; ignored: `said_once`, a Raven target that has not
+    come twice yet."""
 
     longest = 128
 
@@ -71,5 +71,5 @@ class RateLineDecoder(LineDecoder[RateSaid]):
 
 
 def target_sentence(rate_kg_ha: float) -> bytes:
-    """A target as `$PTDRT`."""
+    """Returns a target as `$PTDRT`."""
     return seal(f"PTDRT,{rate_kg_ha:.1f}")

@@ -1,8 +1,7 @@
-"""Host side of a rate module on UDP, as the drive of the metering shaft: its unit is one turn,
-so that units a minute are r/min. Opens nothing and reads no clock.
+"""How does the host drive the metering shaft through a rate module on UDP? Its unit is one turn,
+so that units a minute are r/min. It opens nothing and reads no clock.
 
-The module stops its own motor only after 4 s without its console (a slave board after 1 s).
-"""
+The module stops its own motor only after 4 s without its console (a slave board after 1 s)."""
 
 from __future__ import annotations
 
@@ -27,14 +26,15 @@ from topdress.drivers.devices.rate_module_frames import (
     encode_target,
 )
 
-# at most this often while the set-point changes ...
+# Least interval of targets while the set-point changes, s.
 TARGET_EVERY_S = 0.1
-# ... and at least this often: the module gives up after 4 s
+# Greatest interval of targets, s: the module stops after 4 s.
 TARGET_AT_LEAST_S = 0.5
 RELAYS_EVERY_S = 1.0
-# after a stop the relay stays on: without it the module neither controls nor counts
+# After a stop the relay stays on for this long, s: without it the module neither controls nor
+# counts.
 RUN_DOWN_S = 2.0
-# a module that says this long that it does not hear us is no drive
+# A module that reports for this long that it does not hear this console is no drive, s.
 UNHEARD_S = 2.0
 FASTEST_RPM = 400.0
 
@@ -45,8 +45,8 @@ class ModuleAddress(NamedTuple):
 
 
 class ModuleReadings(NamedTuple):
-    """One accepted status of the module. `shaft_rpm` is None while the module does not hear
-    this console."""
+    """Holds one accepted status of the module. `shaft_rpm` is None while the module does not
+    hear this console."""
 
     time_s: float
     shaft_rpm: Reading | None
@@ -57,7 +57,7 @@ class ModuleReadings(NamedTuple):
 
 
 class RateModule(Decoder[ModuleReadings]):
-    """Datagrams of one module to readings, set-points to datagrams.
+    """Decodes datagrams of one module to readings, and encodes set-points.
 
     Counted as rejected: `wrong_length`, `bad_checksum`, `out_of_range` (a shaft faster than 400
     r/min). Counted as ignored: `unknown_message`, `other_module` (several modules share a
@@ -67,8 +67,7 @@ class RateModule(Decoder[ModuleReadings]):
     ----------
     pulses_per_turn : of the module's encoder, per turn of the metering shaft.
     max_shaft_rpm : set-points are cut to 0 ... this before they are sent.
-    drive : one of `rate_module_frames.CONTROL_TYPES`.
-    """
+    drive : one of `rate_module_frames.CONTROL_TYPES`."""
 
     def __init__(
         self,
@@ -97,7 +96,7 @@ class RateModule(Decoder[ModuleReadings]):
         self._turns_rpm = 0.0  # as it reported last
 
     def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
-        """Readings from the datagrams that arrived at `time_s`, oldest first."""
+        """Returns the readings of the datagrams that arrived at `time_s`, oldest first."""
         return [said for data in datagrams for said in self._counted(data, time_s)]
 
     def _said(self, sentence: bytes, time_s: float) -> list[ModuleReadings]:
@@ -121,7 +120,7 @@ class RateModule(Decoder[ModuleReadings]):
     def command(
         self, shaft_rpm: float | None, enabled: bool, now_s: float, valves: Sequence[bool] = ()
     ) -> list[bytes]:
-        """The datagrams due at `now_s`, to be called every tick; often none.
+        """Returns the datagrams due at `now_s`, often none; it is called every tick.
 
         valves: of the sections, left to right, on the relays from the second on; closed unless
         enabled. The first relay is the drive's own: without one that is set the module neither
@@ -133,8 +132,7 @@ class RateModule(Decoder[ModuleReadings]):
 
         Raises
         ------
-        ValueError : a set-point that is not finite. Nothing is sent then; send a stop.
-        """
+        ValueError : a set-point that is not finite. Nothing is sent then; send a stop."""
         running = enabled and shaft_rpm is not None
         rpm = 0.0
         if shaft_rpm is not None:

@@ -1,8 +1,7 @@
-"""Datagrams of the open rate modules: little-endian, id first, sum of all bytes before it last
-(docs/rate-module.md).
+"""How are datagrams of the open rate modules encoded and decoded? Little-endian, id first, sum
+of all bytes before it last (docs/rate-module.md).
 
-A datagram counts when its length is exactly that of its id and its checksum is right.
-"""
+A datagram counts when its length is exactly that of its id and its checksum is right."""
 
 from __future__ import annotations
 
@@ -116,14 +115,14 @@ def checksum(data: bytes) -> int:
 
 
 def seal(message: int, body: bytes) -> bytes:
-    """A datagram of `message` from what stands between its id and its checksum."""
+    """Returns a datagram of `message` from the bytes between its id and its checksum."""
     data = message.to_bytes(2, "little") + body
     return data + bytes([checksum(data)])
 
 
 def encode_target(target: FlowTarget) -> bytes:
-    """Raises ValueError for a number that is not finite or does not fit: a wrapped set-point
-    would be another one."""
+    """Encodes a target. Raises ValueError for a number that is not finite or does not fit: a
+    wrapped set-point would be another one."""
     command = CONTROL_TYPES.index(target.control) << 1
     for flag, mask in (
         (target.reset_quantity, RESET_QUANTITY),
@@ -192,7 +191,7 @@ def encode_board(board: BoardStatus) -> bytes:
 
 
 def encode_label(label: BoardLabel) -> bytes:
-    """At most 16 letters of Latin-1."""
+    """Encodes a label of at most 16 letters of Latin-1."""
     return seal(
         LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0")
     )
@@ -216,8 +215,8 @@ def encode_trace(trace: Trace) -> bytes:
 
 
 def decode_heard(data: bytes) -> Heard:
-    """A datagram from a module. Raises Rejected, Ignored: `unknown_message`, `wrong_length`,
-    `bad_checksum`."""
+    """Decodes a datagram from a module. Raises Rejected, Ignored: `unknown_message`,
+    `wrong_length`, `bad_checksum`."""
     message, body = _open(data)
     if message == STATUS:
         flags = body[9]
@@ -266,7 +265,7 @@ def decode_heard(data: bytes) -> Heard:
 
 
 def decode_command(data: bytes) -> FlowTarget | Relays:
-    """A datagram to a module, as the virtual one reads it. Raises Rejected, Ignored."""
+    """Decodes a datagram to a module, for the virtual one. Raises Rejected, Ignored."""
     message, body = _open(data)
     if message == TARGET:
         command, kind = body[7], body[7] >> 1 & 7
@@ -291,8 +290,8 @@ def decode_command(data: bytes) -> FlowTarget | Relays:
 
 
 def thousandths(name: str, value: float) -> bytes:
-    """Three bytes, little-endian. Raises ValueError where the value is not finite or would run
-    over."""
+    """Encodes a number in three bytes, little-endian. Raises ValueError where it is not finite
+    or would overflow."""
     if not math.isfinite(value) or not 0 <= round(value * 1000.0) < U24:
         raise ValueError(f"rate module: {name} {value}, allowed is 0 to 16777.215")
     return round(value * 1000.0).to_bytes(3, "little")

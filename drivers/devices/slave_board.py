@@ -1,4 +1,5 @@
-"""Host side of the slave board: status lines to readings, set-points to command lines."""
+"""How does the host talk to the slave board? Status lines to readings, set-points to command
+lines."""
 
 from __future__ import annotations
 
@@ -37,19 +38,19 @@ from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
 BOARD_WORD, SHAFT_TURNED = WORD.encode() + b",", TURNED.encode() + b","
-# times in vain, a second at 20 a second: a board that has no word
+# Requests for the word without an answer, a second at 20 a second, after which the board has none.
 ASKED = 20
 
 
 class SetPointLimits(NamedTuple):
-    """Set-points are cut to 0 ... these before they are sent."""
+    """Limits set-points to 0 ... these before they are sent."""
 
     max_shaft_rpm: float = 100.0
     max_opening_mm: float = 60.0
 
 
 class BoardReadings(NamedTuple):
-    """One accepted status line. `None`: not fitted, or (wheel) not to be known."""
+    """Holds one accepted status line. `None`: not fitted, or (wheel) unknown."""
 
     time_s: float
     shaft_rpm: Reading
@@ -74,13 +75,13 @@ class BoardReadings(NamedTuple):
 
 
 class SlaveBoard(LineDecoder[BoardReadings]):
-    """Bytes of the board to readings, commands to bytes. Opens nothing and reads no clock.
+    """Decodes bytes of the board to readings and encodes commands. It opens nothing and reads no
+    clock.
 
     Counted as rejected: `bad_crc`, `missing_crc`, `unknown_frame` (another name or version),
     `wrong_length` (number of fields), `not_a_number`, `out_of_range`, `repeated_sequence`,
     `garbage`, `overlong`. `missed` counts the status lines that the sequence numbers say were
-    sent and never came. `dose`: what became of the doses sent by `give_dose`.
-    """
+    sent and never came. `dose`: what became of the doses sent by `give_dose`."""
 
     longest, framed, wrong = 200, True, ValueError
 
@@ -103,9 +104,9 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self.turned: ShaftTurned | None = None  # the newest answer to ASK_TURNED
 
     def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
-        """The next command line, heartbeat included; to be sent 10 times a second or more. Before
-        it, where the board has a word under which it has heard nothing yet, the question for
-        it.
+        """Returns the next command line, heartbeat included; to be sent 10 times a second or
+        more. Before it stands the request for the board's word, where the board has not heard
+        anything under it yet.
 
         Set-points are cut to the drive limits. Not enabled, or no command: the shaft's
         set-point is 0, the gate's stays where it was, and every valve of a machine that has
@@ -113,8 +114,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
 
         Raises
         ------
-        ValueError : a set-point that is not finite. Nothing is sent then; send a stop.
-        """
+        ValueError : a set-point that is not finite. Nothing is sent then; send a stop."""
         running = enabled and command is not None
         shaft_rpm, opening_mm = 0.0, self._sent_opening_mm
         if command is not None:
@@ -147,13 +147,13 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         return ASK + line
 
     def opened_anew(self) -> None:
-        """Another board may be there now, or one with an older program: ask for its word where
-        there was one."""
+        """Forgets the board, because another one, or an older program, may be there now: its
+        word is requested where there was one."""
         self._ask, self._asked = self._word is not None, 0
 
     def give_dose(self, angle_deg: float, shaft_rpm: float, now_s: float) -> bytes:
-        """The line of one dose of a point applicator. Raises ValueError as `PointDose.give`
-        does."""
+        """Returns the line of one dose of a point applicator. Raises ValueError as
+        `PointDose.give` does."""
         line = self.dose.give(angle_deg, shaft_rpm, self._next_command, now_s, self._word)
         self._next_command += 1
         return line
@@ -177,7 +177,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         return [self._take(decode_status(sentence), time_s)]
 
     def _count(self, seq: int) -> None:
-        """Raises Rejected for a frame that was there before."""
+        """Counts missed frames. Raises Rejected for a repeated frame."""
         if is_repeat(seq, self._last_seq):
             raise Rejected("repeated_sequence")
         if self._last_seq is not None:

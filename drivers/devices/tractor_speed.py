@@ -1,5 +1,5 @@
-"""Speeds that the tractor says it will aim at: one ASCII sentence, of the tractor's own
-computer or of a gateway to it.
+"""Which speeds does the tractor announce? One ASCII sentence of the tractor's own computer or of
+a gateway to it.
 
     $PTDSP,0.50,0.0,4.5,1.2,7.0*hh
 
@@ -22,8 +22,8 @@ _NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
 
 
 class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
-    """Bytes to announced speeds. Rejected: `bad_checksum`, `wrong_fields`, `impossible_value`,
-    `overlong`, `garbage`; ignored: sentences of another name."""
+    """Decodes bytes to announced speeds. Rejected: `bad_checksum`, `wrong_fields`,
+    `impossible_value`, `overlong`, `garbage`; ignored: sentences of another name."""
 
     longest = 1024
 
@@ -55,6 +55,6 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
 
 
 def sentence(announced: SpeedPlan) -> bytes:
-    """The same as bytes, for a gateway or a virtual tractor."""
+    """Returns an announcement as bytes, for a gateway or a virtual tractor."""
     pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in announced.points)
     return seal(f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}")

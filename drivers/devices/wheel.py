@@ -1,5 +1,5 @@
-"""Ground speed from wheel pulses and the board's own clock, so that no jitter of the link
-enters it."""
+"""How fast does the wheel turn? Ground speed from its pulses and the board's own clock, so that
+the link's jitter has no effect."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from typing import NamedTuple
 
 from topdress.drivers.devices.board_frames import COUNTERS
 
-# the speed is the mean over at least this long: its delay is half of it, 0.25 s
+# The speed is the mean over at least this time, s; its delay is half of it, 0.25 s.
 WINDOW_S = 0.5
 STANDSTILL_S = 0.8  # no pulse for this long is standstill
 FASTEST_MPS = 30.0  # above this the counts cannot be the wheel's
 
 
 class WheelGeometry(NamedTuple):
-    """Effective circumference and pulses a turn; one pulse is circumference / pulses of way."""
+    """Holds effective circumference and pulses a turn; one pulse is circumference / pulses of
+    way."""
 
     circumference_m: float = 2.50
     pulses_per_turn: float = 16.0
@@ -26,13 +27,12 @@ class WheelGeometry(NamedTuple):
 
 
 class WheelSpeed:
-    """Mean speed between two pulses at least `WINDOW_S` apart (the filter `wheel_window`; delay
-    0.25 s).
+    """Measures the mean speed between two pulses at least `WINDOW_S` apart (the filter
+    `wheel_window`; delay 0.25 s).
 
     Between pulses the speed is at most one pulse's way over the time since the last pulse, so
-    that braking shows before the next pulse comes. Counters that jump back are a restarted
-    board and begin anew.
-    """
+    that braking shows before the next pulse. Counters that jump back mean a restarted board and
+    begin anew."""
 
     def __init__(self, geometry: WheelGeometry) -> None:
         self._way_m = geometry.metres_per_pulse
@@ -40,11 +40,9 @@ class WheelSpeed:
         self._pulses: deque[tuple[int, int]] = deque()
 
     def update(self, micros: int, pulses: int, pulse_micros: int) -> float | None:
-        """Speed in m/s, 0 at standstill; None where it cannot be known (impossible counts).
-
+        """Returns the speed, m/s, 0 at standstill; None where it is unknown (impossible counts).
         `micros`, `pulse_micros`: the board's 32-bit clock now and at the last pulse; `pulses`:
-        32-bit count.
-        """
+        32-bit count."""
         since_pulse_us = _forward(micros, pulse_micros)
         if since_pulse_us >= STANDSTILL_S * 1e6 or pulses == 0:
             self._pulses.clear()
@@ -77,5 +75,5 @@ class WheelSpeed:
 
 
 def _forward(later: int, earlier: int) -> int:
-    """Difference of two 32-bit counters over their wrap."""
+    """Returns the difference of two 32-bit counters over their wrap."""
     return (later - earlier) % COUNTERS

@@ -1,13 +1,13 @@
-"""The virtual machine: the plant of `control.simulation` behind the same bytes that the real
-devices speak.
+"""How does a simulated machine speak like a real one? The plant of `control.simulation` behind
+the same bytes as the real devices.
 
 Files:
 
-- `board`: The slave board as the virtual machine has it
-- `extras`: What else a virtual machine may be plugged into
-- `faults`: A line with something wrong with it
-- `gpsd`: gpsd as the virtual machine plays it
-- `lag_rig`: A virtual lag rig: the board's own program
-- `machine`: The virtual machine
-- `served`: The virtual machine served to other programs
+- `board`: How does the virtual machine's slave board behave?
+- `extras`: What else can be connected to a virtual machine?
+- `faults`: Which faults can a line or a drive have?
+- `gpsd`: How does the virtual machine imitate gpsd?
+- `lag_rig`: How does a virtual lag rig work?
+- `machine`: How is a plant reached through ports and bytes only, as real devices would write them?
+- `served`: How is the virtual machine served to other programs?
 """

@@ -1,4 +1,4 @@
-"""The slave board as the virtual machine has it: the board's own program, the plant in the
+"""How does the virtual machine's slave board behave? The board's own program, with the plant in
 place of its pins."""
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ TRUE_COUNTS_PER_TURN = 2000.0
 
 
 class _Plant(Pins):
-    """`sensed`: what the plant read last; `inbox` from the host, `said` to it; `turns` of the
-    shaft."""
+    """Connects the plant to the program. `sensed`: last readings of the plant; `inbox` from the
+    host, `said` to it; `turns` of the shaft."""
 
     sensed: SensorReadings
     turns = 0.0
@@ -60,7 +60,8 @@ class _Plant(Pins):
         self.said += data
 
     def wheel(self) -> tuple[int, int]:
-        """A pulse whose moment is not known is taken to have come at the end of its tick."""
+        """Returns the wheel's pulses; a pulse without a known time counts at the end of its
+        tick."""
         if self.sensed.wheel_pulses != self._pulses:
             self._pulses = self.sensed.wheel_pulses
             self._pulse_s = self.sensed.wheel_pulse_s or self.sensed.time_s
@@ -83,7 +84,7 @@ class _Counted(Receiver):
 
 
 class _PlantsDose(Doser):
-    """The plant turns it: one `DoseOrder` in the place of steps."""
+    """Turns a dose by the plant: one `DoseOrder` in place of steps."""
 
     turned_deg = 0.0
     order: DoseOrder | None = None  # not yet at the plant
@@ -95,11 +96,11 @@ class _PlantsDose(Doser):
 
 
 class VirtualBoard(Slave):
-    """One board. Standing still: the shaft stops, the gate keeps the set-point that it had; at
-    power-on that is where it stands, `opening_mm`. `chance`: of its words, as the board's own
-    program has it; None: an older board, which knows none. Set-points are taken as they come:
-    the host's limits hold.
-    """
+    """Simulates one board.
+
+    At rest the shaft stops and the gate keeps its set-point; at power-on that is `opening_mm`.
+    `chance`: of its words, as in the board's own program; None: an older board without words.
+    Set-points are taken unchanged: the host's limits hold."""
 
     def __init__(
         self,
@@ -124,17 +125,18 @@ class VirtualBoard(Slave):
 
     @property
     def word(self) -> int | None:
-        """Under which it takes orders now."""
+        """Returns the word under which it takes orders now."""
         return self._newest.word
 
     def feed(self, data: bytes, now_s: float) -> None:
-        """Commands received at `now_s`; wrong ones are counted by kind and change nothing, but
-        for an old one, which stops the board."""
+        """Takes commands received at `now_s`; wrong ones are counted by kind and change nothing,
+        but an old one stops the board."""
         self._plant.inbox += data
         self.hear(_us(now_s))
 
     def set_points(self, now_s: float) -> tuple[DriveCommand, bool]:
-        """What the drives follow at `now_s`, and whether they are enabled."""
+        """Returns the set-points that the drives follow at `now_s`, and whether they are
+        enabled."""
         self.hear(_us(now_s))
         if self.enabled:
             self._opening_mm = self._commanded_mm
@@ -144,8 +146,8 @@ class VirtualBoard(Slave):
         ), self.enabled
 
     def dose(self, now_s: float) -> DoseOrder | None:
-        """The dose that the plant begins in this step; to be asked once a step. A stop ends the
-        one under way."""
+        """Returns the dose that the plant begins in this step, once a step. A stop ends the
+        present dose."""
         now_us, dose = _us(now_s), self._doser
         self.hear(now_us)
         end_us = self._dose_begin_us + dose.takes_us
@@ -160,11 +162,11 @@ class VirtualBoard(Slave):
         return order
 
     def turn(self, shaft_rpm: float, for_s: float) -> None:
-        """What the encoder sees, whoever turns the shaft."""
+        """Turns the encoder, whoever turns the shaft."""
         self._plant.turns += shaft_rpm / 60.0 * for_s
 
     def status(self, sensed: SensorReadings, now_s: float) -> bytes:
-        """The status line of this tick, on the plant's clock, and what else there is to say."""
+        """Returns the status line of this tick, on the plant's clock, and other messages."""
         self._plant.sensed, self.shaft_rpm = sensed, sensed.shaft_rpm
         self.hear(_us(now_s))
         self.say(_us(now_s), _us(sensed.time_s))

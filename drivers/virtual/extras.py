@@ -1,5 +1,5 @@
-"""What else a virtual machine may be plugged into: programs and modules along with receiver,
-heads and board."""
+"""What else can be connected to a virtual machine? Programs and modules besides receiver, heads
+and board."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ SILENT_CONSOLE_S = 4.0
 
 
 class Extra:
-    """Asked before and informed after every step of the plant."""
+    """Defines an addition that is asked before and informed after every step of the plant."""
 
     def before(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
-        """What the drives shall follow: the command as it stands, or changed."""
+        """Returns what the drives follow: the command unchanged or altered."""
         return command, enabled
 
     def after(self, sensed: SensorReadings, begin_s: float) -> None:
-        """What the sensors say."""
+        """Takes the readings of the sensors."""
 
 
 class VirtualAgOpenGps(Extra):
-    """AgOpenGPS telling position and speed on loopback."""
+    """Simulates AgOpenGPS, which sends position and speed on loopback."""
 
     def __init__(self, port: Datagrams) -> None:
         self._port = port
@@ -58,7 +58,7 @@ class VirtualAgOpenGps(Extra):
 
 
 def agopengps_frames(fix: GnssFix) -> tuple[bytes, bytes]:
-    """Speed, then position."""
+    """Returns the frames of speed and position."""
     speed = round((fix.speed_mps or 0.0) * 36.0).to_bytes(2, "little")
     place = struct.pack("<ddd", fix.lon_deg, fix.lat_deg, fix.heading_deg or 0.0)
     return _agopengps(DRIVE, speed + bytes(6)), _agopengps(POSITION, place)
@@ -70,13 +70,12 @@ def _agopengps(name: int, body: bytes) -> bytes:
 
 
 class VirtualRateModule(Extra):
-    """A rate module: it turns the shaft at the units a minute it is commanded, and says what it
-    counts.
+    """Simulates a rate module: it turns the shaft at the commanded units a minute, and reports
+    its counts.
 
     pulses_per_turn : of its true encoder; a console that tells another number gets another speed.
     listens : False is a module set to another comm mode: it reports, and ignores what UDP tells it.
-    label : what its board calls itself.
-    """
+    label : what its board calls itself."""
 
     def __init__(
         self,
@@ -111,7 +110,7 @@ class VirtualRateModule(Extra):
         ), True
 
     def valves(self, now_s: float) -> tuple[bool, ...]:
-        """What hangs on its relays from the second on; empty where none was ever set."""
+        """Returns the relays from the second on; empty where none was ever set."""
         self._valved = self._valved or self._relays > 1
         if not self._valved:
             return ()
@@ -119,7 +118,7 @@ class VirtualRateModule(Extra):
         return tuple([bool(relays >> k & 1) for k in range(MOST_RELAYS - 1)])
 
     def shaft_rpm(self, now_s: float) -> float:
-        """What the motor is driven at."""
+        """Returns the speed at which the motor is driven, r/min."""
         target = self._target
         if target is None or not self._hears(now_s) or not self._relays or not target.master_on:
             return 0.0

@@ -1,5 +1,5 @@
-"""A line with something wrong with it: what happens to cables, plugs and cheap adapters. Drives
-that do not do what they are commanded. Both on a time line: `KIND:DEVICE@FROM_S[+FOR_S]`."""
+"""Which faults can a line or a drive have? Those of cables, plugs and cheap adapters, and drives
+that disobey; both on a time line: `KIND:DEVICE@FROM_S[+FOR_S]`."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ WRONG_BAUD_RATIO = 2.0  # sent at twice the rate at which it is read
 
 
 class PortFaults(NamedTuple):
-    """What is wrong with the line towards the reader. All neutral: nothing. Shares are per
-    line, 0 to 1."""
+    """Holds the faults of the line towards the reader; all neutral: none. Shares are per line, 0
+    to 1."""
 
     unplugged: bool = False  # nothing in, nothing out, not connected
     # the line goes on, but repeats what it said before
@@ -34,10 +34,9 @@ class PortFaults(NamedTuple):
 
 
 class Spoiler:
-    """What becomes of a stream on its way. Deterministic: the same seed spoils the same lines.
+    """Spoils a stream on its way. Deterministic: the same seed spoils the same lines.
 
-    `by_lines` False: every piece given is one datagram and is spoilt as a line would be.
-    """
+    `by_lines` False: every piece is a datagram and is spoilt like a line."""
 
     def __init__(self, clock: Clock, seed: int = 0, by_lines: bool = True) -> None:
         self.faults = PortFaults()
@@ -49,7 +48,7 @@ class Spoiler:
         self._delayed: deque[tuple[float, bytes]] = deque()
 
     def put(self, data: bytes) -> None:
-        """What was sent. A line is passed on when it is whole."""
+        """Takes sent bytes. A line is passed on when it is whole."""
         if self.faults.unplugged:
             self._rest = b""
             self._delayed.clear()
@@ -63,7 +62,7 @@ class Spoiler:
             self._delayed.append((self._clock() + self.faults.delay_s, self._spoil(line)))
 
     def due(self) -> list[bytes]:
-        """What arrives now, a line or datagram each."""
+        """Returns what arrives now, one line or datagram each."""
         now_s, found = self._clock(), []
         while self._delayed and self._delayed[0][0] <= now_s:
             found.append(self._delayed.popleft()[1])
@@ -91,8 +90,8 @@ class Spoiler:
 
 
 def at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:
-    """What a receiver reads that samples `ratio` times more slowly than the sender sends (8N1,
-    least bit first)."""
+    """Returns the bytes of a receiver that samples `ratio` times more slowly than the sender
+    sends (8N1, least bit first)."""
     bits = [bit for byte in data for bit in (0, *(byte >> place & 1 for place in range(8)), 1)]
     found = bytearray()
     at = 0.0
@@ -112,15 +111,15 @@ RUNAWAY_MM = 60.0  # wide open
 
 
 class Runaway(NamedTuple):
-    """What the drives do by themselves; None: as commanded."""
+    """Holds what the drives do by themselves; None: as commanded."""
 
     shaft_rpm: float | None = None
     opening_mm: float | None = None
 
 
 class VirtualRunaway(Extra):
-    """Has the last word on shaft and gate while `at` says so; asked with the time since
-    `start_s` of every step."""
+    """Overrides shaft and gate while `at` demands it; it is called with the time since `start_s`
+    of every step."""
 
     def __init__(self, at: Callable[[float], Runaway], start_s: float) -> None:
         self._at = at
@@ -164,7 +163,7 @@ class TimedFault(NamedTuple):
 
 
 def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
-    """One `--fault`. Raises ValueError with one plain line."""
+    """Reads one `--fault`. Raises ValueError with one plain line."""
     match = _GRAMMAR.fullmatch(text.strip())
     if match is None:
         raise ValueError(
@@ -195,8 +194,7 @@ def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
 
 
 def faults_at(timeline: Iterable[TimedFault], device: str, at_s: float) -> PortFaults:
-    """All that is wrong with one device's line at `at_s`; of faults of one kind the worst
-    counts."""
+    """Returns the faults of one device's line at `at_s`; of faults of one kind the worst counts."""
     found = PortFaults()
     for fault in timeline:
         names = (device, "heads" if _is_head(device) else device)
@@ -210,7 +208,7 @@ def faults_at(timeline: Iterable[TimedFault], device: str, at_s: float) -> PortF
 
 
 def runaway_at(timeline: Iterable[TimedFault], at_s: float) -> Runaway:
-    """What the board's drives do by themselves at `at_s`."""
+    """Returns what the board's drives do by themselves at `at_s`."""
     found = Runaway()
     for fault in timeline:
         if fault.kind in DRIVES and fault.begin_s <= at_s < fault.end_s:
@@ -229,8 +227,8 @@ def _is_head(device: str) -> bool:
 
 
 class ServedLine:
-    """One device's byte line as the virtual machine serves it, on all its ends: what it says
-    goes, spoilt, to each; what any of them says is heard."""
+    """Serves one device's byte line on all its ends: its bytes go, spoilt, to each end, and the
+    bytes of any end are read."""
 
     def __init__(self, ends: Sequence[Port], clock: Clock, seed: int) -> None:
         self._ends = tuple(ends)
@@ -245,7 +243,7 @@ class ServedLine:
         return tuple(end.name for end in self._ends)
 
     def fault(self, faults: PortFaults) -> None:
-        """From now on this is wrong with the line."""
+        """Sets the faults of the line from now on."""
         for end in self._ends:
             if faults.unplugged != self._spoiler.faults.unplugged:
                 end.plug(not faults.unplugged)
@@ -264,7 +262,7 @@ class ServedLine:
         self.push()
 
     def push(self) -> None:
-        """Send what is due."""
+        """Sends the bytes that are due."""
         due = b"".join(self._spoiler.due())
         for end in self._ends:
             if due:

@@ -1,5 +1,5 @@
-"""gpsd as the virtual machine plays it: greets each client, answers its questions, reports to
-those that watch."""
+"""How does the virtual machine imitate gpsd? It greets each client, answers its questions, and
+reports to those that watch."""
 
 from __future__ import annotations
 
@@ -40,11 +40,10 @@ class Clients(Protocol):
 
 
 class VirtualGpsd(Extra):
-    """Every client has a watch of its own. Known are ?VERSION, ?DEVICES, ?WATCH, ?POLL; all
-    else is an ERROR.
+    """Serves several clients, each with its own watch. Known are ?VERSION, ?DEVICES, ?WATCH,
+    ?POLL; all else is an ERROR.
 
-    line : the one client there can be, or all of those that there are.
-    """
+    line : the one client there can be, or all of those that there are."""
 
     def __init__(self, line: Port | Clients) -> None:
         self._line = line
@@ -69,7 +68,7 @@ class VirtualGpsd(Extra):
 
 
 class _Session:
-    """One client: what it asked, and whether it watches."""
+    """Serves one client: its questions, and whether it watches."""
 
     def __init__(self, line: ClientLine) -> None:
         self._line = line
@@ -130,7 +129,7 @@ class _Session:
             self._say({"class": "ERROR", "message": f"Unrecognized request '{name}'"})
 
     def _watch(self, given: str, devices: dict[str, object]) -> None:
-        """Without a value the question how it stands, as gpsd has it."""
+        """Sets the watch; without a value it reports its state, as gpsd does."""
         if given:
             try:
                 wanted = json.loads(given)
@@ -152,12 +151,11 @@ def _known(said: dict[str, Any]) -> dict[str, Any]:
 
 
 class GpsdServer:
-    """A TCP port on which several clients at once may connect; each has its own line, spoilt as
-    the faults say.
+    """Listens on a TCP port for several clients at once; each has its own line with the given
+    faults.
 
     Called from one thread; nothing blocks. Raises OSError where the address cannot be listened
-    on.
-    """
+    on."""
 
     def __init__(
         self, host: str, number: int, clock: Clock, seed: int, terminal: Port | None = None
@@ -184,7 +182,7 @@ class GpsdServer:
         return (*self._clients, *(() if self._fixed is None else (self._fixed,)))
 
     def fault(self, faults: PortFaults) -> None:
-        """From now on this is wrong with every line."""
+        """Sets the faults of every line from now on."""
         self._faults = faults
         if faults.unplugged:
             self._let_go()
@@ -194,7 +192,7 @@ class GpsdServer:
             self._fixed.fault(faults)
 
     def push(self) -> None:
-        """Take who waits, send what is due, let go of who has gone."""
+        """Accepts waiting clients, sends due bytes, and drops clients that have gone."""
         if self._server is None and not self._faults.unplugged:
             with contextlib.suppress(OSError):
                 self._server = _listening(self._host, self.number)
@@ -237,7 +235,7 @@ class GpsdServer:
 
 
 class _GpsdClient:
-    """One connection that never blocks."""
+    """Holds one connection that never blocks."""
 
     def __init__(self, connection: socket.socket, clock: Clock, seed: int, number: int) -> None:
         self.open = True
@@ -264,7 +262,7 @@ class _GpsdClient:
         self.push()
 
     def push(self) -> None:
-        """Send what is due, as far as the client takes it."""
+        """Sends due bytes as far as the client takes them."""
         self._unsent += b"".join(self._spoiler.due())
         if not self._unsent or not self.open:
             return

@@ -1,5 +1,5 @@
-"""A virtual lag rig: the board's own program, with the plant's shaft for an encoder and its
-granules on the plate."""
+"""How does a virtual lag rig work? The board's own program, with the plant's shaft as encoder
+and its granules on the plate."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class _Pins(RigPins):
 
 
 class VirtualLagRig(Extra):
-    """An extra of the virtual machine. `truth` gives what the plant really did in the newest
-    step."""
+    """Adds a lag rig to the virtual machine. `truth` returns what the plant really did in the
+    newest step."""
 
     def __init__(self, port: Port, truth: Callable[[], Truth | None]) -> None:
         self._pins = _Pins(port)
@@ -73,7 +73,7 @@ class VirtualLagRig(Extra):
         self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
 
     def _carry(self, truth: Truth) -> None:
-        """What falls goes on by a step, as `control.machine.landing.falls_s` has it."""
+        """Advances falling granules by a step, as `control.machine.landing.falls_s` does."""
         step_s, share = truth.time_s - self._last_s, truth.carried_share
         stream = share / max(truth.settled_drop_s, LEAST_STEP_S)
         still: list[list[float]] = []

@@ -1,6 +1,5 @@
-"""The virtual machine: a plant whose sensors and drives are reached through ports and bytes
-only, as the real devices would write them: a fix as NMEA, a canopy sample as the heads' lines,
-the drives as status lines."""
+"""How is a plant reached through ports and bytes only, as real devices would write them? A fix
+as NMEA, a canopy sample as the heads' lines, the drives as status lines."""
 
 from __future__ import annotations
 
@@ -23,11 +22,11 @@ FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)
 
 
 def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
-    """One epoch as GGA, RMC and VTG. Positions to 1e-7 minutes (0.2 mm), speeds to 0.001 knots.
+    """Returns one epoch as GGA, RMC and VTG. Positions to 1e-7 minutes (0.2 mm), speeds to 0.001
+    knots.
 
     Without `fix.utc` the time is `FIRST_MOMENT` plus `fix.time_s`. Quality 0: no position is
-    written, status V.
-    """
+    written, status V."""
     at = (
         datetime.fromisoformat(fix.utc) if fix.utc else FIRST_MOMENT + timedelta(seconds=fix.time_s)
     )
@@ -52,11 +51,10 @@ def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
 
 
 def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes:
-    """One sample of one head in the given layout; `head` writes the multiplexed line's `H<n>,`
-    in front.
+    """Returns one sample of one head in the given layout; `head` adds the multiplexed line's
+    `H<n>,`.
 
-    The second index repeats the NDVI; fields that the driver does not read are 0.
-    """
+    The second index repeats the NDVI; fields that the driver does not read are 0."""
     fields = ["0"] * layout.fields
     for number in (layout.index_2, layout.ndvi):
         if number:
@@ -66,8 +64,8 @@ def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes
 
 
 def _minutes(degrees: float, width: int, letters: str) -> str:
-    """`4807.0380000,N`: whole degrees, then minutes, rounded together so that 60 minutes never
-    appear."""
+    """Returns `4807.0380000,N`: whole degrees, then minutes, rounded together so that 60 minutes
+    never appear."""
     ten_millionths = round(abs(degrees) * 60e7)
     whole, minutes = divmod(ten_millionths, 600_000_000)
     return (
@@ -78,12 +76,12 @@ def _minutes(degrees: float, width: int, letters: str) -> str:
 
 # where the gate stands at power-on, as the nominal machine has it
 OPENING_MM = 25.0
-# after a longer pause (a suspended computer) the rest of it is left out
+# After a longer pause (a suspended computer) the rest of it is left out, s.
 LONGEST_CATCH_UP_S = 5.0
 
 
 class VirtualMachine:
-    """Steps a plant up to the time it is given and exchanges bytes on its ends of the ports.
+    """Steps a plant up to a given time and exchanges bytes on its ends of the ports.
 
     Parameters
     ----------
@@ -95,8 +93,7 @@ class VirtualMachine:
     multiplexed : all heads on the one port in `heads`, each line preceded by its head.
     start_s : on the same clock as `advance`.
     extras : what else is plugged in; those that steer the drives have the last word, in their
-        order.
-    """
+        order."""
 
     def __init__(
         self,
@@ -121,11 +118,10 @@ class VirtualMachine:
         self._steps = 0
 
     def advance(self, now_s: float) -> int:
-        """Step the plant up to `now_s`; returns how many steps that were.
+        """Steps the plant up to `now_s` and returns the number of steps.
 
         Commands that have arrived act from the first of these steps on; what the sensors say
-        after a step is on its line at once.
-        """
+        after a step is on its line at once."""
         behind_s = now_s - self._start_s - self._steps * self._plant.dt_s
         if behind_s > LONGEST_CATCH_UP_S:
             self._start_s += behind_s - LONGEST_CATCH_UP_S
@@ -136,7 +132,7 @@ class VirtualMachine:
         return steps
 
     def close(self) -> None:
-        """Close the machine's ends of all lines."""
+        """Closes the machine's ends of all lines."""
         for port in (self._gnss_port, *self._head_ports, self._board_port):
             port.close()
 
@@ -182,7 +178,7 @@ def virtual_cab(
     index: Literal["ndvi", "ndre"] = "ndvi",
     extras: Sequence[Extra] = (),
 ) -> tuple[Cab, VirtualMachine]:
-    """A cab and the virtual machine that it is plugged into, joined by ports in memory.
+    """Returns a cab and the virtual machine that it is connected to by ports in memory.
 
     The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
 
@@ -194,8 +190,7 @@ def virtual_cab(
     index : which of the heads' indices counts.
     extras : what else is plugged in, as `VirtualMachine` has them.
     board : drive limits and wheel, where they differ from the nominal machine's; its port name
-        is not used.
-    """
+        is not used."""
     head_names = (
         ("memory:heads",) if multiplexed else tuple(f"memory:head_{n}" for n in range(1, heads + 1))
     )

@@ -1,4 +1,4 @@
-"""The virtual machine served to other programs: TCP ports, pseudo-terminals and UDP, with
+"""How is the virtual machine served to other programs? TCP ports, pseudo-terminals and UDP, with
 faults on a time line."""
 
 from __future__ import annotations
@@ -44,13 +44,12 @@ from topdress.drivers.virtual.machine import OPENING_MM, VirtualMachine
 # A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays.
 # POSIX systems only.
 class TerminalPort(ThreadedPort):
-    """The device's end; a program opens the name `link` as it would a serial port. Connected while
-    one has it open.
+    """Serves the device's end; a program opens the name `link` like a serial port. It is
+    connected while one has it open.
 
     Raises
     ------
-    OSError : the system has no pseudo-terminals, or the link cannot be made.
-    """
+    OSError : the system has no pseudo-terminals, or the link cannot be made."""
 
     def __init__(self, link: Path, clock: Clock) -> None:
         self._link = link
@@ -65,7 +64,7 @@ class TerminalPort(ThreadedPort):
         )
 
     def let_go(self) -> None:
-        """Unplugged: the terminal and its name are gone, as when a USB plug is pulled."""
+        """Unplugs: the terminal and its name disappear, as when a USB plug is pulled."""
         if self._master >= 0:
             with contextlib.suppress(OSError):
                 os.close(self._master)
@@ -101,8 +100,8 @@ class TerminalPort(ThreadedPort):
 
 
 class _MasterStream:
-    """Reading ends with OSError when the program closes its end; what it does not take in time
-    is lost."""
+    """Reads until the program closes its end, which raises OSError; bytes that it does not take
+    in time are lost."""
 
     def __init__(self, master: int) -> None:
         self._master = master
@@ -117,18 +116,17 @@ class _MasterStream:
             os.write(self._master, data)
 
     def close(self) -> None:
-        """The terminal outlives the program that had it open."""
+        """Keeps the terminal, which outlives the program that had it open."""
 
 
 # A port that waits for one TCP client at a time: the virtual machine's end of a `socket://` line.
 class ListeningPort(ThreadedPort):
-    """Listens at once; connected while a client is there; a next client is taken when the one
-    before has gone.
+    """Listens at once; connected while a client is there; the next client is accepted when the
+    one before has gone.
 
     Raises
     ------
-    OSError : the address cannot be listened on.
-    """
+    OSError : the address cannot be listened on."""
 
     def __init__(self, host: str, number: int, clock: Clock) -> None:
         self._server: socket.socket | None = socket.create_server((host, number))
@@ -144,7 +142,7 @@ class ListeningPort(ThreadedPort):
         )
 
     def let_go(self) -> None:
-        """Unplugged: nobody can connect."""
+        """Unplugs: nobody can connect."""
         if self._server is not None:
             with contextlib.suppress(OSError):
                 self._server.close()
@@ -155,8 +153,8 @@ class ListeningPort(ThreadedPort):
         self.let_go()
 
     def _accept(self) -> SocketStream:
-        """On the reader's thread, the only one that touches the listening socket while the port
-        is open."""
+        """Accepts a client on the reader's thread, the only one that uses the listening socket
+        while the port is open."""
         if self._server is None:
             self._server = socket.create_server(self._address)
             self._server.settimeout(READ_TIMEOUT_S)
@@ -173,8 +171,8 @@ TRUE_PULSES_PER_TURN = 360.0  # of the virtual rate module's encoder
 
 @dataclass(frozen=True, slots=True)
 class Serve:
-    """What is served and where. `first_port` 0: any free ports. Rate module and AgOpenGPS:
-    (host, port), or None."""
+    """Defines what is served and where. `first_port` 0: any free ports. Rate module and
+    AgOpenGPS: (host, port), or None."""
 
     host: str = "127.0.0.1"
     first_port: int = FIRST_PORT
@@ -208,7 +206,8 @@ class Address(NamedTuple):
 
 
 class ServedDatagrams:
-    """A datagram line with faults in the direction away from the device; unplugged, in both."""
+    """Serves a datagram line with faults in the direction away from the device; unplugged, in
+    both."""
 
     def __init__(self, inner: Datagrams, clock: Clock, seed: int) -> None:
         self._inner = inner
@@ -234,7 +233,7 @@ class ServedDatagrams:
         self.push()
 
     def push(self) -> None:
-        """Send what is due."""
+        """Sends the datagrams that are due."""
         for data in self._spoiler.due():
             self._inner.write(data)
 
@@ -249,12 +248,11 @@ class ServedDatagrams:
 
 
 class ServedMachine:
-    """A plant behind all its protocols. Call `advance` often.
+    """Serves a plant with all its protocols. `advance` is called often.
 
     Raises
     ------
-    OSError : a port is taken, or there are no pseudo-terminals.
-    """
+    OSError : a port is taken, or there are no pseudo-terminals."""
 
     def __init__(self, plant: Plant, serve: Serve, clock: Clock) -> None:
         self._serve = serve
@@ -271,7 +269,7 @@ class ServedMachine:
 
     @property
     def addresses(self) -> tuple[Address, ...]:
-        """Where each device is to be found."""
+        """Returns where each device is reached."""
         protocols = {
             "gnss": "nmea0183",
             "board": "slave-board/1",
@@ -287,7 +285,7 @@ class ServedMachine:
         )
 
     def advance(self) -> list[str]:
-        """Bring the plant up to the clock; what changed on the time line of faults, in words."""
+        """Steps the plant to the present, and returns the changes of faults in words."""
         now_s = self._clock()
         changes = []
         for device, line in self._lines.items():
