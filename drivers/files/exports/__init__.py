@@ -1,5 +1,5 @@
-"""As-applied exports of a run log: GeoJSON, shapefile, ISO 11783-10 task with time log, CSV.
-`write_as_applied`.
+"""How is a run log exported as what was applied where: GeoJSON, shapefile, ISO 11783-10 task
+with time log, CSV? `write_as_applied` does it.
 
 Files:
 

@@ -1,5 +1,5 @@
-"""What was applied where: a run log as stretches of ground, each with its area, target and
-mass; and the sums."""
+"""What was applied where: which stretches of ground did a run log work, with which area, target
+and mass, and what are the sums?"""
 
 from __future__ import annotations
 
@@ -37,29 +37,38 @@ from topdress.drivers.plain_text import OneLine
 
 Floats = npt.NDArray[np.float64]
 
-# a longer step between rows is a gap: nothing is counted in it
+# Step between rows, s: nothing is counted in a longer gap.
 MOST_STEP_S = 1.0
-GAP_STEPS = 2.5  # of a log with fewer rows than one a second
+# Mean steps that make a gap, in a log with fewer rows than one a second.
+GAP_STEPS = 2.5
+# Length of a stretch, s: farm programs expect about a record a second.
 DEFAULT_EVERY_S = 1.0
-SAME_WIDTH = 0.02  # widths are reported rounded, and as driven
-CELL_M = 0.2  # of the bitmap of covered ground
+# Share by which widths may differ: they are reported rounded, and as driven.
+SAME_WIDTH = 0.02
+# Cell of the raster of covered ground, m.
+CELL_M = 0.2
+# Way between two entries into that raster, m.
 COVER_STEP_M = 0.5
+# Columns without which nothing can be exported.
 NEEDED = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
-SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")  # the first that a log has
+# The first of these columns that a log has is its speed.
+SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 
 
 class ExportError(OneLine):
-    """The log cannot be exported; one line that names file, column and what is allowed."""
+    """The log cannot be exported; one line names file, column and what is allowed."""
 
 
 class SpreadProduct(NamedTuple):
+    """Names the product and its share of nitrogen."""
+
     name: str
     n_fraction: float  # N in the product, 0 to 1
 
 
 class WorkedStretches(NamedTuple):
-    """Stretches (n,) of worked ground in the order they were worked; places are where the
-    material came to lie."""
+    """Holds stretches (n,) of worked ground in the order of work; places are where the material
+    landed."""
 
     time_s: Floats  # of release, in the middle
     lat_deg: Floats
@@ -87,7 +96,8 @@ class WorkedStretches(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """Ground on which more was wanted than the crop's limit, which was applied there."""
+    """Holds the ground on which the target was above the crop's limit; the limit was applied
+    there."""
 
     limit_kg_ha: float
     area_ha: float
@@ -97,8 +107,8 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AsApplied:
-    """A job as it was done. Sums of the stretches are the log's own to rounding, but for what was
-    released standing still: that lies on no stretch."""
+    """Holds a job as it was done. Sums of the stretches equal the log's own to rounding, except
+    mass released standing still: that lies on no stretch."""
 
     title: str
     machine: Machine
@@ -118,14 +128,14 @@ class AsApplied:
 
     @property
     def worked_ha(self) -> float:
-        """Ground worked, as its places have it, every time it was passed over; by speed and
-        time where that is all."""
+        """Returns the ground worked, ha, each pass counted; by places, or by speed and time
+        where there are none."""
         ground = self.ground
         return self.totals.area_ha if ground is None else ground.area_ha + ground.overlap_ha
 
     @property
     def mean_kg_ha(self) -> float:
-        """All that was applied in work over the ground worked."""
+        """Returns the mean rate, kg/ha: all that was applied in work, over the ground worked."""
         return (
             (self.totals.applied_kg - self.totals.stopped_kg) / self.worked_ha
             if self.worked_ha > 0.0
@@ -134,9 +144,11 @@ class AsApplied:
 
     @property
     def width_m(self) -> float:
+        """Returns the machine's working width, m."""
         return self.machine.geometry.working_width_m
 
     def utc(self, time_s: float) -> dt.datetime | None:
+        """Returns the UTC of a time of the log, s; None where the log has no UTC."""
         return None if self.begin_utc is None else self.begin_utc + dt.timedelta(seconds=time_s)
 
 
@@ -146,13 +158,27 @@ def as_applied(
     product: SpreadProduct | None = None,
     every_s: float = DEFAULT_EVERY_S,
 ) -> AsApplied:
-    """The worked rows of a log, and those in which its shaft turned though commanded to stop,
-    in stretches of at most `every_s`.
+    """Returns what a log's machine applied, in stretches of at most `every_s`.
 
-    The applied rate is the log's, times the scale's correction of the flow model where the log
-    has one. A stretch lies where its material landed: behind the antenna by the machine's
-    measure, and on by the drop time. machine, product: where the log's sidecar names none.
-    Raises ExportError.
+    Worked rows count, and rows in which the shaft turned though commanded to stop. The applied rate
+    is the log's, times the scale's correction of the flow model where the log has one. A stretch
+    lies where its material landed: behind the antenna by the machine's measure, and on by the drop
+    time.
+
+    Parameters
+    ----------
+    log : the run log.
+    machine : where the log's sidecar names none.
+    product : where the log's sidecar names none.
+    every_s : longest stretch, s.
+
+    Returns
+    -------
+    stretches, sums and what belongs to them.
+
+    Raises
+    ------
+    ExportError : a column, the machine or any worked row is missing.
     """
     machine = machine or _machine(log)
     for column in NEEDED:
@@ -160,6 +186,7 @@ def as_applied(
             raise ExportError(f"{log.path}: column {column}: empty: allowed is a log that has it")
     if _speed_column(log) is None:
         raise ExportError(f"{log.path}: column {SPEEDS[0]}: empty: allowed is a log that has it")
+    # Written so that NaN is refused too.
     if not every_s > 0.0:
         raise ExportError(f"{log.path}: every {every_s:g} s: allowed is above 0")
     rows = _worked(log, machine)
@@ -191,8 +218,8 @@ def as_applied(
 
 
 class _WorkedRows(NamedTuple):
-    """Worked rows (n,), and where each one's material came to lie on a plane, begin and end of
-    its step."""
+    """Holds worked rows (n,), and where each row's material landed on a plane at begin and end
+    of its step."""
 
     plane: TangentPlane
     time_s: Floats
@@ -213,6 +240,7 @@ class _WorkedRows(NamedTuple):
     opened: npt.NDArray[np.bool_]
 
 
+# Returns the rows that count, with the places of their material.
 def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
@@ -222,6 +250,7 @@ def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
     )
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
+    # Each row's material falls for its own time, by its shaft speed.
     drop = falls_s(
         time,
         np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
@@ -230,9 +259,10 @@ def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
     plane, way_m, heading = outlet_way(log, machine)
     lands = time + drop
     begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)
+    # Headings are interpolated unwrapped: 359 and 1 deg have 0 between them.
     turned = np.degrees(np.unwrap(np.radians(heading)))
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
-    # commanded to stop: no target
+    # A machine that is commanded to stop has no target.
     wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)
     columns = [
         time,
@@ -256,9 +286,15 @@ def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
 
 
 def effort_percent(log: RunLog, machine: Machine) -> Floats:
-    """By how much harder the metering drive worked in each row (n,) than its machine file says,
-    at its speed, opening, supply, pitch and fill, %; NaN where no effort is known, or hardly
-    any is due."""
+    """Returns by how much harder the metering drive worked than its machine file says.
+
+    Speed, opening, supply, pitch and fill are taken from the log, else as nominal.
+
+    Returns
+    -------
+    (n,) percent for each row; NaN where no effort is known, or where the model expects less than
+    its noise.
+    """
     effort, rpm, opening = (
         np.abs(log.numbers(name)) for name in ("shaft_effort", "shaft_rpm", "opening_mm")
     )
@@ -282,11 +318,13 @@ def effort_percent(log: RunLog, machine: Machine) -> Floats:
             (rpm, opening, log.time_s, kg, pitch, supply)
         )[known].tolist()
     ]
+    # A ratio to an expected effort within the noise says nothing.
     return np.where(should > machine.noise.effort, 100.0 * (effort / should - 1.0), np.nan)
 
 
 def strips_of(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
-    """Of the sections whose valves the log tells; else of the whole machine."""
+    """Returns the strips of the sections whose valves the log records, else a strip for the
+    whole machine."""
     half = 0.5 * machine.geometry.working_width_m
     return (
         machine.switched
@@ -296,8 +334,8 @@ def strips_of(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
 
 
 def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
-    """Which of `strips_of` were open in each row, (n, strips): as commanded, so long after as
-    the valve takes."""
+    """Returns which of `strips_of` were open in each row, (n, strips): as commanded, later by
+    the valve's delay."""
     if not (machine.switched and log.has("sections_cmd")):
         return np.ones((len(log), 1), dtype=np.bool_)
     valves = LoggedValves(machine.sections)
@@ -311,6 +349,7 @@ def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
     )
 
 
+# Returns the speed of each row (n,), m/s.
 def _speed_mps(log: RunLog) -> Floats:
     column = _speed_column(log)
     assert column is not None
@@ -318,21 +357,22 @@ def _speed_mps(log: RunLog) -> Floats:
 
 
 def _speed_column(log: RunLog) -> str | None:
-    """The speed that control used; of another machine's log, which was imported, the one that
-    it tells."""
+    """Returns the column of the speed that control used; for an imported log of another machine,
+    the first column that it has."""
     stated = SPEEDS if log.meta is not None and "imported" in log.meta.extra else SPEEDS[:1]
     return next((column for column in stated if log.has(column)), None)
 
 
 def _most_step_s(log: RunLog) -> float:
-    """Logs of other programs may have a row every few seconds."""
+    """Returns the longest step between rows, s, that is no gap; logs of other programs may have
+    a row every few seconds."""
     return (
         max(MOST_STEP_S, GAP_STEPS * log.step_s) if log.step_s > 0.5 * MOST_STEP_S else MOST_STEP_S
     )
 
 
 def applied_rate_kg_ha(log: RunLog) -> Floats:
-    """The log's applied rate (n,), the scale's correction included where the log has one."""
+    """Returns the applied rate (n,), kg/ha, with the scale's correction where the log has one."""
     trim = log.numbers("flow_trim")
     return np.asarray(
         log.numbers("applied_rate_kg_ha") * np.where(np.isfinite(trim), trim, 1.0), dtype=np.float64
@@ -340,10 +380,10 @@ def applied_rate_kg_ha(log: RunLog) -> Floats:
 
 
 def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Rows (n,) in which work went on: working, and not where nothing was wanted (off the
-    field) and nothing came.
+    """Returns the rows (n,) in which the machine worked.
 
-    A log that tells neither state nor source worked all the time.
+    Rows in the state working count, except those off the field (no target) without flow. A log with
+    neither state nor source counts as work throughout.
     """
     working = np.asarray(log.texts("state") == State.WORKING.value) | (not log.has("state"))
     off_field = np.asarray(log.texts("target_source") == TargetSource.NONE.value)
@@ -352,8 +392,8 @@ def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
 
 
 def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Rows (n,) of work from the first on in which material left, or none was wanted, as the
-    totals count them."""
+    """Returns the rows (n,) of work from the first in which material left, or no target was set,
+    as the totals count them."""
     arrival, found = Arrival(), is_worked(log)
     applied = np.nan_to_num(log.numbers("applied_rate_kg_ha")).tolist()
     for k, (works, rate, target) in enumerate(
@@ -367,10 +407,11 @@ def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
 
 
 def outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
-    """Plane, places of the outlets (rows, 2) m, and headings (rows,): from fix to fix, not in
-    steps."""
+    """Returns the plane, places of the outlets (rows, 2), m, and headings (rows,), deg,
+    interpolated from fix to fix. Raises ExportError for less than two places."""
     time, lat, lon = log.time_s, log.numbers("lat_deg"), log.numbers("lon_deg")
     known = np.isfinite(lat) & np.isfinite(lon)
+    # Fixes come less often than rows: a repeated place is the old fix.
     fresh = known & (np.diff(lat, prepend=np.nan) != 0.0) | known & (
         np.diff(lon, prepend=np.nan) != 0.0
     )
@@ -393,7 +434,9 @@ def outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Flo
 
 
 def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
-    """Places (n, 2) at the moments (n,); after the log's end straight on as fast as before it."""
+    """Returns places (n, 2) at moments (n,), s; after the log's end straight on at its last
+    speed."""
+    # The last second gives that speed.
     back = int(np.searchsorted(time_s, time_s[-1] - 1.0))
     lasts = time_s[-1] - time_s[back]
     speed = (way_m[-1] - way_m[back]) / lasts if lasts > 0.0 else np.zeros(2)
@@ -403,7 +446,7 @@ def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
 
 
 def _gathered(rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float) -> WorkedStretches:
-    """Of each strip by itself, in the order in which they were worked."""
+    """Returns the stretches of all strips, sorted by time."""
     found = [
         _of_strip(_under(rows, strip, flowed), strip.right_m - strip.left_m, every_s)
         for strip, flowed in zip(strips, rows.opened.T, strict=True)
@@ -417,7 +460,7 @@ def _gathered(rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float)
 
 
 def _under(rows: _WorkedRows, strip: SectionStrip, flowed: npt.NDArray[np.bool_]) -> _WorkedRows:
-    """The rows in which a strip flowed, at the strip's own middle."""
+    """Returns the rows in which a strip flowed, shifted to the strip's middle."""
     aside = 0.5 * (strip.left_m + strip.right_m)
     if aside == 0.0 and flowed.all():
         return rows
@@ -427,8 +470,10 @@ def _under(rows: _WorkedRows, strip: SectionStrip, flowed: npt.NDArray[np.bool_]
     return _WorkedRows._make((moved.plane, *(column[flowed] for column in moved[1:])))
 
 
+# Returns the stretches of a strip: consecutive rows within a period, not across a gap.
 def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretches:
     breaks = np.diff(rows.time_s) > rows.step_s[1:] + 1e-6
+    # The small number keeps a time of exactly a period in its own period.
     period = np.floor(rows.time_s / every_s + 1e-9)
     first = np.flatnonzero(np.concatenate(([True], breaks | (np.diff(period) != 0.0))))
     last = np.append(first[1:], len(rows.time_s)) - 1
@@ -475,7 +520,7 @@ def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretche
 def _corners(
     begin: Floats, end: Floats, from_deg: Floats, to_deg: Floats, width_m: float
 ) -> Floats:
-    """Left and right at the begin, right and left at the end: (n, 4, 2) m."""
+    """Returns corners (n, 4, 2), m: left and right at the begin, right and left at the end."""
 
     def right(heading_deg: Floats) -> Floats:
         angle = np.radians(heading_deg)
@@ -492,12 +537,13 @@ def _corners(
     )
 
 
+# Returns latitude and longitude (n, 2) of places (n, 2), m.
 def _to_deg(plane: TangentPlane, places: Floats) -> Floats:
     return np.array([plane.to_deg(east, north) for east, north in places.tolist()])
 
 
 def _totals(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
-    """What the log itself adds up to, row by row."""
+    """Returns the sums of the log's own rows."""
     totaliser = Totaliser(machine.geometry.working_width_m, product.n_fraction)
     share = opened(log, machine) @ np.array([strip.share for strip in strips_of(log, machine)])
     time = log.time_s
@@ -525,6 +571,8 @@ def _totals(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
     return totaliser.snapshot()
 
 
+# Returns the ground on which the target exceeded the crop's limit; None where it never did, or the
+# limit is not known.
 def _cut(log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]) -> Cut | None:
     limit = ((log.meta.crop if log.meta else None) or {}).get("max_rate_kg_ha")
     if not isinstance(limit, int | float):
@@ -541,7 +589,8 @@ def _cut(log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]) -> Cut 
 
 
 def _one_rate(log: RunLog, machine: Machine) -> Across | None:
-    """From what the heads read while canopy was the source and something flowed."""
+    """Returns what a rate for the whole width costs, from the heads' readings while canopy was
+    the source and material flowed; None where it cannot be known."""
     by_canopy = np.asarray(log.texts("target_source") == TargetSource.CANOPY.value) & is_worked(log)
     by_canopy &= np.nan_to_num(log.numbers("applied_rate_kg_ha")) > 0.0
     heads = np.column_stack([log.numbers(name) for name in HEAD_COLUMNS[: machine.geometry.heads]])[
@@ -565,8 +614,8 @@ def _one_rate(log: RunLog, machine: Machine) -> Across | None:
 def _covered(
     rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip], flows: npt.NDArray[np.bool_]
 ) -> Covered:
-    """Ground under the strips that `flows` (n, strips), each place once, and what was passed
-    over again."""
+    """Returns the ground under the strips that `flows` (n, strips), each place once, and the
+    ground passed over again."""
     coverage = Coverage(
         width_m, min(CELL_M, width_m / 6.0), strips=[(one.left_m, one.right_m) for one in strips]
     )
@@ -588,12 +637,14 @@ def _covered(
     return coverage.covered
 
 
+# Returns a place as a pair, m.
 def _place(place: Floats) -> Place:
     return float(place[0]), float(place[1])
 
 
 def _doses(log: RunLog) -> tuple[int | None, int | None]:
-    """Doses and misses of point mode as the log's events tell them; None where it was not."""
+    """Returns doses and misses of point mode from the log's events; None where point mode was
+    not used."""
     words = [
         word for text in log.texts("events").tolist() if "dose" in text for word in text.split(";")
     ]
@@ -605,6 +656,7 @@ def _doses(log: RunLog) -> tuple[int | None, int | None]:
     )
 
 
+# Returns the machine of the log's sidecar. Raises ExportError where it has none.
 def _machine(log: RunLog) -> Machine:
     if log.meta is None or log.meta.machine is None:
         raise ExportError(
@@ -622,8 +674,8 @@ def _machine(log: RunLog) -> Machine:
 
 
 def _check_width(log: RunLog, machine: Machine) -> None:
-    """Areas are ways times the machine's width: it must be the one that the imported file
-    tells. Raises ExportError."""
+    """Refuses a machine that is not as wide as the imported file says, for areas are ways times
+    its width. Raises ExportError."""
     imported = log.meta.extra.get("imported") if log.meta is not None else None
     stated = imported.get("width_m") if isinstance(imported, dict) else None
     width = machine.geometry.working_width_m
@@ -642,7 +694,8 @@ def _product(log: RunLog) -> SpreadProduct:
 
 
 def _field(log: RunLog) -> Floats | None:
-    """The job's field (k, 2) latitude and longitude; None where the log does not tell."""
+    # The job's outline.
+    """Returns the job's field (k, 2), latitude and longitude; None where the log has none."""
     ground = ((log.meta.job if log.meta else None) or {}).get("field") or {}
     corners = ground.get("boundary_m")
     if not corners:
@@ -651,6 +704,7 @@ def _field(log: RunLog) -> Floats | None:
     return _to_deg(plane, np.asarray(corners, dtype=np.float64))
 
 
+# Returns the UTC of time 0; None where the log has none.
 def _begin_utc(log: RunLog) -> dt.datetime | None:
     texts = log.texts("utc")
     known = np.flatnonzero(texts != "")
@@ -661,6 +715,7 @@ def _begin_utc(log: RunLog) -> dt.datetime | None:
     return _moment(log.meta.started_utc) if log.meta and log.meta.started_utc else None
 
 
+# Returns the UTC of an ISO 8601 text, taken as UTC without a zone; None where it cannot be read.
 def _moment(text: str) -> dt.datetime | None:
     try:
         moment = dt.datetime.fromisoformat(text)

@@ -1,4 +1,4 @@
-"""The fields of the flat exports (CSV, GeoJSON, shapefile): one table for all three."""
+"""Which columns do the flat exports (CSV, GeoJSON, shapefile) have?"""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from topdress.drivers.files.exports.as_applied import AsApplied
 
 
 class ExportColumn(NamedTuple):
-    """`name` in CSV and GeoJSON; `short`: the shapefile's, ten characters at most; `decimals`:
-    what is kept."""
+    """Describes a column: `name` in CSV and GeoJSON, `short` in a shapefile (ten characters at
+    most), `decimals` that are kept, `of` that returns its values (n,)."""
 
     name: str
     short: str
@@ -21,9 +21,11 @@ class ExportColumn(NamedTuple):
     of: Callable[[AsApplied], Array]
 
 
-# of a shapefile: the column that is utc elsewhere
+# A shapefile's name of the column that is utc elsewhere.
 TIME_SHORT = "ISOTIME"
 
+# In the order of the columns; short names are those that farm programs know (dBASE allows ten
+# letters).
 COLUMNS = (
     ExportColumn("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
     ExportColumn("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),
@@ -48,22 +50,23 @@ COLUMNS = (
 
 
 def records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
-    """For each stretch its time (ISO 8601, empty where not known) and the columns' values,
-    rounded; None: not known."""
+    """Yields each stretch's time (ISO 8601, empty where not known) and the columns' rounded
+    values; None: not known."""
     arrays = [np.round(column.of(applied), column.decimals).tolist() for column in COLUMNS]
     for k, time_s in enumerate(applied.stretches.time_s.tolist()):
         moment = applied.utc(time_s)
         text = (
             ""
             if moment is None
+            # JavaScript and most farm programs expect Z for UTC.
             else moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
         )
         yield text, [None if array[k] != array[k] else array[k] for array in arrays]
 
 
 def summary(applied: AsApplied) -> dict[str, object]:
-    """The sums, in words and units for a machine to read; they are the log's own, row by row.
-    `worked_ha` and `mean_kg_ha` go by the places of the material."""
+    """Returns the sums for programs, from the log's own rows. `worked_ha` and `mean_kg_ha`
+    follow the places of the material."""
     return {
         "format": "topdress-as-applied/1",
         "machine": applied.machine.id,
@@ -72,7 +75,10 @@ def summary(applied: AsApplied) -> dict[str, object]:
         "working_width_m": applied.width_m,
         "cut_at_crop_limit": None if applied.cut is None else applied.cut._asdict(),
         "released_stopped": [
-            dict(one._asdict()) for one in applied.stopped if one.lat_deg == one.lat_deg
+            # NaN, an unknown place, is not equal to itself.
+            dict(one._asdict())
+            for one in applied.stopped
+            if one.lat_deg == one.lat_deg
         ],
         "worked_ha": applied.worked_ha,
         "mean_kg_ha": applied.mean_kg_ha,

@@ -1,4 +1,5 @@
-"""Passes for a farm's books: a line each as CSV, and the sums by product and field."""
+"""Which passes does a farm's book hold, a line each as CSV, and what are the sums by product and
+field?"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from topdress.drivers.files.farm_lines import COLUMNS, record_rows
 
 
 class Pass(NamedTuple):
-    """One log's work. `cost`, `price`: None where no price was given."""
+    """Holds the work of a log. `cost` and `price_per_kg` are None where no price was given."""
 
     applied: AsApplied
     said: Mapping[str, str]  # client, farm, field, crop, operator, product
@@ -25,10 +26,12 @@ class Pass(NamedTuple):
 
     @property
     def product(self) -> str:
+        """Returns the product's name that the operator gave, else the log's."""
         return self.said.get("product") or self.applied.product.name
 
     @property
     def cost(self) -> float | None:
+        """Returns the cost of the product; None without a price."""
         return (
             None
             if self.price_per_kg is None
@@ -36,7 +39,7 @@ class Pass(NamedTuple):
         )
 
     def cells(self) -> list[str]:
-        """As COLUMNS; empty: not known."""
+        """Returns the pass as COLUMNS; empty: not known."""
         applied, totals = self.applied, self.applied.totals
         s = applied.stretches
         begin = applied.utc(float(s.time_s[0] - 0.5 * s.duration_s[0]))
@@ -65,7 +68,7 @@ class Pass(NamedTuple):
 
 
 class Sum(NamedTuple):
-    """Of the passes with one product on one field, paid in one currency."""
+    """Holds the sums of the passes with a product on a field, paid in a currency."""
 
     product: str
     field: str
@@ -78,11 +81,12 @@ class Sum(NamedTuple):
 
 
 def sums(passes: Iterable[Pass]) -> list[Sum]:
-    """By product, field and currency, in the order of the passes."""
+    """Returns sums by product, field and currency, in the order of the passes."""
     found: dict[tuple[str, str, str], Sum] = {}
     for one in passes:
         key = (one.product, one.said.get("field", ""), one.currency)
         before = found.get(key, Sum(*key, 0, 0.0, 0.0, 0.0, 0.0))
+        # A sum with an unknown cost in it is not known.
         both = None if before.cost is None or one.cost is None else before.cost + one.cost
         totals = one.applied.totals
         found[key] = Sum(
@@ -97,13 +101,20 @@ def sums(passes: Iterable[Pass]) -> list[Sum]:
 
 
 def write_record(passes: Sequence[Pass], path: Path) -> tuple[int, int]:
-    """The lines of these passes at the end of the record; a log that stands in it is written
-    anew in its place.
+    """Appends these passes to the farm's book; a log that the book already holds is replaced in
+    place.
 
-    Returns how many were added and how many replaced. Raises FarmRecordError for a file that is no
-    such record, OSError.
+    Returns
+    -------
+    how many lines were added and how many replaced.
+
+    Raises
+    ------
+    FarmRecordError : the file is no such record.
+    OSError : it cannot be read or written.
     """
     rows = record_rows(path)
+    # The last column is the log's name.
     places = {row[-1]: k for k, row in enumerate(rows)}
     added = replaced = 0
     for one in passes:

@@ -1,5 +1,5 @@
-"""As-applied as an ISO 11783-10 task: task with totals, device description, product, field, and
-the time log."""
+"""How is applied work written as an ISO 11783-10 task: task with totals, device description,
+product, field, and time log?"""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from topdress.drivers.files.exports.as_applied import AsApplied, ExportError, Fl
 from topdress.drivers.files.exports.time_log import NO_STATUS, Logged, TimeRecord, layout, records
 from topdress.drivers.files.prescriptions.task_files import name_of, outline, task_root, write_task
 
-# ISO 11783-11: what is logged, with the steps of its numbers
-SETPOINT_RATE, ACTUAL_RATE = 6, 7  # mg/m2
-WIDTH, SPEED, WORK_STATE = 67, 397, 141  # mm, mm/s, 1 = working
-# g, g, m2, mm, s
+# Data dictionary identifiers (ISO 11783-11), mg/m2.
+SETPOINT_RATE, ACTUAL_RATE = 6, 7
+# Identifiers of mm, mm/s, and 1 for working.
+WIDTH, SPEED, WORK_STATE = 67, 397, 141
+# Identifiers of totals: g, g, m2, mm, s.
 TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME = 352, 353, 116, 117, 119
+# What the time log holds, in this order.
 LOGGED = (
     SETPOINT_RATE,
     ACTUAL_RATE,
@@ -28,6 +30,7 @@ LOGGED = (
     TOTAL_AREA,
     TOTAL_DISTANCE,
 )
+# Names of the device's process data (DPD), as a terminal shows them.
 NAMES = {
     SETPOINT_RATE: "target rate",
     ACTUAL_RATE: "applied rate",
@@ -40,24 +43,26 @@ NAMES = {
     TOTAL_DISTANCE: "distance",
     TOTAL_TIME: "working time",
 }
+# What the task's time element (TIM) sums up.
 TOTALS = (TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME)
 
+# The only device element: the whole machine.
 ELEMENT = "DET1"
-# self-configurable, fertiliser class, no manufacturer's number
+# ISO 11783 NAME: self-configurable, fertiliser class, no manufacturer's number.
 CLIENT_NAME = "A00084000DE00001"
-# a longer pause between stretches ends the work for the record
+# Pause between stretches, s: a longer pause ends the work for the record.
 BREAK_S = 0.5
 
 
 def write_isoxml(applied: AsApplied, path: Path) -> None:
-    """A task folder, or a zip where the path ends in .zip. Raises ExportError where the log
-    tells no time, OSError."""
+    """Writes a task folder, or a zip where the path ends in .zip. Raises ExportError where the
+    log has no time, OSError."""
     root, files = as_applied_task(applied)
     write_task(path, root, files)
 
 
 def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
-    """The task file's tree and the files next to it. Raises ExportError."""
+    """Returns the task file's tree and the files next to it. Raises ExportError."""
     s = applied.stretches
     begin, end = (
         applied.utc(float(s.time_s[at] + sign * 0.5 * s.duration_s[at]))
@@ -84,6 +89,7 @@ def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
     worked = SubElement(
         task,
         "TIM",
+        # Begin, end and duration in seconds; type 4 is effective work.
         A=_stamp(begin),
         B=_stamp(end),
         C=str(round((end - begin).total_seconds())),
@@ -102,7 +108,8 @@ def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
 
 
 def _moments(applied: AsApplied) -> Iterator[TimeRecord]:
-    """A record at the end of each stretch, with the sums up to there; one more where work stops."""
+    """Yields a record at the end of each stretch, with the sums up to there; another where work
+    stops."""
     s = applied.stretches
     grams = np.round(1000.0 * np.cumsum(s.applied_kg)).astype(np.int64).tolist()
     square_metres = np.round(np.cumsum(s.area_m2)).astype(np.int64).tolist()
@@ -122,12 +129,13 @@ def _moments(applied: AsApplied) -> Iterator[TimeRecord]:
         ]
         yield _moment(applied, k, end_s, values)
         if stops[k]:
+            # A millisecond later: readers want rising times.
             yield _moment(applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None])
 
 
 def _effective_m(applied: AsApplied) -> Floats:
-    """Way of each stretch (n,), as if worked over the whole width: a section counts by its
-    share of it."""
+    """Returns the way of each stretch (n,), m, as if worked over the whole width: a section
+    counts by its share of the width."""
     s = applied.stretches
     return np.asarray(s.length_m * (s.width_m / applied.width_m), dtype=np.float64)
 
@@ -141,6 +149,7 @@ def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None])
         utc,
         float(s.lat_deg[k]),
         float(s.lon_deg[k]),
+        # NaN stands for an unknown number and is not equal to itself.
         NO_STATUS if fix != fix else int(fix),
         None if hdop != hdop else float(hdop),
         None if satellites != satellites else int(satellites),
@@ -149,7 +158,7 @@ def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None])
 
 
 def _final_totals(applied: AsApplied) -> tuple[int, ...]:
-    """In the order of TOTALS, from the log's own sums."""
+    """Returns the log's own sums in the order of TOTALS."""
     totals, length_m = applied.totals, float(_effective_m(applied).sum())
     return (
         round(1000.0 * totals.applied_kg),
@@ -187,9 +196,11 @@ def _device(root: Element, applied: AsApplied) -> None:
         )
 
 
+# Returns a UTC as xs:dateTime.
 def _stamp(moment: dt.datetime) -> str:
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
+# Returns a rounded number; None for NaN.
 def _whole(value: float) -> int | None:
     return None if value != value else round(value)

@@ -1,5 +1,5 @@
-"""What a log's machine released while it was commanded to stop: its events, and the rows in
-which it lies on a stretch."""
+"""What did a log's machine release while it was commanded to stop: which events, and which rows
+on a stretch?"""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import numpy.typing as npt
 from topdress.control.orders import State
 from topdress.drivers.files.read_log import RunLog
 
+# The event's word in the log, a contract with its readers.
 WORD = "released_stopped"
-TURNING_RPM = 2.0  # the lag paper's threshold of a shaft that turns
+# Shaft speed above which the shaft turns, r/min: the lag paper's threshold.
+TURNING_RPM = 2.0
 
 
 class StoppedRelease(NamedTuple):
-    """One entry of the log. The place is the antenna's; NaN: not known."""
+    """Holds an entry of the log. The place is the antenna's; NaN: not known."""
 
     time_s: float
     lat_deg: float
@@ -24,7 +26,7 @@ class StoppedRelease(NamedTuple):
 
 
 def released_stopped(log: RunLog) -> tuple[StoppedRelease, ...]:
-    """The log's entries, in their order."""
+    """Returns the log's entries, in their order."""
     texts, time_s = log.texts("events").tolist(), log.time_s
     lat, lon = log.numbers("lat_deg"), log.numbers("lon_deg")
     return tuple(
@@ -37,8 +39,11 @@ def released_stopped(log: RunLog) -> tuple[StoppedRelease, ...]:
 
 
 def is_released_stopped(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Rows (n,) out of work in which the shaft turned though commanded to stop; none of a log
-    that enters no such mass, and none of a calibrating run, whose mass lies in a tray."""
+    """Returns the rows (n,) out of work in which the shaft turned though commanded to stop.
+
+    There are none in a log without such entries, and none in a calibrating run, whose mass lies in
+    a tray.
+    """
     state = np.asarray(log.texts("state"))
     entered = any(WORD in text for text in log.texts("events").tolist())
     out = (
@@ -48,6 +53,7 @@ def is_released_stopped(log: RunLog) -> npt.NDArray[np.bool_]:
     return np.asarray(out & stands & (log.numbers("shaft_rpm") > TURNING_RPM), dtype=np.bool_)
 
 
+# Returns the mass of an event, kg; 0 where it cannot be read.
 def _kg(event: str) -> float:
     try:
         kg = float(event.split(" ", 1)[1])

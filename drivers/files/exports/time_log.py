@@ -1,5 +1,5 @@
-"""ISO 11783-10 time log (TLG): the binary records of what a device did, and the XML that tells
-their layout."""
+"""How is an ISO 11783-10 time log (TLG) written: the binary records of a device's work, and the
+XML with their layout?"""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+# Days are counted from here (ISO 11783-10).
 FIRST_DAY = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
-# ms of day, days since 1980, north and east (1e-7 deg), status, HDOP (0.1), satellites
+# ms of day, days since 1980, north and east (1e-7 deg), status, HDOP (0.1), satellites.
 HEAD = struct.Struct("<IHiiBHB")
-VALUE = struct.Struct("<Bi")  # which data, its value
+# Index of the process data, and its value.
+VALUE = struct.Struct("<Bi")
+# Largest value of 32 bits with a sign.
 HIGHEST = 2_147_483_647
+# Position status "not available" (NMEA 2000).
 NO_STATUS = 15
 
 
 class Logged(NamedTuple):
-    """One process data that is logged: data dictionary identifier and device element."""
+    """Names a logged process data: data dictionary identifier and device element."""
 
     ddi: int
     element: str
 
 
 class TimeRecord(NamedTuple):
-    """One record. values: as many as there are data; None: not known, left out."""
+    """Holds a record. values: as many as there are process data; None: not known, left out."""
 
     utc: dt.datetime
     lat_deg: float
@@ -38,7 +42,7 @@ class TimeRecord(NamedTuple):
 
 
 def layout(data: Sequence[Logged]) -> bytes:
-    """The XML next to the binary: empty attributes are those that every record holds."""
+    """Returns the XML next to the binary: empty attributes are those that every record holds."""
     root = Element("TIM", A="", D="4")
     SubElement(root, "PTN", A="", B="", D="", F="", G="")
     for item in data:
@@ -48,11 +52,12 @@ def layout(data: Sequence[Logged]) -> bytes:
 
 
 def records(moments: Iterable[TimeRecord]) -> bytes:
-    """The binary. A value beyond 32 bits is held at the end of its range."""
+    """Returns the binary records. A value beyond 32 bits is limited to the end of its range."""
     out = bytearray()
     for moment in moments:
         since = moment.utc - FIRST_DAY
         known = [(k, value) for k, value in enumerate(moment.values) if value is not None]
+        # All bits set stands for not known; one less is the largest number.
         hdop = 0xFFFF if moment.hdop is None else min(0xFFFE, max(0, round(10 * moment.hdop)))
         satellites = 0xFF if moment.satellites is None else min(0xFE, max(0, moment.satellites))
         out += HEAD.pack(

@@ -1,6 +1,5 @@
-"""Writing an as-applied export in the format that the path's ending names: CSV, GeoJSON,
-shapefile and GeoPackage here, as points or as the ground of each stretch; the task elsewhere
-(`isoxml`)."""
+"""How is an as-applied export written in the format of the path's ending: CSV, GeoJSON,
+shapefile, GeoPackage, as points or as the ground of each stretch? (`isoxml` writes the task.)"""
 
 from __future__ import annotations
 
@@ -17,6 +16,7 @@ from topdress.drivers.files.exports.as_applied import AsApplied, ExportError
 from topdress.drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
 from topdress.drivers.files.prescriptions.task_files import WGS84_PRJ
 
+# Endings in a message to the operator.
 KNOWN = (
     ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or "
     ".html (the report, which "
@@ -25,9 +25,19 @@ KNOWN = (
 
 
 def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = False) -> None:
-    """polygons: the ground of each stretch instead of its middle (GeoJSON and shapefile).
+    """Writes an as-applied export in the format of the path's ending.
 
-    Raises ExportError for an ending that is none of these, OSError.
+    Parameters
+    ----------
+    applied : the job as it was done.
+    path : its ending chooses the format.
+    polygons : writes the ground of each stretch instead of its middle (GeoJSON, shapefile,
+        GeoPackage).
+
+    Raises
+    ------
+    ExportError : an unknown ending.
+    OSError : the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -35,6 +45,7 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
         raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN}")
     path.parent.mkdir(parents=True, exist_ok=True)
     if suffix in (".zip", ""):
+        # Imported here: the other formats need no task files.
         from topdress.drivers.files.exports.isoxml import write_isoxml
 
         write_isoxml(applied, path)
@@ -48,7 +59,7 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
 
 
 def write_csv(applied: AsApplied, path: Path) -> None:
-    """UTF-8, one header row, empty = not known. Raises OSError."""
+    """Writes UTF-8 with a header row; an empty cell is not known. Raises OSError."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["utc", *(column.name for column in COLUMNS)])
@@ -66,7 +77,7 @@ def write_csv(applied: AsApplied, path: Path) -> None:
 
 
 def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """RFC 7946; the sums stand in the foreign member `topdress`. Raises OSError."""
+    """Writes RFC 7946; the foreign member `topdress` holds the sums. Raises OSError."""
     corners = applied.stretches.corners_deg.round(9).tolist()
     features = []
     for k, (utc, values) in enumerate(records(applied)):
@@ -102,7 +113,7 @@ def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> Non
 
 
 def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises Refused,
+    """Writes a GeoPackage with a layer `as_applied` by pyogrio (extra gis). Raises Refused,
     OSError."""
     from topdress.drivers.files.ogr import write_layer
 
@@ -120,8 +131,8 @@ def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
 
 
 def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """Names of at most ten characters; next to it .dbf, .shx, .prj (WGS84), .cpg. Raises
-    OSError."""
+    """Writes a shapefile with names of at most ten characters; next to it .dbf, .shx, .prj
+    (WGS84), .cpg. Raises OSError."""
     corners = applied.stretches.corners_deg.tolist()
     kind = shapefile.POLYGON if polygons else shapefile.POINT
     with shapefile.Writer(str(path), shapeType=kind, encoding="utf-8") as writer:
@@ -131,6 +142,7 @@ def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> N
         writer.field("PRODUCT", "C", 30)
         for k, (utc, values) in enumerate(records(applied)):
             if polygons:
+                # A shapefile's outlines run clockwise.
                 ring = [(lon, lat) for lat, lon in reversed(corners[k])]
                 writer.poly([[*ring, ring[0]]])
             else:

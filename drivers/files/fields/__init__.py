@@ -1,4 +1,5 @@
-"""Fields of other programs: outlines, obstacles, guidance lines, headland; in and out.
+"""How are fields of other programs read and written: outlines, obstacles, guidance lines,
+headland?
 
 Files:
 

@@ -1,9 +1,9 @@
-"""A field of AgOpenGPS: a folder with Field.txt, Boundary.txt, Headland.txt, TrackLines.txt
-(before 6: ABLines.txt).
+"""How is a field of AgOpenGPS read and written?
 
-Places are metres east and north of the start fix, by AgOpenGPS's own series for the length of a
-degree; a degree of longitude is as long as at the place itself. Files are read by version 4 to
-6 alike.
+It is a folder with Field.txt, Boundary.txt, Headland.txt and TrackLines.txt (before version 6:
+ABLines.txt). Places are metres east and north of the start fix, by AgOpenGPS's own series for the
+length of a degree; the length of a degree of longitude is taken at the place itself. Files of
+versions 4 to 6 are read.
 """
 
 from __future__ import annotations
@@ -27,22 +27,29 @@ from topdress.drivers.files.fields.field_data import (
     headland_width_m,
 )
 
-AB, CURVE = 2, 4  # modes of a track in TrackLines.txt
+# Modes of a track in TrackLines.txt (AgOpenGPS's TrackMode).
+AB, CURVE = 2, 4
+# A longer list in a file is refused: a field's outline has some thousand points.
 MOST_POINTS = 200_000
-# of twice a triangle: smaller ones are a strip's turning points
+# Twice the area of a triangle, m2: smaller ones are the turning points of a strip.
 LEAST_M2 = 1e-6
-# an AB line of old files is a place and a heading: as long to both sides, as it draws one
+# Half length of an AB line, m: old files hold a place and a heading, and AgOpenGPS draws that much
+# to both sides.
 AB_HALF_M = 1000.0
 
 
 class _Plane(NamedTuple):
+    """Converts between degrees and metres from the start fix, as AgOpenGPS does."""
+
     lat_deg: float
     lon_deg: float
 
     @property
     def per_lat_m(self) -> float:
+        """Returns the length of a degree of latitude at the start fix, m."""
         lat = math.radians(self.lat_deg)
         return (
+            # AgOpenGPS's series (CNMEA.cs), also known from the WGS84 ellipsoid.
             111132.92
             - 559.82 * math.cos(2 * lat)
             + 1.175 * math.cos(4 * lat)
@@ -50,21 +57,38 @@ class _Plane(NamedTuple):
         )
 
     def to_deg(self, places: Floats) -> Floats:
+        """Returns latitude and longitude (n, 2) of places (n, 2), m east and north."""
         lat = self.lat_deg + places[:, 1] / self.per_lat_m
         return np.column_stack((lat, self.lon_deg + places[:, 0] / _per_lon_m(lat)))
 
     def to_m(self, degrees: Floats) -> Floats:
+        """Returns places (n, 2), m east and north, of latitude and longitude (n, 2)."""
         east = (degrees[:, 1] - self.lon_deg) * _per_lon_m(degrees[:, 0])
         return np.column_stack((east, (degrees[:, 0] - self.lat_deg) * self.per_lat_m))
 
 
+# Returns the length of a degree of longitude at latitudes (n,), m.
 def _per_lon_m(lat_deg: Floats) -> Floats:
     lat = np.radians(lat_deg)
     return np.asarray(111412.84 * np.cos(lat) - 93.5 * np.cos(3 * lat) + 0.118 * np.cos(5 * lat))
 
 
 def read_agopengps(folder: Path) -> FieldData:
-    """Raises FieldError, OSError."""
+    """Reads a field of AgOpenGPS.
+
+    Parameters
+    ----------
+    folder : holds Field.txt and the other files, in whatever case.
+
+    Returns
+    -------
+    outline, holes, lines and headland width in degrees and metres, with findings.
+
+    Raises
+    ------
+    FieldError : no field of AgOpenGPS, or a file that cannot be read.
+    OSError : a file cannot be opened.
+    """
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
     if "field.txt" not in files:
         raise FieldError(f"{folder}: no Field.txt: allowed is the folder of a field of AgOpenGPS")
@@ -86,6 +110,7 @@ def read_agopengps(folder: Path) -> FieldData:
                     "has one width: say headland_m in it",
                 )
             )
+    # The first ring is the outline; only inner rings may be driven through.
     driven = [k for k, (through, _) in enumerate(rings) if k and through]
     if driven:
         findings.append(
@@ -107,6 +132,7 @@ def read_agopengps(folder: Path) -> FieldData:
     return FieldData(
         folder.resolve().name,
         degrees[0] if degrees else None,
+        # The first row is the colour.
         tuple(degrees[1:]),
         tuple(lines),
         width,
@@ -114,14 +140,17 @@ def read_agopengps(folder: Path) -> FieldData:
     )
 
 
+# Returns the lines of a file, stripped, in UTF-8 or UTF-16.
 def _texts(path: Path) -> list[str]:
     data = path.read_bytes()
+    # Some editors on Windows save UTF-16 with a byte order mark.
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     return [line.strip() for line in data.decode(encoding, errors="replace").splitlines()]
 
 
 def _origin(path: Path) -> _Plane:
-    """What the file calls the field is FieldNew in each of them: the folder has its name."""
+    """Returns the plane at the file's start fix. The name in the file is always FieldNew, so the
+    folder's name is used instead."""
     lines = _texts(path)
     try:
         lat, lon = (float(word) for word in lines[lines.index("StartFix") + 1].split(",")[:2])
@@ -136,11 +165,13 @@ def _origin(path: Path) -> _Plane:
 
 
 def _rings(path: Path) -> list[tuple[bool, Floats]]:
-    """Of Boundary.txt and Headland.txt: whether it is driven through, and its places, m."""
+    """Returns each ring of Boundary.txt or Headland.txt: whether it is driven through, and its
+    places (n, 2), m."""
     rest = iter([line for line in _texts(path) if line and not line.startswith("$")])
     found, through = [], False
     for line in rest:
         if line in ("True", "False"):
+            # Files of version 5 have two lines of this kind before a ring.
             through = through or line == "True"
             continue
         found.append((through, _points(path, rest, _count(path, line))))
@@ -158,6 +189,7 @@ def _count(path: Path, text: str) -> int:
     return int(text)
 
 
+# Returns the next places (count, 2), m east and north.
 def _points(path: Path, rest: Iterator[str], count: int) -> Floats:
     rows = []
     for _ in range(count):
@@ -176,6 +208,7 @@ def _points(path: Path, rest: Iterator[str], count: int) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 2)
 
 
+# Returns the guidance lines, from TrackLines.txt or the older ABLines.txt.
 def _lines(files: dict[str, Path], plane: _Plane) -> list[Line]:
     if "tracklines.txt" in files:
         return _tracks(files["tracklines.txt"], plane)
@@ -188,6 +221,7 @@ def _tracks(path: Path, plane: _Plane) -> list[Line]:
     for title in rest:
         if not title:
             continue
+        # The heading follows from the ends.
         next(rest, "")  # heading, radians
         ends = _points(path, rest, 2)
         _, mode, _ = (next(rest, "") for _ in range(3))  # nudged by, mode, visible
@@ -198,7 +232,7 @@ def _tracks(path: Path, plane: _Plane) -> list[Line]:
 
 
 def _old_lines(path: Path, plane: _Plane) -> list[Line]:
-    """`name,heading in degrees,east,north`."""
+    """Returns the lines of ABLines.txt, each `name,heading in degrees,east,north`."""
     found = []
     for text in _texts(path):
         words = text.split(",")
@@ -217,11 +251,18 @@ def _old_lines(path: Path, plane: _Plane) -> list[Line]:
 
 
 def covered_triangles(folder: Path) -> Floats:
-    """(n, 3, 2) latitude and longitude of the ground that Sections.txt marks as worked; they
-    may lie over one another.
+    """Returns the ground that Sections.txt marks as worked.
 
-    It holds strips of triangles: number of rows, colour, then left and right edge by turns, m.
-    Raises FieldError, OSError.
+    The file holds strips of triangles: number of rows, colour, then left and right edge in turn, m.
+
+    Returns
+    -------
+    triangles (n, 3, 2) in latitude and longitude; they may overlap.
+
+    Raises
+    ------
+    FieldError : no field of AgOpenGPS, or a file that cannot be read.
+    OSError : a file cannot be opened.
     """
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
     missing = [name for name in ("Field.txt", "Sections.txt") if name.lower() not in files]
@@ -235,7 +276,7 @@ def covered_triangles(folder: Path) -> Floats:
 
 
 def _triangles(path: Path) -> Floats:
-    """(n, 3, 2), m; those without any area left out."""
+    """Returns triangles (n, 3, 2), m, without those of no area."""
     rest = iter([line for line in _texts(path) if line])
     strips = [np.zeros((0, 3, 2))]
     for line in rest:
@@ -248,7 +289,7 @@ def _triangles(path: Path) -> Floats:
 
 
 def write_agopengps(data: FieldData, folder: Path) -> None:
-    """The files that AgOpenGPS asks for when it opens a field. Raises OSError."""
+    """Writes the files that AgOpenGPS needs to open a field. Raises OSError."""
     origin = data.plane()
     plane = _Plane(origin.lat_deg, origin.lon_deg)
     today = f"{day_clock.local_now():%Y-%B-%d %I:%M:%S %p}"
@@ -299,11 +340,13 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
         ]
     folder.mkdir(parents=True, exist_ok=True)
     for name, lines in files.items():
+        # AgOpenGPS runs on Windows and writes these line ends.
         write_atomically(folder / name, "".join(f"{line}\r\n" for line in lines))
 
 
 def _rows(places: Floats) -> list[str]:
-    """Each with the heading to the next, radians, as AgOpenGPS keeps it."""
+    """Returns a line for each place, with the heading to the next, radians, as AgOpenGPS stores
+    it."""
     way = np.roll(places, -1, axis=0) - places
     headings = np.arctan2(way[:, 0], way[:, 1]) % (2 * math.pi)
     return [
@@ -311,5 +354,6 @@ def _rows(places: Floats) -> list[str]:
     ]
 
 
+# Returns a place as text, m, to the millimetre.
 def _place(place: Floats) -> str:
     return f"{place[0]:.3f},{place[1]:.3f}"

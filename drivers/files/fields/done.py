@@ -1,5 +1,5 @@
-"""Ground that another program has marked as worked: AgOpenGPS's Sections.txt, or polygons in
-any format of a field."""
+"""Which ground has another program marked as worked: AgOpenGPS's Sections.txt, or polygons in
+any format of a field?"""
 
 from __future__ import annotations
 
@@ -15,13 +15,28 @@ from topdress.drivers.files.fields.shapes import named_shapes
 from topdress.drivers.files.outlines import check_outlines
 from topdress.drivers.files.what_it_is import what_is
 
+# AgOpenGPS's file of worked ground, compared in small letters.
 SECTIONS = "sections.txt"
 
 
 def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
-    """A field of AgOpenGPS (its folder, or Sections.txt in it), or a file of polygons. plane:
-    the field's; None: one in the middle of this ground. Raises FieldError, Refused in one line,
-    OSError."""
+    """Reads ground that is already worked.
+
+    Parameters
+    ----------
+    path : a field of AgOpenGPS (its folder, or Sections.txt in it), or a file of polygons.
+    plane : the field's; None: a plane in the middle of this ground.
+
+    Returns
+    -------
+    the ground on the plane.
+
+    Raises
+    ------
+    FieldError : no ground, or a file that cannot be read.
+    Refused : an outline that cannot be used, in one line.
+    OSError : a file cannot be opened.
+    """
     shapes = _shapes_deg(path)
     places = shapely.get_coordinates(shapes)
     if plane is None:
@@ -37,7 +52,7 @@ def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
 
 
 def _shapes_deg(path: Path) -> np.ndarray:
-    """Polygons (n,) in longitude and latitude."""
+    """Returns polygons (n,) in longitude and latitude."""
     if not path.exists():
         raise FieldError(
             f"{path}: no such file: allowed is a field of AgOpenGPS, or a file of polygons"
@@ -46,6 +61,7 @@ def _shapes_deg(path: Path) -> np.ndarray:
         triangles = covered_triangles(path if path.is_dir() else path.parent)
         if not len(triangles):
             raise FieldError(f"{path}: no ground is marked as worked in Sections.txt")
+        # Shapely takes the longitude first.
         return np.asarray(shapely.polygons(triangles[..., ::-1]), dtype=object)
     parts = [
         part

@@ -1,4 +1,4 @@
-"""A field as files hold it, in degrees, and as a job holds it, on its plane."""
+"""How is a field of a file, in degrees, turned into the field of a job, on its plane, and back?"""
 
 from __future__ import annotations
 
@@ -17,18 +17,20 @@ from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.plain_text import OneLine
 
-# a headland whose width differs by less is of one width
+# Difference of widths, m, up to which a headland counts as of one width: the error of hand-drawn
+# lines.
 EVEN_M = 0.5
-# lines that run so near to one another's heading give one
+# Difference of headings, degrees, up to which lines count as parallel: 0.2 m over 100 m.
 SAME_WAY_DEG = 0.1
 
 
 class FieldError(OneLine):
-    """The field cannot be used; one line."""
+    """The field cannot be used; one line says why."""
 
 
 class Line(NamedTuple):
-    """A guidance line: `places_deg` (k, 2) latitude and longitude, two for a straight one."""
+    """Holds a guidance line: `places_deg` (k, 2) latitude and longitude, two places for a
+    straight line."""
 
     title: str
     places_deg: Floats
@@ -36,8 +38,8 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FieldData:
-    """`outline_deg` (k, 2) latitude and longitude, not closed; `holes_deg`: ground in it that
-    is not worked."""
+    """Holds a field in degrees. `outline_deg` (k, 2) latitude and longitude, not closed;
+    `holes_deg`: ground in it that is not worked."""
 
     title: str
     outline_deg: Floats | None = None
@@ -47,6 +49,8 @@ class FieldData:
     findings: tuple[Finding, ...] = ()
 
     def plane(self) -> TangentPlane:
+        """Returns a plane in the middle of the outline, or of the first line. Raises FieldError
+        where there is neither."""
         if self.outline_deg is not None:
             places = self.outline_deg
         elif self.lines:
@@ -54,10 +58,11 @@ class FieldData:
         else:
             raise FieldError(f"{self.title}: neither an outline nor a line")
         lat, lon = places.mean(axis=0)
+        # Seven decimals are 1 cm: the origin reads back as it was written.
         return TangentPlane(round(float(lat), 7), round(float(lon), 7))
 
     def boundary(self, plane: TangentPlane) -> Boundary | None:
-        """Raises ValueError."""
+        """Returns the outline on a plane, m; None without an outline. Raises ValueError."""
         if self.outline_deg is None:
             return None
         return Boundary(
@@ -66,10 +71,21 @@ class FieldData:
 
 
 def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
-    """The same where no edge of the outline crosses another. largest: else with the largest
-    part of what it encloses.
+    """Returns the field with an outline whose edges do not cross.
 
-    Raises FieldError: where the edges cross.
+    Parameters
+    ----------
+    data : the field.
+    path : its file, for messages.
+    largest : takes the largest part that a crossing outline encloses.
+
+    Returns
+    -------
+    the same field where no edges cross.
+
+    Raises
+    ------
+    FieldError : edges cross, and `largest` is False.
     """
     if data.outline_deg is None:
         return data
@@ -78,6 +94,7 @@ def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
     part = largest_part(drawn)
     if drawn.is_valid or not part.area:
         return data
+    # GEOS says it as `Self-intersection[east north]`.
     east, north = map(float, shapely.is_valid_reason(drawn).partition("[")[2].rstrip("]").split())
     said = (
         f"{part.area / 1e4:.4f} of the {shapely.make_valid(drawn).area / 1e4:.4f} ha that "
@@ -113,10 +130,22 @@ def _places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
 
 
 def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Ground:
-    """The job's field with this outline and these lines; what the file does not hold stays as
-    it was.
+    """Returns the job's field with this outline and these lines; what the file does not hold is
+    kept.
 
-    line: whose heading the passes have, where several lines differ. Raises FieldError.
+    Parameters
+    ----------
+    data : the field of a file, degrees.
+    before : the job's field so far.
+    line : title of the line whose heading the passes get, where several differ.
+
+    Returns
+    -------
+    the job's field, m on its plane.
+
+    Raises
+    ------
+    FieldError : lines of several headings and none chosen, or an unusable outline.
     """
     if data.outline_deg is None and before.boundary_m:
         plane = TangentPlane(before.origin_lat_deg, before.origin_lon_deg)
@@ -135,19 +164,23 @@ def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Groun
         }
     if data.lines:
         changes["lines"] = tuple(
+            # Job files take titles of up to 80 letters.
             GuidanceLine(title=one.title[:80], points_m=tuple(_rounded(plane, one.places_deg)))
             for one in data.lines
         )
         changes["pass_heading_deg"] = _heading(data, plane, line)
     if data.headland_m is not None:
+        # Job files hold headlands to the centimetre.
         changes["headland_m"] = round(data.headland_m, 2)
     return Ground.model_validate(before.model_dump() | changes)
 
 
+# Returns places rounded to 0.1 mm, m east and north.
 def _rounded(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
     return [(round(east, 4), round(north, 4)) for east, north in _places(plane, degrees)]
 
 
+# Returns the heading of the passes, degrees from north. Raises FieldError where lines differ.
 def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
     headings = {}
     for one in data.lines:
@@ -158,6 +191,7 @@ def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
             raise FieldError(f"{data.title}: line {wanted}: allowed {', '.join(headings)}")
         return round(headings[wanted], 4) % 360.0
     first = next(iter(headings.values()))
+    # Lines driven the other way are parallel too.
     off = max(abs((one - first + 90.0) % 180.0 - 90.0) for one in headings.values())
     if off > SAME_WAY_DEG:
         said = ", ".join(f"{title} ({heading:.1f} deg)" for title, heading in headings.items())
@@ -168,7 +202,7 @@ def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
 
 
 def data_of(ground: Ground, title: str) -> FieldData:
-    """The job's field in degrees. Raises FieldError where it has none."""
+    """Returns the job's field in degrees. Raises FieldError where it has none."""
     if not ground.boundary_m and not ground.lines:
         raise FieldError(
             f"{title}: the job has no field and no line: allowed is one with boundary_m or lines"
@@ -188,7 +222,17 @@ def data_of(ground: Ground, title: str) -> FieldData:
 
 
 def headland_width_m(outline_m: Floats, inner_m: Floats) -> tuple[float, float, float]:
-    """Of an inner line: its median, least and largest distance from the outline, m."""
+    """Returns how wide a headland is.
+
+    Parameters
+    ----------
+    outline_m : (k, 2) corners of the field, m.
+    inner_m : (n, 2) places of the headland's inner line, m.
+
+    Returns
+    -------
+    median, least and largest distance from the outline, m.
+    """
     edge = shapely.LinearRing(outline_m)
     away = shapely.distance(shapely.points(inner_m), edge)
     return float(np.median(away)), float(away.min()), float(away.max())

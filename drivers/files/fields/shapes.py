@@ -1,5 +1,5 @@
-"""Fields as shapes: polygons are outlines, lines are guidance lines; KML, KMZ, GeoPackage,
-GeoJSON, shapefile."""
+"""How are fields read from and written to shapes (KML, KMZ, GeoPackage, GeoJSON, shapefile)?
+Polygons are outlines, lines are guidance lines."""
 
 from __future__ import annotations
 
@@ -20,11 +20,28 @@ from topdress.drivers.files.layers import GEOJSON, Layer, name_of, read_layers
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.ogr import FORMATS, write_layer
 
-INSIDE = 0.999  # of its area, that a polygon lies in another one
+# Share of a polygon's area within another, from which it counts as a hole: drawn edges overlap a
+# little.
+INSIDE = 0.999
 
 
 def read_shapes(path: Path, name: str | None = None) -> FieldData:
-    """name: of the polygon, where there are several fields. Raises FieldError, OSError."""
+    """Reads a field from a file of shapes.
+
+    Parameters
+    ----------
+    path : a file, folder or zip in a known format.
+    name : the field's, where there are several.
+
+    Returns
+    -------
+    outline, holes and lines in degrees.
+
+    Raises
+    ------
+    FieldError : no polygon and no line, or several fields and no name.
+    OSError : the file cannot be opened.
+    """
     named, said = _shapes_and_findings(path)
     polygons = [
         (title, part)
@@ -68,12 +85,13 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
 
 
 def named_shapes(path: Path) -> list[tuple[str, Any]]:
-    """Names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
+    """Returns names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
     return _shapes_and_findings(path)[0]
 
 
 def _shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
-    """The same, and what else the file holds. Raises FieldError, Refused, OSError."""
+    """Returns names and shapes, and what else the file holds. Raises FieldError, Refused,
+    OSError."""
     layers = [] if path.suffix.lower() == ".xml" else read_layers(path)
     files = None if layers else find_task_set(path)
     if files is not None:
@@ -83,7 +101,7 @@ def _shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Findin
 
 
 def _shapes_of_layers(path: Path, layers: Sequence[Layer]) -> list[tuple[str, Any]]:
-    """Names and shapes of layers. Raises FieldError."""
+    """Returns names and shapes of layers. Raises FieldError."""
     if not layers and (path.is_dir() or path.suffix.lower() == ".zip"):
         raise FieldError(
             f"{path}: no shapefile, task set or field of AgOpenGPS in it: allowed is a .shp, "
@@ -118,13 +136,15 @@ def _shapes_of_layers(path: Path, layers: Sequence[Layer]) -> list[tuple[str, An
 def _field(
     path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
 ) -> tuple[str, Floats | None, tuple[Floats, ...], list[Finding]]:
-    """The one outline with what lies in it. Raises FieldError: which there are."""
+    """Returns the outline's title, corners and holes, and findings. Raises FieldError where
+    several fields are possible."""
     if name is not None:
         polygons = [one for one in polygons if one[0].casefold() == name.casefold()] or _asked(
             path, polygons, name
         )
     if not polygons:
         return "", None, (), []
+    # The largest polygon is the field; others must lie in it.
     title, outer = max(polygons, key=lambda one: one[1].area)
     others = [shape for _, shape in polygons if shape is not outer]
     if not all(_inside(outer, shape) for shape in others):
@@ -144,21 +164,25 @@ def _field(
 
 
 def _inside(outer: Any, shape: Any) -> bool:
-    """Not where outlines cross themselves so that no common ground can be had."""
+    """Tells whether a shape lies within another; False where GEOS cannot intersect them because
+    edges cross."""
     try:
         return bool(shapely.intersection(outer, shape).area >= INSIDE * shape.area)
     except shapely.errors.GEOSException:
         return False
 
 
+# Raises FieldError that lists the fields to choose from.
 def _asked(
     path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
 ) -> list[tuple[str, Any]]:
+    # A dozen names fit into a message.
     said = ", ".join(f"{title} ({_hectares(shape):.2f} ha)" for title, shape in polygons[:12])
     which = f"field {name}" if name is not None else f"{len(polygons)} fields"
     raise FieldError(f"{path}: {which}: allowed with --name is one of {said}")
 
 
+# Returns a polygon's area, ha.
 def _hectares(shape: Any) -> float:
     ring = _ring(shape.exterior)
     data = FieldData("", ring)
@@ -166,12 +190,13 @@ def _hectares(shape: Any) -> float:
     return float(shapely.Polygon(places).area) / 10_000.0
 
 
+# Returns corners (k, 2) in latitude and longitude, not closed.
 def _ring(ring: Any) -> Floats:
     return np.ascontiguousarray(shapely.get_coordinates(ring)[:-1, ::-1], dtype=np.float64)
 
 
 def write_shapes(data: FieldData, path: Path) -> None:
-    """Raises Refused, OSError."""
+    """Writes a field as shapes, in the format of the path's ending. Raises Refused, OSError."""
     polygons = (
         []
         if data.outline_deg is None
@@ -200,11 +225,13 @@ def write_shapes(data: FieldData, path: Path) -> None:
             ),
         )
         return
+    # KML knows this attribute as a placemark's title.
     column = "Name" if FORMATS[path.suffix.lower()] == "KML" else "name"
     shapes, titles = (
         [*polygons, *lines],
         [*([data.title] * len(polygons)), *(line.title for line in data.lines)],
     )
+    # A layer of a GeoPackage holds one type of shapes.
     if path.suffix.lower() == ".gpkg" and polygons and lines:
         write_layer(path, "field", polygons, {column: [data.title]})
         write_layer(

@@ -1,5 +1,5 @@
-"""Fields of an ISO 11783-10 task set: outlines, obstacles and guidance lines; and what else it
-holds."""
+"""Which fields does an ISO 11783-10 task set hold: outlines, obstacles and guidance lines, and
+what else?"""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from topdress.drivers.files.fields.field_data import FieldError
 from topdress.drivers.files.prescriptions.data_dictionary import ddi_in_words
 from topdress.drivers.files.prescriptions.task_files import TaskSet, task_sets, task_tree
 
-# types of polygons (PLN) of a field (PFD)
+# Types of polygons (PLN) of a field (PFD): ISO 11783-10, table D.33.
 OUTLINE, OBSTACLES, HEADLAND = "1", ("3", "4", "5", "6"), "10"
-# types of lines (LSG)
+# Types of lines (LSG) of ISO 11783-10.
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
 
 
@@ -58,6 +58,7 @@ def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]]
     return shapes, findings
 
 
+# Returns the polygons (longitude, latitude) of a PLN, each with the holes that lie in it.
 def _polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
     rings = {
         kind: [_places(one, where, 3) for one in polygon.findall("LSG") if one.get("A") == kind]
@@ -75,7 +76,7 @@ def _polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
 
 
 def _places(line: Element, where: str, least: int) -> np.ndarray:
-    """(n, 2) longitude and latitude."""
+    """Returns places (n, 2), longitude and latitude."""
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
         raise FieldError(f"{where}: points in a binary file: allowed are points in the XML")
@@ -98,6 +99,7 @@ def _describe(root: Element) -> str:
         (len(root.findall("TSK")), "task"),
         (len(root.findall("PDT")), "product"),
     ]
+    # Kinds that the set does not have are left out.
     held = [many(count, what) for count, what in counts if count]
     zones = {
         int(one.get("A", ""), 16)

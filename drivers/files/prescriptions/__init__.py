@@ -1,5 +1,5 @@
-"""Prescription files, in and out: ISO 11783-10 task files, shapefile, GeoJSON.
-`read_prescription` tells them apart.
+"""How are prescription files read and written: ISO 11783-10 task files, shapefile, GeoJSON and
+others? `read_prescription` recognises the format.
 
 Files:
 

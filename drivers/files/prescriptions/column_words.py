@@ -1,5 +1,5 @@
-"""What the words of a column's name say that it is: a rate, an id, a size, a measurement, a
-unit; and its own unit."""
+"""What do the words of a column's name say about it: a rate, an id, a size, a measurement, a
+unit; and which unit is its own?"""
 
 from __future__ import annotations
 
@@ -20,16 +20,18 @@ _NUMBER = re.compile(
 
 
 class Cell(NamedTuple):
-    """`value`: NaN for nothing. `unit`: behind the number, as written."""
+    """Holds a cell's number. `value`: NaN for an empty cell. `unit`: behind the number, as
+    written."""
 
     value: float
     unit: str = ""
 
 
 def cell_of(value: Any) -> Cell | None:
-    """None for what is no number."""
+    """Returns a cell's number and unit; None for a text that is no number."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return Cell(math.nan)
+    # Python's booleans are integers too.
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float):
@@ -45,8 +47,8 @@ def cell_of(value: Any) -> Cell | None:
 
 
 def _number(text: str) -> float | None:
-    """Of a point and a comma the last is the decimal sign, and the other groups digits; a comma
-    alone is one."""
+    """Returns the number of a text. Of a point and a comma the last is the decimal sign and the
+    other groups digits; a comma alone is the decimal sign."""
     if "," in text and "." in text:
         group = "," if text.rfind(".") > text.rfind(",") else "."
         text = text.replace(group, "")
@@ -58,9 +60,11 @@ def _number(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-# no rate to be spread
+# Words of columns that hold no rate to be spread.
 BOUNDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())
+# Whole words that name a rate, to complete a name that a shapefile has cut.
 RATE = sorted(word[1:] for word in dict(KINDS_IN_MAPS)["rate"] if word[0] == "=")
+# Words of nutrients and how a message names them.
 NUTRIENTS = {
     "n": "nitrogen",
     "nitrogen": "nitrogen",
@@ -73,18 +77,19 @@ NUTRIENTS = {
     "potash": "K2O",
 }
 
+# A unit of a rate that the table of units does not know, at the end of a name.
 _UNREAD = re.compile(
     r"[(\[{]\s*([^()\[\]{}]*/[^()\[\]{}]*?)\s*[)\]}]\s*$"
     r"|[\s_]([^\W_]+[\s_/](?:ha|ac|acre|hectare|mu))$",
     re.IGNORECASE,
 )
-# quantities of which a single letter is a unit, as litres: Rate_t; no rate is in A or V
+# Quantities with a unit of a single letter, as tonnes (Rate_t); no rate is in A or V.
 _SINGLE = ("mass", "share")
 
 
 def own_unit(name: str) -> tuple[str, str | None]:
-    """A column's name without the unit in it, and that unit as written, whether it is known or
-    not."""
+    """Returns a column's name without its unit, and that unit as written, known or not; None
+    without a unit."""
     plain, text = named(name)
     if text is None and of_a_rate(name):
         return "", name  # `l/ha` is all its name
@@ -108,13 +113,13 @@ def own_unit(name: str) -> tuple[str, str | None]:
 
 
 def kind_of(word: str) -> str:
-    """What a word of a name says that the column is; empty: nothing."""
+    """Returns what a word of a name says that the column is; empty: nothing."""
     return next((kind for kind, words in KINDS_IN_MAPS if says(word, words)), "")
 
 
 def words_of(name: str) -> list[str]:
-    """`Tgt_Rate1`, `tgtRate` and `TGT RATE` are tgt and rate; so is `TARGET_RAT`, which a
-    shapefile has cut."""
+    """Returns the words of a name: `Tgt_Rate1`, `tgtRate` and `TGT RATE` are tgt and rate; so is
+    `TARGET_RAT`, which a shapefile has cut."""
     plain = unicodedata.normalize("NFKC", name)
     parted = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", plain).casefold()
     whole = [word for word in re.split(r"[\W_]+", parted) if word]
@@ -125,21 +130,27 @@ def words_of(name: str) -> list[str]:
         for word in words  # `nrate` is n and rate
         for part in (["n", word[1:]] if word in ("nrate", "ndose", "nmenge", "ngabe") else [word])
     ]
+    # A shapefile cuts names after ten letters.
     if len(name) == SHAPEFILE_NAME and words and len(words[-1]) > 1 and not kind_of(words[-1]):
         words[-1] = next((word for word in RATE if word.startswith(words[-1])), words[-1])
     return words
 
 
-MOST_UNITS = 20  # different texts of a column of units
+# Different texts in a column of units: more are no units.
+MOST_UNITS = 20
 
 
 def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
-    """Units by the column that they are of, in small letters; ANY where that is not said.
-    texts: the different ones of each column.
+    """Returns units by the column that they belong to, in small letters; ANY where the table does
+    not say.
 
-    A column holds units by its name, where its cells are units or one word all along, or by its
-    cells, where all are units of rates. One that names ground (Mgmt_Unit: North, South) is
-    none.
+    A column holds units by its name, where its cells are units or a single word throughout, or by
+    its cells, where all are units of rates. A column that names ground (Mgmt_Unit: North, South)
+    holds none.
+
+    Parameters
+    ----------
+    texts : the different texts of each column.
     """
     found = Stated()
     for name, written in texts.items():
@@ -163,7 +174,8 @@ def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
 
 
 def _is_of(column: str, unit_column: str) -> bool:
-    """`Rate_Unit` and `rateUnit` are of `Rate`, `Unit2` is of `Rate2`."""
+    """Tells whether a column of units belongs to a column: `Rate_Unit` and `rateUnit` to `Rate`,
+    `Unit2` to `Rate2`."""
     parts = re.sub(r"(?<=\D)(?=\d+$)", "_", folded(unit_column)).split("_")
     left = "_".join(part for part in parts if not names_unit(part))
     plain = folded(column)

@@ -1,5 +1,5 @@
-"""CSV with a polygon in a cell of each row (WKT, as QGIS and PostGIS write it) and its
-attributes next to it."""
+"""How is a CSV read that has a polygon in a cell of each row (WKT, as QGIS and PostGIS write it)
+and attributes next to it?"""
 
 from __future__ import annotations
 
@@ -18,26 +18,31 @@ from topdress.drivers.files.prescriptions.words import Imported, PrescriptionErr
 from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import PlaceInFile
 
+# Bytes at the begin of a file that are searched for a polygon.
 LOOKED_BYTES = 65_536
-LONGEST_CELL = 1 << 24  # letters; a field's outline of 400 000 corners
+# Letters of a cell: a field's outline of 400 000 corners.
+LONGEST_CELL = 1 << 24
 _POLYGON = re.compile(r"^\s*(SRID=(?P<srid>\d+)\s*;)?\s*(MULTI)?POLYGON\b", re.IGNORECASE)
 _IN_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
 
 
 def holds_polygons(path: Path) -> bool:
-    """Whether a text file begins as a table of polygons rather than as a log. Raises
+    """Tells whether a text file begins as a table of polygons rather than as a log. Raises
     BeyondLimits, OSError."""
     check_file(path)
     with path.open("rb") as file:
+        # UTF-16 has a zero next to each letter.
         return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
 
 
 def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
-    """A prescription out of a CSV of polygons. Raises PrescriptionError, OSError."""
+    """Returns the prescription of a CSV of polygons. Raises PrescriptionError, OSError."""
     data = path.read_bytes()
     text = data.decode(encoding_of(data), errors="replace").lstrip("\ufeff")
     header = text.partition("\n")[0]
+    # The sign that the header has most often separates cells.
     sign = max(";\t|,", key=lambda one: header.count(one))
+    # The limit is the module's own, so it is set back.
     before = csv.field_size_limit(LONGEST_CELL)
     try:
         rows = list(csv.reader(text.splitlines(keepends=True), delimiter=sign, strict=True))
@@ -55,6 +60,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
         (
             k
             for k in range(len(names))
+            # The first rows show which column it is.
             for _, row in numbered[:50]
             if len(row) > k and _POLYGON.match(row[k])
         ),
@@ -94,10 +100,12 @@ def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
     return imported(path, "csv", features, choice, findings, title=path.stem, units=units)
 
 
+# Returns the place of a row, for messages.
 def _row(path: Path, number: int) -> PlaceInFile:
     return PlaceInFile(str(path)).at("row {row}", row=number)
 
 
+# Returns the polygons of a cell, each its outline, then holes, (k, 2) latitude and longitude.
 def _polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
     found = _POLYGON.match(text)
     if found is not None and found["srid"] not in (None, "4326"):

@@ -1,8 +1,8 @@
-"""What numbers of the data dictionary (ISO 11783-11) mean, in words."""
+"""What do identifiers of the data dictionary (ISO 11783-11) mean, in words?"""
 
 from __future__ import annotations
 
-# quantities that a machine is set to: five numbers each, from the set-point on
+# Quantities that a machine is set to: five identifiers each, from the set-point on.
 _QUANTITIES = {
     1: "volume per area",
     6: "mass per area",
@@ -19,7 +19,9 @@ _QUANTITIES = {
     61: "working height",
     66: "working width",
 }
+# The order of those five identifiers.
 _KINDS = ("wanted", "applied", "by default", "at least", "at most")
+# Identifiers that task files often hold besides.
 _OTHERS = {
     80: "total volume",
     81: "total mass",
@@ -30,7 +32,7 @@ _OTHERS = {
 
 
 def ddi_in_words(ddi: int) -> str:
-    """`DDI 0006 (mass per area, wanted)`."""
+    """Returns an identifier in words: `DDI 0006 (mass per area, wanted)`."""
     begin = ddi - (ddi - 1) % len(_KINDS)
     quantity = _QUANTITIES.get(begin)
     words = _OTHERS.get(ddi) or (quantity and f"{quantity}, {_KINDS[ddi - begin]}")

@@ -1,5 +1,5 @@
-"""Polygons with attributes, as shapefile and GeoJSON have them, to zones: which column is the
-rate, in which unit."""
+"""How do polygons with attributes, as shapefile and GeoJSON have them, become zones: which
+column is the rate, in which unit?"""
 
 from __future__ import annotations
 
@@ -48,16 +48,19 @@ from topdress.drivers.plain_text import PlaceInFile
 #
 # A wrong column is a wrong dose on a whole field. So only a column whose name says that it is a
 # rate is taken, and that is said; all else is a question to the operator.
+# The unit of a rate where nothing names a unit.
 PLAIN_UNIT = "kg/ha"
+# Columns listed in a message.
 MOST_SHOWN = 12
+# Units of a rate of nitrogen, by the unit that its column names.
 OF_NITROGEN: dict[str | None, str] = {None: "kg N/ha", "kg/ha": "kg N/ha", "lb/ac": "lb N/ac"}
-# 1, 2, 3 may be numbers of classes; 1 and 2 alone are too few to tell
+# 1, 2, 3 may be numbers of classes; 1 and 2 alone do not show it.
 LEAST_LEVELS = 3
 
 
 class RateColumn(NamedTuple):
-    """`cells`: of every row, a number or nothing. `unit`: of the numbers; `unit_from`: who says
-    so. `why`: this one."""
+    """Holds the column of the rate. `cells`: of every row, a number or nothing. `unit`: of the
+    numbers; `unit_from`: who names it. `why`: why this column was taken."""
 
     name: str
     cells: tuple[Cell, ...]
@@ -69,8 +72,8 @@ class RateColumn(NamedTuple):
 
 
 class _NumberColumn(NamedTuple):
-    """A column of numbers. `is_rate`: its name says so. `doubt`: why it may be something else
-    all the same."""
+    """Holds a column of numbers. `is_rate`: its name says so. `doubt`: why it may be something
+    else all the same."""
 
     name: str
     cells: tuple[Cell, ...]
@@ -83,6 +86,7 @@ class _NumberColumn(NamedTuple):
 
     @property
     def text(self) -> str:
+        """Returns the column with its range, for a message."""
         known = [cell.value for cell in self.cells if not math.isnan(cell.value)]
         return (
             f"{self.name} ({min(known):g} to "
@@ -96,11 +100,19 @@ def rate_column(
     choice: RateChoice,
     side_units: Mapping[str, StatedUnit],
 ) -> RateColumn:
-    """`numbered`: rows with the numbers by which people find them. `side_units`: units by
-    column, in small letters.
+    """Returns the column of the rate, with its unit.
 
-    Raises RateQuestion where the file does not say which column it is, PrescriptionError where
-    none can be.
+    Parameters
+    ----------
+    path : the file, for messages.
+    numbered : rows with the numbers by which people find them.
+    choice : the operator's.
+    side_units : units by column, in small letters.
+
+    Raises
+    ------
+    RateQuestion : the file does not say which column it is.
+    PrescriptionError : no column can be the rate.
     """
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
     texts = {
@@ -155,7 +167,7 @@ def rate_column(
 
 
 def _index_of(path: Path, names: Sequence[str], index: str) -> str:
-    """The column of an index: by its name in whatever letters, else the only one. Raises
+    """Returns the column of an index: by its name in whatever letters, else the only one. Raises
     RateQuestion."""
     named_so = [name for name in names if name.casefold() == index.casefold()]
     found = named_so or [name for name in names if index.casefold() in name.casefold()] or names
@@ -170,6 +182,8 @@ def _index_of(path: Path, names: Sequence[str], index: str) -> str:
     return found[0]
 
 
+# Returns the column that the operator chose. Raises PrescriptionError where it is missing or holds
+# a text.
 def _chosen(
     path: Path,
     numbered: Sequence[tuple[int, Mapping[str, Any]]],
@@ -198,8 +212,8 @@ def _chosen(
 
 
 def _best(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
-    """The one rate; of a wanted one and of those that were applied, or bounds, the wanted one.
-    None: not given."""
+    """Returns the only rate; of a target rate next to applied ones or bounds, the target. None:
+    several are possible."""
     if any(one.doubt for one in rates):
         return None
     no_target = [one for one in rates if one.words & BOUNDS or wanted_or_done(one.name) == "done"]
@@ -209,7 +223,7 @@ def _best(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
 
 
 def _cells(numbered: Sequence[tuple[int, Mapping[str, Any]]], name: str) -> tuple[Cell, ...] | None:
-    """The column's cells; None where one of them is no number."""
+    """Returns the column's cells; None where a cell is no number."""
     cells = []
     for _, row in numbered:
         cell = cell_of(row.get(name))
@@ -228,6 +242,7 @@ def _seen(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
     kinds = [kind_of(word) for word in spelled]
     is_rate = ("rate" in kinds or bool(units - {None})) and "a measurement" not in kinds
     if is_rate and {"a number or a class", "a size"} & set(kinds):
+        # `Rate_Class` is a class, `Class_Rate` a rate: the last word is the noun.
         is_rate = kinds[-1] == "rate"
     other = next((kind for kind in kinds if kind not in ("", "rate")), "")
     doubt = f"in {unread}" if unread else "" if units else _looks_like(cells)
@@ -243,13 +258,13 @@ def _seen(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
 
 
 def _unit(text: str) -> str | None:
-    """The unit of a rate that a text names; None: no such unit."""
+    """Returns the unit of a rate that a text names; None: no such unit."""
     found = unit_named(text)
     return found.name if found is not None and found.name in UNITS else None
 
 
 def _looks_like(cells: Sequence[Cell]) -> str:
-    """What the numbers rather are than a rate; empty: nothing else."""
+    """Returns what the numbers are rather than a rate; empty: nothing else."""
     known = sorted({cell.value for cell in cells if not math.isnan(cell.value)})
     if not known:
         return ""
@@ -264,6 +279,7 @@ def _looks_like(cells: Sequence[Cell]) -> str:
     return ""
 
 
+# Returns the place of a column, for messages.
 def _column(path: Path, one: _NumberColumn) -> PlaceInFile:
     return PlaceInFile(str(path)).at("column {column}", column=one.name)
 
@@ -271,8 +287,8 @@ def _column(path: Path, one: _NumberColumn) -> PlaceInFile:
 def _with_unit(
     path: Path, one: _NumberColumn, choice: RateChoice, why: str, stated: Mapping[str, StatedUnit]
 ) -> RateColumn:
-    """The operator's unit, else the one that the file or one next to it names; a nutrient's
-    rate is no rate of the product."""
+    """Returns the column with the operator's unit, else with the unit that the file or a file
+    next to it names. A nutrient's rate is no rate of the product. Raises RateQuestion."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
     unit, source, unit_column = one.unit, "the file", ""
@@ -323,12 +339,13 @@ def _which_unit(path: Path, one: _NumberColumn, said: StatedUnit, unit: str | No
     )
 
 
-KNOWN_EXTRA = ("title",)  # of our own files
+# Columns of our own files that are no rate.
+KNOWN_EXTRA = ("title",)
 
 
 class Feature(NamedTuple):
-    """`number` counts from 1 as people do. polygons_deg: each outline first, then holes,
-    latitude and longitude."""
+    """Holds a shape. `number` counts from 1 as people do. polygons_deg: for each polygon its
+    outline, then holes, latitude and longitude."""
 
     number: int
     attributes: Mapping[str, Any]
@@ -348,8 +365,30 @@ def imported(
     product: str = "",
     units: Mapping[str, StatedUnit] = NO_UNITS,
 ) -> Imported:
-    """Zones of the features, by the operator's choice. units: of columns, as the file says
-    besides their names; what lies next to it is looked at here. Raises Refused, OSError."""
+    """Returns the zones of features, by the operator's choice.
+
+    Parameters
+    ----------
+    path : the file; units in files next to it are read too.
+    format_name : as reports name it.
+    features : with the attributes of each.
+    choice : the operator's.
+    findings : those of the reading so far; more are added.
+    fallbacks : rates of the file where no zone lies, kg/ha.
+    fields_deg : outlines of fields, (k, 2) latitude and longitude.
+    title : of the map.
+    product : that the file names.
+    units : of columns, as the file says besides their names.
+
+    Returns
+    -------
+    the prescription as read.
+
+    Raises
+    ------
+    Refused : the map cannot be used, or a question is open.
+    OSError : a file next to it cannot be read.
+    """
     if not features:
         raise NoPolygons(path, "no polygons: allowed is at least one")
     if path.is_file():
@@ -410,15 +449,15 @@ def imported(
 
 
 def _checked(choice: RateChoice, value: float, where: PlaceInFile) -> float:
-    """Raises PrescriptionError."""
+    """Returns a rate or an index within its range. Raises PrescriptionError."""
     if choice.index is not None:
         return checked_index(value, choice.index, lambda: where)
     return checked_rate(value, lambda: where)
 
 
 def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
-    """(k, 2) latitude and longitude of a ring given as longitude and latitude, its closing
-    corner left out."""
+    """Returns a ring (k, 2) in latitude and longitude, not closed, of corners in longitude and
+    latitude."""
     lon_lat = np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
     if len(lon_lat) > 1 and (lon_lat[0] == lon_lat[-1]).all():
         lon_lat = lon_lat[:-1]

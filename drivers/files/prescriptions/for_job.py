@@ -1,5 +1,5 @@
-"""Map, plant list, index map and done ground that a job names, laid on the plane that its loop
-works on."""
+"""Which map, plant list, index map and worked ground does a job name, and how do they lie on the
+plane of its loop?"""
 
 from __future__ import annotations
 
@@ -26,14 +26,22 @@ from topdress.drivers.files.prescriptions.words import ZONE_FACTOR, Prescription
 from topdress.drivers.plain_text import PlaceInFile
 
 Made = TypeVar("Made")
-# of a machine that gives single doses; a speed in km/h is beyond it
+# Speed of a machine that gives single doses, m/s; a speed in km/h is beyond it.
 FASTEST_MPS = 10.0
 
 
-# Plant lists: CSV with lat_deg and lon_deg, or GeoJSON points.
 def read_plants(path: Path) -> Floats:
-    """Places (n, 2), latitude and longitude, in the file's order. Raises Refused in one line,
-    OSError."""
+    """Reads a plant list: CSV with lat_deg and lon_deg, or GeoJSON points.
+
+    Returns
+    -------
+    places (n, 2), latitude and longitude, in the file's order.
+
+    Raises
+    ------
+    Refused : the file cannot be used, in one line.
+    OSError : it cannot be opened.
+    """
     if not path.exists():
         raise PrescriptionError(
             path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points"
@@ -56,7 +64,7 @@ def read_plants(path: Path) -> Floats:
 
 
 def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
-    """A CSV with error_m (late positive), speed_mps and, where it was not 0, threshold_m.
+    """Reads a CSV with error_m (late positive), speed_mps and, where it was not 0, threshold_m.
     Raises PrescriptionError in one line, OSError."""
     if not path.exists():
         raise PrescriptionError(
@@ -87,8 +95,7 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
 def _csv(
     path: Path, needed: tuple[str, ...] = ("lat_deg", "lon_deg"), more: tuple[str, ...] = ()
 ) -> list[tuple[float, ...]]:
-    """The columns `needed`, and of `more` those that are there; below the header, in the file's
-    order."""
+    """Returns the columns `needed`, and of `more` those that are there, in the file's order."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         reader = csv.DictReader(file)
         names = reader.fieldnames or []
@@ -101,6 +108,7 @@ def _csv(
                     names=", ".join(needed),
                 )
         rows = []
+        # The header is line 1.
         for number, row in enumerate(reader, start=2):
             cells = [row[name] for name in (*needed, *more) if name in names]
             try:
@@ -122,18 +130,45 @@ def _geojson(path: Path) -> list[tuple[float, ...]]:
 
 
 def map_of_job(job: Job, folder: Path) -> MapProfile | None:
-    """The prescription of `target.map`, a path next to the job file; None where the job names none.
+    """Reads the prescription of `target.map`, a path next to the job file.
 
-    The file's rates are taken as kg/ha; what needs a choice is converted with `topdress map` first.
-    Raises PrescriptionError in one line, OSError.
+    The file's rates are taken as kg/ha; a file that needs a choice is converted with `topdress map`
+    first.
+
+    Parameters
+    ----------
+    job : names the map.
+    folder : that of the job file.
+
+    Returns
+    -------
+    the map on its plane; None where the job names none.
+
+    Raises
+    ------
+    PrescriptionError : the map cannot be used, in one line.
+    OSError : it cannot be opened.
     """
     return _of_map(job, folder, lambda data, plane: MapProfile(on_plane(data, plane), plane))
 
 
 def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
-    """What of the job's map will not be applied as it stands; None where the job names no map.
+    """Returns which parts of the job's map will not be applied as they stand.
 
-    limit_kg_ha: the crop's. Raises PrescriptionError in one line, OSError.
+    Parameters
+    ----------
+    job : names the map and the field.
+    limit_kg_ha : the crop's.
+    folder : that of the job file.
+
+    Returns
+    -------
+    the check; None where the job names no map.
+
+    Raises
+    ------
+    PrescriptionError : the map cannot be used, in one line.
+    OSError : it cannot be opened.
     """
     return _of_map(
         job, folder, lambda data, plane: map_check(data, limit_kg_ha, job.field.boundary(), plane)
@@ -141,16 +176,20 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
 
 
 def find_map_rates(job: Job, folder: Path) -> list[float]:
-    """Different rates above 0 of the job's map, kg/ha, the lowest first; none without a map.
+    """Returns the different rates above 0 of the job's map, kg/ha, the lowest first; none without a
+    map.
 
-    Raises PrescriptionError in one line, OSError.
+    Raises
+    ------
+    PrescriptionError : the map cannot be used, in one line.
+    OSError : it cannot be opened.
     """
     return _of_map(job, folder, lambda data, _: data.rates_kg_ha) or []
 
 
 def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made]) -> Made | None:
-    """Of the job's map, as the file alone says it, on the field's plane, else on its own. Raises
-    PrescriptionError, OSError."""
+    """Makes something of the job's map, as the file alone says it, on the field's plane, else on
+    its own. Raises PrescriptionError, OSError."""
     if job.target.map is None:
         return None
     from topdress.drivers.files.prescriptions.read import read_prescription  # most jobs have no map
@@ -168,8 +207,8 @@ def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made
 
 
 def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
-    """The plants of `target.plants`, a path next to the job file, on the field's plane, else on
-    `plane`, else on one of their own. Raises PrescriptionError, OSError."""
+    """Returns the plants of `target.plants`, a path next to the job file, on the field's plane,
+    else on `plane`, else on their own. Raises PrescriptionError, OSError."""
     if job.target.plants is None:
         return None
     places = read_plants(folder / job.target.plants)
@@ -182,12 +221,12 @@ def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> 
 
 
 def files_of_job(job: Job, folder: Path) -> tuple[Path, ...]:
-    """Those of the job's map, plants, index map, zones and done ground."""
+    """Returns the files of the job's map, plants, index map, zones and worked ground."""
     return tuple(file for name in job.named_files for file in files_of(folder / name))
 
 
 class LoopTargets(TypedDict):
-    """What a job's loop takes by these names."""
+    """Holds what a job's loop takes, by the names of its parameters."""
 
     prescription: MapProfile | None
     plants: PlantList | None
@@ -198,10 +237,28 @@ class LoopTargets(TypedDict):
 
 
 def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
-    """Map, plants, index map, zones and done ground of a job on one plane. index: of the crop's
-    rule. Raises PrescriptionError or FieldError in one line, OSError."""
+    """Returns map, plants, index map, zones and worked ground of a job on a common plane.
+
+    Parameters
+    ----------
+    job : names the files.
+    folder : that of the job file.
+    machine : gives the working width.
+    index : of the crop's rule.
+
+    Returns
+    -------
+    by the names of the loop's parameters.
+
+    Raises
+    ------
+    PrescriptionError : a file cannot be used, in one line.
+    FieldError : the worked ground cannot be used, in one line.
+    OSError : a file cannot be opened.
+    """
     prescription = map_of_job(job, folder)
     plants = plants_of_job(job, folder, None if prescription is None else prescription.plane)
+    # Plants need the exact place, so their plane comes first.
     plane = (
         plants.plane if plants is not None else None if prescription is None else prescription.plane
     )
@@ -227,10 +284,11 @@ def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopT
 def _numbers_of(
     job: Job, name: str | None, folder: Path, width_m: float, index: str, plane: TangentPlane | None
 ) -> IndexMap | None:
-    """A map of an index, or of zones, on the field's plane, else on `plane`, else on its own;
-    None where none is named. Raises PrescriptionError in one line, OSError."""
+    """Returns a map of an index, or of zones, on the field's plane, else on `plane`, else on its
+    own; None where none is named. Raises PrescriptionError in one line, OSError."""
     if name is None:
         return None
+    # Most jobs have no such map.
     from topdress.drivers.files.prescriptions.read import read_index
 
     data = read_index(folder / name, index).data
@@ -239,16 +297,18 @@ def _numbers_of(
 
 
 def done_of_job(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGround | None:
-    """The ground of `field.done`, on planes as above. Raises FieldError in one line, OSError."""
+    """Returns the ground of `field.done`, on the field's plane, else on `plane`. Raises
+    FieldError in one line, OSError."""
     if job.field.done is None:
         return None
+    # Most jobs have no worked ground.
     from topdress.drivers.files.fields.done import read_done
 
     return read_done(folder / job.field.done, _origin(job) or plane)
 
 
 def _origin(job: Job) -> TangentPlane | None:
-    """The plane of the job's field, where it has one: fence and map then share it."""
+    """Returns the plane of the job's field, where it has one: fence and map then share it."""
     return (
         TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
         if job.field.boundary_m

@@ -1,5 +1,5 @@
-"""ISO 11783-10 task files, versions 3 and 4: treatment zones, grids of type 1 and 2, fallback
-zones."""
+"""How are ISO 11783-10 task files, versions 3 and 4, read: treatment zones, grids of type 1 and
+2, fallback zones?"""
 
 from __future__ import annotations
 
@@ -28,14 +28,16 @@ from topdress.drivers.files.prescriptions.words import (
 from topdress.drivers.files.shape_sets import sorted_rings
 from topdress.drivers.plain_text import PlaceInFile, Reason
 
-# ISO 11783-11: what one step of the number is worth
+# ISO 11783-11: unit of an identifier's numbers, and the size of a step in it.
 SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
+# The same identifiers in words, for messages.
 QUANTITIES = {1: "volume per area", 6: "mass per area"}
+# Types of a polygon's lines (LSG): outline and hole.
 EXTERIOR, INTERIOR = "1", "2"
 
 
 class _TaskLayer(NamedTuple):
-    """One thing to be applied: a task's process data of one identifier and one product."""
+    """Holds a layer: a task's process data of an identifier and a product."""
 
     task: Element
     ddi: int
@@ -43,12 +45,13 @@ class _TaskLayer(NamedTuple):
 
     @property
     def id(self) -> str:
+        """Returns the layer's id, as --layer takes it: TASK/DDI or TASK/DDI/PRODUCT."""
         return "/".join(
             part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part
         )
 
     def of(self, zone: Element) -> Element | None:
-        """Its process data (PDV) in a zone."""
+        """Returns its process data (PDV) in a zone; None: it has none."""
         return next(
             (
                 one
@@ -60,7 +63,7 @@ class _TaskLayer(NamedTuple):
 
 
 def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
-    """A prescription out of a task file. Raises PrescriptionError."""
+    """Returns the prescription of a task file. Raises PrescriptionError."""
     root = task_tree(files)
     layer, ids = _picked(root, files.label, choice)
     where = PlaceInFile(files.label).at("task {task}", task=layer.id)
@@ -101,6 +104,8 @@ def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
     return Imported(path, "isoxml", data, unit, factor, ids, tuple(findings))
 
 
+# Returns the layer that the operator chose, or the only one, and the ids of all. Raises
+# PrescriptionError.
 def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, tuple[str, ...]]:
     layers: list[_TaskLayer] = []
     others: set[int] = set()
@@ -144,11 +149,11 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
 def _meaning(
     root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice
 ) -> tuple[str, float, float, list[Finding]]:
-    """Unit of the numbers, kg/ha for one of them, what is added to each before, and what had to
-    be said about it.
+    """Returns the unit of the numbers, kg/ha for a step, what is added to each number before, and
+    findings.
 
-    The data dictionary tells what a number is worth; the file's own presentation (VPN) should
-    agree. Where it does not, a wrong guess is a wrong dose: the operator says which holds.
+    The data dictionary defines a number's worth; the file's own presentation (VPN) should agree.
+    Where it does not, a wrong guess is a wrong dose: the operator says which holds.
     """
     unit, step = SETPOINTS[layer.ddi]
     by_ddi = factor_kg_ha(choice, unit, where) * step
@@ -162,6 +167,7 @@ def _meaning(
         scale = _float(presentation, "C", where)
         offset = _float(presentation, "B", where) if presentation.get("B") else 0.0
         by_shown = factor_kg_ha(choice, shown.name, where) * scale
+        # Presentations are rounded: a percent is no contradiction.
         if abs(by_shown - by_ddi) <= 0.01 * by_ddi and offset == 0.0:
             continue
         differs = Reason(
@@ -191,7 +197,7 @@ def _meaning(
 
 
 def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
-    """What the task holds next to the layer and is not used."""
+    """Returns findings about parts of the task that are not used."""
     found = []
     drawn = [
         zone.get("A", "") for zone in layer.task.findall("TZN") if zone.find("PLN") is not None
@@ -221,6 +227,7 @@ def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Fin
     return found
 
 
+# Returns the layer's number in a zone; None: it has none.
 def _value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
     found = layer.of(zone)
     return (
@@ -230,11 +237,13 @@ def _value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
     )
 
 
+# Returns the rates where no zone lies, by the zones that the task names for it.
 def _fallbacks(
     task: Element, rates: dict[int, float | None], where: PlaceInFile, findings: list[Finding]
 ) -> Fallbacks:
     found = {}
     for field, attribute, name in (
+        # Attributes of a task (TSK) that name those zones.
         ("default_kg_ha", "H", "default"),
         ("lost_kg_ha", "I", "position-lost"),
         ("outside_kg_ha", "J", "out-of-field"),
@@ -256,6 +265,7 @@ def _fallbacks(
     return Fallbacks(**found)
 
 
+# Returns the zones with a polygon and a rate. Raises PrescriptionError where there are none.
 def _zones(task: Element, rates: dict[int, float | None], where: PlaceInFile) -> tuple[Zone, ...]:
     zones = []
     for zone in task.findall("TZN"):
@@ -273,7 +283,8 @@ def _zones(task: Element, rates: dict[int, float | None], where: PlaceInFile) ->
 def _fields(
     root: Element, task: Element, label: str, findings: list[Finding]
 ) -> tuple[tuple[Floats, ...], ...]:
-    """Outlines of the task's field; what cannot be one is left out, and said."""
+    """Returns outlines of the task's field; unusable ones are left out with a finding."""
+    # Imported here: most files hold no field.
     from topdress.control.field.boundary import Boundary
 
     outlines: list[tuple[Floats, ...]] = []
@@ -300,6 +311,7 @@ def _fields(
     return tuple(usable)
 
 
+# Returns a polygon's rings: outlines, each with its holes.
 def _rings(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, ...]]:
     outer: list[Floats] = []
     inner: list[Floats] = []
@@ -309,6 +321,7 @@ def _rings(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, ...]]:
     return sorted_rings(outer, inner)
 
 
+# Returns a line's corners (k, 2), latitude and longitude, not closed.
 def _ring(line: Element, where: PlaceInFile) -> Floats:
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
@@ -325,6 +338,7 @@ def _ring(line: Element, where: PlaceInFile) -> Floats:
     return corners
 
 
+# Returns the grid with its rates, from its binary file.
 def _grid(
     files: TaskSet,
     grid: Element,
@@ -376,6 +390,8 @@ def _grid(
     return GridDeg(_float(grid, "A", where), _float(grid, "B", where), cell_lat, cell_lon, rate)
 
 
+# Returns the numbers of a binary file (rows, columns, depth). Raises PrescriptionError where its
+# size is wrong.
 def _cells(
     data: bytes,
     rows: int,
@@ -403,7 +419,9 @@ def _cells(
     return np.frombuffer(data, dtype=kind).reshape(rows, columns, depth).astype(np.float64)
 
 
+# Returns the rates of a grid of codes; NaN where the code has none.
 def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Finding]) -> Floats:
+    # A code is a byte.
     table = np.full(256, np.nan)
     for code, rate in rates.items():
         if rate is not None and 0 <= code < 256:
@@ -423,7 +441,7 @@ def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Findi
 
 
 def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tuple[int, str]]:
-    """Which process data a cell of a type 2 grid holds, in order."""
+    """Returns which process data a cell of a type 2 grid holds, in order."""
     code = grid.get("J")
     for zone in layer.task.findall("TZN"):
         if zone.get("A") == code and layer.of(zone) is not None:
@@ -435,11 +453,13 @@ def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tupl
     )
 
 
+# Returns the first zones' codes, for a message.
 def _listed(rates: dict[int, float | None]) -> str:
     codes = sorted(rates)
     return ", ".join(map(str, codes[:8])) + (", ..." if len(codes) > 8 else "")
 
 
+# Returns a whole number. Raises PrescriptionError.
 def _number(text: str, base: int, where: PlaceInFile) -> int:
     try:
         return int(text, base)
@@ -449,6 +469,7 @@ def _number(text: str, base: int, where: PlaceInFile) -> int:
         ) from None
 
 
+# Returns a number within its attribute's range. Raises PrescriptionError.
 def _float(element: Element, attribute: str, where: PlaceInFile) -> float:
     text = element.get(attribute, "")
     try:
@@ -459,6 +480,7 @@ def _float(element: Element, attribute: str, where: PlaceInFile) -> float:
             "{value}: allowed is a number",
             value=repr(text),
         ) from None
+    # Latitudes and longitudes of points and grids, degrees.
     limit = {"PNT": {"C": 90.0, "D": 180.0}, "GRD": {"A": 90.0, "B": 180.0}}.get(
         element.tag, {}
     ).get(attribute)

@@ -1,9 +1,8 @@
-"""A prescription given as points: the middles of even cells, each with its rate, in a table or
-a file of shapes.
+"""How do points, the middles of even cells with a rate each, become a prescription?
 
-The cells are had from the points alone: rows and columns at a right angle, at any heading, even
-in metres or in degrees. What is no such lattice is refused, for a point without its cell covers
-no ground.
+The cells follow from the points alone: rows and columns at a right angle, at any heading, even in
+metres or in degrees. Points without a lattice are refused, for a point without its cell covers no
+ground.
 """
 
 from __future__ import annotations
@@ -39,28 +38,33 @@ from topdress.drivers.files.prescriptions.words import (
 from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import Reason
 
+# Two rows of two show both spacings.
 LEAST_POINTS = 4
-# names of columns of places in metres, as kriging programs write them
+# Names of columns of places in metres, as kriging programs write them.
 EAST = frozenset("x easting east x_utm utm_x utm_e x_m east_m x_coord xcoord point_x".split())
 NORTH = frozenset("y northing north y_utm utm_y utm_n y_m north_m y_coord ycoord point_y".split())
+# A UTM zone with its hemisphere: 32N.
 _ZONE = re.compile(r"^\s*(\d{1,2})\s*([NS])\s*$", re.IGNORECASE)
+# A number such as 1.234, which means 1234 next to decimal commas.
 _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
-SAME_M = 0.01  # points nearer than this are one place
-# of a cell, that a point may lie off its middle: rounded degrees
+# Points nearer than this, m, are at the same place.
+SAME_M = 0.01
+# Share of a cell by which a point may lie off its middle: degrees are rounded.
 OFF_CELLS = 0.25
-# of the nearest points' distance: a larger step leads to the next row
+# Share of the nearest points' distance: a larger step leads to the next row.
 STEP_SHARE = 0.3
-# of the points have one next to them in their row, and one in their column
+# Share of the points that have a neighbour in their row, and in their column.
 JOINED_SHARE = 0.8
-# the lattice is laid out from its middle, over twice the ground each time
+# Cells around the middle on which the lattice is fitted first; then over twice the distance each
+# time.
 FIRST_CELLS = 4.0
-# times its width; longer ones are tracks with their points, not cells
+# Length of a cell in widths; longer cells are tracks with their points.
 LONGEST_CELL = 10.0
 
 
 class Lattice(NamedTuple):
-    """Cell (i, j) has its middle at origin + i along + j aside, m; cells: (n, 2) whole numbers,
-    one for each point."""
+    """Holds a lattice: cell (i, j) has its middle at origin + i along + j aside, m; cells: (n,
+    2) whole numbers, for each point."""
 
     origin: Floats
     along: Floats
@@ -71,11 +75,12 @@ class Lattice(NamedTuple):
 
     @property
     def size_m(self) -> tuple[float, float]:
+        """Returns length and width of a cell, m."""
         return float(np.hypot(*self.along)), float(np.hypot(*self.aside))
 
 
 class NoLattice(ValueError):
-    """Why the points are none: part of a sentence."""
+    """Says why the points form no lattice, as part of a sentence."""
 
     def __init__(self, text: str, **values: object) -> None:
         self.reason = Reason(text, values)
@@ -83,7 +88,7 @@ class NoLattice(ValueError):
 
 
 def read_lattice(path: Path, choice: RateChoice) -> Imported:
-    """A prescription out of points. Raises PrescriptionError, OSError."""
+    """Returns the prescription of points. Raises PrescriptionError, OSError."""
     try:
         raw = read_raw(path, Source(inside=choice.inside))
     except TableError as trouble:
@@ -138,6 +143,7 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
     return imported(path, "points", features, choice, findings, title=path.stem, units=units)
 
 
+# Returns the numbers (n,) of the column of latitudes or longitudes.
 def _place(raw: RawTable, column: str) -> Floats:
     name = next(
         name
@@ -162,8 +168,8 @@ def metre_columns(names: Collection[str]) -> tuple[str, str] | None:
 def _degrees_of(
     path: Path, raw: RawTable, metres: tuple[str, str], zone: str | None
 ) -> tuple[Floats, Floats]:
-    """Latitude and longitude of places in UTM. Raises RateQuestion where the zone is not said,
-    PrescriptionError where it is none."""
+    """Returns latitude and longitude (n,) of places in UTM. Raises RateQuestion without a zone,
+    PrescriptionError for an unknown zone."""
     if zone is None:
         others = [name for name in raw.names if name not in metres]
         raise RateQuestion(
@@ -181,6 +187,8 @@ def _degrees_of(
         )
     utm = TransverseMercator(
         f"UTM zone {zone}",
+        # UTM: zones of 6 degrees from 180 W, scale 0.9996, false origins that keep numbers
+        # positive.
         6.0 * int(found[1]) - 183.0,
         scale=0.9996,
         false_east=500_000.0,
@@ -191,8 +199,7 @@ def _degrees_of(
 
 
 def _attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object]]:
-    """What each point tells next to its place; a point in numbers with a decimal comma groups
-    digits."""
+    """Returns the attributes of each point. With decimal commas a point groups digits."""
     attributes = {
         name: known_or_none(column)
         for name, column in raw.columns.items()
@@ -218,8 +225,8 @@ def _attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object
 
 
 def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
-    """The lattice, and each point's cell as (4, 2) latitude and longitude. Even in metres or in
-    degrees, whichever fits better. Raises NoLattice."""
+    """Returns the lattice, and each point's cell as (4, 2) latitude and longitude. Degrees or
+    metres are taken, whichever fits better. Raises NoLattice."""
     plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
     east, north = (
         np.array(plane.to_m(plane.lat_deg, plane.lon_deg + 1e-4)),
@@ -261,7 +268,7 @@ def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
 
 
 def lattice_of(places: Floats) -> Lattice:
-    """Places (n, 2), m. Raises NoLattice."""
+    """Returns the lattice of places (n, 2), m. Raises NoLattice."""
     if len(places) < LEAST_POINTS:
         raise NoLattice(
             "{count} points: {least} are the least", count=len(places), least=LEAST_POINTS
@@ -275,13 +282,15 @@ def lattice_of(places: Floats) -> Lattice:
         raise NoLattice("{count} points share their place with another", count=twice)
     apart = float(np.median(near))
     way = places[nearest] - places[of]
-    turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])  # a right angle is a whole turn of this
+    # A right angle is a full turn of this angle, so all four neighbours agree.
+    turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])
     angle = 0.25 * float(np.arctan2(np.sin(turned).sum(), np.cos(turned).sum()))
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     along, aside = (axis * _spacing(places @ axis, apart) for axis in axes)
     middle = places[np.argmin(np.hypot(*(places - np.median(places, axis=0)).T))]
     away = np.hypot(*(places - middle).T)
     reach, origin = FIRST_CELLS * max(np.hypot(*along), np.hypot(*aside)), middle
+    # From the middle outwards: far points get the right cell only from a well-fitted spacing.
     while True:
         inside = away <= reach
         origin, along, aside = _laid(places[inside], origin, along, aside)
@@ -305,7 +314,7 @@ def lattice_of(places: Floats) -> Lattice:
 
 
 def _spacing(along: Floats, apart: float) -> float:
-    """The step from row to row of places along an axis."""
+    """Returns the step from row to row, m, of places (n,) along an axis."""
     steps = np.diff(np.sort(along))
     rows = steps[steps > STEP_SHARE * apart]
     if not len(rows):
@@ -316,7 +325,7 @@ def _spacing(along: Floats, apart: float) -> float:
 def _laid(
     places: Floats, origin: Floats, along: Floats, aside: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """The lattice again by least squares, once each place has its cell."""
+    """Returns origin and axes fitted by least squares, with each place in its nearest cell."""
     cells = np.rint((places - origin) @ np.linalg.inv(np.array([along, aside])))
     if np.linalg.matrix_rank(cells - cells[0]) < 2:
         raise NoLattice("no rows and columns")
@@ -324,6 +333,7 @@ def _laid(
     return found[0], found[1], found[2]
 
 
+# Refuses cells that are long, shared or scattered. Raises NoLattice.
 def _check(cells: NDArray[np.int64], wide: float, high: float) -> None:
     if max(wide, high) > LONGEST_CELL * min(wide, high):
         raise NoLattice("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)

@@ -1,9 +1,9 @@
-"""Metres of a transverse Mercator projection (UTM, Gauss-Krueger) to degrees, and what a `.prj`
-file says of it.
+"""How are metres of a transverse Mercator projection (UTM, Gauss-Krueger) converted to degrees, and
+what does a `.prj` file say about them?
 
 Krueger's series in the third flattening, to its fifth power: right to a tenth of a millimetre
-within 10 degrees of the central meridian (Karney 2011, "Transverse Mercator with an accuracy of
-a few nanometers", eq 10-12, 35, 36).
+within 10 degrees of the central meridian (Karney 2011, "Transverse Mercator with an accuracy of a
+few nanometers", eq 10-12, 35, 36).
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from topdress.control.targets.rate_map import Floats
 
-# WGS84 and GRS80; datums on them lie within 2 m of one another
+# Spheroids WGS84 and GRS80; datums on them lie within 2 m of each other.
 SEMI_MAJOR_M = 6_378_137.0
 INVERSE_FLATTENING = (298.2572, 298.2573)
+# A quoted text, a word, a number or a bracket.
 _TOKEN = re.compile(
     r'\s*(?:"([^"]*)"|([A-Za-z_][A-Za-z_0-9]*)|([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)|([\[\](),]))'
 )
@@ -27,7 +28,7 @@ _TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class TransverseMercator:
-    """As a `.prj` describes it; lengths of the file times `unit_m` are metres."""
+    """Describes a projection as a `.prj` does; lengths of the file times `unit_m` are metres."""
 
     name: str
     lon0_deg: float
@@ -40,7 +41,7 @@ class TransverseMercator:
     how = ""
 
     def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
-        """Latitude and longitude (n,) of places in the file's own unit."""
+        """Returns latitude and longitude (n,) of places in the file's own unit."""
         n = self.flattening / (2.0 - self.flattening)
         radius = SEMI_MAJOR_M / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0) * self.scale
         xi = (np.asarray(north) - self.false_north) * self.unit_m / radius + self._xi0(n)
@@ -54,17 +55,18 @@ class TransverseMercator:
         return np.degrees(self._geodetic(conformal)), (lon + 180.0) % 360.0 - 180.0
 
     def _geodetic(self, conformal: Floats) -> Floats:
-        """Latitude of a conformal latitude, radians: each round takes two and a half digits
-        more."""
+        """Returns the latitude of a conformal latitude, radians. Each round adds two and a half
+        digits."""
         e = math.sqrt(self.flattening * (2.0 - self.flattening))
         isometric = np.arctanh(np.sin(conformal))
         lat = conformal
+        # Seven rounds exhaust double precision.
         for _ in range(7):
             lat = np.arcsin(np.tanh(isometric + e * np.arctanh(e * np.sin(lat))))
         return np.asarray(lat, dtype=np.float64)
 
     def _xi0(self, n: float) -> float:
-        """Of the latitude of origin on the central meridian."""
+        """Returns the series' xi at the latitude of origin on the central meridian."""
         lat = math.radians(self.lat0_deg)
         e = math.sqrt(self.flattening * (2.0 - self.flattening))
         sine = math.tanh(math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat)))
@@ -75,14 +77,14 @@ class TransverseMercator:
 
 
 class NationalGrid(NamedTuple):
-    """Coordinates that PROJ knows. how: how right their degrees are."""
+    """Holds coordinates that PROJ knows. how: the accuracy of their degrees, as text."""
 
     name: str
     how: str
     transformer: Any
 
     def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
-        """Latitude and longitude (n,) of places in the file's own unit."""
+        """Returns latitude and longitude (n,) of places in the file's own unit."""
         lon, lat = self.transformer.transform(east, north)
         return lat, lon
 
@@ -91,9 +93,20 @@ Projection = TransverseMercator | NationalGrid
 
 
 def national_grid(text: str, places: Floats) -> NationalGrid | None:
-    """What well-known text says, where pyproj is installed and finds it in the EPSG register,
-    with the best of the ways to WGS84 that hold where the places lie, (n, 2) in the file's own
-    unit. The numbers are the register's."""
+    """Returns the coordinate system of a well-known text by the EPSG register.
+
+    It needs pyproj, and takes the most accurate way to WGS84 that holds where the places lie. The
+    numbers are the register's.
+
+    Parameters
+    ----------
+    text : well-known text of a `.prj`.
+    places : (n, 2) in the file's own unit.
+
+    Returns
+    -------
+    None without pyproj, or where the register does not know the text.
+    """
     try:
         from pyproj import CRS, Transformer
         from pyproj.exceptions import ProjError
@@ -101,11 +114,12 @@ def national_grid(text: str, places: Floats) -> NationalGrid | None:
     except ImportError:
         return None
     try:
+        # PROJ's own lowest confidence for a match that it would use.
         code = CRS.from_wkt(text).to_epsg(min_confidence=70)
         if code is None or not len(places):
             return None
         crs = CRS.from_epsg(code)
-        # 1 km at most
+        # Right to 1 km at most, which suffices to choose the area.
         roughly = Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(*places.T)
         (west, south), (east, north) = np.min(roughly, axis=1), np.max(roughly, axis=1)
         # that a better way needs a file: its accuracy is said instead
@@ -155,7 +169,7 @@ def _beta(n: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class _Node:
-    """`KEY["name", 1.0, CHILD[...]]` of a well-known text."""
+    """Holds a node of a well-known text: `KEY["name", 1.0, CHILD[...]]`."""
 
     key: str
     name: str = ""
@@ -163,13 +177,16 @@ class _Node:
     children: tuple[_Node, ...] = field(default=())
 
     def find(self, key: str) -> _Node | None:
+        """Returns the first child of a key; None: there is none."""
         return next((child for child in self.children if child.key == key), None)
 
 
 def projection_of(text: str) -> TransverseMercator | None:
-    """What a `.prj` says: None for degrees on WGS84 or the like.
+    """Returns the projection that a `.prj` describes; None for degrees on WGS84 or the like.
 
-    Raises ValueError: the name of the coordinates and what is wrong with them.
+    Raises
+    ------
+    ValueError : names the coordinates and says why they cannot be used.
     """
     try:
         node = _node([match.groups() for match in _TOKEN.finditer(text)], 0)[0]
@@ -206,13 +223,15 @@ def projection_of(text: str) -> TransverseMercator | None:
 
 
 def _check_spheroid(geographic: _Node, name: str) -> float:
-    """Its flattening, where the datum is one of those that agree with WGS84."""
+    """Returns the spheroid's flattening. Raises ValueError where the datum may differ from
+    WGS84."""
     datum = geographic.find("DATUM")
     spheroid = None if datum is None else datum.find("SPHEROID")
     if datum is None or spheroid is None or len(spheroid.numbers) < 2:
         raise ValueError(f"{name}: without a datum and its spheroid")
     axis, inverse = spheroid.numbers[:2]
     low, high = INVERSE_FLATTENING
+    # Half a metre of the axis is far below the accuracy of a map.
     if abs(axis - SEMI_MAJOR_M) > 0.5 or not low <= inverse <= high:
         raise ValueError(
             f"{name}: datum {datum.name} on spheroid {spheroid.name} may lie 100 m off WGS84"
@@ -220,6 +239,7 @@ def _check_spheroid(geographic: _Node, name: str) -> float:
     return 1.0 / inverse
 
 
+# Returns the node at a token, and the token after it.
 def _node(tokens: list[tuple[str | None, ...]], at: int) -> tuple[_Node, int]:
     key = tokens[at][1]
     if key is None or tokens[at + 1][3] not in ("[", "("):

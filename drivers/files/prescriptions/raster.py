@@ -1,5 +1,5 @@
-"""Rasters (GeoTIFF, Cloud Optimized GeoTIFF) as prescriptions: each cell with a value is a
-zone. Extra raster."""
+"""How do rasters (GeoTIFF, Cloud Optimized GeoTIFF) become prescriptions: a zone for each cell
+with a value? (extra raster)"""
 
 from __future__ import annotations
 
@@ -25,17 +25,19 @@ from topdress.drivers.files.prescriptions.words import (
 from topdress.drivers.files.stated_units import StatedUnit, of_json, together
 from topdress.drivers.plain_text import PlaceInFile
 
-MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # TIFF 6.0, and BigTIFF
-# with a value: a zone each; a field of 100 ha in cells of 3 m
+# First bytes of TIFF 6.0 and of BigTIFF, in both byte orders.
+MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+# Cells with a value, a zone each: a field of 100 ha in cells of 3 m.
 MOST_CELLS = 100_000
-# of a band that may hold classes
+# Different values of a band that may hold classes.
 MOST_LEVELS = 12
 
 
 def read_raster(path: Path, choice: RateChoice) -> Imported:
-    """The bands are the columns: by their description, else `band 1`, `band 2`. Raises
-    PrescriptionError, OSError."""
+    """Returns the prescription of a GeoTIFF. Its bands are the columns: by their description,
+    else `band 1`, `band 2`. Raises PrescriptionError, OSError."""
     try:
+        # An extra: few machines get rasters.
         import rasterio
     except ImportError:
         raise PrescriptionError(
@@ -116,13 +118,14 @@ def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
 
 
 def _known_cells(bands: Sequence[Floats]) -> np.ndarray:
-    """Tells which cells (height, width) have a value in any band."""
+    """Returns which cells (height, width) have a value in any band."""
     known: np.ndarray = np.any([np.isfinite(band) for band in bands], axis=0)
     return known
 
 
 def _averaging_step(known: np.ndarray) -> int:
-    """Returns how many cells on a side become one, so that no more than MOST_CELLS are left."""
+    """Returns how many cells on a side become a single cell, so that no more than MOST_CELLS
+    remain."""
     step = max(1, math.isqrt(max(0, int(known.sum()) - 1) // MOST_CELLS))
     while int(_block_sums(known.astype(np.float64), step)[1].sum()) > MOST_CELLS:
         step += 1
@@ -130,9 +133,10 @@ def _averaging_step(known: np.ndarray) -> int:
 
 
 def _block_sums(values: Floats, step: int) -> tuple[Floats, np.ndarray]:
-    """Sums of blocks of `step` x `step` cells, and which of them are half full or more, where
-    a value of 1 is a cell that counts."""
+    """Returns sums of blocks of `step` x `step` cells, and which blocks are half full or more,
+    where a value of 1 is a cell that counts."""
     high, wide = (-size % step for size in values.shape)
+    # The last blocks reach over the edge.
     padded = np.pad(values, ((0, high), (0, wide)))
     rows, columns = (size // step for size in padded.shape)
     sums = padded.reshape(rows, step, columns, step).sum(axis=(1, 3))
@@ -140,10 +144,10 @@ def _block_sums(values: Floats, step: int) -> tuple[Floats, np.ndarray]:
 
 
 def _average_cells(band: Floats, step: int) -> Floats:
-    """Means of the values of each block of cells; nothing where less than half have one.
+    """Returns means of each block of cells; NaN where less than half of the cells have a value.
 
-    A band of few values may hold classes, between which there is nothing: the most frequent one
-    is taken.
+    A band of few values may hold classes, between which nothing lies: the most frequent class is
+    taken.
     """
     known = np.isfinite(band)
     count, is_known = _block_sums(known.astype(np.float64), step)
@@ -158,14 +162,14 @@ def _average_cells(band: Floats, step: int) -> Floats:
 
 
 def _band(file: Any, number: int) -> Floats:
-    """(height, width), NaN where there is no value, by the band's own scale and offset."""
+    """Returns a band (height, width) by its own scale and offset; NaN where it has no value."""
     read = file.read(number, masked=True)
     values: Floats = np.ma.filled(read.astype(np.float64), np.nan)
     return np.asarray(values * file.scales[number - 1] + file.offsets[number - 1])
 
 
 def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
-    """Of the bands: their own unit, or what their or the file's tags say."""
+    """Returns units of the bands: their own, or those of their or the file's tags."""
     found = [of_json(file.tags(), names, path.name)]
     for k, name in enumerate(names, start=1):
         found.append(
@@ -176,7 +180,7 @@ def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
 
 
 def _corners(transform: Any, rows: Any, columns: Any, projection: Projection | None) -> Floats:
-    """(n, 4, 2) latitude and longitude of the cells' corners."""
+    """Returns latitude and longitude (n, 4, 2) of the cells' corners."""
     across = columns[:, None] + np.array([0.0, 1.0, 1.0, 0.0])
     down = rows[:, None] + np.array([0.0, 0.0, 1.0, 1.0])
     east = transform.a * across + transform.b * down + transform.c

@@ -1,4 +1,4 @@
-"""Reading a prescription of any known format."""
+"""How is a prescription of any known format read?"""
 
 from __future__ import annotations
 
@@ -27,8 +27,11 @@ from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from topdress.drivers.files.what_it_is import TABLES, holds_points
 from topdress.drivers.plugins import has_format
 
-EVEN = ("raster", "points")  # formats of even cells: none over another
+# Formats of even cells, none over another.
+EVEN = ("raster", "points")
+# Endings by the library that reads them: pyogrio, rasterio.
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
+# Formats in a message to the operator.
 KNOWN = (
     "an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), "
     "GeoJSON (.geojson, "
@@ -39,9 +42,22 @@ KNOWN = (
 
 
 def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imported:
-    """Reads a prescription; the operator's choices as given. Raises Refused in one line, of
-    which PrescriptionError and its kinds are those that a look at the map itself brings;
-    OSError."""
+    """Reads a prescription of any known format.
+
+    Parameters
+    ----------
+    path : a file, folder or zip.
+    choice : the operator's; None: everything as the file says.
+
+    Returns
+    -------
+    zones or grid, with findings.
+
+    Raises
+    ------
+    Refused : in one line; PrescriptionError and its kinds come from the map's contents.
+    OSError : the file cannot be opened.
+    """
     path, choice = Path(path), choice or RateChoice()
     if not path.exists():
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
@@ -58,7 +74,8 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
 
 
 def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
-    """Its zones merged by a step of rate, and what that changes. Raises PrescriptionError."""
+    """Returns the prescription with zones merged by a step of rate, kg/ha, and a finding about
+    the change. Raises PrescriptionError."""
     if not step_kg_ha > 0.0 or not read.data.zones:
         raise PrescriptionError(
             read.path,
@@ -82,6 +99,7 @@ def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
 def _read(path: Path, choice: RateChoice) -> Imported:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
+        # Imports by format: each brings its own library.
         from topdress.drivers.files.prescriptions.shapes import read_map
 
         return _areas_or_points(partial(read_map, path, choice), path, choice)
@@ -106,8 +124,8 @@ def _read(path: Path, choice: RateChoice) -> Imported:
 
 
 def _of_several(path: Path, choice: RateChoice) -> Imported:
-    """Of a folder or zip: its task set, next to which shapefiles do not count, else its
-    shapefile."""
+    """Reads from a folder or zip its task set, else its shapefile. Next to a task set shapefiles
+    do not count."""
     shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
     if choice.inside is not None:
         named = chosen([one.name for one in shapes], choice.inside)
@@ -148,7 +166,7 @@ def _of_several(path: Path, choice: RateChoice) -> Imported:
 
 
 def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: RateChoice) -> Imported:
-    """Raises PrescriptionError, OSError."""
+    """Reads areas; where the file has none, its points. Raises PrescriptionError, OSError."""
     try:
         return areas()
     except NoPolygons:
@@ -170,7 +188,8 @@ def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:
 
 
 def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
-    """How the map is read: the index's column as plain numbers. Raises PrescriptionError."""
+    """Returns the choice that reads the index's column as plain numbers. Raises
+    PrescriptionError."""
     if choice.unit is not None or choice.scale != 1.0:
         raise PrescriptionError(
             where, "--unit and --scale: allowed without --rule, whose map holds an index"
@@ -181,12 +200,27 @@ def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
             "the rule waits for its strips: allowed is a job with ndvi_nrich (and, by the "
             "field's response, ndvi_check)",
         )
+    # This unit has the factor 1, so numbers stay as they are.
     return replace(choice, index=rule.crop.index.upper(), unit="kg/ha")
 
 
 def read_index(path: Path, index: str) -> Imported:
-    """A map of the canopy's index, or of zones, for the loop, its numbers in the place of
-    rates. index: ndvi, ndre or ZONE_FACTOR. Raises PrescriptionError for what is none, OSError."""
+    """Reads a map of the canopy's index, or of zones, for the loop, its numbers in place of rates.
+
+    Parameters
+    ----------
+    path : the map.
+    index : ndvi, ndre or ZONE_FACTOR.
+
+    Returns
+    -------
+    zones whose rates are the numbers of the index.
+
+    Raises
+    ------
+    PrescriptionError : the map holds no such numbers.
+    OSError : the file cannot be opened.
+    """
     from topdress.drivers.files.prescriptions.read import read_prescription
 
     read = read_prescription(path, RateChoice(index=index.upper(), unit="kg/ha"))
@@ -194,6 +228,7 @@ def read_index(path: Path, index: str) -> Imported:
     return read
 
 
+# Refuses a grid, which holds rates. Raises PrescriptionError.
 def _need_zones(read: Imported) -> None:
     if read.data.grid is not None:
         raise PrescriptionError(
@@ -202,8 +237,8 @@ def _need_zones(read: Imported) -> None:
 
 
 def by_rule(read: Imported, rule: Rule) -> Imported:
-    """Each zone with the rate that the rule gives for its index. Raises PrescriptionError for
-    what is no index."""
+    """Returns the prescription with the rate, kg/ha, that the rule gives for each zone's index.
+    Raises PrescriptionError for a grid."""
     data = read.data
     _need_zones(read)
     index = rule.crop.index.upper()

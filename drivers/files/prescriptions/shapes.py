@@ -1,5 +1,5 @@
-"""Prescriptions as polygons with attributes in GeoPackage, KML, KMZ, out too; and in GeoJSON
-(RFC 7946), where our own also carry fallbacks and the field."""
+"""How are prescriptions read and written as polygons with attributes: GeoPackage, KML, KMZ; and
+GeoJSON (RFC 7946), where our own files also hold fallbacks and the field?"""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ from topdress.drivers.files.prescriptions.words import (
 )
 from topdress.drivers.plain_text import PlaceInFile
 
+# Types of shapes that are zones, in GeoJSON's words.
 POLYGONS = ("Polygon", "MultiPolygon")
 
 
 def read_shapes(path: Path, choice: RateChoice) -> Imported:
-    """Raises Refused, OSError."""
+    """Returns the prescription of a file with layers. Raises Refused, OSError."""
     layers = read_layers(path)
     if choice.inside is not None:
         layers = [layer for layer in layers if layer.name.casefold() == choice.inside.casefold()]
@@ -59,7 +60,25 @@ def read_shapes(path: Path, choice: RateChoice) -> Imported:
 def of_layer(
     path: Path, format_name: str, layer: Layer, choice: RateChoice, **more: Any
 ) -> Imported:
-    """Its polygons as zones; `more` as `imported` takes it. Raises Refused, OSError."""
+    """Returns a layer's polygons as zones.
+
+    Parameters
+    ----------
+    path : the file.
+    format_name : as reports name it.
+    layer : shapes with their attributes.
+    choice : the operator's.
+    more : as `imported` takes it.
+
+    Returns
+    -------
+    the prescription as read.
+
+    Raises
+    ------
+    Refused : the map cannot be used.
+    OSError : a file next to it cannot be read.
+    """
     features = _features(layer)
     findings = list(layer.findings)
     nothing = sum(shape is None for shape in layer.shapes)
@@ -84,6 +103,7 @@ def _is_area(shape: shapely.Geometry | None) -> bool:
     return shape is not None and shape.geom_type in POLYGONS and not shape.is_empty
 
 
+# Returns the layer's polygons, numbered as its shapes.
 def _features(layer: Layer) -> list[Feature]:
     found = []
     for number, (row, shape) in enumerate(zip(layer.rows, layer.shapes, strict=True), start=1):
@@ -99,10 +119,9 @@ def _features(layer: Layer) -> list[Feature]:
 
 
 def write_shapes(data: MapData, path: Path) -> None:
-    """A polygon for each zone, or for each cell of a grid; no place for fallbacks and field.
-
-    Raises Refused, OSError.
-    """
+    """Writes a polygon for each zone, or for each cell of a grid; fallbacks and field are lost.
+    Raises Refused, OSError."""
+    # Imported here: `write` imports this module.
     from topdress.drivers.files.prescriptions.write import zones_of
 
     zones = zones_of(data)
@@ -119,12 +138,13 @@ def write_shapes(data: MapData, path: Path) -> None:
     )
 
 
-# foreign member with what GeoJSON has no place for
+# Foreign member for what GeoJSON has no place for.
 OURS = "topdress"
 
 
 def read_map(path: Path, choice: RateChoice) -> Imported:
-    """A prescription out of a FeatureCollection of (multi)polygons. Raises Refused, OSError."""
+    """Returns the prescription of a FeatureCollection of (multi)polygons. Raises Refused,
+    OSError."""
     layer = read_geojson(path, POLYGONS, strict=True)
     ours = layer.about.get(OURS)
     fallbacks, fields = _ours(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
@@ -140,6 +160,7 @@ def read_map(path: Path, choice: RateChoice) -> Imported:
     )
 
 
+# Returns fallbacks and fields of the foreign member. Raises PrescriptionError.
 def _ours(ours: dict[str, Any], path: Path) -> tuple[Fallbacks, tuple[tuple[Floats, ...], ...]]:
     values = ours.get("fallbacks") or {}
     try:

@@ -1,5 +1,5 @@
-"""The files of an ISO 11783-10 data transfer, read and written: in a folder or a zip, whatever
-the case of their names."""
+"""Which files does an ISO 11783-10 data transfer hold, and how are they read and written: in a
+folder or a zip, whatever the case of their names?"""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from topdress.drivers.files.xml_text import Total, XmlError, xml_root
 
 @dataclass(frozen=True)
 class TaskSet:
-    """`inside`: the folder of the task file within `files`, with its slash; empty: the top.
-    `label`: for messages."""
+    """Names a task set. `inside`: the folder of the task file within `files`, with its slash;
+    empty: the top. `label`: for messages."""
 
     files: Files
     inside: str
     label: str
 
     def read(self, name: str) -> bytes | None:
-        """The file's bytes, None where it is not there. Raises Refused, OSError."""
+        """Returns the file's bytes; None where it is not there. Raises Refused, OSError."""
         there = self._by_name.get((self.inside + name).casefold())
         return None if there is None else self.files.read(there)
 
     @cached_property
     def _by_name(self) -> dict[str, str]:
-        """Names in small letters, the first of equal ones."""
+        """Returns names by their small letters, the first of equal ones."""
         return {name.casefold(): name for name in reversed(self.files.names)}
 
 
 def task_sets(path: Path) -> list[TaskSet]:
-    """The task sets at a path: a TASKDATA.XML, a folder or a zip that holds some, however deep.
-    Raises Refused for a zip that cannot be opened, OSError."""
+    """Returns the task sets at a path: a TASKDATA.XML, or a folder or zip that holds some,
+    however deep. Raises Refused for a zip that cannot be opened, OSError."""
     if path.suffix.lower() == ".xml" and not path.is_dir():
         return [TaskSet(Folder(path.parent, deep=False), "", str(path))] if path.is_file() else []
     if not path.is_dir() and path.suffix.lower() != ".zip":
@@ -58,9 +58,22 @@ def task_sets(path: Path) -> list[TaskSet]:
 
 
 def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
-    """The one task set at a path, or the one named by `inside`; None: there are none.
+    """Returns the task set at a path.
 
-    Raises RateQuestion where there are several, Refused, OSError.
+    Parameters
+    ----------
+    path : a TASKDATA.XML, folder or zip.
+    inside : names a task set where there are several.
+
+    Returns
+    -------
+    None : there is none.
+
+    Raises
+    ------
+    RateQuestion : there are several.
+    Refused : a zip cannot be opened.
+    OSError : a file cannot be opened.
     """
     found = task_sets(path)
     if inside is not None:
@@ -79,10 +92,11 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
 
 
 def task_tree(files: TaskSet) -> ElementTree.Element:
-    """The root of the task file, its external files (XFR) joined in. Raises Refused."""
+    """Returns the root of the task file, with its external files (XFR). Raises Refused."""
     data = files.read("TASKDATA.XML")
     if data is None:
         raise PrescriptionError(files.label, "{name} is not there", name="TASKDATA.XML")
+    # External files count towards the same limits.
     total = Total(files.label)
     root = _parsed(data, files.label, total)
     if root.tag != "ISO11783_TaskData":
@@ -99,6 +113,7 @@ def task_tree(files: TaskSet) -> ElementTree.Element:
     return root
 
 
+# Returns the root of an XML file, within the limits of the whole set. Raises Refused.
 def _parsed(data: bytes, label: str, total: Total) -> ElementTree.Element:
     total.bytes += len(data)
     held_to(XML, total.bytes, total.label)
@@ -108,7 +123,9 @@ def _parsed(data: bytes, label: str, total: Total) -> ElementTree.Element:
         raise PrescriptionError(label, "not readable as XML: {why}", why=error) from None
 
 
+# Letters of a name (designator) in the public schema of version 4.3.
 LONGEST_NAME = 32
+# Well-known text (ESRI) of degrees on WGS84, as a `.prj` holds it.
 WGS84_PRJ = (
     'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
     'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]'
@@ -116,7 +133,8 @@ WGS84_PRJ = (
 
 
 def task_root(from_terminal: bool) -> Element:
-    """The root element, version 4.3. `from_terminal`: written after the work, not before it."""
+    """Returns the root element, version 4.3. `from_terminal`: written after the work, not before
+    it."""
     version = software_version()
     root = Element(
         "ISO11783_TaskData",
@@ -124,6 +142,7 @@ def task_root(from_terminal: bool) -> Element:
         VersionMinor="3",
         ManagementSoftwareManufacturer="topdress",
         ManagementSoftwareVersion=version,
+        # 1: management software (FMIS); 2: terminal (MICS).
         DataTransferOrigin="2" if from_terminal else "1",
     )
     if from_terminal:
@@ -133,19 +152,19 @@ def task_root(from_terminal: bool) -> Element:
 
 
 def degrees(value: float) -> str:
-    """A place's degrees: nine decimals at most, as the public schema has them (0.1 mm), never
-    with an exponent."""
+    """Returns a place's degrees: nine decimals at most, as the public schema has them (0.1 mm),
+    never with an exponent."""
     return np.format_float_positional(round(value, 9), trim="-")
 
 
 def cell_degrees(value: float) -> str:
-    """The size of a grid's cell: the shortest decimal that reads back the same, for it counts
-    once a cell."""
+    """Returns the size of a grid's cell: the shortest decimal that reads back the same, because
+    its error adds up cell by cell."""
     return np.format_float_positional(value, trim="-")
 
 
 def outline(parent: Element, rings: Sequence[Floats], kind: str) -> None:
-    """A polygon of this kind with its outline, then its holes, (k, 2) latitude and longitude
+    """Adds a polygon of a kind with its outline, then its holes, (k, 2) latitude and longitude
     each."""
     polygon = SubElement(parent, "PLN", A=kind)
     for k, corners in enumerate(rings):
@@ -155,13 +174,14 @@ def outline(parent: Element, rings: Sequence[Floats], kind: str) -> None:
 
 
 def name_of(text: str) -> str:
-    """A name as the public schema allows it: at most 32 letters, none that XML has no place for."""
+    """Returns a name as the public schema allows it: at most 32 letters, none that XML has no
+    place for."""
     return "".join(letter for letter in text if letter.isprintable())[:LONGEST_NAME].strip()
 
 
 def write_task(path: Path, root: Element, files: Mapping[str, bytes]) -> None:
-    """A zip where the path ends in .zip, else the folder (or that of a path that ends in .xml).
-    Raises OSError."""
+    """Writes a zip where the path ends in .zip, else a folder (that of a path that ends in
+    .xml). Raises OSError."""
     ElementTree.indent(root)
     text = bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True))
     everything = {"TASKDATA.XML": text, **files}

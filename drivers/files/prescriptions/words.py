@@ -1,4 +1,5 @@
-"""What an operator chooses at an import, what comes out of it, and what goes wrong."""
+"""What can an operator choose at an import of a prescription, what is the result, and which
+errors may occur?"""
 
 from __future__ import annotations
 
@@ -14,13 +15,18 @@ from topdress.control.recordings.finding import Finding
 from topdress.control.targets.prescription import Fallbacks, MapData
 from topdress.drivers.plain_text import PlaceInFile, Refused
 
+# Highest rate of a map, kg/ha: 20 t/ha of lime; more is a wrong unit.
 HIGHEST_KG_HA = 20_000.0
-# of a rule by zones of yield or soil: the column's name; at most double
+# Column of a rule by zones of yield or soil, and the largest factor: double the rate.
 ZONE_FACTOR, MOST_FACTOR = "factor", 2.0
-ACRE_HA = 0.40468564224  # the international acre
-LB_AC_KG_HA = 0.45359237 / ACRE_HA  # kg/ha
-GAL_AC_L_HA = 3.785411784 / ACRE_HA  # l/ha
+# The international acre, ha (NIST Handbook 44).
+ACRE_HA = 0.40468564224
+# A pound per acre, kg/ha; the pound is 0.45359237 kg.
+LB_AC_KG_HA = 0.45359237 / ACRE_HA
+# A US gallon per acre, l/ha; the gallon is 3.785411784 l.
+GAL_AC_L_HA = 3.785411784 / ACRE_HA
 
+# kg/ha for one of each unit.
 MASS_UNITS: dict[str, float] = {
     "kg/ha": 1.0,
     "t/ha": 1000.0,
@@ -31,6 +37,7 @@ MASS_UNITS: dict[str, float] = {
     "kg/ac": 1.0 / ACRE_HA,
     "kg/mu": 15.0,
 }
+# l/ha for one of each unit.
 VOLUME_UNITS: dict[str, float] = {
     "l/ha": 1.0,
     "mm3/m2": 0.01,
@@ -38,10 +45,12 @@ VOLUME_UNITS: dict[str, float] = {
     "gal/ac": GAL_AC_L_HA,
     "l/ac": 1.0 / ACRE_HA,
 }
+# kg of nitrogen per ha for one of each unit.
 NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
-UNIT_NOT_NAMED = "as the file names no unit"  # who says the unit: nobody, so plain kg/ha
+# Source of the unit where no file names it: plain kg/ha.
+UNIT_NOT_NAMED = "as the file names no unit"
 
 
 class PrescriptionError(Refused):
@@ -53,12 +62,12 @@ class NotAMap(PrescriptionError):
 
 
 class NoPolygons(PrescriptionError):
-    """There is not one polygon in the file; it may hold points."""
+    """There is no polygon in the file; it may hold points."""
 
 
 class RateQuestion(PrescriptionError):
-    """The file can be used once the operator has said which of several readings is meant.
-    columns: that hold numbers, where it is a column that is asked for."""
+    """The file can be used once the operator has chosen between several readings. columns: those
+    of numbers, where the question is for a column."""
 
     def __init__(
         self,
@@ -74,7 +83,7 @@ class RateQuestion(PrescriptionError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateChoice:
-    """What the operator picks; None: what the file says, or the plain default."""
+    """Holds what the operator chose; None: what the file says, or the plain default."""
 
     # of a shapefile or GeoJSON; None: the one numeric column, or a known name
     column: str | None = None
@@ -99,8 +108,8 @@ class RateChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imported:
-    """A prescription as read. `unit`: what the file's numbers are in; `factor`: to kg of
-    product per ha from there."""
+    """Holds a prescription as read. `unit`: of the file's numbers; `factor`: from it to kg of
+    product per ha."""
 
     path: Path
     format: str  # isoxml, shapefile, geojson
@@ -115,8 +124,22 @@ class Imported:
 
 
 def factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
-    """kg of product per ha for one `unit`, the operator's scale included. Raises
-    PrescriptionError."""
+    """Returns kg of product per ha for a `unit`, the operator's scale included.
+
+    Parameters
+    ----------
+    choice : the operator's, with density (kg/l) or share of nitrogen where the unit needs it.
+    unit : one of UNITS.
+    where : place in the file, for messages.
+
+    Returns
+    -------
+    kg/ha.
+
+    Raises
+    ------
+    PrescriptionError : scale, density or share are missing or out of range.
+    """
     if not (isfinite(choice.scale) and choice.scale > 0.0):
         raise PrescriptionError(where, "scale {scale:g}: allowed is above 0", scale=choice.scale)
     if unit in MASS_UNITS:
@@ -147,12 +170,12 @@ def factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
 
 
 def _asked(given: float | None) -> type[PrescriptionError]:
-    """What was not given is a question, what was given wrongly is refused."""
+    """Returns the error's class: a missing value is a question, a wrong value is refused."""
     return RateQuestion if given is None else PrescriptionError
 
 
 def check_degrees(path: Path, places: NDArray[np.float64]) -> None:
-    """Raises PrescriptionError where places (n, 2), latitude and longitude, are none."""
+    """Refuses places (n, 2) that are no latitude and longitude. Raises PrescriptionError."""
     lat_deg, lon_deg = np.abs(places).max(axis=0).tolist()
     if not (isfinite(lat_deg) and isfinite(lon_deg)):
         raise PrescriptionError(path, "a corner is not finite: allowed are degrees")
@@ -177,7 +200,7 @@ def check_degrees(path: Path, places: NDArray[np.float64]) -> None:
 
 
 def checked_rate(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:
-    """The rate, where it can be one. Raises PrescriptionError."""
+    """Returns the rate, kg/ha, where it is possible. Raises PrescriptionError."""
     if not 0.0 <= rate_kg_ha <= HIGHEST_KG_HA:
         raise PrescriptionError(
             where(),
@@ -189,8 +212,8 @@ def checked_rate(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:
 
 
 def checked_index(value: float, name: str, where: Callable[[], PlaceInFile]) -> float:
-    """An index of the canopy: water and bare ground below 0 count as 0. Raises
-    PrescriptionError for what is none."""
+    """Returns an index of the canopy: water and bare ground below 0 count as 0. Raises
+    PrescriptionError for a number out of range."""
     if name == ZONE_FACTOR:
         if not 0.0 <= value <= MOST_FACTOR:
             raise PrescriptionError(
@@ -212,7 +235,8 @@ def checked_index(value: float, name: str, where: Callable[[], PlaceInFile]) -> 
 
 
 def with_choice(found: Fallbacks, choice: RateChoice, where: PlaceInFile) -> Fallbacks:
-    """Fallbacks of a file, those that the operator picked instead. Raises PrescriptionError."""
+    """Returns the file's fallbacks, replaced by those that the operator chose. Raises
+    PrescriptionError."""
     picked = {
         name: value
         for name, value in (

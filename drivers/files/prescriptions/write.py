@@ -1,4 +1,5 @@
-"""Writing a prescription: ISO 11783-10 task (zones, grid of type 1 or 2), GeoJSON, shapefile."""
+"""How is a prescription written: ISO 11783-10 task (zones, grid of type 1 or 2), GeoJSON,
+shapefile?"""
 
 from __future__ import annotations
 
@@ -30,19 +31,27 @@ from topdress.drivers.files.prescriptions.task_files import (
 )
 from topdress.drivers.files.prescriptions.words import PrescriptionError
 
+# Steps of DDI 6 are mg/m2: 100 of them are 1 kg/ha.
 MG_M2_PER_KG_HA = 100.0
+# Codes of the task's zones.
 DEFAULT, LOST, OUTSIDE, GRID_CELL = "0", "1", "2", "3"
+# Codes after the three fallbacks belong to rates.
 FIRST_CODE = 3
-MOST_LEVELS = 252  # codes 0 to 254 less the three fallbacks
+# Codes 0 to 254 less the three fallbacks.
+MOST_LEVELS = 252
 
 
 def write_prescription(data: MapData, path: Path) -> None:
-    """By the ending: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip (task), else a folder for
-    a task.
+    """Writes a prescription by the path's ending: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip
+    (task), else a folder for a task.
 
     Task files hold whole mg/m2 (0.01 kg/ha). A shapefile has no place for fallbacks and field.
-    Raises ValueError, OSError; PrescriptionError where a task file has no room for so many
-    rates.
+
+    Raises
+    ------
+    PrescriptionError : a task file has no room for so many rates.
+    ValueError : an unusable map.
+    OSError : the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -63,7 +72,7 @@ def write_prescription(data: MapData, path: Path) -> None:
 
 
 def not_written(data: MapData, path: Path) -> str:
-    """What the format has no place for, in one sentence; empty: it holds all."""
+    """Returns what the format has no place for, in a sentence; empty: it holds all."""
     lost = (
         [
             f"rates where the map says nothing ({data.fallbacks.default_kg_ha:g} in the field, "
@@ -80,11 +89,14 @@ def not_written(data: MapData, path: Path) -> str:
 
 
 def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
-    """The task file's tree and the files next to it, valid against the public schema of version
-    4.3.
+    """Returns the task file's tree and the files next to it, valid against the public schema of
+    version 4.3.
 
-    Zones of one rate share a code. Raises PrescriptionError for more than MOST_LEVELS rates of
-    zones.
+    Zones of the same rate share a code.
+
+    Raises
+    ------
+    PrescriptionError : more than MOST_LEVELS rates of zones.
     """
     root = task_root(from_terminal=False)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
@@ -95,6 +107,7 @@ def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
         A="TSK1",
         B=name_of(data.title) or "prescription",
         G="1",
+        # H, I, J name the zones where nothing else holds.
         H=DEFAULT,
         I=LOST,
         J=OUTSIDE,
@@ -125,7 +138,7 @@ def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
 
 
 def _zones(task: Element, data: MapData) -> None:
-    """A zone for each rate, with the polygons of that rate; where zones overlap, only the
+    """Adds a zone for each rate, with the polygons of that rate; where zones overlap, only the
     ground where each holds."""
     by_rate: dict[int, list[Zone]] = {}
     for zone in apart(data.zones):
@@ -149,6 +162,8 @@ def _zones(task: Element, data: MapData) -> None:
         _variable(element, steps / MG_M2_PER_KG_HA, data)
 
 
+# Adds the grid and its zones, and returns the bytes of its cells: codes (type 1) where they
+# suffice, else rates (type 2).
 def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
     rows, columns = grid.rate_kg_ha.shape
     steps = np.round(grid.rate_kg_ha * MG_M2_PER_KG_HA)
@@ -194,6 +209,7 @@ def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
     return cells
 
 
+# Adds a zone's rate as process data (DDI 6).
 def _variable(zone: Element, rate_kg_ha: float, data: MapData) -> None:
     variable = SubElement(
         zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1"
@@ -202,6 +218,7 @@ def _variable(zone: Element, rate_kg_ha: float, data: MapData) -> None:
         variable.set("C", "PDT1")
 
 
+# Writes GeoJSON, with fallbacks and fields in a foreign member.
 def _write_geojson(data: MapData, path: Path) -> None:
     features = [
         {
@@ -231,6 +248,7 @@ def _write_geojson(data: MapData, path: Path) -> None:
 
 def _write_shapefile(data: MapData, path: Path) -> None:
     with shapefile.Writer(str(path), shapeType=shapefile.POLYGON, encoding="utf-8") as writer:
+        # dBASE: 18 digits, 8 of them decimals.
         writer.field("rate_kg_ha", "N", 18, 8)
         writer.field("title", "C", 60)
         for zone in zones_of(data):
@@ -241,7 +259,7 @@ def _write_shapefile(data: MapData, path: Path) -> None:
 
 
 def zones_of(data: MapData) -> tuple[Zone, ...]:
-    """The zones, or one for each cell of the grid that has a rate."""
+    """Returns the zones, or a zone for each cell of the grid that has a rate."""
     if data.grid is None:
         return data.zones
     grid = data.grid
@@ -263,7 +281,8 @@ def _closed_lon_lat(ring: Floats) -> list[list[float]]:
 
 
 def _oriented(rings: tuple[Floats, ...]) -> list[list[tuple[float, float]]]:
-    """Longitude and latitude; the outline clockwise, holes the other way."""
+    """Returns rings of longitude and latitude; the outline clockwise, holes the other way, as a
+    shapefile wants."""
     found = []
     for k, corners in enumerate(rings):
         lat, lon = corners[:, 0] - corners[0, 0], corners[:, 1] - corners[0, 1]
