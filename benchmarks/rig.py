@@ -23,7 +23,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.plant import Plant, SensorReadings, Truth
 from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
-from topdress.drivers.files.prescriptions.for_job import map_of_job
+from topdress.drivers.files.prescriptions.for_job import read_job_map
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.ports import memory_pair
 from topdress.drivers.virtual.faults import Runaway, VirtualRunaway
@@ -104,7 +104,7 @@ class Rig:
             setup.crop,
             setup.rule,
             self.job,
-            prescription=map_of_job(self.job, setup.folder),
+            prescription=read_job_map(self.job, setup.folder),
         )
         self.ticks: list[Tick] = []
 

@@ -182,7 +182,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     from topdress.console.app.units import METRIC
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import CROP
-    from topdress.drivers.files.prescriptions.for_job import check_of_job, plants_of_job
+    from topdress.drivers.files.prescriptions.for_job import find_map_check, read_job_plants
     from topdress.drivers.files.setup import product_of, year_n
     from topdress.drivers.plain_text import Refused
 
@@ -192,13 +192,13 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
         crop = load(loaded.model.crop, CROP, base=folder).model
         n_year = year_n(loaded, crop, day_clock.today())
         limited = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
-        if (found := check_of_job(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
+        if (found := find_map_check(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
             notes.extend(map_words(found, METRIC))
 
     wrong: list[str] = []
     looks: tuple[Callable[[], object], ...] = (
         check_job_map,
-        lambda: plants_of_job(loaded.model, folder),
+        lambda: read_job_plants(loaded.model, folder),
         lambda: product_of(loaded.model, folder),
     )
     for look in looks:

@@ -103,9 +103,9 @@ def convert_field(
     if done:
         _add_done_ground(source, out, job, as_json)
         return
-    from topdress.drivers.files.fields.field_data import uncrossed
+    from topdress.drivers.files.fields.field_data import repair_outline
 
-    data = uncrossed(_read_field(source, name), source, largest)
+    data = repair_outline(_read_field(source, name), source, largest)
     print_note_lines(data.findings, f"{source}: ")
     _print_field(data, as_json)
     if out is None:
@@ -120,8 +120,8 @@ def convert_field(
 
 def _read_field(source: Path, name: str | None) -> FieldData:
     from topdress.drivers.files.fields.agopengps import read_agopengps
-    from topdress.drivers.files.fields.field_data import data_of
-    from topdress.drivers.files.fields.shapes import read_shapes
+    from topdress.drivers.files.fields.field_data import build_field_data
+    from topdress.drivers.files.fields.shapes import read_field_shapes
     from topdress.drivers.files.what_it_is import what_is
 
     if source.is_dir() and what_is(source).id == "aog":
@@ -130,28 +130,28 @@ def _read_field(source: Path, name: str | None) -> FieldData:
         from topdress.drivers.files.config import load
         from topdress.drivers.files.kinds import JOB
 
-        return data_of(load(source, JOB).model.field, str(source))
-    return read_shapes(source, name)
+        return build_field_data(load(source, JOB).model.field, str(source))
+    return read_field_shapes(source, name)
 
 
 def _write_field(data: FieldData, out: Path) -> None:
     from topdress.drivers.files.fields.agopengps import write_agopengps
-    from topdress.drivers.files.fields.shapes import write_shapes
+    from topdress.drivers.files.fields.shapes import write_field_shapes
 
     if out.suffix:
-        write_shapes(data, out)
+        write_field_shapes(data, out)
     else:
         write_agopengps(data, out)
 
 
 def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
     from topdress.drivers.files.config import load, save
-    from topdress.drivers.files.fields.field_data import ground_of
+    from topdress.drivers.files.fields.field_data import build_job_ground
     from topdress.drivers.files.kinds import JOB
 
     loaded = load(job, JOB)
     model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
-    new = model.model_copy(update={"field": ground_of(data, model.field, line)})
+    new = model.model_copy(update={"field": build_job_ground(data, model.field, line)})
     save(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
 
 
@@ -159,7 +159,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     """Put done ground into a job, as the file that it names: it is read anew at each start."""
     from topdress.control.geodesy import TangentPlane
     from topdress.drivers.files.config import load, save
-    from topdress.drivers.files.fields.done import read_done
+    from topdress.drivers.files.fields.done import read_worked_area
     from topdress.drivers.files.kinds import JOB
 
     if out is not None and out.suffix.lower() not in (".yaml", ".yml"):
@@ -170,7 +170,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     ground = loaded.model.field
     has_field = bool(ground.boundary_m) and out is not None
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if has_field else None
-    found = read_done(source, plane)
+    found = read_worked_area(source, plane)
     if as_json:
         print_json({"done_ha": found.area_ha})
     else:

@@ -22,7 +22,7 @@ from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
     from topdress.drivers.files.exports.as_applied import AsApplied
-    from topdress.drivers.files.prescriptions.words import Imported, RateChoice
+    from topdress.drivers.files.prescriptions.words import ImportedMap, RateChoice
     from topdress.drivers.files.read_log import RunLog
 
 MOST_SHOWN_RATES = 20
@@ -218,12 +218,12 @@ def _convert_prescription(
 ) -> None:
     from topdress.control.recordings.finding import Finding
     from topdress.drivers.files.prescriptions.read import (
-        by_rule,
-        index_choice,
+        apply_canopy_rule,
+        choose_index_column,
+        merge_map_zones,
         read_prescription,
-        with_merged_zones,
     )
-    from topdress.drivers.files.prescriptions.write import not_written, write_prescription
+    from topdress.drivers.files.prescriptions.write import describe_losses, write_prescription
 
     if job is None:
         read = read_prescription(source, choice)
@@ -232,9 +232,11 @@ def _convert_prescription(
         from topdress.drivers.files.setup import load_setup
 
         rule = load_setup("huanghai", job, day_clock.today()).rule
-        read = by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
+        read = apply_canopy_rule(
+            read_prescription(source, choose_index_column(choice, rule, job)), rule
+        )
     if merge_kg_ha is not None:
-        read = with_merged_zones(read, merge_kg_ha)
+        read = merge_map_zones(read, merge_kg_ha)
     if out is not None:
         if out.suffix.lower() not in (
             ".geojson",
@@ -253,14 +255,14 @@ def _convert_prescription(
             )
         out.parent.mkdir(parents=True, exist_ok=True)
         write_prescription(read.data, out)
-        if lost := not_written(read.data, out):
+        if lost := describe_losses(read.data, out):
             read = replace(read, findings=(*read.findings, Finding("not_written", lost)))
     _print_prescription(read, as_json)
     if out is not None and not as_json:
         typer.echo(f"written      {out}")
 
 
-def _print_prescription(read: Imported, as_json: bool) -> None:
+def _print_prescription(read: ImportedMap, as_json: bool) -> None:
     from topdress.console.app.pages.job.map_words import map_words
     from topdress.console.app.units import METRIC
     from topdress.control.recordings.finding import many
@@ -336,8 +338,8 @@ def _export_log(
     as_json: bool,
 ) -> None:
     from topdress.drivers.files.any_log import open_log
-    from topdress.drivers.files.exports.as_applied import SpreadProduct, as_applied
-    from topdress.drivers.files.exports.columns import summary
+    from topdress.drivers.files.exports.as_applied import SpreadProduct, build_as_applied
+    from topdress.drivers.files.exports.columns import summarise_export
     from topdress.drivers.files.exports.write import write_as_applied
 
     given = None
@@ -345,19 +347,21 @@ def _export_log(
         given = SpreadProduct(product or "product", nitrogen or 0.0)
     log = open_log(source)
     loaded = load_machine(machine) if machine else None
-    applied = as_applied(log, loaded, given, every_s)
+    applied = build_as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from topdress.console.reports.job_page import MOST_STRETCHES
 
         _write_job_report(
-            as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)),
+            build_as_applied(
+                log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)
+            ),
             out,
             log,
         )
     elif out is not None:
         write_as_applied(applied, out, polygons)
     if as_json:
-        print_json(summary(applied))
+        print_json(summarise_export(applied))
         return
     _print_applied(applied)
     if out is not None:

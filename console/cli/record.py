@@ -20,7 +20,7 @@ from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
-    from topdress.drivers.files.exports.farm_record import Pass, Sum
+    from topdress.drivers.files.exports.farm_record import FarmPass, FarmSum
 
 
 def record_passes(
@@ -62,7 +62,7 @@ def record_passes(
 ) -> None:
     """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for
     the farm's books."""
-    from topdress.drivers.files.exports.farm_record import sums, write_record
+    from topdress.drivers.files.exports.farm_record import sum_passes, write_farm_record
     from topdress.drivers.files.farm_lines import BEGINS
 
     refuse_other_kinds(logs, LOG_KINDS)
@@ -81,10 +81,10 @@ def record_passes(
             f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "
             f"{', '.join(sorted({one.product for one in passes}))}"
         )
-    _print_sums(sums(passes), as_json)
+    _print_sums(sum_passes(passes), as_json)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        added, replaced = write_record(passes, out)
+        added, replaced = write_farm_record(passes, out)
         typer.echo(f"written      {out}: {added} added, {replaced} replaced", err=as_json)
 
 
@@ -105,7 +105,7 @@ def _parse_prices(texts: list[str] | tuple[()]) -> dict[str, float]:
     return found
 
 
-def _has_price(one: Pass, prices: dict[str, float]) -> bool:
+def _has_price(one: FarmPass, prices: dict[str, float]) -> bool:
     """Whether a price was given for its product, or for every one."""
     return "" in prices or one.product.casefold() in prices
 
@@ -116,17 +116,17 @@ def _make_pass(
     nitrogen: float | None,
     prices: dict[str, float],
     currency: str | None,
-) -> Pass:
+) -> FarmPass:
     from topdress.console.reports.job_about import read_job_metadata
     from topdress.drivers.files.any_log import open_log
-    from topdress.drivers.files.exports.as_applied import SpreadProduct, as_applied
-    from topdress.drivers.files.exports.farm_record import Pass
+    from topdress.drivers.files.exports.as_applied import SpreadProduct, build_as_applied
+    from topdress.drivers.files.exports.farm_record import FarmPass
 
     opened = open_log(log)
     about = read_job_metadata(opened)
     who = about.who
     given = None if nitrogen is None else SpreadProduct(who.product or "product", nitrogen)
-    applied = as_applied(opened, machine, given)
+    applied = build_as_applied(opened, machine, given)
     said = {
         "client": who.client,
         "farm": who.farm,
@@ -135,7 +135,7 @@ def _make_pass(
         "operator": who.operator,
         "product": who.product,
     }
-    one = Pass(
+    one = FarmPass(
         applied, said, about.simulated, log.name, about.price_per_kg, about.currency or "EUR"
     )
     if not _has_price(one, prices):
@@ -146,7 +146,7 @@ def _make_pass(
     )
 
 
-def _print_sums(found: list[Sum], as_json: bool) -> None:
+def _print_sums(found: list[FarmSum], as_json: bool) -> None:
     if as_json:
         print_json(found)
         return

@@ -111,7 +111,7 @@ def run_simulation(
     from topdress.control.simulation.assembly import with_simulated_field
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config_error import ConfigError
-    from topdress.drivers.files.prescriptions.for_job import check_of_job, placed_of_job
+    from topdress.drivers.files.prescriptions.for_job import find_map_check, read_loop_targets
     from topdress.drivers.files.setup import index_disagreements, load_setup
 
     setup = load_setup(machine, job, day_clock.today())
@@ -136,8 +136,8 @@ def run_simulation(
         *(effect or ()),
         *(term or ()),
     ]
-    placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
-    check = check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder)
+    placed = read_loop_targets(resolved, setup.folder, setup.machine, setup.crop.index)
+    check = find_map_check(resolved, setup.crop.max_rate_kg_ha, setup.folder)
     for line in (*resolved.warnings, *(() if check is None else map_words(check, METRIC))):
         typer.echo(f"{job}: note: {line}", err=True)
     with (

@@ -63,14 +63,14 @@ def find_map_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """The plane on which the loop of a log worked, where it was its map's: a job without an
     outline, with a map that can still be read; log_folder: the log's folder."""
     from topdress.drivers.files.kinds import JOB
-    from topdress.drivers.files.prescriptions.for_job import map_of_job
+    from topdress.drivers.files.prescriptions.for_job import read_job_map
 
     try:
         job = JOB.model.model_validate(dict(meta.job or {}))
         profile = (
             None
             if job.field.boundary_m
-            else map_of_job(job, find_job_folder(meta, job, log_folder))
+            else read_job_map(job, find_job_folder(meta, job, log_folder))
         )
     except (ValueError, OSError):
         return None
@@ -93,7 +93,7 @@ def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
 def make_job_picture(job: Job, folder: Path, width_m: float) -> FieldPicture:
     """Outline and plan of a job whose files lie in `folder`. Raises ValueError, OSError."""
     from topdress.control.field.boundary import Boundary
-    from topdress.drivers.files.prescriptions.for_job import map_of_job
+    from topdress.drivers.files.prescriptions.for_job import read_job_map
 
     rings: tuple[Ring, ...] = ()
     area_ha = None
@@ -101,7 +101,7 @@ def make_job_picture(job: Job, folder: Path, width_m: float) -> FieldPicture:
         area_ha = Boundary(job.field.boundary_m, job.field.holes_m).area_ha
         spread = job.field.spread_ground(0.0)
         rings = () if spread is None else spread.rings
-    profile = map_of_job(job, folder)
+    profile = read_job_map(job, folder)
     planned = None if profile is None else _sample_planned_rates(job, folder, profile, rings)
     return FieldPicture(job.field.title or job.title or job.id, rings, area_ha, width_m, planned)
 

@@ -126,7 +126,7 @@ class JobFiles:
         Checked anew only when the file or the job has changed: a large one takes seconds.
         """
         from topdress.drivers.files.archives import files_of
-        from topdress.drivers.files.prescriptions.for_job import check_of_job
+        from topdress.drivers.files.prescriptions.for_job import find_map_check
 
         if setup.job.target.map is None:
             return "", None, ""
@@ -140,7 +140,7 @@ class JobFiles:
         key = (stands, job.target, job.field, limit_kg_ha)
         if self._checked is None or self._checked[0] != key:
             try:
-                check = check_of_job(job, limit_kg_ha, setup.folder)
+                check = find_map_check(job, limit_kg_ha, setup.folder)
                 assert check is not None
                 self._checked = key, check
             except (Refused, OSError) as error:
@@ -246,7 +246,7 @@ class JobFiles:
         from topdress.console.services.field import make_job_picture
         from topdress.console.services.map_refused import describe_map_refusal, describe_refusal
         from topdress.control.targets.prescription import statistics
-        from topdress.drivers.files.prescriptions.for_job import check_of_job
+        from topdress.drivers.files.prescriptions.for_job import find_map_check
         from topdress.drivers.files.prescriptions.read import read_prescription
         from topdress.drivers.files.prescriptions.words import (
             UNIT_NOT_NAMED,
@@ -291,7 +291,7 @@ class JobFiles:
         job = _add_simulated_field(
             setup.job.model_copy(update={"target": target}), setup.machine, found
         )
-        check = check_of_job(job, setup.crop.max_rate_kg_ha, kept.parent)
+        check = find_map_check(job, setup.crop.max_rate_kg_ha, kept.parent)
         rates = [share.rate_kg_ha for share in shares] or [0.0]
         picture = make_job_picture(job, kept.parent, setup.machine.geometry.working_width_m)
         return MapPreview(
@@ -475,13 +475,13 @@ class JobFiles:
         self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
     ) -> tuple[str, ...]:
         """Export the as-applied map of each part of the job. Raises ValueError, OSError."""
-        from topdress.drivers.files.exports.as_applied import as_applied
+        from topdress.drivers.files.exports.as_applied import build_as_applied
         from topdress.drivers.files.exports.write import write_as_applied
 
         return self._write_part_files(
             log_path,
             f"-applied{ending}",
-            as_applied,
+            build_as_applied,
             lambda _recorded, applied, out: write_as_applied(applied, out),
             progress,
             cancelled,
@@ -494,13 +494,17 @@ class JobFiles:
         from topdress.console.reports.job_about import read_job_metadata
         from topdress.console.reports.job_page import MOST_STRETCHES, make_job_page
         from topdress.drivers.files.atomic import write_atomically
-        from topdress.drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
+        from topdress.drivers.files.exports.as_applied import DEFAULT_STRETCH_S, build_as_applied
         from topdress.drivers.files.run_meta import software_version
 
         def gather_as_applied(recorded: RunLog) -> AsApplied:
-            applied = as_applied(recorded)
+            applied = build_as_applied(recorded)
             every_s = applied.totals.worked_s / MOST_STRETCHES
-            return as_applied(recorded, every_s=every_s) if every_s > DEFAULT_EVERY_S else applied
+            return (
+                build_as_applied(recorded, every_s=every_s)
+                if every_s > DEFAULT_STRETCH_S
+                else applied
+            )
 
         def write_report(recorded: RunLog, applied: AsApplied, out: Path) -> None:
             write_atomically(

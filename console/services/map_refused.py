@@ -7,7 +7,7 @@ import contextlib
 from pathlib import Path
 
 from topdress.console.locale import N_, _
-from topdress.drivers.files.prescriptions.words import NotAMap
+from topdress.drivers.files.prescriptions.words import NotAMapError
 from topdress.drivers.files.what_it_is import KINDS, OF_TABLES, what_is
 from topdress.drivers.plain_text import Reason, Refused
 
@@ -63,4 +63,8 @@ def describe_map_refusal(path: Path, error: Refused) -> str:
             )
             return _("not a prescription map: {why}").format(why=said)
     why = describe_refusal(error, path)
-    return _("not a prescription map: {why}").format(why=why) if isinstance(error, NotAMap) else why
+    return (
+        _("not a prescription map: {why}").format(why=why)
+        if isinstance(error, NotAMapError)
+        else why
+    )

@@ -14,7 +14,7 @@ from topdress.control.simulation.assembly import control_loop
 from topdress.drivers import day_clock
 from topdress.drivers.files.config import validated
 from topdress.drivers.files.kinds import CROP, JOB, MACHINE
-from topdress.drivers.files.prescriptions.for_job import placed_of_job
+from topdress.drivers.files.prescriptions.for_job import read_loop_targets
 from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.replay import measurements
 from topdress.drivers.files.setup import Setup, load_setup
@@ -31,7 +31,7 @@ def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
         setup.rule,
         setup.job,
         obeyed=False,
-        **placed_of_job(setup.job, setup.folder, setup.machine, setup.crop.index),
+        **read_loop_targets(setup.job, setup.folder, setup.machine, setup.crop.index),
     )
     orders = [parse_events(text) for text in recorded.texts("events")]
     own = any(orders)

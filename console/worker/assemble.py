@@ -42,7 +42,7 @@ from topdress.drivers.devices.board_frames import SILENT_HOST_S
 from topdress.drivers.devices.lag_rig import RigReadings
 from topdress.drivers.files.config import ConfigError, Loaded
 from topdress.drivers.files.kinds import CAB, MACHINE
-from topdress.drivers.files.prescriptions.for_job import LoopTargets, placed_of_job
+from topdress.drivers.files.prescriptions.for_job import LoopTargets, read_loop_targets
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import run_meta
 from topdress.drivers.files.setup import (
@@ -264,7 +264,7 @@ def fix_gate_opening(machine: Machine, opening_mm: float) -> Machine:
 
 def _read_targets(job: Job, setup: Setup) -> LoopTargets:
     """Read map, plants, index map and done ground of the job. Raises ValueError, OSError."""
-    placed = placed_of_job(job, setup.folder, setup.machine, setup.crop.index)
+    placed = read_loop_targets(job, setup.folder, setup.machine, setup.crop.index)
     if job.target.source is TargetSource.POINT and placed["plants"] is None:
         raise ValueError(
             f"{job.id}: target.source point: a camera has no driver yet: allowed is "

@@ -127,7 +127,7 @@ class AcrossWidth:
 
 def _grid(wide_m: float, long_m: float) -> tuple[int, int]:
     """Returns columns and rows for all of the ground; the longer side is cut where there would
-    be more than `MOST_CELLS`."""
+    be more than `MAX_CELL_COUNT`."""
     columns, rows = (max(8, int(np.ceil(m / CELL_M))) for m in (wide_m, long_m))
     if columns * rows <= MOST_CELLS:
         return columns, rows

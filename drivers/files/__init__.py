@@ -11,10 +11,10 @@ Files:
 - `config`: Configuration files: YAML into a pydantic model
 - `config_error`: What is wrong with configuration files, apart from what reads them
 - `config_words`: pydantic's errors in the words of an operator
-- `exports`: As-applied exports of a run log
+- `exports`: How is a run log exported as what was applied where
 - `extras`: The parts of topdress that are installed by themselves (extras of pyproject.toml)
 - `farm_lines`: Lines of a farm's books, as `topdress record` keeps them
-- `fields`: Fields of other programs
+- `fields`: How are fields of other programs read and written
 - `foreign`: Logs of other programs: names
 - `geopackage`: GeoPackage (OGC 12-128r19) by SQLite
 - `good_lines`: Of lines that are not all readable those that are
@@ -33,7 +33,7 @@ Files:
 - `outlines`: How much of a map's outlines lies over itself, counted before it is put right
 - `parquet_limits`: How much a Parquet file holds, by its footer and the headers of its pages
 - `plain`: Models as plain data and back, and as JSON schema; NamedTuples by name (pydantic alone
-- `prescriptions`: Prescription files, in and out
+- `prescriptions`: How are prescription files read and written
 - `read_log`: Reading run logs: our own up to their last whole row
 - `replay`: A log turned back into what the control loop was given and what it ordered
 - `run_log`: Writing run logs (docs/format-run-log.md)

@@ -23,10 +23,10 @@ from topdress.drivers.files.limits import check_file, read_json
 from topdress.drivers.files.prescriptions.projected import (
     Projection,
     TransverseMercator,
-    national_grid,
-    projection_of,
+    find_national_grid,
+    parse_projection,
 )
-from topdress.drivers.files.prescriptions.words import NotAMap
+from topdress.drivers.files.prescriptions.words import NotAMapError
 from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
 from topdress.drivers.plain_text import PlaceInFile, Refused
 from topdress.drivers.plugins import PluginFault, has_format
@@ -85,7 +85,7 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
     try:
         root = read_json(path)
     except ValueError as error:
-        raise NotAMap(path, "not readable as JSON: {why}", why=error) from None
+        raise NotAMapError(path, "not readable as JSON: {why}", why=error) from None
     return _of_features(path, root, kinds, strict)
 
 
@@ -96,7 +96,7 @@ def _by_plugin(path: Path, name: str) -> Layer:
     try:
         root = read_format(name, path)
     except PluginFault as fault:
-        raise NotAMap(
+        raise NotAMapError(
             path,
             "not readable by the plug-in of {suffix}: {why}",
             suffix=path.suffix,
@@ -111,7 +111,7 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
     if isinstance(root, dict) and (kind == "FeatureCollection" or not strict):
         found = [root] if kind == "Feature" else root.get("features")
     if not isinstance(found, list):
-        raise NotAMap(
+        raise NotAMapError(
             path,
             "type {kind}: allowed FeatureCollection"
             if strict
@@ -237,12 +237,12 @@ def projection_in(
     """What well-known text says of coordinates; None: degrees. places: (n, 2) in them. crs:
     what must be more than degrees. Raises Refused."""
     try:
-        found = projection_of(text)
+        found = parse_projection(text)
         if found is not None or not crs:
             return found
     except ValueError as error:
         crs = crs or str(error)
-    if (grid := national_grid(text, places)) is not None:
+    if (grid := find_national_grid(text, places)) is not None:
         return grid
     raise Refused(
         where,

@@ -97,10 +97,10 @@ class Opened:
         return "log" if holds_points(self.path) and not self._points_of_map() else "map"
 
     def _by_columns(self) -> Held:
-        from topdress.drivers.files.prescriptions.csv_zones import holds_polygons
-        from topdress.drivers.files.prescriptions.lattice import metre_columns
+        from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text
+        from topdress.drivers.files.prescriptions.lattice import find_metre_columns
 
-        if holds_polygons(self.path):
+        if has_polygon_text(self.path):
             return "map"
         try:
             if is_run_log(self.names):
@@ -113,7 +113,7 @@ class Opened:
             return "log"
         # kriging programs part columns by spaces
         parted = self.names[0].split() if len(self.names) == 1 else self.names
-        has_places = places_without_time(self.names) or metre_columns(parted) is not None
+        has_places = places_without_time(self.names) or find_metre_columns(parted) is not None
         return "map" if has_places else ""
 
     def _points_of_map(self) -> bool:

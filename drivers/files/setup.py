@@ -22,7 +22,7 @@ from topdress.drivers.cab_config import BoardConfig, CabConfig
 from topdress.drivers.files.config import Loaded, load, load_any, sha256_of
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
-from topdress.drivers.files.prescriptions.for_job import files_of_job
+from topdress.drivers.files.prescriptions.for_job import list_job_files
 from topdress.drivers.files.weather import WeatherError, growing_days
 
 # relays of a rate module along with the drive's own
@@ -64,7 +64,7 @@ class Setup:
         """All files that were read for it, or will be when its job is worked."""
         return (
             *map(Path, self.sha256),
-            *files_of_job(self.job, self.folder),
+            *list_job_files(self.job, self.folder),
             *(() if self.weather is None else (self.weather,)),
             *(
                 ()

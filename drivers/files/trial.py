@@ -15,8 +15,8 @@ from topdress.control.machine.elements import Array
 from topdress.control.machine.machine import Machine
 from topdress.control.papers.trial import Plot, Trial
 from topdress.drivers.files.any_log import open_log
-from topdress.drivers.files.exports.as_applied import as_applied, outlet_way
-from topdress.drivers.files.fields.shapes import named_shapes
+from topdress.drivers.files.exports.as_applied import build_as_applied, find_outlet_way
+from topdress.drivers.files.fields.shapes import read_named_shapes
 from topdress.drivers.files.outlines import check_outlines
 from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.table import read_table
@@ -44,7 +44,7 @@ def read_plots(path: Path) -> dict[str, Any]:
     """Name -> polygon in longitude and latitude; any format of a field. Raises TrialError,
     Refused, OSError."""
     found: dict[str, Any] = {}
-    for name, shape in named_shapes(path):
+    for name, shape in read_named_shapes(path):
         parts = [
             part
             for part in shapely.get_parts(shape)
@@ -137,7 +137,7 @@ def read_trial(
     outlines = read_plots(plots)
     weighed = {} if weights is None else read_weights(weights, outlines)
     run = open_log(log)
-    applied = as_applied(run, machine, every_s=FINE_S)
+    applied = build_as_applied(run, machine, every_s=FINE_S)
     readings, hz = _readings(run, applied.machine)
     later = None
     if after is not None:
@@ -198,7 +198,7 @@ def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
     heads = np.column_stack([log.numbers(name) for name in columns])
     some = np.isfinite(heads).any(axis=1)
     new = some & np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1)))
-    plane, way, heading = outlet_way(log, machine)
+    plane, way, heading = find_outlet_way(log, machine)
     ahead = np.radians(heading)
     places = way + machine.geometry.heads_m * np.column_stack((np.sin(ahead), np.cos(ahead)))
     if new.sum() < 2:

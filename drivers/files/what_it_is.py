@@ -245,12 +245,12 @@ def _points_of_geojson(path: Path) -> bool:
 
 def _points_of_files(path: Path) -> bool:
     """A task that was worked and prescribes nothing; or shapefiles of which none has areas."""
-    from topdress.drivers.files.prescriptions.task_files import task_sets, task_tree
+    from topdress.drivers.files.prescriptions.task_files import find_task_sets, read_task_tree
     from topdress.drivers.files.shape_sets import shape_sets
 
-    tasks = task_sets(path)
+    tasks = find_task_sets(path)
     if tasks:
-        roots = [task_tree(one) for one in tasks]
+        roots = [read_task_tree(one) for one in tasks]
         return any(root.find("TSK/TLG") is not None for root in roots) and not any(
             root.find("TSK/TZN") is not None for root in roots
         )

@@ -20,7 +20,7 @@ from topdress.control.simulation.assembly import (
 from topdress.control.simulation.closed_loop import SimulatedTick, simulated_run
 from topdress.control.simulation.compiled_steps import STEPS
 from topdress.control.targets.overlap import Overlap
-from topdress.drivers.files.prescriptions.for_job import placed_of_job
+from topdress.drivers.files.prescriptions.for_job import read_loop_targets
 from topdress.drivers.files.setup import load_setup
 
 TODAY = dt.date(2026, 4, 1)
@@ -51,7 +51,7 @@ def steps(
     resolved = with_simulated_field(
         setup.job.model_copy(update={"simulated": simulated}), setup.machine
     )
-    placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
+    placed = read_loop_targets(resolved, setup.folder, setup.machine, setup.crop.index)
     plant = simulated_machine(
         setup.machine,
         resolved,

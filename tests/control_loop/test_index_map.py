@@ -199,7 +199,7 @@ def write_tif(
 def test_a_job_names_a_geotiff(tmp_path: Path, name: str | None) -> None:
     """As a satellite gives it: water below 0, a band with or without a name; what is scaled is
     refused."""
-    from topdress.drivers.files.prescriptions.for_job import placed_of_job
+    from topdress.drivers.files.prescriptions.for_job import read_loop_targets
     from topdress.drivers.files.prescriptions.words import PrescriptionError
 
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
@@ -209,7 +209,7 @@ def test_a_job_names_a_geotiff(tmp_path: Path, name: str | None) -> None:
     crop: Crop = setup.crop
     values = np.array([[0.3, 0.4], [-0.1, -9999.0]])
     write_tif(tmp_path / "a.tif", values, 34.282, 119.880, 0.001, name)
-    under = placed_of_job(job, tmp_path, setup.machine, crop.index)["index_map"]
+    under = read_loop_targets(job, tmp_path, setup.machine, crop.index)["index_map"]
     assert under is not None
     read = [
         under.at(under.plane.to_m(34.282 - 0.0005 - 0.001 * row, 119.8805 + 0.001 * column), 0.0)
@@ -219,7 +219,7 @@ def test_a_job_names_a_geotiff(tmp_path: Path, name: str | None) -> None:
     assert read[:3] == pytest.approx([0.3, 0.4, 0.0]) and read[3] is None
     write_tif(tmp_path / "a.tif", 10_000.0 * values.clip(0.0), 34.282, 119.880, 0.001, name)
     with pytest.raises(PrescriptionError, match="allowed as NDVI is -1 to 1"):
-        placed_of_job(job, tmp_path, setup.machine, crop.index)
+        read_loop_targets(job, tmp_path, setup.machine, crop.index)
 
 
 # --- The canopy of a whole run at once is the canopy of its ticks

@@ -9,7 +9,7 @@ import datetime as dt
 import pytest
 from topdress.control.orders import Do, Strategy
 from topdress.control.sensing import speed_ahead_mps, travelled_ahead_m
-from topdress.drivers.files.exports.as_applied import as_applied
+from topdress.drivers.files.exports.as_applied import build_as_applied
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import run_meta
@@ -132,7 +132,7 @@ def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
     totals = it.loop.totals
     assert totals.stopped_kg > 1.2
     assert totals.applied_kg * 0.46 == pytest.approx(totals.applied_n_kg, rel=0.05)
-    applied = as_applied(read_log(tmp_path / "run.csv"))
+    applied = build_as_applied(read_log(tmp_path / "run.csv"))
     assert applied.totals.applied_kg == pytest.approx(totals.applied_kg, rel=2e-3)
     assert applied.totals.stopped_kg == pytest.approx(totals.stopped_kg, abs=1e-3)
     assert sum(one.kg for one in applied.stopped) == pytest.approx(totals.stopped_kg, abs=1e-3)

@@ -11,7 +11,7 @@ import pytest
 from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import LogRow
 from topdress.control.machine.machine import Machine
-from topdress.drivers.files.exports.as_applied import AsApplied, as_applied
+from topdress.drivers.files.exports.as_applied import AsApplied, build_as_applied
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.run_log import write_log
 from topdress.drivers.files.run_meta import run_meta
@@ -70,4 +70,4 @@ def known_log(tmp_path_factory: pytest.TempPathFactory) -> RunLog:
 
 @pytest.fixture(scope="session")
 def applied(known_log: RunLog) -> AsApplied:
-    return as_applied(known_log)
+    return build_as_applied(known_log)

@@ -27,9 +27,9 @@ from topdress.drivers.files.exports.as_applied import (
     AsApplied,
     ExportError,
     SpreadProduct,
-    as_applied,
+    build_as_applied,
 )
-from topdress.drivers.files.exports.columns import COLUMNS
+from topdress.drivers.files.exports.columns import EXPORT_COLUMNS
 from topdress.drivers.files.exports.write import write_as_applied
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.run_log import write_log
@@ -97,10 +97,10 @@ def test_off_field_rows_in_which_nothing_turns_are_no_work(known_log: RunLog) ->
     columns = dict(known_log.columns)
     off = known_log.time_s > 50.0
     columns["target_source"] = np.where(off, "none", columns["target_source"])
-    still_turning = as_applied(dataclasses.replace(known_log, columns=columns)).totals.area_ha
+    still_turning = build_as_applied(dataclasses.replace(known_log, columns=columns)).totals.area_ha
     columns["shaft_rpm_cmd"] = np.where(off, 0.0, columns["shaft_rpm_cmd"])
     columns["shaft_rpm"] = np.where(off, 0.2, columns["shaft_rpm"])
-    stopped = as_applied(dataclasses.replace(known_log, columns=columns)).totals.area_ha
+    stopped = build_as_applied(dataclasses.replace(known_log, columns=columns)).totals.area_ha
     assert stopped == pytest.approx(45.0 / 60.0 * still_turning, rel=1e-2)
 
 
@@ -109,12 +109,12 @@ def test_machine_and_product_can_be_given_where_the_log_names_none(known_log: Ru
     with pytest.raises(
         ExportError, match=r"known.csv: no machine file next to the log: allowed is a log with its"
     ):
-        as_applied(bare)
+        build_as_applied(bare)
     wide = Machine().model_copy(
         update={"geometry": Machine().geometry.model_copy(update={"working_width_m": 4.8})}
     )
-    given = as_applied(bare, wide, SpreadProduct("CAN", 0.27))
-    assert given.totals.area_ha == pytest.approx(2 * as_applied(known_log).totals.area_ha)
+    given = build_as_applied(bare, wide, SpreadProduct("CAN", 0.27))
+    assert given.totals.area_ha == pytest.approx(2 * build_as_applied(known_log).totals.area_ha)
     assert given.totals.applied_n_kg == pytest.approx(0.27 * given.totals.applied_kg)
 
 
@@ -126,20 +126,20 @@ def test_a_log_without_what_is_needed_is_refused_in_one_line(
     with pytest.raises(
         ExportError, match=f"known.csv: column {column}: empty: allowed is a log that has it"
     ):
-        as_applied(dataclasses.replace(known_log, columns=columns))
+        build_as_applied(dataclasses.replace(known_log, columns=columns))
 
 
 def test_a_log_without_work_is_refused(known_log: RunLog) -> None:
     columns = {**known_log.columns, "state": np.full(len(known_log), "ready", object)}
     with pytest.raises(ExportError, match="no row of work"):
-        as_applied(dataclasses.replace(known_log, columns=columns))
+        build_as_applied(dataclasses.replace(known_log, columns=columns))
 
 
 def test_course_over_ground_serves_where_no_heading_was_logged(
     known_log: RunLog, applied: AsApplied
 ) -> None:
     columns = {name: array for name, array in known_log.columns.items() if name != "heading_deg"}
-    found = as_applied(dataclasses.replace(known_log, columns=columns)).stretches
+    found = build_as_applied(dataclasses.replace(known_log, columns=columns)).stretches
     assert found.lat_deg[3:30] == pytest.approx(applied.stretches.lat_deg[3:30], abs=1e-7)
 
 
@@ -150,7 +150,7 @@ def test_an_unknown_ending_is_refused(applied: AsApplied, tmp_path: Path) -> Non
 
 def test_isoxml_needs_a_time(known_log: RunLog, tmp_path: Path) -> None:
     columns = {name: array for name, array in known_log.columns.items() if name != "utc"}
-    timeless = as_applied(dataclasses.replace(known_log, columns=columns))
+    timeless = build_as_applied(dataclasses.replace(known_log, columns=columns))
     with pytest.raises(ExportError, match="no UTC in the log"):
         write_as_applied(timeless, tmp_path / "x.zip")
     write_as_applied(timeless, tmp_path / "x.csv")
@@ -158,7 +158,7 @@ def test_isoxml_needs_a_time(known_log: RunLog, tmp_path: Path) -> None:
 
 
 def test_ground_is_covered_once_and_again_where_the_machine_comes_back(known_log: RunLog) -> None:
-    totals = as_applied(known_log).totals
+    totals = build_as_applied(known_log).totals
     assert totals.covered_ha == pytest.approx(totals.area_ha, rel=0.02) and totals.overlap_ha == 0.0
     assert totals.doses is None
     lat = known_log.numbers("lat_deg").copy()
@@ -169,7 +169,7 @@ def test_ground_is_covered_once_and_again_where_the_machine_comes_back(known_log
     twice = dataclasses.replace(
         known_log, columns=known_log.columns | {"lat_deg": lat, "state": state}
     )
-    again = as_applied(twice).totals
+    again = build_as_applied(twice).totals
     assert again.overlap_ha is not None and again.covered_ha is not None
     assert again.overlap_ha > 0.3 * again.area_ha
     assert again.covered_ha + again.overlap_ha == pytest.approx(again.area_ha, rel=0.05)
@@ -178,7 +178,7 @@ def test_ground_is_covered_once_and_again_where_the_machine_comes_back(known_log
 def test_doses_are_counted_from_the_logs_events(known_log: RunLog) -> None:
     events = known_log.texts("events").copy()
     events[100], events[120], events[140] = "dose 120", "mark x;dose 120", "dose_missed busy"
-    counted = as_applied(
+    counted = build_as_applied(
         dataclasses.replace(known_log, columns=known_log.columns | {"events": events})
     ).totals
     assert (counted.doses, counted.doses_missed) == (2, 1)
@@ -192,7 +192,7 @@ def test_area_worked_is_one_of_places(known_log: RunLog, applied: AsApplied) -> 
     """A wheel that reads 1 % fast makes a way longer, not the ground; the mean is what fell
     over the ground."""
     true_ha = 60.0 * SPEED_MPS * WIDTH_M / 10_000.0
-    fast = as_applied(
+    fast = build_as_applied(
         _changed(
             known_log,
             speed_used_mps=1.0104 * known_log.numbers("speed_used_mps"),
@@ -212,14 +212,14 @@ def test_a_pass_begins_where_material_comes(known_log: RunLog) -> None:
     ground yet."""
     early = known_log.time_s < 0.4
     applied_kg_ha = np.where(early, 1.5, known_log.numbers("applied_rate_kg_ha"))
-    found = as_applied(_changed(known_log, applied_rate_kg_ha=applied_kg_ha))
+    found = build_as_applied(_changed(known_log, applied_rate_kg_ha=applied_kg_ha))
     assert found.totals.worked_s == pytest.approx(60.0 - 0.35, abs=0.051)
     nothing_wanted = _changed(
         known_log,
         applied_rate_kg_ha=np.where(early, 0.0, applied_kg_ha),
         target_rate_kg_ha=np.where(early, 0.0, known_log.numbers("target_rate_kg_ha")),
     )
-    assert as_applied(nothing_wanted).totals.worked_s == pytest.approx(60.0, abs=0.01), (
+    assert build_as_applied(nothing_wanted).totals.worked_s == pytest.approx(60.0, abs=0.01), (
         "ground with a rate of 0 counts"
     )
 
@@ -244,7 +244,7 @@ def by_section(tmp_path_factory: pytest.TempPathFactory):
             path, run_meta(setup.machine, setup.crop, closed.job), [step.tick.row for step in steps]
         )
     )
-    return as_applied(log), closed.loop.totals, steps
+    return build_as_applied(log), closed.loop.totals, steps
 
 
 def test_totals_of_the_log_are_the_loops(by_section):
@@ -285,7 +285,7 @@ def test_every_section_has_stretches_of_its_own(by_section):
     left, right = places[::2], places[1::2]
     assert all(one.intersection(other).area < 1e-6 for one in left for other in right)
     assert [one.area for one in places] == pytest.approx(s.area_m2[late][:6].tolist(), rel=0.1)
-    widths = {column.name: column for column in COLUMNS}["swath_width_m"].of(found)
+    widths = {column.name: column for column in EXPORT_COLUMNS}["swath_width_m"].of(found)
     assert widths.tolist() == s.width_m.tolist()
 
 
@@ -307,7 +307,7 @@ def test_ground_above_the_crops_limit_is_told_in_hectares_and_kilograms(
     meta = dataclasses.replace(
         known_log.meta, crop={**known_log.meta.crop, "max_rate_kg_ha": limit_kg_ha}
     )
-    cut = as_applied(dataclasses.replace(known_log, meta=meta)).cut
+    cut = build_as_applied(dataclasses.replace(known_log, meta=meta)).cut
     if not seconds:
         assert cut is None
         return
@@ -340,7 +340,7 @@ def test_a_line_for_each_log(
     said = topdress("record", *logs, "--price", "0.5", "--currency", "USD", "--out", out)
     assert said.exit_code == 0 and "2 added, 0 replaced" in said.output, said.output
     rows = list(csv.DictReader(out.open(encoding="utf-8")))
-    applied = [as_applied(read_log(log)) for log in logs]
+    applied = [build_as_applied(read_log(log)) for log in logs]
     for row, one in zip(rows, applied, strict=True):
         kilograms = one.totals.applied_kg
         assert float(row["applied_kg"]) == pytest.approx(kilograms, abs=0.006)
@@ -378,7 +378,7 @@ def test_what_is_no_record_stays(
 def test_geopackage_by_geopandas(logs: list[Path], polygons: bool, tmp_path: Path) -> None:
     geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
     pytest.importorskip("pyogrio", reason="pyogrio is not installed")
-    applied: AsApplied = as_applied(read_log(logs[0]))
+    applied: AsApplied = build_as_applied(read_log(logs[0]))
     write_as_applied(applied, tmp_path / "a.gpkg", polygons)
     frame = geopandas.read_file(tmp_path / "a.gpkg")
     s = applied.stretches
@@ -550,11 +550,11 @@ def test_a_pause_of_half_a_second_ends_the_work_for_the_record(
 ) -> None:
     """The log's own pause and its end are two; a stop is a record more, a millisecond later, of
     no rate."""
-    from topdress.drivers.files.exports.isoxml import _moments
+    from topdress.drivers.files.exports.isoxml import _iter_time_records
 
     s = applied.stretches
     later = s._replace(time_s=s.time_s + np.where(np.arange(s.time_s.size) < 10, 0.0, pause_s))
-    moments = list(_moments(dataclasses.replace(applied, stretches=later)))
+    moments = list(_iter_time_records(dataclasses.replace(applied, stretches=later)))
     assert len(moments) == s.time_s.size + 2 + breaks
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from topdress.control.log_row import LogRow
 from topdress.drivers.files.config import load
-from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct, as_applied
+from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct, build_as_applied
 from topdress.drivers.files.kinds import MACHINE
 from topdress.drivers.files.read_log import RunLog, read_log
 from topdress.drivers.files.run_log import write_log
@@ -52,7 +52,9 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
         for one in rows:
             clods = 20.0 <= float(one["time_s"]) < 22.4
             written.writerow(one | {"shaft_effort": f"{own * (1.8 if clods else 1.2):.3f}"})
-    applied = as_applied(read_log(tmp_path / "effort.csv"), machine, SpreadProduct("urea", 0.46))
+    applied = build_as_applied(
+        read_log(tmp_path / "effort.csv"), machine, SpreadProduct("urea", 0.46)
+    )
     rise, s = calc_effort_rise(applied), applied.stretches
     assert np.nanmax(rise) == pytest.approx(60.0, abs=2.0) and np.nanmedian(rise) == pytest.approx(
         0.0, abs=0.1

@@ -14,10 +14,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
 from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct
-from topdress.drivers.files.exports.isoxml import write_isoxml
+from topdress.drivers.files.exports.isoxml import write_isoxml_task
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import PrescriptionError, RateChoice
-from topdress.drivers.files.prescriptions.write import MOST_LEVELS, write_prescription, zones_of
+from topdress.drivers.files.prescriptions.write import (
+    MAX_RATE_LEVELS,
+    list_map_zones,
+    write_prescription,
+)
 
 from tests.places import TASK_FILES
 
@@ -93,7 +97,7 @@ MAPS = {
     "400 zones of three rates": MapData(
         zones([100.0, 150.0, 200.25] * 133), title="x" * 60, product="y" * 60
     ),
-    "as many rates as there are codes": MapData(zones([100.0 + k for k in range(MOST_LEVELS)])),
+    "as many rates as there are codes": MapData(zones([100.0 + k for k in range(MAX_RATE_LEVELS)])),
     "overlapping zones": MapData(zones([100.0, 200.0, 100.0, 300.0], wide=1.7)),
     "a name that XML has no place for": MapData(
         zones([100.0]), title="a\x00b\x0bc\ufffe", product="\t<&\"'>"
@@ -158,7 +162,7 @@ def test_where_zones_overlap_the_first_holds_after_merging_too(tmp_path: Path) -
 
 
 def test_more_rates_than_codes_are_refused(tmp_path: Path) -> None:
-    data = MapData(zones([100.0 + k for k in range(MOST_LEVELS + 1)]))
+    data = MapData(zones([100.0 + k for k in range(MAX_RATE_LEVELS + 1)]))
     with pytest.raises(
         PrescriptionError, match=r"task: 253 different rates: allowed 252 in a task file of zones"
     ):
@@ -208,7 +212,9 @@ def test_real_task_files_written_again_are_valid(schema: Any, tmp_path: Path, fo
     ).data
     write_prescription(data, tmp_path / "task")
     assert wrong(schema, tmp_path / "task") == []
-    assert len(zones_of(read_prescription(tmp_path / "task").data)) == len(zones_of(data))
+    assert len(list_map_zones(read_prescription(tmp_path / "task").data)) == len(
+        list_map_zones(data)
+    )
 
 
 def test_as_applied_is_valid_with_its_time_log(
@@ -216,7 +222,7 @@ def test_as_applied_is_valid_with_its_time_log(
 ) -> None:
     odd = replace(applied, title="t" * 50, product=SpreadProduct("p\x01" + "q" * 60, 0.46))
     for number, one in enumerate((applied, odd)):
-        write_isoxml(one, tmp_path / str(number))
+        write_isoxml_task(one, tmp_path / str(number))
         assert wrong(schema, tmp_path / str(number)) == []
         log = xmlschema.XMLSchema(str(FOLDER / "ISO11783_TimeLog_V4-3.xsd"))
         # The element that the log names stands in the task file: one schema for each of two

@@ -19,13 +19,19 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import TargetSource
 from topdress.drivers.files.config import load
 from topdress.drivers.files.fields.agopengps import (
-    covered_triangles,
     read_agopengps,
+    read_worked_triangles,
     write_agopengps,
 )
-from topdress.drivers.files.fields.done import read_done
-from topdress.drivers.files.fields.field_data import FieldData, FieldError, Line, data_of, ground_of
-from topdress.drivers.files.fields.shapes import read_shapes, write_shapes
+from topdress.drivers.files.fields.done import read_worked_area
+from topdress.drivers.files.fields.field_data import (
+    FieldData,
+    FieldError,
+    FieldLine,
+    build_field_data,
+    build_job_ground,
+)
+from topdress.drivers.files.fields.shapes import read_field_shapes, write_field_shapes
 from topdress.drivers.files.kinds import JOB
 from topdress.drivers.files.read_log import read_log
 
@@ -44,8 +50,8 @@ FIELD = FieldData(
     around((0, 0), (0, 400), (260, 420), (300, 10)),
     (around((100, 100), (100, 130), (130, 120)),),
     (
-        Line("AB 1", around((0, 5), (300, 12))),
-        Line("Curve", around((0, 9), (80, 11), (190, 9), (290, 17))),
+        FieldLine("AB 1", around((0, 5), (300, 12))),
+        FieldLine("Curve", around((0, 9), (80, 11), (190, 9), (290, 17))),
     ),
     12.0,
 )
@@ -73,8 +79,8 @@ def test_there_and_back(name: str, most_m: float, tmp_path: Path) -> None:
     if "." in name and not name.endswith("json"):
         pytest.importorskip("pyogrio", reason="pyogrio is not installed")
     path = tmp_path / name
-    (write_shapes if path.suffix else write_agopengps)(FIELD, path)
-    back = read_shapes(path) if path.suffix else read_agopengps(path)
+    (write_field_shapes if path.suffix else write_agopengps)(FIELD, path)
+    back = read_field_shapes(path) if path.suffix else read_agopengps(path)
     assert farthest_m(FIELD, back) < most_m
     assert [line.title for line in back.lines] == ["AB 1", "Curve"]
     if path.suffix:
@@ -86,7 +92,7 @@ def test_there_and_back(name: str, most_m: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.kml", "a.gpkg"])
 def test_others_read_the_same(name: str, tmp_path: Path) -> None:
     geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
-    write_shapes(FIELD, tmp_path / name)
+    write_field_shapes(FIELD, tmp_path / name)
     frame = geopandas.read_file(tmp_path / name).to_crs("EPSG:32632")
     area = float(frame[frame.geom_type == "Polygon"].area.sum()) / 10_000.0
     boundary = FIELD.boundary(FIELD.plane())
@@ -118,7 +124,7 @@ def test_into_a_job_and_out_again(topdress: Callable[..., Result], tmp_path: Pat
     ) and job.field.headland_m == pytest.approx(12.0)
     again = topdress("field", tmp_path / "job.yaml", "--out", tmp_path / "again.geojson")
     assert again.exit_code == 0
-    assert farthest_m(FIELD, read_shapes(tmp_path / "again.geojson")) < 0.002
+    assert farthest_m(FIELD, read_field_shapes(tmp_path / "again.geojson")) < 0.002
     assert topdress("check", tmp_path / "job.yaml").exit_code == 0
 
 
@@ -147,7 +153,7 @@ def test_what_is_not_one_field_is_asked(
     asked = topdress("field", path)
     assert asked.exit_code == 2 and "2 fields: allowed with --name is one of West (" in asked.output
     assert topdress("field", path, "--name", "East").exit_code == 0
-    write_shapes(FIELD, tmp_path / "lines.geojson")
+    write_field_shapes(FIELD, tmp_path / "lines.geojson")
     lines = topdress("field", tmp_path / "lines.geojson", "--out", tmp_path / "job.yaml")
     assert (
         lines.exit_code == 2
@@ -210,16 +216,17 @@ def test_damaged_fields_are_one_line(tmp_path: Path) -> None:
 
 
 def test_a_line_alone_keeps_the_jobs_field() -> None:
-    before = ground_of(FIELD, Job().field, "AB 1")
+    before = build_job_ground(FIELD, Job().field, "AB 1")
     plane_before = (before.origin_lat_deg, before.origin_lon_deg)
-    after = ground_of(FieldData("x", lines=(FIELD.lines[0],)), before)
+    after = build_job_ground(FieldData("x", lines=(FIELD.lines[0],)), before)
     assert (
         after.origin_lat_deg,
         after.origin_lon_deg,
     ) == plane_before and after.boundary_m == before.boundary_m
     assert (
         farthest_m(
-            data_of(after, "x"), FieldData("x", FIELD.outline_deg, FIELD.holes_deg, FIELD.lines[:1])
+            build_field_data(after, "x"),
+            FieldData("x", FIELD.outline_deg, FIELD.holes_deg, FIELD.lines[:1]),
         )
         < 1e-3
     )
@@ -253,8 +260,8 @@ def test_shapefiles_of_an_outline_and_of_lines(
     write_shp(folder / "outline.shp", [OUTLINE], ["Nordfeld 李"], crs, column="FIELD_NAME")
     write_shp(folder / "lines.shp", TRACKS, ["AB 1", "Curve"], crs)
     if packed == "shp":
-        alone = read_shapes(folder / "outline.shp")
-        lines = read_shapes(folder / "lines.shp")
+        alone = read_field_shapes(folder / "outline.shp")
+        lines = read_field_shapes(folder / "lines.shp")
         assert lines.outline_deg is None and not alone.lines
         back = FieldData(alone.title, alone.outline_deg, alone.holes_deg, lines.lines)
         source = folder / "outline.shp"
@@ -264,7 +271,7 @@ def test_shapefiles_of_an_outline_and_of_lines(
             if packed == "folder"
             else Path(shutil.make_archive(str(tmp_path / "both"), "zip", folder))
         )
-        back = read_shapes(source)
+        back = read_field_shapes(source)
     assert back.title == "Nordfeld 李" and {line.title for line in back.lines} == {"AB 1", "Curve"}
     assert (
         back.outline_deg is not None
@@ -384,12 +391,12 @@ def test_areas_are_those_of_a_geopandas_union(
 ) -> None:
     geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
     folder = aog_field(tmp_path / "north", PASSES)
-    triangles = covered_triangles(folder)
+    triangles = read_worked_triangles(folder)
     frame = geopandas.GeoSeries(
         [shapely.Polygon(one[:, ::-1]) for one in triangles], crs="EPSG:4326"
     )
     whole = frame.to_crs("+proj=laea +lat_0=34.28 +lon_0=119.88").union_all()
-    found = read_done(folder)
+    found = read_worked_area(folder)
     assert found.area_ha == pytest.approx(whole.area / 10_000.0, rel=1e-4)
     cells = found.raster.done.sum() * found.raster.cell_m**2 / 10_000.0
     print(
@@ -429,7 +436,7 @@ def test_polygons_of_any_format(name: str, tmp_path: Path) -> None:
     geopandas.GeoDataFrame({"Name": ["a", "b"]}, geometry=shapes, crs="EPSG:4326").to_file(
         tmp_path / name
     )
-    found = read_done(tmp_path / name, OF_DEMO)
+    found = read_worked_area(tmp_path / name, OF_DEMO)
     assert found.area_ha == pytest.approx((60 * 50 - 100) / 10_000.0, rel=1e-6)
     coverage = Coverage(2.4)
     coverage.seed(found.raster, ours=False)
@@ -496,10 +503,10 @@ def test_what_is_no_done_ground_is_one_line(
 ) -> None:
     folder = aog_field(tmp_path / "north", [])
     with pytest.raises(FieldError, match=r"no ground is marked as worked in Sections.txt"):
-        read_done(folder)
+        read_worked_area(folder)
     (folder / "Sections.txt").write_text("9\r\n1, 2, 3\r\n1.0,2.0,0\r\n")
     with pytest.raises(FieldError, match=r"Sections.txt: '': allowed is a place"):
-        read_done(folder)
+        read_worked_area(folder)
     with pytest.raises(FieldError, match=r"Sections.txt: '': allowed is a place"):
         read_agopengps(folder)
     boundary = folder / "Boundary.txt"
@@ -507,9 +514,9 @@ def test_what_is_no_done_ground_is_one_line(
     (folder / "Sections.txt").unlink()
     assert read_agopengps(folder).outline_deg is not None, "saved by an editor as UTF-16"
     with pytest.raises(FieldError, match=r"north: no Sections.txt: allowed is"):
-        read_done(folder)
+        read_worked_area(folder)
     with pytest.raises(FieldError, match="no such file: allowed is a field of AgOpenGPS"):
-        read_done(tmp_path / "gone")
+        read_worked_area(tmp_path / "gone")
     aog_field(tmp_path / "other", [strip((0.0, 20.0), 0.0, 30.0, 8.0)])
     wrong = topdress("field", tmp_path / "other", "--done", "--out", tmp_path / "a.kml")
     assert wrong.exit_code == 2 and "allowed with --done is a job" in wrong.output
@@ -541,7 +548,7 @@ def test_a_task_set_of_fields_alone_is_a_field(tmp_path: Path) -> None:
         '</PFD><PDT A="PDT1" B="Urea"/><TSK A="TSK1" G="1"><TLG A="TLG00001"/>'
         '<TZN A="1"><PDV A="000B" B="3"/></TZN></TSK></ISO11783_TaskData>'
     )
-    data = read_shapes(path)
+    data = read_field_shapes(path)
     boundary = data.boundary(data.plane())
     shape = shapely.Polygon([place[::-1] for place in outline], [[place[::-1] for place in pond]])
     expected = geopandas.GeoSeries([shape], crs=4326).to_crs(6933).area[0] / 1e4
@@ -551,7 +558,7 @@ def test_a_task_set_of_fields_alone_is_a_field(tmp_path: Path) -> None:
         "task set of Farm: 1 field, 1 task, 1 product, maps of DDI 000B (count per area, wanted) "
         "(topdress map), 1 log of work (topdress import)"
     )
-    assert [str(one) for one in read_shapes(tmp_path).findings] == [
+    assert [str(one) for one in read_field_shapes(tmp_path).findings] == [
         str(one) for one in data.findings
     ]
 
@@ -561,4 +568,4 @@ def test_a_task_set_without_an_outline_says_what_it_holds(tmp_path: Path) -> Non
         '<ISO11783_TaskData><PFD A="PFD1" C="North"/></ISO11783_TaskData>'
     )
     with pytest.raises(FieldError, match=r"no outline .*: task set of a maker .*: 1 field$"):
-        read_shapes(tmp_path)
+        read_field_shapes(tmp_path)

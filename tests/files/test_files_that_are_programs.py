@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import shapely
 from topdress.drivers.files import geopackage
-from topdress.drivers.files.fields.shapes import read_shapes
+from topdress.drivers.files.fields.shapes import read_field_shapes
 from topdress.drivers.files.imports.read import read_raw
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.plain_text import Refused
@@ -116,7 +116,11 @@ def test_a_virtual_data_source_is_refused_under_every_ending(
                 archive.writestr("doc.kml" if ending == "kmz" else "TASKDATA.XML", data)
         else:
             path.write_bytes(data)
-        for read in (read_prescription, read_shapes, *((read_raw,) if ending in OF_LOGS else ())):
+        for read in (
+            read_prescription,
+            read_field_shapes,
+            *((read_raw,) if ending in OF_LOGS else ()),
+        ):
             with pytest.raises(ValueError):
                 read(path)
         path.unlink()
@@ -187,7 +191,7 @@ def test_a_geopackage_is_read_without_gdal(tmp_path: Path, monkeypatch: pytest.M
     [zone] = read_prescription(as_geopackage(tmp_path / "map.gpkg")).data.zones
     assert zone.rate_kg_ha == RATE
     assert shapely.Polygon(zone.rings_deg[0][:, ::-1]).equals(BOX)
-    assert read_shapes(tmp_path / "map.gpkg").outline_deg is not None
+    assert read_field_shapes(tmp_path / "map.gpkg").outline_deg is not None
 
 
 @pytest.mark.parametrize(
@@ -307,7 +311,7 @@ def test_a_kml_is_read_without_gdal_and_its_rings_are_closed(tmp_path: Path) -> 
 def test_a_kml_that_is_none_is_one_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "map.kml"
     path.write_text(text)
-    for read in (read_prescription, read_shapes):
+    for read in (read_prescription, read_field_shapes):
         with pytest.raises(ValueError) as said:
             read(path)
         assert len(str(said.value).splitlines()) == 1

@@ -33,7 +33,7 @@ from topdress.drivers.files.imports.read import read_raw
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
 from topdress.drivers.files.log_store import read_store
-from topdress.drivers.files.prescriptions.for_job import read_plants
+from topdress.drivers.files.prescriptions.for_job import read_plant_places
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.setup import by_kind
@@ -153,7 +153,7 @@ def test_side_files_are_held_to_their_limits(tmp_path: Path) -> None:
 def test_json_of_any_depth_and_length_is_one_line(tmp_path: Path, name: str, text: str) -> None:
     path = tmp_path / name
     path.write_text(text)
-    for read in (read_prescription, read_raw, read_plants, read_json):
+    for read in (read_prescription, read_raw, read_plant_places, read_json):
         with pytest.raises(ValueError) as said:
             read(path)
         assert "\n" not in str(said.value)
@@ -717,7 +717,11 @@ CASES = {
         lambda end: f'"{end}x{end}"\n1,2\n'.encode(),
         lambda path: read_bench_table(path, None),
     ),
-    "plants": (".csv", lambda end: f"lat_deg,lon_deg\n34,1\nq{end}5,4\n".encode(), read_plants),
+    "plants": (
+        ".csv",
+        lambda end: f"lat_deg,lon_deg\n34,1\nq{end}5,4\n".encode(),
+        read_plant_places,
+    ),
     "log": (".csv", lambda end: f"tim{end}e,b\n1,2\n".encode(), read_log),
     "job": (".yaml", lambda end: f'format: "topdress-j{end}{end}x"\n'.encode(), _job),
 }

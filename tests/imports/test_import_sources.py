@@ -19,8 +19,13 @@ from topdress.console.services.logs import RunLogs
 from topdress.drivers.files.any_log import open_log
 from topdress.drivers.files.columns import count_rows
 from topdress.drivers.files.config import load
-from topdress.drivers.files.exports.as_applied import as_applied
-from topdress.drivers.files.exports.time_log import Logged, TimeRecord, layout, records
+from topdress.drivers.files.exports.as_applied import build_as_applied
+from topdress.drivers.files.exports.time_log import (
+    LoggedData,
+    TimeRecord,
+    encode_layout,
+    encode_records,
+)
 from topdress.drivers.files.imports.convert import convert
 from topdress.drivers.files.imports.devices import Meaning
 from topdress.drivers.files.imports.guess import guess
@@ -61,11 +66,11 @@ def task_folder(folder: Path, logs: tuple[str, ...] = ("TLG00001",)) -> Path:
     )
     (folder / "TASKDATA.XML").write_text(root)
     data = [
-        Logged(6, "DET1"),
-        Logged(7, "DET1"),
-        Logged(397, "DET1"),
-        Logged(0xABCD, "DET1"),
-        Logged(141, "DET1"),
+        LoggedData(6, "DET1"),
+        LoggedData(7, "DET1"),
+        LoggedData(397, "DET1"),
+        LoggedData(0xABCD, "DET1"),
+        LoggedData(141, "DET1"),
     ]
     moments = [
         TimeRecord(
@@ -80,8 +85,8 @@ def task_folder(folder: Path, logs: tuple[str, ...] = ("TLG00001",)) -> Path:
         for k in range(50)
     ]
     for name in logs:
-        (folder / f"{name}.XML").write_bytes(layout(data))
-        (folder / f"{name}.BIN").write_bytes(records(moments))
+        (folder / f"{name}.XML").write_bytes(encode_layout(data))
+        (folder / f"{name}.BIN").write_bytes(encode_records(moments))
     return folder
 
 
@@ -145,7 +150,7 @@ def test_our_own_task_export_comes_back(topdress: Callable[..., Result], tmp_pat
     assert exported.exit_code == 0, exported.output
     result = topdress("import", tmp_path / "task.zip", "--out", tmp_path / "b.csv")
     assert result.exit_code == 0, result.output
-    stretches = as_applied(read_log(tmp_path / "a.csv")).stretches
+    stretches = build_as_applied(read_log(tmp_path / "a.csv")).stretches
     back = read_log(tmp_path / "b.csv")
     worked = back.texts("state") == "working"
     for name, want in (

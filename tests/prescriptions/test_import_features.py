@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import shapefile
 from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
-from topdress.drivers.files.prescriptions.projected import TransverseMercator, projection_of
+from topdress.drivers.files.prescriptions.projected import TransverseMercator, parse_projection
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
 from topdress.drivers.files.prescriptions.write import write_prescription
@@ -307,12 +307,12 @@ def test_degrees_are_those_of_the_library(
     text = crs.to_wkt("WKT1_ESRI")
     if places is None:
         with pytest.raises(ValueError, match=r"spheroid|projection"):
-            projection_of(text)
+            parse_projection(text)
         return
     forward = pyproj.Transformer.from_crs(crs.geodetic_crs, crs, always_xy=True)
     lat, lon = np.array(places).T
     east, north = forward.transform(lon, lat)
-    projection = projection_of(text)
+    projection = parse_projection(text)
     assert projection is not None
     found = projection.to_deg(np.asarray(east), np.asarray(north))
     assert np.abs(np.array(found) - np.array([lat, lon])).max() < 1e-9, "0.1 mm"

@@ -14,7 +14,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.prescription import Fallbacks, MapData, Zone, statistics
 from topdress.drivers.files.imports.task_log import task_words
 from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
+from topdress.drivers.files.prescriptions.words import ImportedMap, PrescriptionError, RateChoice
 from topdress.drivers.files.prescriptions.write import write_prescription
 from topdress.drivers.plain_text import Refused
 
@@ -104,7 +104,7 @@ def near(one: npt.ArrayLike, other: npt.ArrayLike) -> bool:
     return np.shape(one) == np.shape(other) and np.allclose(one, other, rtol=0.0, atol=WRITTEN_DEG)
 
 
-def total(read: Imported) -> tuple[float, float]:
+def total(read: ImportedMap) -> tuple[float, float]:
     shares = statistics(read.data)
     return sum(share.area_ha for share in shares), sum(share.mass_kg for share in shares)
 

@@ -14,7 +14,7 @@ import shapely
 from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.prescription import statistics
 from topdress.drivers.files.opened import Opened
-from topdress.drivers.files.prescriptions.lattice import NoLattice, lattice_of
+from topdress.drivers.files.prescriptions.lattice import NoGridError, fit_point_grid
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
 from topdress.drivers.plain_text import Refused
@@ -276,8 +276,8 @@ def test_what_is_no_lattice_is_one_line(tmp_path, places, said):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_scattered_points_are_never_a_lattice(seed):
-    with pytest.raises(NoLattice):
-        lattice_of(scattered(seed + 10))
+    with pytest.raises(NoGridError):
+        fit_point_grid(scattered(seed + 10))
 
 
 def test_a_log_is_still_a_log(tmp_path):

@@ -32,7 +32,7 @@ from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import Fallbacks, MapData, Prescription, Zone, on_plane
 from topdress.control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
 from topdress.drivers.files.config import shipped
-from topdress.drivers.files.prescriptions.for_job import map_of_job, plants_of_job
+from topdress.drivers.files.prescriptions.for_job import read_job_map, read_job_plants
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.setup import Setup, load_setup
 from topdress.drivers.plain_text import Refused
@@ -149,29 +149,29 @@ def test_a_jobs_map_lies_on_the_fields_plane(map_file: Path) -> None:
     ground = Ground(
         origin_lat_deg=34.28, origin_lon_deg=119.88, boundary_m=((0, 0), (50, 0), (50, 50))
     )
-    profile = map_of_job(
+    profile = read_job_map(
         Job(target=Wanted(source=TargetSource.MAP, map="map.geojson"), field=ground), map_file
     )
     assert profile is not None
     assert (profile.plane.lat_deg, profile.plane.lon_deg) == (34.28, 119.88)
     assert profile.prescription.at((10.0, 10.0)).rate_kg_ha == 200.0
     assert profile.prescription.at((-10.0, 10.0)).rate_kg_ha == 0.0
-    assert map_of_job(Job(), map_file) is None
+    assert read_job_map(Job(), map_file) is None
 
 
 def test_a_jobs_map_that_is_not_there_is_said(map_file: Path) -> None:
     with pytest.raises(Refused, match=r"no.shp: not there"):
-        map_of_job(Job(target=Wanted(map="no.shp")), map_file)
+        read_job_map(Job(target=Wanted(map="no.shp")), map_file)
 
 
 def test_plants_from_csv_and_geojson(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("id,lat_deg,lon_deg\n1,34.28,119.88\n2,34.28001,119.88\n")
     points = [{"geometry": {"type": "Point", "coordinates": [119.88, 34.28]}}]
     (tmp_path / "p.geojson").write_text(json.dumps({"features": points}))
-    found = plants_of_job(Job(target=Wanted(plants="p.csv")), tmp_path)
+    found = read_job_plants(Job(target=Wanted(plants="p.csv")), tmp_path)
     assert found is not None and len(found.places_m) == 2
     assert found.places_m[1, 1] - found.places_m[0, 1] == pytest.approx(1.109, abs=0.002)
-    again = plants_of_job(Job(target=Wanted(plants="p.geojson")), tmp_path)
+    again = read_job_plants(Job(target=Wanted(plants="p.geojson")), tmp_path)
     assert again is not None and len(again.places_m) == 1
 
 
@@ -187,7 +187,7 @@ def test_plants_from_csv_and_geojson(tmp_path: Path) -> None:
 def test_broken_plant_lists_are_said_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(Refused, match=words):
-        plants_of_job(Job(target=Wanted(plants="p.csv")), tmp_path)
+        read_job_plants(Job(target=Wanted(plants="p.csv")), tmp_path)
 
 
 # --- A job with a map through the commands: simulated, replayed, refused in one line where the

@@ -187,7 +187,7 @@ def test_a_raster(crs: str, described: str, tmp_path: Path) -> None:
 
 def test_a_fine_raster_is_averaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
-    monkeypatch.setattr(raster, "MOST_CELLS", 20)
+    monkeypatch.setattr(raster, "MAX_CELL_COUNT", 20)
     values = np.linspace(80.0, 200.0, 63, dtype=np.float32).reshape(7, 9)
     classes = np.repeat([[1.0], [3.0]], [4, 3], axis=0) * np.ones((7, 9))
     values[0, 0] = classes[0, 0] = -9999.0

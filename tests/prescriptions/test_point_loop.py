@@ -32,7 +32,7 @@ from topdress.control.simulation.point_run import PointTruth, point_run
 from topdress.control.targets.plants import PlantList, PlantRow, SeenPlant
 from topdress.control.targets.point import Learning, PointMode, Threshold, fastest_mps, point_lag
 from topdress.control.targets.point_source import CommandedDose, Due, PointSource
-from topdress.drivers.files.prescriptions.for_job import placed_of_job
+from topdress.drivers.files.prescriptions.for_job import read_loop_targets
 from topdress.drivers.files.prescriptions.words import PrescriptionError
 from topdress.drivers.files.setup import Setup, load_setup
 
@@ -232,7 +232,7 @@ def test_a_file_of_measured_errors_feeds_the_threshold_as_orders_do(
         bench.crop,
         bench.rule,
         job,
-        **placed_of_job(job, measured.parent, bench.machine, "ndvi"),
+        **read_loop_targets(job, measured.parent, bench.machine, "ndvi"),
     )
     assert loop.threshold is not None and loop.threshold.doses == 30
     assert loop.threshold.at(0.8) == pytest.approx(0.12, abs=0.02)
@@ -242,7 +242,7 @@ def test_a_file_of_measured_errors_feeds_the_threshold_as_orders_do(
         bench.crop,
         bench.rule,
         fixed,
-        **placed_of_job(fixed, measured.parent, bench.machine, "ndvi"),
+        **read_loop_targets(fixed, measured.parent, bench.machine, "ndvi"),
     )
     assert still.threshold is not None and still.threshold.at(0.8) == 0.0, (
         "it stays 0 where nothing is to be learned"
@@ -268,7 +268,7 @@ def test_errors_that_teach_nothing(
 ) -> None:
     measured.unlink() if text is None else measured.write_text(text)
     with pytest.raises(PrescriptionError) as caught:
-        placed_of_job(
+        read_loop_targets(
             job_of(bench, dose_errors=measured.name), measured.parent, bench.machine, "ndvi"
         )
     assert said in str(caught.value) and "\n" not in str(caught.value)

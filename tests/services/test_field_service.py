@@ -69,11 +69,11 @@ def test_outline_and_plan_of_the_job_in_the_log(tmp_path, setup):
 
 
 def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
-    from topdress.drivers.files.prescriptions.for_job import map_of_job
+    from topdress.drivers.files.prescriptions.for_job import read_job_map
 
     job = with_simulated_field(setup.job, setup.machine)
     picture = make_field_picture(frame_of(write(tmp_path / "a.csv", setup)))
-    profile = map_of_job(job, setup.folder)
+    profile = read_job_map(job, setup.folder)
     rng = np.random.default_rng(3)
     places = rng.uniform((1.0, 1.0), (56.0, 149.0), (200, 2))
     wanted = [profile.prescription.at((east, north)).rate_kg_ha for east, north in places.tolist()]

@@ -3,11 +3,11 @@ with time log, CSV? `write_as_applied` does it.
 
 Files:
 
-- `as_applied`: What was applied where: a run log as stretches of ground, each with its area
-- `columns`: The fields of the flat exports (CSV, GeoJSON, shapefile)
-- `farm_record`: Passes for a farm's books
-- `isoxml`: As-applied as an ISO 11783-10 task
-- `stopped`: What a log's machine released while it was commanded to stop
-- `time_log`: ISO 11783-10 time log (TLG)
-- `write`: Writing an as-applied export in the format that the path's ending names
+- `as_applied`: What was applied where: which stretches of ground did a run log work
+- `columns`: Which columns do the flat exports (CSV, GeoJSON, shapefile) have?
+- `farm_record`: Which passes does a farm's book hold, a line each as CSV
+- `isoxml`: How is applied work written as an ISO 11783-10 task
+- `stopped`: What did a log's machine release while it was commanded to stop
+- `time_log`: How is an ISO 11783-10 time log (TLG) written
+- `write`: How is an as-applied export written in the format of the path's ending
 """

@@ -29,8 +29,8 @@ from topdress.control.orders import State, TargetSource
 from topdress.drivers.files.exports.stopped import (
     TURNING_RPM,
     StoppedRelease,
-    is_released_stopped,
-    released_stopped,
+    find_stopped_releases,
+    find_stopped_rows,
 )
 from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.plain_text import OneLine
@@ -38,21 +38,21 @@ from topdress.drivers.plain_text import OneLine
 Floats = npt.NDArray[np.float64]
 
 # Step between rows, s: nothing is counted in a longer gap.
-MOST_STEP_S = 1.0
+MAX_ROW_STEP_S = 1.0
 # Mean steps that make a gap, in a log with fewer rows than one a second.
-GAP_STEPS = 2.5
+GAP_MEAN_STEPS = 2.5
 # Length of a stretch, s: farm programs expect about a record a second.
-DEFAULT_EVERY_S = 1.0
+DEFAULT_STRETCH_S = 1.0
 # Share by which widths may differ: they are reported rounded, and as driven.
-SAME_WIDTH = 0.02
+WIDTH_TOLERANCE = 0.02
 # Cell of the raster of covered ground, m.
-CELL_M = 0.2
+COVERAGE_CELL_M = 0.2
 # Way between two entries into that raster, m.
 COVER_STEP_M = 0.5
 # Columns without which nothing can be exported.
-NEEDED = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
+NEEDED_COLUMNS = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
 # The first of these columns that a log has is its speed.
-SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
+SPEED_COLUMNS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 
 
 class ExportError(OneLine):
@@ -95,7 +95,7 @@ class WorkedStretches(NamedTuple):
     width_m: Floats
 
 
-class Cut(NamedTuple):
+class LimitedGround(NamedTuple):
     """Holds the ground on which the target was above the crop's limit; the limit was applied
     there."""
 
@@ -118,7 +118,7 @@ class AsApplied:
     begin_utc: dt.datetime | None  # of time_s = 0
     # the field's outline (k, 2), latitude and longitude
     field_deg: Floats | None
-    cut: Cut | None  # None: nothing was, or the limit is not known
+    cut: LimitedGround | None  # None: nothing was, or the limit is not known
     # what it cost across the width; None: not by canopy, or not to be known
     one_rate: Across | None = None
     # worked, by where it lies: with what came to lie on it, and with a rate of 0
@@ -152,11 +152,11 @@ class AsApplied:
         return None if self.begin_utc is None else self.begin_utc + dt.timedelta(seconds=time_s)
 
 
-def as_applied(
+def build_as_applied(
     log: RunLog,
     machine: Machine | None = None,
     product: SpreadProduct | None = None,
-    every_s: float = DEFAULT_EVERY_S,
+    every_s: float = DEFAULT_STRETCH_S,
 ) -> AsApplied:
     """Returns what a log's machine applied, in stretches of at most `every_s`.
 
@@ -180,40 +180,44 @@ def as_applied(
     ------
     ExportError : a column, the machine or any worked row is missing.
     """
-    machine = machine or _machine(log)
-    for column in NEEDED:
+    machine = machine or _read_machine(log)
+    for column in NEEDED_COLUMNS:
         if not log.has(column):
             raise ExportError(f"{log.path}: column {column}: empty: allowed is a log that has it")
-    if _speed_column(log) is None:
-        raise ExportError(f"{log.path}: column {SPEEDS[0]}: empty: allowed is a log that has it")
+    if _find_speed_column(log) is None:
+        raise ExportError(
+            f"{log.path}: column {SPEED_COLUMNS[0]}: empty: allowed is a log that has it"
+        )
     # Written so that NaN is refused too.
     if not every_s > 0.0:
         raise ExportError(f"{log.path}: every {every_s:g} s: allowed is above 0")
-    rows = _worked(log, machine)
+    rows = _select_worked_rows(log, machine)
     if not len(rows.time_s):
         raise ExportError(f"{log.path}: no row of work with a place: allowed is a log with some")
-    _check_width(log, machine)
-    product = product or _product(log)
-    strips = strips_of(log, machine)
+    _check_machine_width(log, machine)
+    product = product or _read_product(log)
+    strips = find_section_strips(log, machine)
     width_m = machine.geometry.working_width_m
-    covered = _covered(rows, width_m, strips, rows.opened & (rows.applied_kg_ha > 0.0)[:, None])
-    ground = _covered(rows, width_m, strips, rows.opened)
-    doses, missed = _doses(log)
-    totals = _totals(log, machine, product)._replace(
+    covered = _cover_ground(
+        rows, width_m, strips, rows.opened & (rows.applied_kg_ha > 0.0)[:, None]
+    )
+    ground = _cover_ground(rows, width_m, strips, rows.opened)
+    doses, missed = _count_doses(log)
+    totals = _sum_log_rows(log, machine, product)._replace(
         covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha, doses=doses, doses_missed=missed
     )
     return AsApplied(
         log.path.stem,
         machine,
         product,
-        _gathered(rows, strips, every_s),
+        _gather_stretches(rows, strips, every_s),
         totals,
-        _begin_utc(log),
-        _field(log),
-        _cut(log, rows, strips),
-        _one_rate(log, machine),
+        _find_begin_utc(log),
+        _read_outline_deg(log),
+        _find_limited_ground(log, rows, strips),
+        _calc_one_rate_cost(log, machine),
         ground,
-        released_stopped(log),
+        find_stopped_releases(log),
     )
 
 
@@ -241,12 +245,14 @@ class _WorkedRows(NamedTuple):
 
 
 # Returns the rows that count, with the places of their material.
-def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
+def _select_worked_rows(log: RunLog, machine: Machine) -> _WorkedRows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
-    applied, speed = applied_rate_kg_ha(log), _speed_mps(log)
+    applied, speed = calc_applied_rate_kg_ha(log), _read_speed_mps(log)
     counts = (
-        (has_arrived(log) | is_released_stopped(log)) & (step > 0.0) & (step <= _most_step_s(log))
+        (find_arrived_rows(log) | find_stopped_rows(log))
+        & (step > 0.0)
+        & (step <= _find_max_step_s(log))
     )
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
@@ -256,14 +262,14 @@ def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
         np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
         machine.fall.carried_share,
     )
-    plane, way_m, heading = outlet_way(log, machine)
+    plane, way_m, heading = find_outlet_way(log, machine)
     lands = time + drop
-    begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)
+    begin, end = _find_places_at(lands - step, time, way_m), _find_places_at(lands, time, way_m)
     # Headings are interpolated unwrapped: 359 and 1 deg have 0 between them.
     turned = np.degrees(np.unwrap(np.radians(heading)))
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
     # A machine that is commanded to stop has no target.
-    wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)
+    wanted = np.where(find_worked_rows(log), log.numbers("target_rate_kg_ha"), np.nan)
     columns = [
         time,
         step,
@@ -278,14 +284,14 @@ def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
         log.numbers("fix_quality"),
         log.numbers("satellites"),
         log.numbers("hdop"),
-        effort_percent(log, machine),
+        calc_effort_percent(log, machine),
     ]
     return _WorkedRows._make(
-        (plane, *(column[counts] for column in (*columns, opened(log, machine))))
+        (plane, *(column[counts] for column in (*columns, find_open_strips(log, machine))))
     )
 
 
-def effort_percent(log: RunLog, machine: Machine) -> Floats:
+def calc_effort_percent(log: RunLog, machine: Machine) -> Floats:
     """Returns by how much harder the metering drive worked than its machine file says.
 
     Speed, opening, supply, pitch and fill are taken from the log, else as nominal.
@@ -322,7 +328,7 @@ def effort_percent(log: RunLog, machine: Machine) -> Floats:
     return np.where(should > machine.noise.effort, 100.0 * (effort / should - 1.0), np.nan)
 
 
-def strips_of(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
+def find_section_strips(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
     """Returns the strips of the sections whose valves the log records, else a strip for the
     whole machine."""
     half = 0.5 * machine.geometry.working_width_m
@@ -333,9 +339,9 @@ def strips_of(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
     )
 
 
-def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
-    """Returns which of `strips_of` were open in each row, (n, strips): as commanded, later by
-    the valve's delay."""
+def find_open_strips(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
+    """Returns which of `find_section_strips` were open in each row, (n, strips): as commanded,
+    later by the valve's delay."""
     if not (machine.switched and log.has("sections_cmd")):
         return np.ones((len(log), 1), dtype=np.bool_)
     valves = LoggedValves(machine.sections)
@@ -350,28 +356,34 @@ def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
 
 
 # Returns the speed of each row (n,), m/s.
-def _speed_mps(log: RunLog) -> Floats:
-    column = _speed_column(log)
+def _read_speed_mps(log: RunLog) -> Floats:
+    column = _find_speed_column(log)
     assert column is not None
     return log.numbers(column)
 
 
-def _speed_column(log: RunLog) -> str | None:
+def _find_speed_column(log: RunLog) -> str | None:
     """Returns the column of the speed that control used; for an imported log of another machine,
     the first column that it has."""
-    stated = SPEEDS if log.meta is not None and "imported" in log.meta.extra else SPEEDS[:1]
+    stated = (
+        SPEED_COLUMNS
+        if log.meta is not None and "imported" in log.meta.extra
+        else SPEED_COLUMNS[:1]
+    )
     return next((column for column in stated if log.has(column)), None)
 
 
-def _most_step_s(log: RunLog) -> float:
+def _find_max_step_s(log: RunLog) -> float:
     """Returns the longest step between rows, s, that is no gap; logs of other programs may have
     a row every few seconds."""
     return (
-        max(MOST_STEP_S, GAP_STEPS * log.step_s) if log.step_s > 0.5 * MOST_STEP_S else MOST_STEP_S
+        max(MAX_ROW_STEP_S, GAP_MEAN_STEPS * log.step_s)
+        if log.step_s > 0.5 * MAX_ROW_STEP_S
+        else MAX_ROW_STEP_S
     )
 
 
-def applied_rate_kg_ha(log: RunLog) -> Floats:
+def calc_applied_rate_kg_ha(log: RunLog) -> Floats:
     """Returns the applied rate (n,), kg/ha, with the scale's correction where the log has one."""
     trim = log.numbers("flow_trim")
     return np.asarray(
@@ -379,7 +391,7 @@ def applied_rate_kg_ha(log: RunLog) -> Floats:
     )
 
 
-def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
+def find_worked_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """Returns the rows (n,) in which the machine worked.
 
     Rows in the state working count, except those off the field (no target) without flow. A log with
@@ -391,10 +403,10 @@ def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
     return np.asarray(working & (~off_field | turning), dtype=np.bool_)
 
 
-def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
+def find_arrived_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """Returns the rows (n,) of work from the first in which material left, or no target was set,
     as the totals count them."""
-    arrival, found = Arrival(), is_worked(log)
+    arrival, found = Arrival(), find_worked_rows(log)
     applied = np.nan_to_num(log.numbers("applied_rate_kg_ha")).tolist()
     for k, (works, rate, target) in enumerate(
         zip(found.tolist(), applied, log.numbers("target_rate_kg_ha").tolist(), strict=True)
@@ -406,7 +418,7 @@ def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
     return found
 
 
-def outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
+def find_outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
     """Returns the plane, places of the outlets (rows, 2), m, and headings (rows,), deg,
     interpolated from fix to fix. Raises ExportError for less than two places."""
     time, lat, lon = log.time_s, log.numbers("lat_deg"), log.numbers("lon_deg")
@@ -433,7 +445,7 @@ def outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Flo
     return plane, antenna - machine.geometry.antenna_m * ahead, np.degrees(turned) % 360.0
 
 
-def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
+def _find_places_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
     """Returns places (n, 2) at moments (n,), s; after the log's end straight on at its last
     speed."""
     # The last second gives that speed.
@@ -445,10 +457,14 @@ def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
     return np.asarray(along + beyond, dtype=np.float64)
 
 
-def _gathered(rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float) -> WorkedStretches:
+def _gather_stretches(
+    rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float
+) -> WorkedStretches:
     """Returns the stretches of all strips, sorted by time."""
     found = [
-        _of_strip(_under(rows, strip, flowed), strip.right_m - strip.left_m, every_s)
+        _build_strip_stretches(
+            _select_strip_rows(rows, strip, flowed), strip.right_m - strip.left_m, every_s
+        )
         for strip, flowed in zip(strips, rows.opened.T, strict=True)
         if flowed.any()
     ]
@@ -459,7 +475,9 @@ def _gathered(rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float)
     return WorkedStretches(*(column[order] for column in together))
 
 
-def _under(rows: _WorkedRows, strip: SectionStrip, flowed: npt.NDArray[np.bool_]) -> _WorkedRows:
+def _select_strip_rows(
+    rows: _WorkedRows, strip: SectionStrip, flowed: npt.NDArray[np.bool_]
+) -> _WorkedRows:
     """Returns the rows in which a strip flowed, shifted to the strip's middle."""
     aside = 0.5 * (strip.left_m + strip.right_m)
     if aside == 0.0 and flowed.all():
@@ -471,7 +489,7 @@ def _under(rows: _WorkedRows, strip: SectionStrip, flowed: npt.NDArray[np.bool_]
 
 
 # Returns the stretches of a strip: consecutive rows within a period, not across a gap.
-def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretches:
+def _build_strip_stretches(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretches:
     breaks = np.diff(rows.time_s) > rows.step_s[1:] + 1e-6
     # The small number keeps a time of exactly a period in its own period.
     period = np.floor(rows.time_s / every_s + 1e-9)
@@ -489,15 +507,15 @@ def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretche
     middle = 0.5 * (begin + end)
     centre = first + (last - first) // 2
     heading = rows.heading_deg[centre]
-    corners = _corners(begin, end, rows.heading_deg[first], rows.heading_deg[last], width)
+    corners = _calc_corners_m(begin, end, rows.heading_deg[first], rows.heading_deg[last], width)
     with np.errstate(invalid="ignore", divide="ignore"):
         target = target_kg / target_ha
-    lat_lon = _to_deg(rows.plane, middle)
+    lat_lon = _convert_to_deg(rows.plane, middle)
     return WorkedStretches(
         rows.time_s[last] - 0.5 * duration,
         lat_lon[:, 0],
         lat_lon[:, 1],
-        _to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2),
+        _convert_to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2),
         heading,
         np.add.reduceat(length, first) / duration,
         duration,
@@ -517,7 +535,7 @@ def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretche
     )
 
 
-def _corners(
+def _calc_corners_m(
     begin: Floats, end: Floats, from_deg: Floats, to_deg: Floats, width_m: float
 ) -> Floats:
     """Returns corners (n, 4, 2), m: left and right at the begin, right and left at the end."""
@@ -538,21 +556,23 @@ def _corners(
 
 
 # Returns latitude and longitude (n, 2) of places (n, 2), m.
-def _to_deg(plane: TangentPlane, places: Floats) -> Floats:
+def _convert_to_deg(plane: TangentPlane, places: Floats) -> Floats:
     return np.array([plane.to_deg(east, north) for east, north in places.tolist()])
 
 
-def _totals(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
+def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
     """Returns the sums of the log's own rows."""
     totaliser = Totaliser(machine.geometry.working_width_m, product.n_fraction)
-    share = opened(log, machine) @ np.array([strip.share for strip in strips_of(log, machine)])
+    share = find_open_strips(log, machine) @ np.array(
+        [strip.share for strip in find_section_strips(log, machine)]
+    )
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
-    counts = has_arrived(log) & (step <= _most_step_s(log))
+    counts = find_arrived_rows(log) & (step <= _find_max_step_s(log))
     columns = (
         step,
-        _speed_mps(log),
-        applied_rate_kg_ha(log),
+        _read_speed_mps(log),
+        calc_applied_rate_kg_ha(log),
         log.numbers("target_rate_kg_ha"),
         share,
     )
@@ -566,14 +586,16 @@ def _totals(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
             None if target != target else target,
             wide,
         )
-    for one in released_stopped(log):
+    for one in find_stopped_releases(log):
         totaliser.add_stopped(one.kg)
     return totaliser.snapshot()
 
 
 # Returns the ground on which the target exceeded the crop's limit; None where it never did, or the
 # limit is not known.
-def _cut(log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]) -> Cut | None:
+def _find_limited_ground(
+    log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]
+) -> LimitedGround | None:
     limit = ((log.meta.crop if log.meta else None) or {}).get("max_rate_kg_ha")
     if not isinstance(limit, int | float):
         return None
@@ -583,15 +605,17 @@ def _cut(log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]) -> Cut 
     width_m = rows.opened @ np.array([strip.right_m - strip.left_m for strip in strips])
     ha = (rows.speed_mps * rows.step_s * width_m)[above] / 10_000.0
     wanted = rows.target_kg_ha[above]
-    return Cut(
+    return LimitedGround(
         float(limit), float(ha.sum()), float(wanted.max()), float((ha * (wanted - limit)).sum())
     )
 
 
-def _one_rate(log: RunLog, machine: Machine) -> Across | None:
+def _calc_one_rate_cost(log: RunLog, machine: Machine) -> Across | None:
     """Returns what a rate for the whole width costs, from the heads' readings while canopy was
     the source and material flowed; None where it cannot be known."""
-    by_canopy = np.asarray(log.texts("target_source") == TargetSource.CANOPY.value) & is_worked(log)
+    by_canopy = np.asarray(
+        log.texts("target_source") == TargetSource.CANOPY.value
+    ) & find_worked_rows(log)
     by_canopy &= np.nan_to_num(log.numbers("applied_rate_kg_ha")) > 0.0
     heads = np.column_stack([log.numbers(name) for name in HEAD_COLUMNS[: machine.geometry.heads]])[
         by_canopy
@@ -611,13 +635,15 @@ def _one_rate(log: RunLog, machine: Machine) -> Across | None:
     return across(rule, machine, heads[new])
 
 
-def _covered(
+def _cover_ground(
     rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip], flows: npt.NDArray[np.bool_]
 ) -> Covered:
     """Returns the ground under the strips that `flows` (n, strips), each place once, and the
     ground passed over again."""
     coverage = Coverage(
-        width_m, min(CELL_M, width_m / 6.0), strips=[(one.left_m, one.right_m) for one in strips]
+        width_m,
+        min(COVERAGE_CELL_M, width_m / 6.0),
+        strips=[(one.left_m, one.right_m) for one in strips],
     )
     way_m = np.cumsum(rows.speed_mps * rows.step_s)
     gap = np.concatenate(([True], np.diff(rows.time_s) > rows.step_s[1:] + 1e-6))
@@ -627,10 +653,10 @@ def _covered(
     for k in np.flatnonzero(gap | turns | last | strides).tolist():
         if gap[k]:
             coverage.lay(
-                _place(rows.begin_m[k]), float(rows.heading_deg[k]), (False,) * len(strips)
+                _to_place_pair(rows.begin_m[k]), float(rows.heading_deg[k]), (False,) * len(strips)
             )
         coverage.lay(
-            _place(rows.end_m[k]),
+            _to_place_pair(rows.end_m[k]),
             float(rows.heading_deg[k]),
             flows[k - 1 if turns[k] else k].tolist(),
         )
@@ -638,11 +664,11 @@ def _covered(
 
 
 # Returns a place as a pair, m.
-def _place(place: Floats) -> Place:
+def _to_place_pair(place: Floats) -> Place:
     return float(place[0]), float(place[1])
 
 
-def _doses(log: RunLog) -> tuple[int | None, int | None]:
+def _count_doses(log: RunLog) -> tuple[int | None, int | None]:
     """Returns doses and misses of point mode from the log's events; None where point mode was
     not used."""
     words = [
@@ -657,7 +683,7 @@ def _doses(log: RunLog) -> tuple[int | None, int | None]:
 
 
 # Returns the machine of the log's sidecar. Raises ExportError where it has none.
-def _machine(log: RunLog) -> Machine:
+def _read_machine(log: RunLog) -> Machine:
     if log.meta is None or log.meta.machine is None:
         raise ExportError(
             f"{log.path}: no machine file next to the log: allowed is a log with its NAME.yaml, "
@@ -673,27 +699,27 @@ def _machine(log: RunLog) -> Machine:
         ) from None
 
 
-def _check_width(log: RunLog, machine: Machine) -> None:
+def _check_machine_width(log: RunLog, machine: Machine) -> None:
     """Refuses a machine that is not as wide as the imported file says, for areas are ways times
     its width. Raises ExportError."""
     imported = log.meta.extra.get("imported") if log.meta is not None else None
     stated = imported.get("width_m") if isinstance(imported, dict) else None
     width = machine.geometry.working_width_m
-    if isinstance(stated, int | float) and abs(width - stated) > SAME_WIDTH * stated:
+    if isinstance(stated, int | float) and abs(width - stated) > WIDTH_TOLERANCE * stated:
         raise ExportError(
             f"{log.path}: worked {stated:g} m wide, as its file says, and machine {machine.id} is "
             f"{width:g} m wide: allowed is a machine file of that width (--machine)"
         )
 
 
-def _product(log: RunLog) -> SpreadProduct:
+def _read_product(log: RunLog) -> SpreadProduct:
     crop = (log.meta.crop if log.meta else None) or {}
     return SpreadProduct(
         str(crop.get("product", "product")), float(crop.get("product_n_fraction", 0.0))
     )
 
 
-def _field(log: RunLog) -> Floats | None:
+def _read_outline_deg(log: RunLog) -> Floats | None:
     # The job's outline.
     """Returns the job's field (k, 2), latitude and longitude; None where the log has none."""
     ground = ((log.meta.job if log.meta else None) or {}).get("field") or {}
@@ -701,22 +727,22 @@ def _field(log: RunLog) -> Floats | None:
     if not corners:
         return None
     plane = TangentPlane(float(ground["origin_lat_deg"]), float(ground["origin_lon_deg"]))
-    return _to_deg(plane, np.asarray(corners, dtype=np.float64))
+    return _convert_to_deg(plane, np.asarray(corners, dtype=np.float64))
 
 
 # Returns the UTC of time 0; None where the log has none.
-def _begin_utc(log: RunLog) -> dt.datetime | None:
+def _find_begin_utc(log: RunLog) -> dt.datetime | None:
     texts = log.texts("utc")
     known = np.flatnonzero(texts != "")
     if len(known):
         at = int(known[0])
-        moment = _moment(str(texts[at]))
+        moment = _parse_utc_moment(str(texts[at]))
         return None if moment is None else moment - dt.timedelta(seconds=float(log.time_s[at]))
-    return _moment(log.meta.started_utc) if log.meta and log.meta.started_utc else None
+    return _parse_utc_moment(log.meta.started_utc) if log.meta and log.meta.started_utc else None
 
 
 # Returns the UTC of an ISO 8601 text, taken as UTC without a zone; None where it cannot be read.
-def _moment(text: str) -> dt.datetime | None:
+def _parse_utc_moment(text: str) -> dt.datetime | None:
     try:
         moment = dt.datetime.fromisoformat(text)
     except ValueError:

@@ -22,11 +22,11 @@ class ExportColumn(NamedTuple):
 
 
 # A shapefile's name of the column that is utc elsewhere.
-TIME_SHORT = "ISOTIME"
+TIME_SHORT_NAME = "ISOTIME"
 
 # In the order of the columns; short names are those that farm programs know (dBASE allows ten
 # letters).
-COLUMNS = (
+EXPORT_COLUMNS = (
     ExportColumn("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
     ExportColumn("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),
     ExportColumn("lon_deg", "LONGITUDE", 14, 9, lambda a: a.stretches.lon_deg),
@@ -49,10 +49,10 @@ COLUMNS = (
 )
 
 
-def records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
+def iter_export_records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
     """Yields each stretch's time (ISO 8601, empty where not known) and the columns' rounded
     values; None: not known."""
-    arrays = [np.round(column.of(applied), column.decimals).tolist() for column in COLUMNS]
+    arrays = [np.round(column.of(applied), column.decimals).tolist() for column in EXPORT_COLUMNS]
     for k, time_s in enumerate(applied.stretches.time_s.tolist()):
         moment = applied.utc(time_s)
         text = (
@@ -64,7 +64,7 @@ def records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
         yield text, [None if array[k] != array[k] else array[k] for array in arrays]
 
 
-def summary(applied: AsApplied) -> dict[str, object]:
+def summarise_export(applied: AsApplied) -> dict[str, object]:
     """Returns the sums for programs, from the log's own rows. `worked_ha` and `mean_kg_ha`
     follow the places of the material."""
     return {

@@ -14,7 +14,7 @@ from topdress.drivers.files.exports.as_applied import AsApplied
 from topdress.drivers.files.farm_lines import COLUMNS, record_rows
 
 
-class Pass(NamedTuple):
+class FarmPass(NamedTuple):
     """Holds the work of a log. `cost` and `price_per_kg` are None where no price was given."""
 
     applied: AsApplied
@@ -67,7 +67,7 @@ class Pass(NamedTuple):
         ]
 
 
-class Sum(NamedTuple):
+class FarmSum(NamedTuple):
     """Holds the sums of the passes with a product on a field, paid in a currency."""
 
     product: str
@@ -80,16 +80,16 @@ class Sum(NamedTuple):
     cost: float | None
 
 
-def sums(passes: Iterable[Pass]) -> list[Sum]:
+def sum_passes(passes: Iterable[FarmPass]) -> list[FarmSum]:
     """Returns sums by product, field and currency, in the order of the passes."""
-    found: dict[tuple[str, str, str], Sum] = {}
+    found: dict[tuple[str, str, str], FarmSum] = {}
     for one in passes:
         key = (one.product, one.said.get("field", ""), one.currency)
-        before = found.get(key, Sum(*key, 0, 0.0, 0.0, 0.0, 0.0))
+        before = found.get(key, FarmSum(*key, 0, 0.0, 0.0, 0.0, 0.0))
         # A sum with an unknown cost in it is not known.
         both = None if before.cost is None or one.cost is None else before.cost + one.cost
         totals = one.applied.totals
-        found[key] = Sum(
+        found[key] = FarmSum(
             *key,
             before.passes + 1,
             before.hectares + one.applied.worked_ha,
@@ -100,7 +100,7 @@ def sums(passes: Iterable[Pass]) -> list[Sum]:
     return list(found.values())
 
 
-def write_record(passes: Sequence[Pass], path: Path) -> tuple[int, int]:
+def write_farm_record(passes: Sequence[FarmPass], path: Path) -> tuple[int, int]:
     """Appends these passes to the farm's book; a log that the book already holds is replaced in
     place.
 

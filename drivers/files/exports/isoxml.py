@@ -10,8 +10,19 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from topdress.drivers.files.exports.as_applied import AsApplied, ExportError, Floats
-from topdress.drivers.files.exports.time_log import NO_STATUS, Logged, TimeRecord, layout, records
-from topdress.drivers.files.prescriptions.task_files import name_of, outline, task_root, write_task
+from topdress.drivers.files.exports.time_log import (
+    NO_POSITION_STATUS,
+    LoggedData,
+    TimeRecord,
+    encode_layout,
+    encode_records,
+)
+from topdress.drivers.files.prescriptions.task_files import (
+    add_polygon_element,
+    clean_task_name,
+    make_task_root,
+    write_task_files,
+)
 
 # Data dictionary identifiers (ISO 11783-11), mg/m2.
 SETPOINT_RATE, ACTUAL_RATE = 6, 7
@@ -20,7 +31,7 @@ WIDTH, SPEED, WORK_STATE = 67, 397, 141
 # Identifiers of totals: g, g, m2, mm, s.
 TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME = 352, 353, 116, 117, 119
 # What the time log holds, in this order.
-LOGGED = (
+LOGGED_DDIS = (
     SETPOINT_RATE,
     ACTUAL_RATE,
     WIDTH,
@@ -31,7 +42,7 @@ LOGGED = (
     TOTAL_DISTANCE,
 )
 # Names of the device's process data (DPD), as a terminal shows them.
-NAMES = {
+DDI_NAMES = {
     SETPOINT_RATE: "target rate",
     ACTUAL_RATE: "applied rate",
     WIDTH: "working width",
@@ -44,24 +55,24 @@ NAMES = {
     TOTAL_TIME: "working time",
 }
 # What the task's time element (TIM) sums up.
-TOTALS = (TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME)
+TOTAL_DDIS = (TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME)
 
 # The only device element: the whole machine.
-ELEMENT = "DET1"
+DEVICE_ELEMENT = "DET1"
 # ISO 11783 NAME: self-configurable, fertiliser class, no manufacturer's number.
 CLIENT_NAME = "A00084000DE00001"
 # Pause between stretches, s: a longer pause ends the work for the record.
-BREAK_S = 0.5
+WORK_BREAK_S = 0.5
 
 
-def write_isoxml(applied: AsApplied, path: Path) -> None:
+def write_isoxml_task(applied: AsApplied, path: Path) -> None:
     """Writes a task folder, or a zip where the path ends in .zip. Raises ExportError where the
     log has no time, OSError."""
-    root, files = as_applied_task(applied)
-    write_task(path, root, files)
+    root, files = build_as_applied_task(applied)
+    write_task_files(path, root, files)
 
 
-def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
+def build_as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
     """Returns the task file's tree and the files next to it. Raises ExportError."""
     s = applied.stretches
     begin, end = (
@@ -73,74 +84,80 @@ def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
             f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "
             "started_utc next to it"
         )
-    root = task_root(from_terminal=True)
+    root = make_task_root(from_terminal=True)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
-    SubElement(root, "PDT", A="PDT1", B=name_of(applied.product.name))
+    SubElement(root, "PDT", A="PDT1", B=clean_task_name(applied.product.name))
     if applied.field_deg is not None:
-        outline(
-            SubElement(root, "PFD", A="PFD1", C=name_of(applied.title), D="0"),
+        add_polygon_element(
+            SubElement(root, "PFD", A="PFD1", C=clean_task_name(applied.title), D="0"),
             [applied.field_deg],
             "1",
         )
-    _device(root, applied)
-    task = SubElement(root, "TSK", A="TSK1", B=name_of(applied.title), G="4")
+    _add_device(root, applied)
+    task = SubElement(root, "TSK", A="TSK1", B=clean_task_name(applied.title), G="4")
     if applied.field_deg is not None:
         task.set("E", "PFD1")
     worked = SubElement(
         task,
         "TIM",
         # Begin, end and duration in seconds; type 4 is effective work.
-        A=_stamp(begin),
-        B=_stamp(end),
+        A=_format_utc(begin),
+        B=_format_utc(end),
         C=str(round((end - begin).total_seconds())),
         D="4",
     )
-    for ddi, value in zip(TOTALS, _final_totals(applied), strict=True):
-        SubElement(worked, "DLV", A=f"{ddi:04X}", B=str(value), C=ELEMENT)
+    for ddi, value in zip(TOTAL_DDIS, _round_final_totals(applied), strict=True):
+        SubElement(worked, "DLV", A=f"{ddi:04X}", B=str(value), C=DEVICE_ELEMENT)
     SubElement(task, "DAN", A=CLIENT_NAME, C="DVC1")
-    SubElement(task, "PAN", A="PDT1", E=ELEMENT)
-    binary = records(_moments(applied))
+    SubElement(task, "PAN", A="PDT1", E=DEVICE_ELEMENT)
+    binary = encode_records(_iter_time_records(applied))
     SubElement(task, "TLG", A="TLG00001", B=str(len(binary)), C="1")
     return root, {
-        "TLG00001.xml": layout([Logged(ddi, ELEMENT) for ddi in LOGGED]),
+        "TLG00001.xml": encode_layout([LoggedData(ddi, DEVICE_ELEMENT) for ddi in LOGGED_DDIS]),
         "TLG00001.bin": binary,
     }
 
 
-def _moments(applied: AsApplied) -> Iterator[TimeRecord]:
+def _iter_time_records(applied: AsApplied) -> Iterator[TimeRecord]:
     """Yields a record at the end of each stretch, with the sums up to there; another where work
     stops."""
     s = applied.stretches
     grams = np.round(1000.0 * np.cumsum(s.applied_kg)).astype(np.int64).tolist()
     square_metres = np.round(np.cumsum(s.area_m2)).astype(np.int64).tolist()
-    millimetres = np.round(1000.0 * np.cumsum(_effective_m(applied))).astype(np.int64).tolist()
+    millimetres = np.round(1000.0 * np.cumsum(_calc_effective_m(applied))).astype(np.int64).tolist()
     ends = s.time_s + 0.5 * s.duration_s
-    stops = np.append(s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > BREAK_S, True).tolist()
+    stops = np.append(
+        s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > WORK_BREAK_S, True
+    ).tolist()
     for k, end_s in enumerate(ends.tolist()):
         values = [
-            _whole(100.0 * s.target_kg_ha[k]),
-            _whole(100.0 * s.applied_kg_ha[k]),
+            _round_or_none(100.0 * s.target_kg_ha[k]),
+            _round_or_none(100.0 * s.applied_kg_ha[k]),
             round(1000.0 * s.width_m[k]),
-            _whole(1000.0 * s.speed_mps[k]),
+            _round_or_none(1000.0 * s.speed_mps[k]),
             1,
             grams[k],
             square_metres[k],
             millimetres[k],
         ]
-        yield _moment(applied, k, end_s, values)
+        yield _make_time_record(applied, k, end_s, values)
         if stops[k]:
             # A millisecond later: readers want rising times.
-            yield _moment(applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None])
+            yield _make_time_record(
+                applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None]
+            )
 
 
-def _effective_m(applied: AsApplied) -> Floats:
+def _calc_effective_m(applied: AsApplied) -> Floats:
     """Returns the way of each stretch (n,), m, as if worked over the whole width: a section
     counts by its share of the width."""
     s = applied.stretches
     return np.asarray(s.length_m * (s.width_m / applied.width_m), dtype=np.float64)
 
 
-def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None]) -> TimeRecord:
+def _make_time_record(
+    applied: AsApplied, k: int, time_s: float, values: list[int | None]
+) -> TimeRecord:
     s = applied.stretches
     utc = applied.utc(time_s)
     assert utc is not None
@@ -150,16 +167,16 @@ def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None])
         float(s.lat_deg[k]),
         float(s.lon_deg[k]),
         # NaN stands for an unknown number and is not equal to itself.
-        NO_STATUS if fix != fix else int(fix),
+        NO_POSITION_STATUS if fix != fix else int(fix),
         None if hdop != hdop else float(hdop),
         None if satellites != satellites else int(satellites),
         values,
     )
 
 
-def _final_totals(applied: AsApplied) -> tuple[int, ...]:
+def _round_final_totals(applied: AsApplied) -> tuple[int, ...]:
     """Returns the log's own sums in the order of TOTALS."""
-    totals, length_m = applied.totals, float(_effective_m(applied).sum())
+    totals, length_m = applied.totals, float(_calc_effective_m(applied).sum())
     return (
         round(1000.0 * totals.applied_kg),
         round(1000.0 * totals.applied_n_kg),
@@ -169,19 +186,21 @@ def _final_totals(applied: AsApplied) -> tuple[int, ...]:
     )
 
 
-def _device(root: Element, applied: AsApplied) -> None:
+def _add_device(root: Element, applied: AsApplied) -> None:
     device = SubElement(
         root,
         "DVC",
         A="DVC1",
-        B=name_of(applied.machine.id),
+        B=clean_task_name(applied.machine.id),
         C=root.get("ManagementSoftwareVersion", ""),
         D=CLIENT_NAME,
         F="00000000000001",
         G="FF000000406E65",
     )
-    element = SubElement(device, "DET", A=ELEMENT, B="1", C="1", D="applicator", E="0", F="0")
-    described = sorted({*LOGGED, *TOTALS})
+    element = SubElement(
+        device, "DET", A=DEVICE_ELEMENT, B="1", C="1", D="applicator", E="0", F="0"
+    )
+    described = sorted({*LOGGED_DDIS, *TOTAL_DDIS})
     for number, _ in enumerate(described, start=2):
         SubElement(element, "DOR", A=str(number))
     for number, ddi in enumerate(described, start=2):
@@ -191,16 +210,16 @@ def _device(root: Element, applied: AsApplied) -> None:
             A=str(number),
             B=f"{ddi:04X}",
             C="0",
-            D="16" if ddi in TOTALS else "1",
-            E=NAMES[ddi],
+            D="16" if ddi in TOTAL_DDIS else "1",
+            E=DDI_NAMES[ddi],
         )
 
 
 # Returns a UTC as xs:dateTime.
-def _stamp(moment: dt.datetime) -> str:
+def _format_utc(moment: dt.datetime) -> str:
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 # Returns a rounded number; None for NaN.
-def _whole(value: float) -> int | None:
+def _round_or_none(value: float) -> int | None:
     return None if value != value else round(value)

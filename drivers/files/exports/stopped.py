@@ -11,7 +11,7 @@ from topdress.control.orders import State
 from topdress.drivers.files.read_log import RunLog
 
 # The event's word in the log, a contract with its readers.
-WORD = "released_stopped"
+RELEASE_EVENT = "released_stopped"
 # Shaft speed above which the shaft turns, r/min: the lag paper's threshold.
 TURNING_RPM = 2.0
 
@@ -25,27 +25,27 @@ class StoppedRelease(NamedTuple):
     kg: float
 
 
-def released_stopped(log: RunLog) -> tuple[StoppedRelease, ...]:
+def find_stopped_releases(log: RunLog) -> tuple[StoppedRelease, ...]:
     """Returns the log's entries, in their order."""
     texts, time_s = log.texts("events").tolist(), log.time_s
     lat, lon = log.numbers("lat_deg"), log.numbers("lon_deg")
     return tuple(
-        StoppedRelease(float(time_s[k]), float(lat[k]), float(lon[k]), _kg(event))
+        StoppedRelease(float(time_s[k]), float(lat[k]), float(lon[k]), _parse_event_kg(event))
         for k, text in enumerate(texts)
-        if WORD in text
+        if RELEASE_EVENT in text
         for event in text.split(";")
-        if event.startswith(WORD + " ")
+        if event.startswith(RELEASE_EVENT + " ")
     )
 
 
-def is_released_stopped(log: RunLog) -> npt.NDArray[np.bool_]:
+def find_stopped_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """Returns the rows (n,) out of work in which the shaft turned though commanded to stop.
 
     There are none in a log without such entries, and none in a calibrating run, whose mass lies in
     a tray.
     """
     state = np.asarray(log.texts("state"))
-    entered = any(WORD in text for text in log.texts("events").tolist())
+    entered = any(RELEASE_EVENT in text for text in log.texts("events").tolist())
     out = (
         ~np.isin(state, (State.WORKING.value, State.CALIBRATING.value)) & log.has("state") & entered
     )
@@ -54,7 +54,7 @@ def is_released_stopped(log: RunLog) -> npt.NDArray[np.bool_]:
 
 
 # Returns the mass of an event, kg; 0 where it cannot be read.
-def _kg(event: str) -> float:
+def _parse_event_kg(event: str) -> float:
     try:
         kg = float(event.split(" ", 1)[1])
     except ValueError:

@@ -11,18 +11,18 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 # Days are counted from here (ISO 11783-10).
-FIRST_DAY = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
+FIRST_DAY_UTC = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
 # ms of day, days since 1980, north and east (1e-7 deg), status, HDOP (0.1), satellites.
-HEAD = struct.Struct("<IHiiBHB")
+RECORD_HEAD = struct.Struct("<IHiiBHB")
 # Index of the process data, and its value.
-VALUE = struct.Struct("<Bi")
+RECORD_VALUE = struct.Struct("<Bi")
 # Largest value of 32 bits with a sign.
-HIGHEST = 2_147_483_647
+MAX_INT32 = 2_147_483_647
 # Position status "not available" (NMEA 2000).
-NO_STATUS = 15
+NO_POSITION_STATUS = 15
 
 
-class Logged(NamedTuple):
+class LoggedData(NamedTuple):
     """Names a logged process data: data dictionary identifier and device element."""
 
     ddi: int
@@ -41,7 +41,7 @@ class TimeRecord(NamedTuple):
     values: Sequence[int | None]
 
 
-def layout(data: Sequence[Logged]) -> bytes:
+def encode_layout(data: Sequence[LoggedData]) -> bytes:
     """Returns the XML next to the binary: empty attributes are those that every record holds."""
     root = Element("TIM", A="", D="4")
     SubElement(root, "PTN", A="", B="", D="", F="", G="")
@@ -51,16 +51,16 @@ def layout(data: Sequence[Logged]) -> bytes:
     return bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True))
 
 
-def records(moments: Iterable[TimeRecord]) -> bytes:
+def encode_records(moments: Iterable[TimeRecord]) -> bytes:
     """Returns the binary records. A value beyond 32 bits is limited to the end of its range."""
     out = bytearray()
     for moment in moments:
-        since = moment.utc - FIRST_DAY
+        since = moment.utc - FIRST_DAY_UTC
         known = [(k, value) for k, value in enumerate(moment.values) if value is not None]
         # All bits set stands for not known; one less is the largest number.
         hdop = 0xFFFF if moment.hdop is None else min(0xFFFE, max(0, round(10 * moment.hdop)))
         satellites = 0xFF if moment.satellites is None else min(0xFE, max(0, moment.satellites))
-        out += HEAD.pack(
+        out += RECORD_HEAD.pack(
             since.seconds * 1000 + since.microseconds // 1000,
             since.days,
             round(moment.lat_deg * 1e7),
@@ -71,5 +71,5 @@ def records(moments: Iterable[TimeRecord]) -> bytes:
         )
         out.append(len(known))
         for k, value in known:
-            out += VALUE.pack(k, min(HIGHEST, max(-HIGHEST - 1, value)))
+            out += RECORD_VALUE.pack(k, min(MAX_INT32, max(-MAX_INT32 - 1, value)))
     return bytes(out)

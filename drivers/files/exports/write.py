@@ -13,11 +13,16 @@ import shapefile
 import shapely
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.exports.as_applied import AsApplied, ExportError
-from topdress.drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
+from topdress.drivers.files.exports.columns import (
+    EXPORT_COLUMNS,
+    TIME_SHORT_NAME,
+    iter_export_records,
+    summarise_export,
+)
 from topdress.drivers.files.prescriptions.task_files import WGS84_PRJ
 
 # Endings in a message to the operator.
-KNOWN = (
+KNOWN_ENDINGS = (
     ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or "
     ".html (the report, which "
     "a browser prints to a PDF)"
@@ -42,47 +47,47 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".geojson", ".json", ".shp", ".gpkg", ".zip", ""):
-        raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN}")
+        raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN_ENDINGS}")
     path.parent.mkdir(parents=True, exist_ok=True)
     if suffix in (".zip", ""):
         # Imported here: the other formats need no task files.
-        from topdress.drivers.files.exports.isoxml import write_isoxml
+        from topdress.drivers.files.exports.isoxml import write_isoxml_task
 
-        write_isoxml(applied, path)
+        write_isoxml_task(applied, path)
         return
     if suffix == ".csv":
-        write_csv(applied, path)
+        write_export_csv(applied, path)
     else:
-        {".gpkg": write_gpkg, ".shp": write_shapefile}.get(suffix, write_geojson)(
-            applied, path, polygons
-        )
+        {".gpkg": write_export_geopackage, ".shp": write_export_shapefile}.get(
+            suffix, write_export_geojson
+        )(applied, path, polygons)
 
 
-def write_csv(applied: AsApplied, path: Path) -> None:
+def write_export_csv(applied: AsApplied, path: Path) -> None:
     """Writes UTF-8 with a header row; an empty cell is not known. Raises OSError."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["utc", *(column.name for column in COLUMNS)])
-    for utc, values in records(applied):
+    writer.writerow(["utc", *(column.name for column in EXPORT_COLUMNS)])
+    for utc, values in iter_export_records(applied):
         writer.writerow(
             [
                 utc,
                 *(
                     "" if value is None else f"{value:.{column.decimals}f}"
-                    for column, value in zip(COLUMNS, values, strict=True)
+                    for column, value in zip(EXPORT_COLUMNS, values, strict=True)
                 ),
             ]
         )
     write_atomically(path, text.getvalue())
 
 
-def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> None:
+def write_export_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """Writes RFC 7946; the foreign member `topdress` holds the sums. Raises OSError."""
     corners = applied.stretches.corners_deg.round(9).tolist()
     features = []
-    for k, (utc, values) in enumerate(records(applied)):
+    for k, (utc, values) in enumerate(iter_export_records(applied)):
         properties: dict[str, Any] = dict(
-            zip((column.name for column in COLUMNS), values, strict=True)
+            zip((column.name for column in EXPORT_COLUMNS), values, strict=True)
         )
         if polygons:
             ring = [[lon, lat] for lat, lon in corners[k]]
@@ -105,14 +110,14 @@ def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> Non
             {
                 "type": "FeatureCollection",
                 "name": applied.title,
-                "topdress": summary(applied),
+                "topdress": summarise_export(applied),
                 "features": features,
             }
         ),
     )
 
 
-def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
+def write_export_geopackage(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """Writes a GeoPackage with a layer `as_applied` by pyogrio (extra gis). Raises Refused,
     OSError."""
     from topdress.drivers.files.ogr import write_layer
@@ -123,24 +128,26 @@ def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
         if polygons
         else list(shapely.points(s.lon_deg, s.lat_deg))
     )
-    rows = list(records(applied))
+    rows = list(iter_export_records(applied))
     columns: dict[str, list[Any]] = {"utc": [utc for utc, _ in rows]}
-    columns |= {column.name: [values[k] for _, values in rows] for k, column in enumerate(COLUMNS)}
+    columns |= {
+        column.name: [values[k] for _, values in rows] for k, column in enumerate(EXPORT_COLUMNS)
+    }
     columns["product"] = [applied.product.name] * len(rows)
     write_layer(path, "as_applied", shapes, columns)
 
 
-def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:
+def write_export_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """Writes a shapefile with names of at most ten characters; next to it .dbf, .shx, .prj
     (WGS84), .cpg. Raises OSError."""
     corners = applied.stretches.corners_deg.tolist()
     kind = shapefile.POLYGON if polygons else shapefile.POINT
     with shapefile.Writer(str(path), shapeType=kind, encoding="utf-8") as writer:
-        writer.field(TIME_SHORT, "C", 24)
-        for column in COLUMNS:
+        writer.field(TIME_SHORT_NAME, "C", 24)
+        for column in EXPORT_COLUMNS:
             writer.field(column.short, "N", column.width, column.decimals)
         writer.field("PRODUCT", "C", 30)
-        for k, (utc, values) in enumerate(records(applied)):
+        for k, (utc, values) in enumerate(iter_export_records(applied)):
             if polygons:
                 # A shapefile's outlines run clockwise.
                 ring = [(lon, lat) for lat, lon in reversed(corners[k])]

@@ -3,9 +3,9 @@ headland?
 
 Files:
 
-- `agopengps`: A field of AgOpenGPS: a folder with Field.txt, Boundary.txt, Headland.txt
-- `done`: Ground that another program has marked as worked
-- `field_data`: A field as files hold it, in degrees, and as a job holds it, on its plane
-- `shapes`: Fields as shapes: polygons are outlines, lines are guidance lines; KML, KMZ, GeoPackage
-- `task_fields`: Fields of an ISO 11783-10 task set
+- `agopengps`: How is a field of AgOpenGPS read and written?
+- `done`: Which ground has another program marked as worked
+- `field_data`: How is a field of a file, in degrees, turned into the field of a job, on its plane
+- `shapes`: How are fields read from and written to shapes (KML, KMZ, GeoPackage, GeoJSON
+- `task_fields`: Which fields does an ISO 11783-10 task set hold
 """

@@ -20,22 +20,22 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers import day_clock
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.fields.field_data import (
-    EVEN_M,
+    EVEN_HEADLAND_M,
     FieldData,
     FieldError,
-    Line,
-    headland_width_m,
+    FieldLine,
+    calc_headland_width_m,
 )
 
 # Modes of a track in TrackLines.txt (AgOpenGPS's TrackMode).
-AB, CURVE = 2, 4
+AB_LINE_MODE, CURVE_MODE = 2, 4
 # A longer list in a file is refused: a field's outline has some thousand points.
-MOST_POINTS = 200_000
+MAX_POINT_COUNT = 200_000
 # Twice the area of a triangle, m2: smaller ones are the turning points of a strip.
-LEAST_M2 = 1e-6
+MIN_DOUBLE_AREA_M2 = 1e-6
 # Half length of an AB line, m: old files hold a place and a heading, and AgOpenGPS draws that much
 # to both sides.
-AB_HALF_M = 1000.0
+AB_HALF_LENGTH_M = 1000.0
 
 
 class _Plane(NamedTuple):
@@ -45,7 +45,7 @@ class _Plane(NamedTuple):
     lon_deg: float
 
     @property
-    def per_lat_m(self) -> float:
+    def latitude_degree_m(self) -> float:
         """Returns the length of a degree of latitude at the start fix, m."""
         lat = math.radians(self.lat_deg)
         return (
@@ -58,17 +58,17 @@ class _Plane(NamedTuple):
 
     def to_deg(self, places: Floats) -> Floats:
         """Returns latitude and longitude (n, 2) of places (n, 2), m east and north."""
-        lat = self.lat_deg + places[:, 1] / self.per_lat_m
-        return np.column_stack((lat, self.lon_deg + places[:, 0] / _per_lon_m(lat)))
+        lat = self.lat_deg + places[:, 1] / self.latitude_degree_m
+        return np.column_stack((lat, self.lon_deg + places[:, 0] / _calc_longitude_degree_m(lat)))
 
     def to_m(self, degrees: Floats) -> Floats:
         """Returns places (n, 2), m east and north, of latitude and longitude (n, 2)."""
-        east = (degrees[:, 1] - self.lon_deg) * _per_lon_m(degrees[:, 0])
-        return np.column_stack((east, (degrees[:, 0] - self.lat_deg) * self.per_lat_m))
+        east = (degrees[:, 1] - self.lon_deg) * _calc_longitude_degree_m(degrees[:, 0])
+        return np.column_stack((east, (degrees[:, 0] - self.lat_deg) * self.latitude_degree_m))
 
 
 # Returns the length of a degree of longitude at latitudes (n,), m.
-def _per_lon_m(lat_deg: Floats) -> Floats:
+def _calc_longitude_degree_m(lat_deg: Floats) -> Floats:
     lat = np.radians(lat_deg)
     return np.asarray(111412.84 * np.cos(lat) - 93.5 * np.cos(3 * lat) + 0.118 * np.cos(5 * lat))
 
@@ -92,15 +92,15 @@ def read_agopengps(folder: Path) -> FieldData:
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
     if "field.txt" not in files:
         raise FieldError(f"{folder}: no Field.txt: allowed is the folder of a field of AgOpenGPS")
-    plane = _origin(files["field.txt"])
-    rings = _rings(files["boundary.txt"]) if "boundary.txt" in files else []
-    headlands = _rings(files["headland.txt"]) if "headland.txt" in files else []
+    plane = _read_start_fix(files["field.txt"])
+    rings = _read_rings(files["boundary.txt"]) if "boundary.txt" in files else []
+    headlands = _read_rings(files["headland.txt"]) if "headland.txt" in files else []
     findings: list[Finding] = []
-    lines = _lines(files, plane)
+    lines = _read_guidance_lines(files, plane)
     width = None
     if rings and headlands and headlands[0][1].size:
-        middle, least, most = headland_width_m(rings[0][1], headlands[0][1])
-        if most - least <= EVEN_M:
+        middle, least, most = calc_headland_width_m(rings[0][1], headlands[0][1])
+        if most - least <= EVEN_HEADLAND_M:
             width = middle
         else:
             findings.append(
@@ -119,7 +119,7 @@ def read_agopengps(folder: Path) -> FieldData:
                 f"{len(driven)} inner boundary that is driven through: worked like the rest",
             )
         )
-    if "sections.txt" in files and len(marked := _triangles(files["sections.txt"])):
+    if "sections.txt" in files and len(marked := _parse_triangles(files["sections.txt"])):
         area = float(shapely.union_all(shapely.polygons(marked)).area) / 10_000.0
         findings.append(
             Finding(
@@ -141,17 +141,17 @@ def read_agopengps(folder: Path) -> FieldData:
 
 
 # Returns the lines of a file, stripped, in UTF-8 or UTF-16.
-def _texts(path: Path) -> list[str]:
+def _read_lines(path: Path) -> list[str]:
     data = path.read_bytes()
     # Some editors on Windows save UTF-16 with a byte order mark.
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     return [line.strip() for line in data.decode(encoding, errors="replace").splitlines()]
 
 
-def _origin(path: Path) -> _Plane:
+def _read_start_fix(path: Path) -> _Plane:
     """Returns the plane at the file's start fix. The name in the file is always FieldNew, so the
     folder's name is used instead."""
-    lines = _texts(path)
+    lines = _read_lines(path)
     try:
         lat, lon = (float(word) for word in lines[lines.index("StartFix") + 1].split(",")[:2])
     except (ValueError, IndexError):
@@ -164,17 +164,17 @@ def _origin(path: Path) -> _Plane:
     return _Plane(lat, lon)
 
 
-def _rings(path: Path) -> list[tuple[bool, Floats]]:
+def _read_rings(path: Path) -> list[tuple[bool, Floats]]:
     """Returns each ring of Boundary.txt or Headland.txt: whether it is driven through, and its
     places (n, 2), m."""
-    rest = iter([line for line in _texts(path) if line and not line.startswith("$")])
+    rest = iter([line for line in _read_lines(path) if line and not line.startswith("$")])
     found, through = [], False
     for line in rest:
         if line in ("True", "False"):
             # Files of version 5 have two lines of this kind before a ring.
             through = through or line == "True"
             continue
-        found.append((through, _points(path, rest, _count(path, line))))
+        found.append((through, _parse_points(path, rest, _parse_point_count(path, line))))
         through = False
     return [
         (driven, ring)
@@ -183,14 +183,16 @@ def _rings(path: Path) -> list[tuple[bool, Floats]]:
     ]
 
 
-def _count(path: Path, text: str) -> int:
-    if not text.isdigit() or int(text) > MOST_POINTS:
-        raise FieldError(f"{path}: {text[:40]}: allowed is a number of points, up to {MOST_POINTS}")
+def _parse_point_count(path: Path, text: str) -> int:
+    if not text.isdigit() or int(text) > MAX_POINT_COUNT:
+        raise FieldError(
+            f"{path}: {text[:40]}: allowed is a number of points, up to {MAX_POINT_COUNT}"
+        )
     return int(text)
 
 
 # Returns the next places (count, 2), m east and north.
-def _points(path: Path, rest: Iterator[str], count: int) -> Floats:
+def _parse_points(path: Path, rest: Iterator[str], count: int) -> Floats:
     rows = []
     for _ in range(count):
         text = next(rest, "")
@@ -209,32 +211,32 @@ def _points(path: Path, rest: Iterator[str], count: int) -> Floats:
 
 
 # Returns the guidance lines, from TrackLines.txt or the older ABLines.txt.
-def _lines(files: dict[str, Path], plane: _Plane) -> list[Line]:
+def _read_guidance_lines(files: dict[str, Path], plane: _Plane) -> list[FieldLine]:
     if "tracklines.txt" in files:
-        return _tracks(files["tracklines.txt"], plane)
-    return _old_lines(files["ablines.txt"], plane) if "ablines.txt" in files else []
+        return _read_track_lines(files["tracklines.txt"], plane)
+    return _read_ab_lines(files["ablines.txt"], plane) if "ablines.txt" in files else []
 
 
-def _tracks(path: Path, plane: _Plane) -> list[Line]:
-    rest = iter(_texts(path)[1:])
+def _read_track_lines(path: Path, plane: _Plane) -> list[FieldLine]:
+    rest = iter(_read_lines(path)[1:])
     found = []
     for title in rest:
         if not title:
             continue
         # The heading follows from the ends.
         next(rest, "")  # heading, radians
-        ends = _points(path, rest, 2)
+        ends = _parse_points(path, rest, 2)
         _, mode, _ = (next(rest, "") for _ in range(3))  # nudged by, mode, visible
-        curve = _points(path, rest, _count(path, next(rest, "")))
-        places = curve if mode not in (str(AB), "") and len(curve) > 1 else ends
-        found.append(Line(title, plane.to_deg(places)))
+        curve = _parse_points(path, rest, _parse_point_count(path, next(rest, "")))
+        places = curve if mode not in (str(AB_LINE_MODE), "") and len(curve) > 1 else ends
+        found.append(FieldLine(title, plane.to_deg(places)))
     return found
 
 
-def _old_lines(path: Path, plane: _Plane) -> list[Line]:
+def _read_ab_lines(path: Path, plane: _Plane) -> list[FieldLine]:
     """Returns the lines of ABLines.txt, each `name,heading in degrees,east,north`."""
     found = []
-    for text in _texts(path):
+    for text in _read_lines(path):
         words = text.split(",")
         if len(words) != 4:
             continue
@@ -242,15 +244,15 @@ def _old_lines(path: Path, plane: _Plane) -> list[Line]:
             heading, east, north = (float(word) for word in words[1:])
         except ValueError:
             raise FieldError(f"{path}: {text[:60]!r}: allowed name,heading,east,north") from None
-        way = AB_HALF_M * np.array(
+        way = AB_HALF_LENGTH_M * np.array(
             [math.sin(math.radians(heading)), math.cos(math.radians(heading))]
         )
         middle = np.array([east, north])
-        found.append(Line(words[0], plane.to_deg(np.array([middle - way, middle + way]))))
+        found.append(FieldLine(words[0], plane.to_deg(np.array([middle - way, middle + way]))))
     return found
 
 
-def covered_triangles(folder: Path) -> Floats:
+def read_worked_triangles(folder: Path) -> Floats:
     """Returns the ground that Sections.txt marks as worked.
 
     The file holds strips of triangles: number of rows, colour, then left and right edge in turn, m.
@@ -270,22 +272,22 @@ def covered_triangles(folder: Path) -> Floats:
         raise FieldError(
             f"{folder}: no {missing[0]}: allowed is the folder of a field of AgOpenGPS"
         )
-    plane = _origin(files["field.txt"])
-    triangles = _triangles(files["sections.txt"])
+    plane = _read_start_fix(files["field.txt"])
+    triangles = _parse_triangles(files["sections.txt"])
     return plane.to_deg(triangles.reshape(-1, 2)).reshape(-1, 3, 2)
 
 
-def _triangles(path: Path) -> Floats:
+def _parse_triangles(path: Path) -> Floats:
     """Returns triangles (n, 3, 2), m, without those of no area."""
-    rest = iter([line for line in _texts(path) if line])
+    rest = iter([line for line in _read_lines(path) if line])
     strips = [np.zeros((0, 3, 2))]
     for line in rest:
-        rows = _points(path, rest, _count(path, line))[1:]
+        rows = _parse_points(path, rest, _parse_point_count(path, line))[1:]
         if len(rows) > 2:
             strips.append(np.stack((rows[:-2], rows[1:-1], rows[2:]), axis=1))
     all_of = np.concatenate(strips)
     one, other = all_of[:, 1] - all_of[:, 0], all_of[:, 2] - all_of[:, 0]
-    return all_of[np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) > LEAST_M2]
+    return all_of[np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) > MIN_DOUBLE_AREA_M2]
 
 
 def write_agopengps(data: FieldData, folder: Path) -> None:
@@ -314,7 +316,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
     }
     for ring in () if data.outline_deg is None else (data.outline_deg, *data.holes_deg):
         places = plane.to_m(ring)
-        files["Boundary.txt"] += ["False", str(len(places)), *_rows(places)]
+        files["Boundary.txt"] += ["False", str(len(places)), *_format_places(places)]
     if data.outline_deg is not None and data.headland_m:
         inner = data.boundary(origin)
         assert inner is not None
@@ -323,7 +325,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
             np.array([origin.to_deg(*place) for place in shrunk[0]]) if shrunk else np.zeros((0, 2))
         )
         headland = plane.to_m(places)
-        files["Headland.txt"] += [str(len(headland)), *_rows(headland)]
+        files["Headland.txt"] += [str(len(headland)), *_format_places(headland)]
     for number, line in enumerate(data.lines, start=1):
         places = plane.to_m(line.places_deg)
         curve = len(places) > 2
@@ -331,12 +333,12 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
         files["TrackLines.txt"] += [
             line.title or f"AB {number}",
             f"{math.atan2(way[0], way[1]) % (2 * math.pi):.8f}",
-            _place(places[0]),
-            _place(places[-1]),
+            _format_place(places[0]),
+            _format_place(places[-1]),
             "0",
-            str(CURVE if curve else AB),
+            str(CURVE_MODE if curve else AB_LINE_MODE),
             "True",
-            *([str(len(places)), *_rows(places)] if curve else ["0"]),
+            *([str(len(places)), *_format_places(places)] if curve else ["0"]),
         ]
     folder.mkdir(parents=True, exist_ok=True)
     for name, lines in files.items():
@@ -344,16 +346,17 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
         write_atomically(folder / name, "".join(f"{line}\r\n" for line in lines))
 
 
-def _rows(places: Floats) -> list[str]:
+def _format_places(places: Floats) -> list[str]:
     """Returns a line for each place, with the heading to the next, radians, as AgOpenGPS stores
     it."""
     way = np.roll(places, -1, axis=0) - places
     headings = np.arctan2(way[:, 0], way[:, 1]) % (2 * math.pi)
     return [
-        f"{_place(place)},{heading:.5f}" for place, heading in zip(places, headings, strict=True)
+        f"{_format_place(place)},{heading:.5f}"
+        for place, heading in zip(places, headings, strict=True)
     ]
 
 
 # Returns a place as text, m, to the millimetre.
-def _place(place: Floats) -> str:
+def _format_place(place: Floats) -> str:
     return f"{place[0]:.3f},{place[1]:.3f}"

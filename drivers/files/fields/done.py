@@ -9,17 +9,17 @@ import numpy as np
 import shapely
 from topdress.control.field.done_ground import DoneGround, done_ground
 from topdress.control.geodesy import TangentPlane
-from topdress.drivers.files.fields.agopengps import covered_triangles
+from topdress.drivers.files.fields.agopengps import read_worked_triangles
 from topdress.drivers.files.fields.field_data import FieldError
-from topdress.drivers.files.fields.shapes import named_shapes
+from topdress.drivers.files.fields.shapes import read_named_shapes
 from topdress.drivers.files.outlines import check_outlines
 from topdress.drivers.files.what_it_is import what_is
 
 # AgOpenGPS's file of worked ground, compared in small letters.
-SECTIONS = "sections.txt"
+SECTIONS_FILE = "sections.txt"
 
 
-def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
+def read_worked_area(path: Path, plane: TangentPlane | None = None) -> DoneGround:
     """Reads ground that is already worked.
 
     Parameters
@@ -37,7 +37,7 @@ def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
     Refused : an outline that cannot be used, in one line.
     OSError : a file cannot be opened.
     """
-    shapes = _shapes_deg(path)
+    shapes = _read_polygons_deg(path)
     places = shapely.get_coordinates(shapes)
     if plane is None:
         east, north = places.mean(axis=0)
@@ -51,21 +51,21 @@ def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
         raise FieldError(f"{path}: {error}") from None
 
 
-def _shapes_deg(path: Path) -> np.ndarray:
+def _read_polygons_deg(path: Path) -> np.ndarray:
     """Returns polygons (n,) in longitude and latitude."""
     if not path.exists():
         raise FieldError(
             f"{path}: no such file: allowed is a field of AgOpenGPS, or a file of polygons"
         )
-    if path.name.lower() == SECTIONS or (path.is_dir() and what_is(path).id == "aog"):
-        triangles = covered_triangles(path if path.is_dir() else path.parent)
+    if path.name.lower() == SECTIONS_FILE or (path.is_dir() and what_is(path).id == "aog"):
+        triangles = read_worked_triangles(path if path.is_dir() else path.parent)
         if not len(triangles):
             raise FieldError(f"{path}: no ground is marked as worked in Sections.txt")
         # Shapely takes the longitude first.
         return np.asarray(shapely.polygons(triangles[..., ::-1]), dtype=object)
     parts = [
         part
-        for _, shape in named_shapes(path)
+        for _, shape in read_named_shapes(path)
         for part in shapely.get_parts(shape)
         if part.geom_type == "Polygon" and not part.is_empty
     ]

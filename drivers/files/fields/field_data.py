@@ -19,16 +19,16 @@ from topdress.drivers.plain_text import OneLine
 
 # Difference of widths, m, up to which a headland counts as of one width: the error of hand-drawn
 # lines.
-EVEN_M = 0.5
+EVEN_HEADLAND_M = 0.5
 # Difference of headings, degrees, up to which lines count as parallel: 0.2 m over 100 m.
-SAME_WAY_DEG = 0.1
+PARALLEL_LINES_DEG = 0.1
 
 
 class FieldError(OneLine):
     """The field cannot be used; one line says why."""
 
 
-class Line(NamedTuple):
+class FieldLine(NamedTuple):
     """Holds a guidance line: `places_deg` (k, 2) latitude and longitude, two places for a
     straight line."""
 
@@ -44,7 +44,7 @@ class FieldData:
     title: str
     outline_deg: Floats | None = None
     holes_deg: tuple[Floats, ...] = ()
-    lines: tuple[Line, ...] = ()
+    lines: tuple[FieldLine, ...] = ()
     headland_m: float | None = None
     findings: tuple[Finding, ...] = ()
 
@@ -66,11 +66,12 @@ class FieldData:
         if self.outline_deg is None:
             return None
         return Boundary(
-            _places(plane, self.outline_deg), [_places(plane, hole) for hole in self.holes_deg]
+            _find_places_m(plane, self.outline_deg),
+            [_find_places_m(plane, hole) for hole in self.holes_deg],
         )
 
 
-def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
+def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
     """Returns the field with an outline whose edges do not cross.
 
     Parameters
@@ -90,7 +91,7 @@ def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
     if data.outline_deg is None:
         return data
     plane = data.plane()
-    drawn = shapely.Polygon(_places(plane, data.outline_deg))
+    drawn = shapely.Polygon(_find_places_m(plane, data.outline_deg))
     part = largest_part(drawn)
     if drawn.is_valid or not part.area:
         return data
@@ -112,7 +113,9 @@ def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
         return np.array([plane.to_deg(*place) for place in ring.coords[:-1]])
 
     holes = [
-        hole for hole in data.holes_deg if part.contains(shapely.Polygon(_places(plane, hole)))
+        hole
+        for hole in data.holes_deg
+        if part.contains(shapely.Polygon(_find_places_m(plane, hole)))
     ]
     found = Finding("crossing", f"the outline crosses itself: its largest part is taken, {said}")
     return replace(
@@ -123,13 +126,13 @@ def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
     )
 
 
-def _places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
+def _find_places_m(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
     return [
         (float(east), float(north)) for east, north in plane.many_to_m(degrees[:, 0], degrees[:, 1])
     ]
 
 
-def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Ground:
+def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -> Ground:
     """Returns the job's field with this outline and these lines; what the file does not hold is
     kept.
 
@@ -159,16 +162,16 @@ def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Groun
     if boundary is not None and data.outline_deg is not None:
         changes |= {
             "title": data.title or before.title,
-            "boundary_m": tuple(_rounded(plane, data.outline_deg)),
-            "holes_m": tuple(tuple(_rounded(plane, hole)) for hole in data.holes_deg),
+            "boundary_m": tuple(_round_places(plane, data.outline_deg)),
+            "holes_m": tuple(tuple(_round_places(plane, hole)) for hole in data.holes_deg),
         }
     if data.lines:
         changes["lines"] = tuple(
             # Job files take titles of up to 80 letters.
-            GuidanceLine(title=one.title[:80], points_m=tuple(_rounded(plane, one.places_deg)))
+            GuidanceLine(title=one.title[:80], points_m=tuple(_round_places(plane, one.places_deg)))
             for one in data.lines
         )
-        changes["pass_heading_deg"] = _heading(data, plane, line)
+        changes["pass_heading_deg"] = _find_pass_heading(data, plane, line)
     if data.headland_m is not None:
         # Job files hold headlands to the centimetre.
         changes["headland_m"] = round(data.headland_m, 2)
@@ -176,15 +179,17 @@ def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Groun
 
 
 # Returns places rounded to 0.1 mm, m east and north.
-def _rounded(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
-    return [(round(east, 4), round(north, 4)) for east, north in _places(plane, degrees)]
+def _round_places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
+    return [(round(east, 4), round(north, 4)) for east, north in _find_places_m(plane, degrees)]
 
 
 # Returns the heading of the passes, degrees from north. Raises FieldError where lines differ.
-def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
+def _find_pass_heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
     headings = {}
     for one in data.lines:
-        (east, north), (to_east, to_north) = (_places(plane, one.places_deg)[k] for k in (0, -1))
+        (east, north), (to_east, to_north) = (
+            _find_places_m(plane, one.places_deg)[k] for k in (0, -1)
+        )
         headings[one.title] = math.degrees(math.atan2(to_east - east, to_north - north)) % 360.0
     if wanted is not None:
         if wanted not in headings:
@@ -193,7 +198,7 @@ def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
     first = next(iter(headings.values()))
     # Lines driven the other way are parallel too.
     off = max(abs((one - first + 90.0) % 180.0 - 90.0) for one in headings.values())
-    if off > SAME_WAY_DEG:
+    if off > PARALLEL_LINES_DEG:
         said = ", ".join(f"{title} ({heading:.1f} deg)" for title, heading in headings.items())
         raise FieldError(
             f"{data.title}: {len(headings)} lines run different ways: {said}: --line says which"
@@ -201,7 +206,7 @@ def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
     return round(first, 4) % 360.0
 
 
-def data_of(ground: Ground, title: str) -> FieldData:
+def build_field_data(ground: Ground, title: str) -> FieldData:
     """Returns the job's field in degrees. Raises FieldError where it has none."""
     if not ground.boundary_m and not ground.lines:
         raise FieldError(
@@ -216,12 +221,12 @@ def data_of(ground: Ground, title: str) -> FieldData:
         ground.title or title,
         degrees(ground.boundary_m) if ground.boundary_m else None,
         tuple(degrees(hole) for hole in ground.holes_m),
-        tuple(Line(one.title, degrees(one.points_m)) for one in ground.lines),
+        tuple(FieldLine(one.title, degrees(one.points_m)) for one in ground.lines),
         ground.headland_m or None,
     )
 
 
-def headland_width_m(outline_m: Floats, inner_m: Floats) -> tuple[float, float, float]:
+def calc_headland_width_m(outline_m: Floats, inner_m: Floats) -> tuple[float, float, float]:
     """Returns how wide a headland is.
 
     Parameters

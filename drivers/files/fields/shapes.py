@@ -14,7 +14,7 @@ import shapely
 from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.fields.field_data import FieldData, FieldError, Line
+from topdress.drivers.files.fields.field_data import FieldData, FieldError, FieldLine
 from topdress.drivers.files.fields.task_fields import find_task_set, read_task_shapes
 from topdress.drivers.files.layers import GEOJSON, Layer, name_of, read_layers
 from topdress.drivers.files.limits import check_file
@@ -22,10 +22,10 @@ from topdress.drivers.files.ogr import FORMATS, write_layer
 
 # Share of a polygon's area within another, from which it counts as a hole: drawn edges overlap a
 # little.
-INSIDE = 0.999
+HOLE_SHARE = 0.999
 
 
-def read_shapes(path: Path, name: str | None = None) -> FieldData:
+def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
     """Reads a field from a file of shapes.
 
     Parameters
@@ -42,7 +42,7 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
     FieldError : no polygon and no line, or several fields and no name.
     OSError : the file cannot be opened.
     """
-    named, said = _shapes_and_findings(path)
+    named, said = _read_shapes_and_findings(path)
     polygons = [
         (title, part)
         for title, shape in named
@@ -70,13 +70,13 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
             f"{path}: neither a polygon nor a line in it: allowed is a field's outline, or "
             "guidance lines"
         )
-    title, outline, holes, findings = _field(path, polygons, name)
+    title, outline, holes, findings = _choose_outline(path, polygons, name)
     return FieldData(
         title or path.stem,
         outline,
         holes,
         tuple(
-            Line(line_title or f"line {k}", shapely.get_coordinates(line)[:, ::-1].copy())
+            FieldLine(line_title or f"line {k}", shapely.get_coordinates(line)[:, ::-1].copy())
             for k, (line_title, line) in enumerate(lines, start=1)
         ),
         None,
@@ -84,12 +84,12 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
     )
 
 
-def named_shapes(path: Path) -> list[tuple[str, Any]]:
+def read_named_shapes(path: Path) -> list[tuple[str, Any]]:
     """Returns names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
-    return _shapes_and_findings(path)[0]
+    return _read_shapes_and_findings(path)[0]
 
 
-def _shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
+def _read_shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
     """Returns names and shapes, and what else the file holds. Raises FieldError, Refused,
     OSError."""
     layers = [] if path.suffix.lower() == ".xml" else read_layers(path)
@@ -97,10 +97,10 @@ def _shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Findin
     if files is not None:
         check_file(path)
         return read_task_shapes(files)
-    return _shapes_of_layers(path, layers), []
+    return _collect_layer_shapes(path, layers), []
 
 
-def _shapes_of_layers(path: Path, layers: Sequence[Layer]) -> list[tuple[str, Any]]:
+def _collect_layer_shapes(path: Path, layers: Sequence[Layer]) -> list[tuple[str, Any]]:
     """Returns names and shapes of layers. Raises FieldError."""
     if not layers and (path.is_dir() or path.suffix.lower() == ".zip"):
         raise FieldError(
@@ -133,22 +133,22 @@ def _shapes_of_layers(path: Path, layers: Sequence[Layer]) -> list[tuple[str, An
     ]
 
 
-def _field(
+def _choose_outline(
     path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
 ) -> tuple[str, Floats | None, tuple[Floats, ...], list[Finding]]:
     """Returns the outline's title, corners and holes, and findings. Raises FieldError where
     several fields are possible."""
     if name is not None:
-        polygons = [one for one in polygons if one[0].casefold() == name.casefold()] or _asked(
-            path, polygons, name
-        )
+        polygons = [
+            one for one in polygons if one[0].casefold() == name.casefold()
+        ] or _refuse_unclear_field(path, polygons, name)
     if not polygons:
         return "", None, (), []
     # The largest polygon is the field; others must lie in it.
     title, outer = max(polygons, key=lambda one: one[1].area)
     others = [shape for _, shape in polygons if shape is not outer]
-    if not all(_inside(outer, shape) for shape in others):
-        _asked(path, polygons, name)
+    if not all(_is_inside_outline(outer, shape) for shape in others):
+        _refuse_unclear_field(path, polygons, name)
     holes = [ring for ring in outer.interiors] + [shape.exterior for shape in others]
     findings = (
         [
@@ -160,42 +160,42 @@ def _field(
         if others
         else []
     )
-    return title, _ring(outer.exterior), tuple(map(_ring, holes)), findings
+    return title, _extract_ring_deg(outer.exterior), tuple(map(_extract_ring_deg, holes)), findings
 
 
-def _inside(outer: Any, shape: Any) -> bool:
+def _is_inside_outline(outer: Any, shape: Any) -> bool:
     """Tells whether a shape lies within another; False where GEOS cannot intersect them because
     edges cross."""
     try:
-        return bool(shapely.intersection(outer, shape).area >= INSIDE * shape.area)
+        return bool(shapely.intersection(outer, shape).area >= HOLE_SHARE * shape.area)
     except shapely.errors.GEOSException:
         return False
 
 
 # Raises FieldError that lists the fields to choose from.
-def _asked(
+def _refuse_unclear_field(
     path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
 ) -> list[tuple[str, Any]]:
     # A dozen names fit into a message.
-    said = ", ".join(f"{title} ({_hectares(shape):.2f} ha)" for title, shape in polygons[:12])
+    said = ", ".join(f"{title} ({_calc_area_ha(shape):.2f} ha)" for title, shape in polygons[:12])
     which = f"field {name}" if name is not None else f"{len(polygons)} fields"
     raise FieldError(f"{path}: {which}: allowed with --name is one of {said}")
 
 
 # Returns a polygon's area, ha.
-def _hectares(shape: Any) -> float:
-    ring = _ring(shape.exterior)
+def _calc_area_ha(shape: Any) -> float:
+    ring = _extract_ring_deg(shape.exterior)
     data = FieldData("", ring)
     places = data.plane().many_to_m(ring[:, 0], ring[:, 1])
     return float(shapely.Polygon(places).area) / 10_000.0
 
 
 # Returns corners (k, 2) in latitude and longitude, not closed.
-def _ring(ring: Any) -> Floats:
+def _extract_ring_deg(ring: Any) -> Floats:
     return np.ascontiguousarray(shapely.get_coordinates(ring)[:-1, ::-1], dtype=np.float64)
 
 
-def write_shapes(data: FieldData, path: Path) -> None:
+def write_field_shapes(data: FieldData, path: Path) -> None:
     """Writes a field as shapes, in the format of the path's ending. Raises Refused, OSError."""
     polygons = (
         []

@@ -10,19 +10,19 @@ import numpy as np
 import shapely
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.fields.field_data import FieldError
-from topdress.drivers.files.prescriptions.data_dictionary import ddi_in_words
-from topdress.drivers.files.prescriptions.task_files import TaskSet, task_sets, task_tree
+from topdress.drivers.files.prescriptions.data_dictionary import describe_ddi
+from topdress.drivers.files.prescriptions.task_files import TaskSet, find_task_sets, read_task_tree
 
 # Types of polygons (PLN) of a field (PFD): ISO 11783-10, table D.33.
-OUTLINE, OBSTACLES, HEADLAND = "1", ("3", "4", "5", "6"), "10"
+OUTLINE_TYPE, OBSTACLE_TYPES, HEADLAND_TYPE = "1", ("3", "4", "5", "6"), "10"
 # Types of lines (LSG) of ISO 11783-10.
-EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
+EXTERIOR_LINE, INTERIOR_LINE, GUIDANCE_LINE = "1", "2", "5"
 
 
 def find_task_set(path: Path) -> TaskSet | None:
     """Returns the task set at a path; None where there is none. Raises FieldError where there
     are several, Refused, OSError."""
-    found = task_sets(path)
+    found = find_task_sets(path)
     if len(found) > 1:
         names = ", ".join(one.label for one in found[:12])
         raise FieldError(f"{path}: {len(found)} task sets: allowed is one, of {names}")
@@ -32,26 +32,26 @@ def find_task_set(path: Path) -> TaskSet | None:
 def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]], list[Finding]]:
     """Returns names and shapes in longitude and latitude, and what the set holds. Raises
     FieldError, Refused, OSError."""
-    root = task_tree(files)
-    findings = [Finding("task_set", _describe(root))]
+    root = read_task_tree(files)
+    findings = [Finding("task_set", _describe_task_set(root))]
     shapes: list[tuple[str, shapely.Geometry]] = []
     for field in root.findall("PFD"):
         title = field.get("C") or field.get("A") or ""
         where = f"{files.label}: field {title}"
         for polygon in field.findall("PLN"):
-            if polygon.get("A") == OUTLINE:
-                shapes += [(title, one) for one in _polygons(polygon, where)]
-            elif polygon.get("A") in OBSTACLES:
+            if polygon.get("A") == OUTLINE_TYPE:
+                shapes += [(title, one) for one in _build_polygons(polygon, where)]
+            elif polygon.get("A") in OBSTACLE_TYPES:
                 name = polygon.get("B") or "obstacle"
-                shapes += [(name, one) for one in _polygons(polygon, where)]
-        if any(one.get("A") == HEADLAND for one in field.findall("PLN")):
+                shapes += [(name, one) for one in _build_polygons(polygon, where)]
+        if any(one.get("A") == HEADLAND_TYPE for one in field.findall("PLN")):
             text = f"headland of {title} not taken: a job has one width: say headland_m in it"
             findings.append(Finding("headland", text))
         patterns = [(one.get("B", ""), one) for one in field.iter("GPN")]
         for called, parent in [*patterns, ("", field)]:
             for line in parent.findall("LSG"):
-                if line.get("A") == GUIDANCE:
-                    places = _places(line, where, 2)
+                if line.get("A") == GUIDANCE_LINE:
+                    places = _parse_places_deg(line, where, 2)
                     shapes.append((called or line.get("B", ""), shapely.LineString(places)))
     if not shapes:
         raise FieldError(f"{files.label}: no outline of a field in it: {findings[0]}")
@@ -59,13 +59,17 @@ def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]]
 
 
 # Returns the polygons (longitude, latitude) of a PLN, each with the holes that lie in it.
-def _polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
+def _build_polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
     rings = {
-        kind: [_places(one, where, 3) for one in polygon.findall("LSG") if one.get("A") == kind]
-        for kind in (EXTERIOR, INTERIOR)
+        kind: [
+            _parse_places_deg(one, where, 3)
+            for one in polygon.findall("LSG")
+            if one.get("A") == kind
+        ]
+        for kind in (EXTERIOR_LINE, INTERIOR_LINE)
     }
-    holes = [shapely.Polygon(ring) for ring in rings[INTERIOR]]
-    outlines = [shapely.Polygon(ring) for ring in rings[EXTERIOR]]
+    holes = [shapely.Polygon(ring) for ring in rings[INTERIOR_LINE]]
+    outlines = [shapely.Polygon(ring) for ring in rings[EXTERIOR_LINE]]
     return [
         shapely.Polygon(
             outline.exterior,
@@ -75,7 +79,7 @@ def _polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
     ]
 
 
-def _places(line: Element, where: str, least: int) -> np.ndarray:
+def _parse_places_deg(line: Element, where: str, least: int) -> np.ndarray:
     """Returns places (n, 2), longitude and latitude."""
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
@@ -91,7 +95,7 @@ def _places(line: Element, where: str, least: int) -> np.ndarray:
     return found
 
 
-def _describe(root: Element) -> str:
+def _describe_task_set(root: Element) -> str:
     """Returns what a task set holds, in one sentence."""
     maker = root.get("ManagementSoftwareManufacturer") or "a maker that it does not name"
     counts = [
@@ -107,7 +111,7 @@ def _describe(root: Element) -> str:
         if one.get("A", "").isalnum() and set(one.get("A", "").lower()) <= set("0123456789abcdef")
     }
     if zones:
-        held.append(f"maps of {', '.join(map(ddi_in_words, sorted(zones)))} (topdress map)")
+        held.append(f"maps of {', '.join(map(describe_ddi, sorted(zones)))} (topdress map)")
     logs = len(root.findall("TSK/TLG"))
     if logs:
         held.append(f"{many(logs, 'log')} of work (topdress import)")

@@ -105,9 +105,9 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
 def _own_names(names: list[str]) -> list[str]:
     """Of our own as-applied shapefiles the names that ten letters have cut, with their units;
     else as they stand."""
-    from topdress.drivers.files.exports.columns import COLUMNS, TIME_SHORT
+    from topdress.drivers.files.exports.columns import EXPORT_COLUMNS, TIME_SHORT_NAME
 
-    long = {column.short: column.name for column in COLUMNS} | {TIME_SHORT: "utc"}
+    long = {column.short: column.name for column in EXPORT_COLUMNS} | {TIME_SHORT_NAME: "utc"}
     return [long.get(name, name) for name in names] if set(long) <= set(names) else names
 
 

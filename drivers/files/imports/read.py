@@ -19,7 +19,11 @@ from topdress.drivers.files.imports.trouble import ImportTrouble
 from topdress.drivers.files.imports.words import folded, subject_of
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.parquet_limits import check_parquet, check_texts
-from topdress.drivers.files.prescriptions.column_words import MOST_UNITS, cell_of, unit_columns
+from topdress.drivers.files.prescriptions.column_words import (
+    MAX_UNIT_TEXTS,
+    find_unit_columns,
+    parse_cell,
+)
 from topdress.drivers.files.sheet_text import SUFFIXES
 from topdress.drivers.files.stated_units import ANY, of_texts, together
 
@@ -88,10 +92,12 @@ def _with_stated(raw: RawTable) -> RawTable:
         if not is_text(column):
             continue
         first = next(filter(None, column[:LOOKED_ROWS].tolist()), "")[:LONGEST_UNIT]
-        if first and cell_of(first) is None:
+        if first and parse_cell(first) is None:
             kinds = dict.fromkeys(text[:LONGEST_UNIT] for text in column.tolist() if text)
-            texts[name] = list(islice(kinds, MOST_UNITS + 1))
-    stated = together(of_texts(ANY, raw.above, "the lines above the header"), unit_columns(texts))
+            texts[name] = list(islice(kinds, MAX_UNIT_TEXTS + 1))
+    stated = together(
+        of_texts(ANY, raw.above, "the lines above the header"), find_unit_columns(texts)
+    )
     units = {
         name: stated.get(name.casefold(), stated.get(ANY))
         for name in raw.names

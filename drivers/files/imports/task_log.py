@@ -28,7 +28,7 @@ from topdress.drivers.files.imports.time_logs import (
 )
 from topdress.drivers.files.imports.trouble import ImportTrouble, listed
 from topdress.drivers.files.imports.units import unit_named
-from topdress.drivers.files.prescriptions.task_files import find_task_files, task_tree
+from topdress.drivers.files.prescriptions.task_files import choose_task_set, read_task_tree
 
 CHOICES = "--task, --device and --log (source.task, .device and .task_log of the import file)"
 MOST_LISTED = 60  # logs, a line each
@@ -56,10 +56,10 @@ def read_task_log(path: Path, said: Source) -> RawTable:
 
 def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
     """None: no task file there. Raises Refused, OSError."""
-    files = find_task_files(path, inside)
+    files = choose_task_set(path, inside)
     if files is None:
         return None
-    root = task_tree(files)
+    root = read_task_tree(files)
     parts = parts_of(root)
     return TaskLogs(root, parts, time_logs(files, root, parts))
 

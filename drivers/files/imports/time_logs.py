@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.columns import TIME, Columns, count_rows
-from topdress.drivers.files.exports.time_log import FIRST_DAY
+from topdress.drivers.files.exports.time_log import FIRST_DAY_UTC
 from topdress.drivers.files.imports.devices import (
     DeviceElement,
     Meaning,
@@ -144,7 +144,7 @@ def _failed(log: TimeLog, why: str) -> TimeLog:
 def _heads(
     heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]
 ) -> Columns:
-    epoch = np.datetime64(FIRST_DAY.replace(tzinfo=None), "ms")
+    epoch = np.datetime64(FIRST_DAY_UTC.replace(tzinfo=None), "ms")
     times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
     columns: Columns = {UTC: times.astype(TIME)}
     nowhere = np.zeros(len(heads), np.bool_)

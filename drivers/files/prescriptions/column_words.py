@@ -27,7 +27,7 @@ class Cell(NamedTuple):
     unit: str = ""
 
 
-def cell_of(value: Any) -> Cell | None:
+def parse_cell(value: Any) -> Cell | None:
     """Returns a cell's number and unit; None for a text that is no number."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return Cell(math.nan)
@@ -42,11 +42,11 @@ def cell_of(value: Any) -> Cell | None:
     if text.casefold() in NOTHING:
         return Cell(math.nan)
     found = _NUMBER.match(text)
-    number = None if found is None else _number(re.sub(r"['’\s]", "", found["number"]))
+    number = None if found is None else _parse_number(re.sub(r"['’\s]", "", found["number"]))
     return None if found is None or number is None else Cell(number, (found["unit"] or "").strip())
 
 
-def _number(text: str) -> float | None:
+def _parse_number(text: str) -> float | None:
     """Returns the number of a text. Of a point and a comma the last is the decimal sign and the
     other groups digits; a comma alone is the decimal sign."""
     if "," in text and "." in text:
@@ -61,11 +61,11 @@ def _number(text: str) -> float | None:
 
 
 # Words of columns that hold no rate to be spread.
-BOUNDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())
+BOUND_WORDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())
 # Whole words that name a rate, to complete a name that a shapefile has cut.
-RATE = sorted(word[1:] for word in dict(KINDS_IN_MAPS)["rate"] if word[0] == "=")
+RATE_WORDS = sorted(word[1:] for word in dict(KINDS_IN_MAPS)["rate"] if word[0] == "=")
 # Words of nutrients and how a message names them.
-NUTRIENTS = {
+NUTRIENT_NAMES = {
     "n": "nitrogen",
     "nitrogen": "nitrogen",
     "stickstoff": "nitrogen",
@@ -78,23 +78,23 @@ NUTRIENTS = {
 }
 
 # A unit of a rate that the table of units does not know, at the end of a name.
-_UNREAD = re.compile(
+_UNKNOWN_UNIT = re.compile(
     r"[(\[{]\s*([^()\[\]{}]*/[^()\[\]{}]*?)\s*[)\]}]\s*$"
     r"|[\s_]([^\W_]+[\s_/](?:ha|ac|acre|hectare|mu))$",
     re.IGNORECASE,
 )
 # Quantities with a unit of a single letter, as tonnes (Rate_t); no rate is in A or V.
-_SINGLE = ("mass", "share")
+_SINGLE_LETTER_QUANTITIES = ("mass", "share")
 
 
-def own_unit(name: str) -> tuple[str, str | None]:
+def split_own_unit(name: str) -> tuple[str, str | None]:
     """Returns a column's name without its unit, and that unit as written, known or not; None
     without a unit."""
     plain, text = named(name)
     if text is None and of_a_rate(name):
         return "", name  # `l/ha` is all its name
     if text is None or not of_a_rate(text):
-        unread = _UNREAD.search(name)
+        unread = _UNKNOWN_UNIT.search(name)
         if unread is not None:
             return name[: unread.start()], unread[1] or unread[2]
     found = None if text is None else unit_named(text)
@@ -107,23 +107,25 @@ def own_unit(name: str) -> tuple[str, str | None]:
         return plain, None  # `Rate_min` is no minute
     return (
         (plain, text)
-        if len(text) > 1 or found.quantity in _SINGLE or found.name == "l"
+        if len(text) > 1 or found.quantity in _SINGLE_LETTER_QUANTITIES or found.name == "l"
         else (name, None)
     )
 
 
-def kind_of(word: str) -> str:
+def find_word_kind(word: str) -> str:
     """Returns what a word of a name says that the column is; empty: nothing."""
     return next((kind for kind, words in KINDS_IN_MAPS if says(word, words)), "")
 
 
-def words_of(name: str) -> list[str]:
+def split_name_words(name: str) -> list[str]:
     """Returns the words of a name: `Tgt_Rate1`, `tgtRate` and `TGT RATE` are tgt and rate; so is
     `TARGET_RAT`, which a shapefile has cut."""
     plain = unicodedata.normalize("NFKC", name)
     parted = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", plain).casefold()
     whole = [word for word in re.split(r"[\W_]+", parted) if word]
-    words = [word if word in NUTRIENTS else re.sub(r"\d+$", "", word) or word for word in whole]
+    words = [
+        word if word in NUTRIENT_NAMES else re.sub(r"\d+$", "", word) or word for word in whole
+    ]
     words = [word for word in words if not word.isdigit()] or words
     words = [
         part
@@ -131,16 +133,21 @@ def words_of(name: str) -> list[str]:
         for part in (["n", word[1:]] if word in ("nrate", "ndose", "nmenge", "ngabe") else [word])
     ]
     # A shapefile cuts names after ten letters.
-    if len(name) == SHAPEFILE_NAME and words and len(words[-1]) > 1 and not kind_of(words[-1]):
-        words[-1] = next((word for word in RATE if word.startswith(words[-1])), words[-1])
+    if (
+        len(name) == SHAPEFILE_NAME
+        and words
+        and len(words[-1]) > 1
+        and not find_word_kind(words[-1])
+    ):
+        words[-1] = next((word for word in RATE_WORDS if word.startswith(words[-1])), words[-1])
     return words
 
 
 # Different texts in a column of units: more are no units.
-MOST_UNITS = 20
+MAX_UNIT_TEXTS = 20
 
 
-def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
+def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
     """Returns units by the column that they belong to, in small letters; ANY where the table does
     not say.
 
@@ -155,9 +162,11 @@ def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
     found = Stated()
     for name, written in texts.items():
         cells = sorted({cell.strip() for cell in written} - {""})
-        if not 0 < len(cells) <= MOST_UNITS or any(cell_of(cell) is not None for cell in cells):
+        if not 0 < len(cells) <= MAX_UNIT_TEXTS or any(
+            parse_cell(cell) is not None for cell in cells
+        ):
             continue
-        of = [word for word in words_of(name) if not names_unit(word)]
+        of = [word for word in split_name_words(name) if not names_unit(word)]
         said = names_unit(name) and (
             any(map(of_a_rate, cells))
             or (len(cells) == 1 and not of)
@@ -165,15 +174,17 @@ def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
         )
         if not said and not all(map(of_a_rate, cells)):
             continue
-        column = next((other for other in texts if other != name and _is_of(other, name)), ANY)
-        kinds = set(map(kind_of, of))
+        column = next(
+            (other for other in texts if other != name and _is_unit_column_of(other, name)), ANY
+        )
+        kinds = set(map(find_word_kind, of))
         if column != ANY or "rate" in kinds or not kinds & {"a measurement", "a size"}:
             for cell in cells:
                 found.add(column.casefold(), cell, f"column {name}", True, name)
     return dict(found)
 
 
-def _is_of(column: str, unit_column: str) -> bool:
+def _is_unit_column_of(column: str, unit_column: str) -> bool:
     """Tells whether a column of units belongs to a column: `Rate_Unit` and `rateUnit` to `Rate`,
     `Unit2` to `Rate2`."""
     parts = re.sub(r"(?<=\D)(?=\d+$)", "_", folded(unit_column)).split("_")

@@ -13,29 +13,33 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.imports.dialect import encoding_of
 from topdress.drivers.files.imports.header import is_unit_row
 from topdress.drivers.files.limits import check_file
-from topdress.drivers.files.prescriptions.features import Feature, imported, ring
-from topdress.drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
+from topdress.drivers.files.prescriptions.features import (
+    Feature,
+    build_imported_map,
+    convert_ring_deg,
+)
+from topdress.drivers.files.prescriptions.words import ImportedMap, PrescriptionError, RateChoice
 from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import PlaceInFile
 
 # Bytes at the begin of a file that are searched for a polygon.
-LOOKED_BYTES = 65_536
+SEARCHED_BYTES = 65_536
 # Letters of a cell: a field's outline of 400 000 corners.
-LONGEST_CELL = 1 << 24
-_POLYGON = re.compile(r"^\s*(SRID=(?P<srid>\d+)\s*;)?\s*(MULTI)?POLYGON\b", re.IGNORECASE)
-_IN_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
+MAX_CELL_LENGTH = 1 << 24
+_POLYGON_TEXT = re.compile(r"^\s*(SRID=(?P<srid>\d+)\s*;)?\s*(MULTI)?POLYGON\b", re.IGNORECASE)
+_POLYGON_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
 
 
-def holds_polygons(path: Path) -> bool:
+def has_polygon_text(path: Path) -> bool:
     """Tells whether a text file begins as a table of polygons rather than as a log. Raises
     BeyondLimits, OSError."""
     check_file(path)
     with path.open("rb") as file:
         # UTF-16 has a zero next to each letter.
-        return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
+        return _POLYGON_BYTES.search(file.read(SEARCHED_BYTES).replace(b"\0", b"")) is not None
 
 
-def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
+def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a CSV of polygons. Raises PrescriptionError, OSError."""
     data = path.read_bytes()
     text = data.decode(encoding_of(data), errors="replace").lstrip("\ufeff")
@@ -43,7 +47,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
     # The sign that the header has most often separates cells.
     sign = max(";\t|,", key=lambda one: header.count(one))
     # The limit is the module's own, so it is set back.
-    before = csv.field_size_limit(LONGEST_CELL)
+    before = csv.field_size_limit(MAX_CELL_LENGTH)
     try:
         rows = list(csv.reader(text.splitlines(keepends=True), delimiter=sign, strict=True))
     except csv.Error as error:
@@ -62,7 +66,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
             for k in range(len(names))
             # The first rows show which column it is.
             for _, row in numbered[:50]
-            if len(row) > k and _POLYGON.match(row[k])
+            if len(row) > k and _POLYGON_TEXT.match(row[k])
         ),
         None,
     )
@@ -82,35 +86,37 @@ def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
     for number, row in numbered:
         if len(row) != len(names):
             raise PrescriptionError(
-                _row(path, number),
+                _locate_row(path, number),
                 "{cells} cells: allowed {header_cells}, as in the header",
                 cells=len(row),
                 header_cells=len(names),
             )
-        if not _POLYGON.match(row[where]):
+        if not _POLYGON_TEXT.match(row[where]):
             others += 1
             continue
         attributes = {
             name: cell for k, (name, cell) in enumerate(zip(names, row, strict=True)) if k != where
         }
-        features.append(Feature(number, attributes, _polygons(path, number, row[where])))
+        features.append(Feature(number, attributes, _parse_polygons(path, number, row[where])))
     if others:
         text = f"{many(others, 'row')} without a polygon left out"
         findings.append(Finding("not_polygons", text, names[where], others))
-    return imported(path, "csv", features, choice, findings, title=path.stem, units=units)
+    return build_imported_map(path, "csv", features, choice, findings, title=path.stem, units=units)
 
 
 # Returns the place of a row, for messages.
-def _row(path: Path, number: int) -> PlaceInFile:
+def _locate_row(path: Path, number: int) -> PlaceInFile:
     return PlaceInFile(str(path)).at("row {row}", row=number)
 
 
 # Returns the polygons of a cell, each its outline, then holes, (k, 2) latitude and longitude.
-def _polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
-    found = _POLYGON.match(text)
+def _parse_polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
+    found = _POLYGON_TEXT.match(text)
     if found is not None and found["srid"] not in (None, "4326"):
         raise PrescriptionError(
-            _row(path, number), "SRID {srid}: allowed 4326 (WGS84 degrees)", srid=found["srid"]
+            _locate_row(path, number),
+            "SRID {srid}: allowed 4326 (WGS84 degrees)",
+            srid=found["srid"],
         )
     try:
         shape = shapely.from_wkt(
@@ -118,10 +124,13 @@ def _polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
         )
     except shapely.errors.GEOSException as error:
         raise PrescriptionError(
-            _row(path, number), "not readable as WKT: {why}", why=str(error).splitlines()[0]
+            _locate_row(path, number), "not readable as WKT: {why}", why=str(error).splitlines()[0]
         ) from None
     parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
     return [
-        tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
+        tuple(
+            convert_ring_deg(shapely.get_coordinates(edge))
+            for edge in (part.exterior, *part.interiors)
+        )
         for part in parts
     ]

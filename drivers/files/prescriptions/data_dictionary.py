@@ -31,7 +31,7 @@ _OTHERS = {
 }
 
 
-def ddi_in_words(ddi: int) -> str:
+def describe_ddi(ddi: int) -> str:
     """Returns an identifier in words: `DDI 0006 (mass per area, wanted)`."""
     begin = ddi - (ddi - 1) % len(_KINDS)
     quantity = _QUANTITIES.get(begin)

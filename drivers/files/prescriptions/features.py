@@ -17,29 +17,29 @@ from topdress.drivers.files.imports.trouble import listed
 from topdress.drivers.files.imports.units import unit_named
 from topdress.drivers.files.imports.words import wanted_or_done
 from topdress.drivers.files.prescriptions.column_words import (
-    BOUNDS,
-    NUTRIENTS,
+    BOUND_WORDS,
+    NUTRIENT_NAMES,
     Cell,
-    cell_of,
-    kind_of,
-    own_unit,
-    unit_columns,
-    words_of,
+    find_unit_columns,
+    find_word_kind,
+    parse_cell,
+    split_name_words,
+    split_own_unit,
 )
 from topdress.drivers.files.prescriptions.words import (
     NITROGEN_UNITS,
+    RATE_UNITS,
     UNIT_NOT_NAMED,
-    UNITS,
-    Imported,
-    NoPolygons,
+    ImportedMap,
+    NoPolygonsError,
     PrescriptionError,
     RateChoice,
     RateQuestion,
+    apply_fallback_choice,
+    calc_factor_kg_ha,
     check_degrees,
-    checked_index,
-    checked_rate,
-    factor_kg_ha,
-    with_choice,
+    check_index_value,
+    check_rate_kg_ha,
 )
 from topdress.drivers.files.stated_units import ANY, NO_UNITS, StatedUnit, side_units, together
 from topdress.drivers.plain_text import PlaceInFile
@@ -49,13 +49,13 @@ from topdress.drivers.plain_text import PlaceInFile
 # A wrong column is a wrong dose on a whole field. So only a column whose name says that it is a
 # rate is taken, and that is said; all else is a question to the operator.
 # The unit of a rate where nothing names a unit.
-PLAIN_UNIT = "kg/ha"
+DEFAULT_RATE_UNIT = "kg/ha"
 # Columns listed in a message.
-MOST_SHOWN = 12
+MAX_SHOWN_COLUMNS = 12
 # Units of a rate of nitrogen, by the unit that its column names.
-OF_NITROGEN: dict[str | None, str] = {None: "kg N/ha", "kg/ha": "kg N/ha", "lb/ac": "lb N/ac"}
+NITROGEN_UNIT_OF: dict[str | None, str] = {None: "kg N/ha", "kg/ha": "kg N/ha", "lb/ac": "lb N/ac"}
 # 1, 2, 3 may be numbers of classes; 1 and 2 alone do not show it.
-LEAST_LEVELS = 3
+MIN_CLASS_LEVELS = 3
 
 
 class RateColumn(NamedTuple):
@@ -94,7 +94,7 @@ class _NumberColumn(NamedTuple):
         )
 
 
-def rate_column(
+def find_rate_column(
     path: Path,
     numbered: Sequence[tuple[int, Mapping[str, Any]]],
     choice: RateChoice,
@@ -119,29 +119,29 @@ def rate_column(
         name: {cell for _, row in numbered if isinstance(cell := row.get(name), str)}
         for name in names
     }
-    side_units = together(side_units, unit_columns(texts))
+    side_units = together(side_units, find_unit_columns(texts))
     if choice.index is not None:
-        return _chosen(
+        return _take_chosen_column(
             path,
             numbered,
             names,
             choice,
-            choice.column or _index_of(path, names, choice.index),
+            choice.column or _find_index_column(path, names, choice.index),
             side_units,
         )
     if choice.column is not None:
-        return _chosen(path, numbered, names, choice, choice.column, side_units)
-    columns = {name: _cells(numbered, name) for name in names}
+        return _take_chosen_column(path, numbered, names, choice, choice.column, side_units)
+    columns = {name: _read_cells(numbered, name) for name in names}
     numbers = [
-        _seen(name, cells)
+        _classify_column(name, cells)
         for name, cells in columns.items()
         if cells is not None and not all(math.isnan(cell.value) for cell in cells)
     ]
     rates = [one for one in numbers if one.is_rate]
-    best = _best(rates)
+    best = _find_only_rate(rates)
     if best is not None:
         others = ", ".join(one.name for one in rates if one is not best)
-        return _with_unit(
+        return _assign_unit(
             path, best, choice, "by its name" + (f", not {others}" if others else ""), side_units
         )
     if not numbers:
@@ -160,13 +160,14 @@ def rate_column(
     raise RateQuestion(
         path,
         "rate column not chosen: allowed {of_numbers}",
-        f" ({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)",
+        f" ({why}: {'; '.join(one.text for one in numbers[:MAX_SHOWN_COLUMNS])}; "
+        "--column says which)",
         tuple(one.name for one in numbers),
-        of_numbers=", ".join(one.name for one in numbers[:MOST_SHOWN]),
+        of_numbers=", ".join(one.name for one in numbers[:MAX_SHOWN_COLUMNS]),
     )
 
 
-def _index_of(path: Path, names: Sequence[str], index: str) -> str:
+def _find_index_column(path: Path, names: Sequence[str], index: str) -> str:
     """Returns the column of an index: by its name in whatever letters, else the only one. Raises
     RateQuestion."""
     named_so = [name for name in names if name.casefold() == index.casefold()]
@@ -177,14 +178,14 @@ def _index_of(path: Path, names: Sequence[str], index: str) -> str:
             "{index} not found: allowed is a column (or band) of this name, of {columns_there}",
             columns=tuple(names),
             index=index,
-            columns_there=", ".join(names[:MOST_SHOWN]) or "-",
+            columns_there=", ".join(names[:MAX_SHOWN_COLUMNS]) or "-",
         )
     return found[0]
 
 
 # Returns the column that the operator chose. Raises PrescriptionError where it is missing or holds
 # a text.
-def _chosen(
+def _take_chosen_column(
     path: Path,
     numbered: Sequence[tuple[int, Mapping[str, Any]]],
     names: Sequence[str],
@@ -199,53 +200,57 @@ def _chosen(
             column=column,
             columns_there=", ".join(names) or "-",
         )
-    cells = _cells(numbered, column)
+    cells = _read_cells(numbered, column)
     if cells is None:
-        number, row = next(row for row in numbered if cell_of(row[1].get(column)) is None)
+        number, row = next(row for row in numbered if parse_cell(row[1].get(column)) is None)
         raise PrescriptionError(
             PlaceInFile(str(path)).at("row {row}", row=number),
             "{column} {value}: allowed is a number",
             column=column,
             value=repr(row.get(column)),
         )
-    return _with_unit(path, _seen(column, cells), choice, "chosen", side_units)
+    return _assign_unit(path, _classify_column(column, cells), choice, "chosen", side_units)
 
 
-def _best(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
+def _find_only_rate(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
     """Returns the only rate; of a target rate next to applied ones or bounds, the target. None:
     several are possible."""
     if any(one.doubt for one in rates):
         return None
-    no_target = [one for one in rates if one.words & BOUNDS or wanted_or_done(one.name) == "done"]
+    no_target = [
+        one for one in rates if one.words & BOUND_WORDS or wanted_or_done(one.name) == "done"
+    ]
     wanted = [one for one in rates if one not in no_target and wanted_or_done(one.name) == "wanted"]
     left = wanted if len(wanted) == 1 and len(no_target) == len(rates) - 1 else rates
     return left[0] if len(left) == 1 else None
 
 
-def _cells(numbered: Sequence[tuple[int, Mapping[str, Any]]], name: str) -> tuple[Cell, ...] | None:
+def _read_cells(
+    numbered: Sequence[tuple[int, Mapping[str, Any]]], name: str
+) -> tuple[Cell, ...] | None:
     """Returns the column's cells; None where a cell is no number."""
     cells = []
     for _, row in numbered:
-        cell = cell_of(row.get(name))
+        cell = parse_cell(row.get(name))
         if cell is None:
             return None
         cells.append(cell)
     return tuple(cells)
 
 
-def _seen(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
-    plain, text = own_unit(name)
+def _classify_column(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
+    plain, text = split_own_unit(name)
     written = {cell.unit for cell in cells if cell.unit} | ({text} if text else set())
-    units = {_unit(one) for one in written}
+    units = {_find_rate_unit(one) for one in written}
     unread = ", ".join(sorted(written)) if len(units) > 1 or None in units else ""
-    spelled = words_of(plain if text and not unread else name)
-    kinds = [kind_of(word) for word in spelled]
+    spelled = split_name_words(plain if text and not unread else name)
+    kinds = [find_word_kind(word) for word in spelled]
     is_rate = ("rate" in kinds or bool(units - {None})) and "a measurement" not in kinds
     if is_rate and {"a number or a class", "a size"} & set(kinds):
         # `Rate_Class` is a class, `Class_Rate` a rate: the last word is the noun.
         is_rate = kinds[-1] == "rate"
     other = next((kind for kind in kinds if kind not in ("", "rate")), "")
-    doubt = f"in {unread}" if unread else "" if units else _looks_like(cells)
+    doubt = f"in {unread}" if unread else "" if units else _describe_doubt(cells)
     return _NumberColumn(
         name,
         cells,
@@ -257,34 +262,34 @@ def _seen(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
     )
 
 
-def _unit(text: str) -> str | None:
+def _find_rate_unit(text: str) -> str | None:
     """Returns the unit of a rate that a text names; None: no such unit."""
     found = unit_named(text)
-    return found.name if found is not None and found.name in UNITS else None
+    return found.name if found is not None and found.name in RATE_UNITS else None
 
 
-def _looks_like(cells: Sequence[Cell]) -> str:
+def _describe_doubt(cells: Sequence[Cell]) -> str:
     """Returns what the numbers are rather than a rate; empty: nothing else."""
     known = sorted({cell.value for cell in cells if not math.isnan(cell.value)})
     if not known:
         return ""
     if (
-        len(known) >= LEAST_LEVELS
+        len(known) >= MIN_CLASS_LEVELS
         and known[0] in (0.0, 1.0)
         and known == [known[0] + k for k in range(len(known))]
     ):
         return "counts 0, 1, 2 ... as numbers of classes or rows do"
-    if len(known) >= LEAST_LEVELS and known[-1] <= 1.0:
+    if len(known) >= MIN_CLASS_LEVELS and known[-1] <= 1.0:
         return "nothing above 1, as an index or a share"
     return ""
 
 
 # Returns the place of a column, for messages.
-def _column(path: Path, one: _NumberColumn) -> PlaceInFile:
+def _locate_column(path: Path, one: _NumberColumn) -> PlaceInFile:
     return PlaceInFile(str(path)).at("column {column}", column=one.name)
 
 
-def _with_unit(
+def _assign_unit(
     path: Path, one: _NumberColumn, choice: RateChoice, why: str, stated: Mapping[str, StatedUnit]
 ) -> RateColumn:
     """Returns the column with the operator's unit, else with the unit that the file or a file
@@ -293,42 +298,45 @@ def _with_unit(
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
     unit, source, unit_column = one.unit, "the file", ""
     if one.unread:
-        raise _which_unit(path, one, StatedUnit(one.unread, "its own name"), None)
+        raise _ask_for_unit(path, one, StatedUnit(one.unread, "its own name"), None)
     for said in (stated.get(one.name.casefold()), stated.get(ANY)):
         if said is None:
             continue
-        meant = _unit(said.text)
+        meant = _find_rate_unit(said.text)
         if meant is None or unit not in (None, meant):
-            raise _which_unit(path, one, said, unit)
+            raise _ask_for_unit(path, one, said, unit)
         if unit is None or source == "the file":
             source, unit_column = said.source, said.unit_column
         unit = meant
     nutrient = next(
-        (nutrient for word in sorted(one.words) if (nutrient := NUTRIENTS.get(word))), ""
+        (nutrient for word in sorted(one.words) if (nutrient := NUTRIENT_NAMES.get(word))), ""
     )
-    if nutrient == "nitrogen" and choice.n_fraction is not None and unit in OF_NITROGEN:
-        unit = OF_NITROGEN[unit]
+    if nutrient == "nitrogen" and choice.n_fraction is not None and unit in NITROGEN_UNIT_OF:
+        unit = NITROGEN_UNIT_OF[unit]
         return RateColumn(one.name, one.cells, unit, f"named in {source}", why, unit_column)
     if nutrient and unit not in NITROGEN_UNITS:
         raise RateQuestion(
-            _column(path, one),
+            _locate_column(path, one),
             "kg of {nutrient} or of the product: say the unit",
             ": allowed with --unit "
             + (
-                f"{unit or PLAIN_UNIT} (product), or --nitrogen SHARE of N in the product"
+                f"{unit or DEFAULT_RATE_UNIT} (product), or --nitrogen SHARE of N in the product"
                 if nutrient == "nitrogen"
-                else f"{unit or PLAIN_UNIT}, and --scale where the product holds only a share of it"
+                else f"{unit or DEFAULT_RATE_UNIT}, and --scale where the product holds "
+                "only a share of it"
             ),
             nutrient=nutrient,
         )
     if unit is None:
-        return RateColumn(one.name, one.cells, PLAIN_UNIT, UNIT_NOT_NAMED, why)
+        return RateColumn(one.name, one.cells, DEFAULT_RATE_UNIT, UNIT_NOT_NAMED, why)
     return RateColumn(one.name, one.cells, unit, f"named in {source}", why, unit_column)
 
 
-def _which_unit(path: Path, one: _NumberColumn, said: StatedUnit, unit: str | None) -> RateQuestion:
+def _ask_for_unit(
+    path: Path, one: _NumberColumn, said: StatedUnit, unit: str | None
+) -> RateQuestion:
     return RateQuestion(
-        _column(path, one),
+        _locate_column(path, one),
         "unit {stated} in {source}: say which unit holds"
         if unit is None
         else "unit {stated} in {source}, {named} by its own name: say which unit holds",
@@ -340,7 +348,7 @@ def _which_unit(path: Path, one: _NumberColumn, said: StatedUnit, unit: str | No
 
 
 # Columns of our own files that are no rate.
-KNOWN_EXTRA = ("title",)
+KNOWN_EXTRA_COLUMNS = ("title",)
 
 
 class Feature(NamedTuple):
@@ -352,7 +360,7 @@ class Feature(NamedTuple):
     polygons_deg: Sequence[tuple[Floats, ...]]
 
 
-def imported(
+def build_imported_map(
     path: Path,
     format_name: str,
     features: Sequence[Feature],
@@ -364,7 +372,7 @@ def imported(
     title: str = "",
     product: str = "",
     units: Mapping[str, StatedUnit] = NO_UNITS,
-) -> Imported:
+) -> ImportedMap:
     """Returns the zones of features, by the operator's choice.
 
     Parameters
@@ -390,23 +398,23 @@ def imported(
     OSError : a file next to it cannot be read.
     """
     if not features:
-        raise NoPolygons(path, "no polygons: allowed is at least one")
+        raise NoPolygonsError(path, "no polygons: allowed is at least one")
     if path.is_file():
         columns = {name for feature in features for name in feature.attributes}
         units = together(units, side_units(Folder(path.parent, deep=False), path.name, columns))
-    chosen = rate_column(
+    chosen = find_rate_column(
         path, [(feature.number, feature.attributes) for feature in features], choice, units
     )
     column, unit = chosen.name, chosen.unit
     where = PlaceInFile(str(path))
-    factor = factor_kg_ha(choice, unit, where.at("column {column}", column=column))
+    factor = calc_factor_kg_ha(choice, unit, where.at("column {column}", column=column))
     zones: list[Zone] = []
     empty = 0
     for feature, cell in zip(features, chosen.cells, strict=True):
         if math.isnan(cell.value):
             empty += 1
             continue
-        rate = _checked(
+        rate = _check_number(
             choice,
             cell.value * factor,
             where.at("row {row}: {column}", row=feature.number, column=column),
@@ -415,7 +423,7 @@ def imported(
     unused = [
         name
         for name in dict.fromkeys(name for feature in features for name in feature.attributes)
-        if name not in (column, chosen.unit_column) and name not in KNOWN_EXTRA
+        if name not in (column, chosen.unit_column) and name not in KNOWN_EXTRA_COLUMNS
     ]
     if unused:
         findings.append(
@@ -433,9 +441,14 @@ def imported(
         )
     check_degrees(path, np.concatenate([rings[0] for _, rings, _ in zones]))
     data = MapData(
-        tuple(zones), None, with_choice(fallbacks, choice, where), fields_deg, title, product
+        tuple(zones),
+        None,
+        apply_fallback_choice(fallbacks, choice, where),
+        fields_deg,
+        title,
+        product,
     )
-    return Imported(
+    return ImportedMap(
         path,
         format_name,
         data,
@@ -448,14 +461,14 @@ def imported(
     )
 
 
-def _checked(choice: RateChoice, value: float, where: PlaceInFile) -> float:
+def _check_number(choice: RateChoice, value: float, where: PlaceInFile) -> float:
     """Returns a rate or an index within its range. Raises PrescriptionError."""
     if choice.index is not None:
-        return checked_index(value, choice.index, lambda: where)
-    return checked_rate(value, lambda: where)
+        return check_index_value(value, choice.index, lambda: where)
+    return check_rate_kg_ha(value, lambda: where)
 
 
-def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
+def convert_ring_deg(corners: Sequence[Sequence[float]] | Floats) -> Floats:
     """Returns a ring (k, 2) in latitude and longitude, not closed, of corners in longitude and
     latitude."""
     lon_lat = np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)

@@ -27,10 +27,10 @@ from topdress.drivers.plain_text import PlaceInFile
 
 Made = TypeVar("Made")
 # Speed of a machine that gives single doses, m/s; a speed in km/h is beyond it.
-FASTEST_MPS = 10.0
+MAX_DOSE_SPEED_MPS = 10.0
 
 
-def read_plants(path: Path) -> Floats:
+def read_plant_places(path: Path) -> Floats:
     """Reads a plant list: CSV with lat_deg and lon_deg, or GeoJSON points.
 
     Returns
@@ -47,7 +47,11 @@ def read_plants(path: Path) -> Floats:
             path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points"
         )
     check_file(path)
-    rows = _geojson(path) if path.suffix.lower() in (".geojson", ".json") else _csv(path)
+    rows = (
+        _read_geojson_points(path)
+        if path.suffix.lower() in (".geojson", ".json")
+        else _read_csv_rows(path)
+    )
     if not rows:
         raise PrescriptionError(path, "no plants: allowed is at least one")
     places = np.array(rows, dtype=np.float64)
@@ -72,11 +76,13 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
         )
     check_file(path)
     found = []
-    for number, cells in enumerate(_csv(path, ("error_m", "speed_mps"), ("threshold_m",)), start=2):
+    for number, cells in enumerate(
+        _read_csv_rows(path, ("error_m", "speed_mps"), ("threshold_m",)), start=2
+    ):
         one = DoseError(*cells)
         if not (
             abs(one.error_m) <= FARTHEST_DOSE_M
-            and 0.0 < one.speed_mps <= FASTEST_MPS
+            and 0.0 < one.speed_mps <= MAX_DOSE_SPEED_MPS
             and abs(one.threshold_m) <= FARTHEST_DOSE_M
         ):
             raise PrescriptionError(
@@ -86,13 +92,13 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
                 error=one.error_m,
                 speed=one.speed_mps,
                 most=FARTHEST_DOSE_M,
-                fastest=FASTEST_MPS,
+                fastest=MAX_DOSE_SPEED_MPS,
             )
         found.append(one)
     return tuple(found)
 
 
-def _csv(
+def _read_csv_rows(
     path: Path, needed: tuple[str, ...] = ("lat_deg", "lon_deg"), more: tuple[str, ...] = ()
 ) -> list[tuple[float, ...]]:
     """Returns the columns `needed`, and of `more` those that are there, in the file's order."""
@@ -122,14 +128,14 @@ def _csv(
         return rows
 
 
-def _geojson(path: Path) -> list[tuple[float, ...]]:
+def _read_geojson_points(path: Path) -> list[tuple[float, ...]]:
     from topdress.drivers.files.layers import read_geojson  # most jobs name no plants
 
     points = read_geojson(path, ["Point"]).shapes
     return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
 
 
-def map_of_job(job: Job, folder: Path) -> MapProfile | None:
+def read_job_map(job: Job, folder: Path) -> MapProfile | None:
     """Reads the prescription of `target.map`, a path next to the job file.
 
     The file's rates are taken as kg/ha; a file that needs a choice is converted with `topdress map`
@@ -149,10 +155,12 @@ def map_of_job(job: Job, folder: Path) -> MapProfile | None:
     PrescriptionError : the map cannot be used, in one line.
     OSError : it cannot be opened.
     """
-    return _of_map(job, folder, lambda data, plane: MapProfile(on_plane(data, plane), plane))
+    return _convert_job_map(
+        job, folder, lambda data, plane: MapProfile(on_plane(data, plane), plane)
+    )
 
 
-def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
+def find_map_check(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
     """Returns which parts of the job's map will not be applied as they stand.
 
     Parameters
@@ -170,7 +178,7 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
     PrescriptionError : the map cannot be used, in one line.
     OSError : it cannot be opened.
     """
-    return _of_map(
+    return _convert_job_map(
         job, folder, lambda data, plane: map_check(data, limit_kg_ha, job.field.boundary(), plane)
     )
 
@@ -184,10 +192,12 @@ def find_map_rates(job: Job, folder: Path) -> list[float]:
     PrescriptionError : the map cannot be used, in one line.
     OSError : it cannot be opened.
     """
-    return _of_map(job, folder, lambda data, _: data.rates_kg_ha) or []
+    return _convert_job_map(job, folder, lambda data, _: data.rates_kg_ha) or []
 
 
-def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made]) -> Made | None:
+def _convert_job_map(
+    job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made]
+) -> Made | None:
     """Makes something of the job's map, as the file alone says it, on the field's plane, else on
     its own. Raises PrescriptionError, OSError."""
     if job.target.map is None:
@@ -201,26 +211,26 @@ def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made
             question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes"
         ) from None
     try:
-        return make(read.data, _origin(job) or read.data.plane())
+        return make(read.data, _find_field_plane(job) or read.data.plane())
     except ValueError as error:
         raise PrescriptionError(read.path, "{why}", why=error) from None
 
 
-def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
+def read_job_plants(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
     """Returns the plants of `target.plants`, a path next to the job file, on the field's plane,
     else on `plane`, else on their own. Raises PrescriptionError, OSError."""
     if job.target.plants is None:
         return None
-    places = read_plants(folder / job.target.plants)
+    places = read_plant_places(folder / job.target.plants)
     own = (
-        _origin(job)
+        _find_field_plane(job)
         or plane
         or TangentPlane(float(places[:, 0].mean()), float(places[:, 1].mean()))
     )
     return PlantList(places, own)
 
 
-def files_of_job(job: Job, folder: Path) -> tuple[Path, ...]:
+def list_job_files(job: Job, folder: Path) -> tuple[Path, ...]:
     """Returns the files of the job's map, plants, index map, zones and worked ground."""
     return tuple(file for name in job.named_files for file in files_of(folder / name))
 
@@ -236,7 +246,7 @@ class LoopTargets(TypedDict):
     dose_errors: tuple[DoseError, ...]
 
 
-def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
+def read_loop_targets(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
     """Returns map, plants, index map, zones and worked ground of a job on a common plane.
 
     Parameters
@@ -256,23 +266,23 @@ def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopT
     FieldError : the worked ground cannot be used, in one line.
     OSError : a file cannot be opened.
     """
-    prescription = map_of_job(job, folder)
-    plants = plants_of_job(job, folder, None if prescription is None else prescription.plane)
+    prescription = read_job_map(job, folder)
+    plants = read_job_plants(job, folder, None if prescription is None else prescription.plane)
     # Plants need the exact place, so their plane comes first.
     plane = (
         plants.plane if plants is not None else None if prescription is None else prescription.plane
     )
     width_m = machine.geometry.working_width_m
-    under = _numbers_of(job, job.target.index_map, folder, width_m, index, plane)
+    under = _read_index_map(job, job.target.index_map, folder, width_m, index, plane)
     plane = plane or (None if under is None else under.plane)
-    zones = _numbers_of(job, job.target.zone_map, folder, width_m, ZONE_FACTOR, plane)
+    zones = _read_index_map(job, job.target.zone_map, folder, width_m, ZONE_FACTOR, plane)
     plane = plane or (None if zones is None else zones.plane)
     return {
         "prescription": prescription,
         "plants": plants,
         "index_map": under,
         "zone_map": zones,
-        "done": done_of_job(job, folder, plane),
+        "done": read_job_worked_area(job, folder, plane),
         "dose_errors": (
             ()
             if job.target.dose_errors is None
@@ -281,7 +291,7 @@ def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopT
     }
 
 
-def _numbers_of(
+def _read_index_map(
     job: Job, name: str | None, folder: Path, width_m: float, index: str, plane: TangentPlane | None
 ) -> IndexMap | None:
     """Returns a map of an index, or of zones, on the field's plane, else on `plane`, else on its
@@ -289,25 +299,25 @@ def _numbers_of(
     if name is None:
         return None
     # Most jobs have no such map.
-    from topdress.drivers.files.prescriptions.read import read_index
+    from topdress.drivers.files.prescriptions.read import read_index_map
 
-    data = read_index(folder / name, index).data
-    plane = _origin(job) or plane or data.plane()
+    data = read_index_map(folder / name, index).data
+    plane = _find_field_plane(job) or plane or data.plane()
     return IndexMap(rates_on(data, plane), plane, width_m)
 
 
-def done_of_job(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGround | None:
+def read_job_worked_area(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGround | None:
     """Returns the ground of `field.done`, on the field's plane, else on `plane`. Raises
     FieldError in one line, OSError."""
     if job.field.done is None:
         return None
     # Most jobs have no worked ground.
-    from topdress.drivers.files.fields.done import read_done
+    from topdress.drivers.files.fields.done import read_worked_area
 
-    return read_done(folder / job.field.done, _origin(job) or plane)
+    return read_worked_area(folder / job.field.done, _find_field_plane(job) or plane)
 
 
-def _origin(job: Job) -> TangentPlane | None:
+def _find_field_plane(job: Job) -> TangentPlane | None:
     """Returns the plane of the job's field, where it has one: fence and map then share it."""
     return (
         TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)

@@ -12,28 +12,28 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.imports.units import unit_named
-from topdress.drivers.files.prescriptions.data_dictionary import ddi_in_words
-from topdress.drivers.files.prescriptions.task_files import TaskSet, task_tree
+from topdress.drivers.files.prescriptions.data_dictionary import describe_ddi
+from topdress.drivers.files.prescriptions.task_files import TaskSet, read_task_tree
 from topdress.drivers.files.prescriptions.words import (
-    HIGHEST_KG_HA,
-    UNITS,
-    Imported,
+    MAX_RATE_KG_HA,
+    RATE_UNITS,
+    ImportedMap,
     PrescriptionError,
     RateChoice,
     RateQuestion,
-    checked_rate,
-    factor_kg_ha,
-    with_choice,
+    apply_fallback_choice,
+    calc_factor_kg_ha,
+    check_rate_kg_ha,
 )
 from topdress.drivers.files.shape_sets import sorted_rings
 from topdress.drivers.plain_text import PlaceInFile, Reason
 
 # ISO 11783-11: unit of an identifier's numbers, and the size of a step in it.
-SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
+SETPOINT_STEPS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
 # The same identifiers in words, for messages.
-QUANTITIES = {1: "volume per area", 6: "mass per area"}
+SETPOINT_QUANTITIES = {1: "volume per area", 6: "mass per area"}
 # Types of a polygon's lines (LSG): outline and hole.
-EXTERIOR, INTERIOR = "1", "2"
+EXTERIOR_LINE, INTERIOR_LINE = "1", "2"
 
 
 class _TaskLayer(NamedTuple):
@@ -50,7 +50,7 @@ class _TaskLayer(NamedTuple):
             part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part
         )
 
-    def of(self, zone: Element) -> Element | None:
+    def find_process_data(self, zone: Element) -> Element | None:
         """Returns its process data (PDV) in a zone; None: it has none."""
         return next(
             (
@@ -62,33 +62,37 @@ class _TaskLayer(NamedTuple):
         )
 
 
-def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
+def read_isoxml_map(files: TaskSet, path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a task file. Raises PrescriptionError."""
-    root = task_tree(files)
-    layer, ids = _picked(root, files.label, choice)
+    root = read_task_tree(files)
+    layer, ids = _choose_layer(root, files.label, choice)
     where = PlaceInFile(files.label).at("task {task}", task=layer.id)
     values = {
-        _number(zone.get("A", ""), 10, where.at("zone code")): _value(zone, layer, where)
+        _parse_whole_number(zone.get("A", ""), 10, where.at("zone code")): _read_zone_value(
+            zone, layer, where
+        )
         for zone in layer.task.findall("TZN")
     }
-    unit, factor, offset, findings = _meaning(root, layer, where, choice)
+    unit, factor, offset, findings = _find_number_meaning(root, layer, where, choice)
     rates = {
         code: None if value is None else (value + offset) * factor for code, value in values.items()
     }
     for code, rate in rates.items():
         if rate is not None:
-            checked_rate(rate, lambda code=code: where.at("zone {zone}", zone=code))  # type: ignore[misc]
-    fallbacks = with_choice(_fallbacks(layer.task, rates, where, findings), choice, where)
-    fields = _fields(root, layer.task, files.label, findings)
+            check_rate_kg_ha(rate, lambda code=code: where.at("zone {zone}", zone=code))  # type: ignore[misc]
+    fallbacks = apply_fallback_choice(
+        _read_fallbacks(layer.task, rates, where, findings), choice, where
+    )
+    fields = _read_field_outlines(root, layer.task, files.label, findings)
     product = next(
         (p.get("B", "") for p in root.findall("PDT") if p.get("A") == layer.product), layer.product
     )
     grid_element = layer.task.find("GRD")
     grid = None
     zones: tuple[Zone, ...] = ()
-    findings += _unused(layer, ids, grid_element is not None)
+    findings += _report_unused(layer, ids, grid_element is not None)
     if grid_element is not None:
-        grid = _grid(
+        grid = _read_grid_deg(
             files,
             grid_element,
             layer,
@@ -99,25 +103,27 @@ def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
             findings=findings,
         )
     else:
-        zones = _zones(layer.task, rates, where)
+        zones = _read_zones_deg(layer.task, rates, where)
     data = MapData(zones, grid, fallbacks, fields, layer.task.get("B", ""), product)
-    return Imported(path, "isoxml", data, unit, factor, ids, tuple(findings))
+    return ImportedMap(path, "isoxml", data, unit, factor, ids, tuple(findings))
 
 
 # Returns the layer that the operator chose, or the only one, and the ids of all. Raises
 # PrescriptionError.
-def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, tuple[str, ...]]:
+def _choose_layer(
+    root: Element, label: str, choice: RateChoice
+) -> tuple[_TaskLayer, tuple[str, ...]]:
     layers: list[_TaskLayer] = []
     others: set[int] = set()
     for task in root.findall("TSK"):
         for variable in task.findall("TZN/PDV"):
-            ddi = _number(
+            ddi = _parse_whole_number(
                 variable.get("A", ""),
                 16,
                 PlaceInFile(label).at("task {task}: PDV A", task=task.get("A")),
             )
             layer = _TaskLayer(task, ddi, variable.get("C", ""))
-            if ddi not in SETPOINTS:
+            if ddi not in SETPOINT_STEPS:
                 others.add(ddi)
             elif layer.id not in [known.id for known in layers]:
                 layers.append(layer)
@@ -131,7 +137,7 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
             else "no treatment zones: allowed are tasks with zones of DDI 0001 (volume per "
             "area) or 0006 (mass per area)",
             "; topdress field reads its fields" if root.find("PFD/PLN") is not None else "",
-            ddis=", ".join(map(ddi_in_words, sorted(others))),
+            ddis=", ".join(map(describe_ddi, sorted(others))),
         )
     if choice.layer is None and len(layers) == 1:
         return layers[0], ids
@@ -142,11 +148,11 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
         label,
         "layer {layer}: allowed {layers}" if choice.layer else "layer not chosen: allowed {layers}",
         layer=choice.layer,
-        layers=", ".join(f"{one.id} ({QUANTITIES[one.ddi]})" for one in layers),
+        layers=", ".join(f"{one.id} ({SETPOINT_QUANTITIES[one.ddi]})" for one in layers),
     )
 
 
-def _meaning(
+def _find_number_meaning(
     root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice
 ) -> tuple[str, float, float, list[Finding]]:
     """Returns the unit of the numbers, kg/ha for a step, what is added to each number before, and
@@ -155,18 +161,20 @@ def _meaning(
     The data dictionary defines a number's worth; the file's own presentation (VPN) should agree.
     Where it does not, a wrong guess is a wrong dose: the operator says which holds.
     """
-    unit, step = SETPOINTS[layer.ddi]
-    by_ddi = factor_kg_ha(choice, unit, where) * step
+    unit, step = SETPOINT_STEPS[layer.ddi]
+    by_ddi = calc_factor_kg_ha(choice, unit, where) * step
     named = {
-        one.get("E") for zone in layer.task.findall("TZN") if (one := layer.of(zone)) is not None
+        one.get("E")
+        for zone in layer.task.findall("TZN")
+        if (one := layer.find_process_data(zone)) is not None
     }
     for presentation in (one for one in root.findall("VPN") if one.get("A") in named):
         shown = unit_named(presentation.get("E", ""))
-        if shown is None or shown.name not in UNITS:
+        if shown is None or shown.name not in RATE_UNITS:
             continue
-        scale = _float(presentation, "C", where)
-        offset = _float(presentation, "B", where) if presentation.get("B") else 0.0
-        by_shown = factor_kg_ha(choice, shown.name, where) * scale
+        scale = _parse_attribute(presentation, "C", where)
+        offset = _parse_attribute(presentation, "B", where) if presentation.get("B") else 0.0
+        by_shown = calc_factor_kg_ha(choice, shown.name, where) * scale
         # Presentations are rounded: a percent is no contradiction.
         if abs(by_shown - by_ddi) <= 0.01 * by_ddi and offset == 0.0:
             continue
@@ -196,7 +204,7 @@ def _meaning(
     return unit, by_ddi, 0.0, []
 
 
-def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
+def _report_unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
     """Returns findings about parts of the task that are not used."""
     found = []
     drawn = [
@@ -211,11 +219,11 @@ def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Fin
         )
     others = sorted(
         {int(variable.get("A", "0"), 16) for variable in layer.task.findall("TZN/PDV")}.difference(
-            SETPOINTS
+            SETPOINT_STEPS
         )
     )
     if others:
-        said = ", ".join(map(ddi_in_words, others))
+        said = ", ".join(map(describe_ddi, others))
         found.append(Finding("other_data", f"process data not used: {said}"))
     if len(ids) > 1:
         found.append(
@@ -228,17 +236,19 @@ def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Fin
 
 
 # Returns the layer's number in a zone; None: it has none.
-def _value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
-    found = layer.of(zone)
+def _read_zone_value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
+    found = layer.find_process_data(zone)
     return (
         None
         if found is None
-        else _number(found.get("B", ""), 10, where.at("zone {zone}: PDV B", zone=zone.get("A")))
+        else _parse_whole_number(
+            found.get("B", ""), 10, where.at("zone {zone}: PDV B", zone=zone.get("A"))
+        )
     )
 
 
 # Returns the rates where no zone lies, by the zones that the task names for it.
-def _fallbacks(
+def _read_fallbacks(
     task: Element, rates: dict[int, float | None], where: PlaceInFile, findings: list[Finding]
 ) -> Fallbacks:
     found = {}
@@ -252,27 +262,29 @@ def _fallbacks(
         if text is None:
             findings.append(Finding(f"no_{field[:-6]}_zone", f"no {name} zone: 0 kg/ha there"))
             continue
-        code = _number(text, 10, where.at("{key}", key=attribute))
+        code = _parse_whole_number(text, 10, where.at("{key}", key=attribute))
         if code not in rates:
             raise PrescriptionError(
                 where,
                 "{name} zone {zone}: allowed {zones}",
                 name=name,
                 zone=code,
-                zones=_listed(rates),
+                zones=_list_zone_codes(rates),
             )
         found[field] = rates[code] or 0.0
     return Fallbacks(**found)
 
 
 # Returns the zones with a polygon and a rate. Raises PrescriptionError where there are none.
-def _zones(task: Element, rates: dict[int, float | None], where: PlaceInFile) -> tuple[Zone, ...]:
+def _read_zones_deg(
+    task: Element, rates: dict[int, float | None], where: PlaceInFile
+) -> tuple[Zone, ...]:
     zones = []
     for zone in task.findall("TZN"):
         code = int(zone.get("A", "0"))
         rate = rates[code]
         for polygon in zone.findall("PLN"):
-            for rings in _rings(polygon, where.at("zone {zone}", zone=code)):
+            for rings in _read_rings_deg(polygon, where.at("zone {zone}", zone=code)):
                 if rate is not None:
                     zones.append(Zone(rate, rings, zone.get("B", "")))
     if not zones:
@@ -280,7 +292,7 @@ def _zones(task: Element, rates: dict[int, float | None], where: PlaceInFile) ->
     return tuple(zones)
 
 
-def _fields(
+def _read_field_outlines(
     root: Element, task: Element, label: str, findings: list[Finding]
 ) -> tuple[tuple[Floats, ...], ...]:
     """Returns outlines of the task's field; unusable ones are left out with a finding."""
@@ -293,7 +305,7 @@ def _fields(
             continue
         for polygon in field.findall("PLN"):
             if polygon.get("A") == "1":
-                outlines += _rings(
+                outlines += _read_rings_deg(
                     polygon, PlaceInFile(label).at("field {field}", field=field.get("A"))
                 )
     usable = []
@@ -312,17 +324,17 @@ def _fields(
 
 
 # Returns a polygon's rings: outlines, each with its holes.
-def _rings(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, ...]]:
+def _read_rings_deg(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, ...]]:
     outer: list[Floats] = []
     inner: list[Floats] = []
     for line in polygon.findall("LSG"):
-        if line.get("A") in (EXTERIOR, INTERIOR):
-            (outer if line.get("A") == EXTERIOR else inner).append(_ring(line, where))
+        if line.get("A") in (EXTERIOR_LINE, INTERIOR_LINE):
+            (outer if line.get("A") == EXTERIOR_LINE else inner).append(_read_ring_deg(line, where))
     return sorted_rings(outer, inner)
 
 
 # Returns a line's corners (k, 2), latitude and longitude, not closed.
-def _ring(line: Element, where: PlaceInFile) -> Floats:
+def _read_ring_deg(line: Element, where: PlaceInFile) -> Floats:
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
         raise PrescriptionError(
@@ -330,7 +342,12 @@ def _ring(line: Element, where: PlaceInFile) -> Floats:
             "points in a binary file ({name}): allowed are points in the XML",
             name=points[0].get("J"),
         )
-    corners = np.array([(_float(point, "C", where), _float(point, "D", where)) for point in points])
+    corners = np.array(
+        [
+            (_parse_attribute(point, "C", where), _parse_attribute(point, "D", where))
+            for point in points
+        ]
+    )
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
         corners = corners[:-1]
     if len(corners) < 3:
@@ -339,7 +356,7 @@ def _ring(line: Element, where: PlaceInFile) -> Floats:
 
 
 # Returns the grid with its rates, from its binary file.
-def _grid(
+def _read_grid_deg(
     files: TaskSet,
     grid: Element,
     layer: _TaskLayer,
@@ -352,9 +369,10 @@ def _grid(
 ) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (
-        _number(grid.get(key, ""), 10, where.at("grid {key}", key=key)) for key in ("E", "F")
+        _parse_whole_number(grid.get(key, ""), 10, where.at("grid {key}", key=key))
+        for key in ("E", "F")
     )
-    cell_lat, cell_lon = (_float(grid, key, where.at("grid")) for key in ("C", "D"))
+    cell_lat, cell_lon = (_parse_attribute(grid, key, where.at("grid")) for key in ("C", "D"))
     if not (rows > 0 and columns > 0 and cell_lat > 0.0 and cell_lon > 0.0):
         raise PrescriptionError(
             where,
@@ -369,17 +387,19 @@ def _grid(
     if data is None:
         raise PrescriptionError(where, "{name}, which the grid names, is not there", name=name)
     if kind == "1":
-        rate = _by_code(
-            _cells(data, rows, columns, 1, np.dtype("u1"), name, where)[:, :, 0], rates, findings
+        rate = _apply_code_table(
+            _decode_cells(data, rows, columns, 1, np.dtype("u1"), name, where)[:, :, 0],
+            rates,
+            findings,
         )
     elif kind == "2":
-        order = _template(layer, grid, where)
-        values = _cells(data, rows, columns, len(order), np.dtype("<i4"), name, where)
+        order = _read_cell_template(layer, grid, where)
+        values = _decode_cells(data, rows, columns, len(order), np.dtype("<i4"), name, where)
         rate = (values[:, :, order.index((layer.ddi, layer.product))] + offset) * factor
-        bad = np.argwhere(~((rate >= 0.0) & (rate <= HIGHEST_KG_HA)))
+        bad = np.argwhere(~((rate >= 0.0) & (rate <= MAX_RATE_KG_HA)))
         if len(bad):
             row, column = bad[0].tolist()
-            checked_rate(
+            check_rate_kg_ha(
                 float(rate[row, column]),
                 lambda: where.at(
                     "{name}: row {row}, column {column}", name=name, row=row, column=column
@@ -387,12 +407,18 @@ def _grid(
             )
     else:
         raise PrescriptionError(where, "grid type {kind}: allowed 1 and 2", kind=kind)
-    return GridDeg(_float(grid, "A", where), _float(grid, "B", where), cell_lat, cell_lon, rate)
+    return GridDeg(
+        _parse_attribute(grid, "A", where),
+        _parse_attribute(grid, "B", where),
+        cell_lat,
+        cell_lon,
+        rate,
+    )
 
 
 # Returns the numbers of a binary file (rows, columns, depth). Raises PrescriptionError where its
 # size is wrong.
-def _cells(
+def _decode_cells(
     data: bytes,
     rows: int,
     columns: int,
@@ -420,7 +446,9 @@ def _cells(
 
 
 # Returns the rates of a grid of codes; NaN where the code has none.
-def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Finding]) -> Floats:
+def _apply_code_table(
+    codes: Floats, rates: dict[int, float | None], findings: list[Finding]
+) -> Floats:
     # A code is a byte.
     table = np.full(256, np.nan)
     for code, rate in rates.items():
@@ -440,11 +468,13 @@ def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Findi
     return np.asarray(table[codes.astype(np.int64)], dtype=np.float64)
 
 
-def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tuple[int, str]]:
+def _read_cell_template(
+    layer: _TaskLayer, grid: Element, where: PlaceInFile
+) -> list[tuple[int, str]]:
     """Returns which process data a cell of a type 2 grid holds, in order."""
     code = grid.get("J")
     for zone in layer.task.findall("TZN"):
-        if zone.get("A") == code and layer.of(zone) is not None:
+        if zone.get("A") == code and layer.find_process_data(zone) is not None:
             return [(int(one.get("A", "0"), 16), one.get("C", "")) for one in zone.findall("PDV")]
     raise PrescriptionError(
         where,
@@ -454,13 +484,13 @@ def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tupl
 
 
 # Returns the first zones' codes, for a message.
-def _listed(rates: dict[int, float | None]) -> str:
+def _list_zone_codes(rates: dict[int, float | None]) -> str:
     codes = sorted(rates)
     return ", ".join(map(str, codes[:8])) + (", ..." if len(codes) > 8 else "")
 
 
 # Returns a whole number. Raises PrescriptionError.
-def _number(text: str, base: int, where: PlaceInFile) -> int:
+def _parse_whole_number(text: str, base: int, where: PlaceInFile) -> int:
     try:
         return int(text, base)
     except ValueError:
@@ -470,7 +500,7 @@ def _number(text: str, base: int, where: PlaceInFile) -> int:
 
 
 # Returns a number within its attribute's range. Raises PrescriptionError.
-def _float(element: Element, attribute: str, where: PlaceInFile) -> float:
+def _parse_attribute(element: Element, attribute: str, where: PlaceInFile) -> float:
     text = element.get(attribute, "")
     try:
         value = float(text)

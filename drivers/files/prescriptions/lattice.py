@@ -25,11 +25,11 @@ from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.read import read_raw
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.imports.words import folded, places_without_time, subject_of, tells_time
-from topdress.drivers.files.prescriptions.features import Feature, imported
+from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
 from topdress.drivers.files.prescriptions.projected import TransverseMercator
 from topdress.drivers.files.prescriptions.words import (
-    Imported,
-    NotAMap,
+    ImportedMap,
+    NotAMapError,
     PrescriptionError,
     RateChoice,
     RateQuestion,
@@ -39,30 +39,32 @@ from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import Reason
 
 # Two rows of two show both spacings.
-LEAST_POINTS = 4
+MIN_POINT_COUNT = 4
 # Names of columns of places in metres, as kriging programs write them.
-EAST = frozenset("x easting east x_utm utm_x utm_e x_m east_m x_coord xcoord point_x".split())
-NORTH = frozenset("y northing north y_utm utm_y utm_n y_m north_m y_coord ycoord point_y".split())
+EAST_NAMES = frozenset("x easting east x_utm utm_x utm_e x_m east_m x_coord xcoord point_x".split())
+NORTH_NAMES = frozenset(
+    "y northing north y_utm utm_y utm_n y_m north_m y_coord ycoord point_y".split()
+)
 # A UTM zone with its hemisphere: 32N.
-_ZONE = re.compile(r"^\s*(\d{1,2})\s*([NS])\s*$", re.IGNORECASE)
+_UTM_ZONE = re.compile(r"^\s*(\d{1,2})\s*([NS])\s*$", re.IGNORECASE)
 # A number such as 1.234, which means 1234 next to decimal commas.
 _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
 # Points nearer than this, m, are at the same place.
-SAME_M = 0.01
+SAME_PLACE_M = 0.01
 # Share of a cell by which a point may lie off its middle: degrees are rounded.
-OFF_CELLS = 0.25
+MAX_OFF_CELLS = 0.25
 # Share of the nearest points' distance: a larger step leads to the next row.
-STEP_SHARE = 0.3
+ROW_STEP_SHARE = 0.3
 # Share of the points that have a neighbour in their row, and in their column.
-JOINED_SHARE = 0.8
+NEIGHBOUR_SHARE = 0.8
 # Cells around the middle on which the lattice is fitted first; then over twice the distance each
 # time.
-FIRST_CELLS = 4.0
+FIRST_FIT_CELLS = 4.0
 # Length of a cell in widths; longer cells are tracks with their points.
-LONGEST_CELL = 10.0
+MAX_CELL_RATIO = 10.0
 
 
-class Lattice(NamedTuple):
+class PointGrid(NamedTuple):
     """Holds a lattice: cell (i, j) has its middle at origin + i along + j aside, m; cells: (n,
     2) whole numbers, for each point."""
 
@@ -79,7 +81,7 @@ class Lattice(NamedTuple):
         return float(np.hypot(*self.along)), float(np.hypot(*self.aside))
 
 
-class NoLattice(ValueError):
+class NoGridError(ValueError):
     """Says why the points form no lattice, as part of a sentence."""
 
     def __init__(self, text: str, **values: object) -> None:
@@ -87,15 +89,15 @@ class NoLattice(ValueError):
         super().__init__(str(self.reason))
 
 
-def read_lattice(path: Path, choice: RateChoice) -> Imported:
+def read_point_grid(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of points. Raises PrescriptionError, OSError."""
     try:
         raw = read_raw(path, Source(inside=choice.inside))
     except TableError as trouble:
         raise PrescriptionError(trouble.where, "{why}", why=trouble.reasons[0]) from None
-    metres = metre_columns(raw.names)
+    metres = find_metre_columns(raw.names)
     if metres is None and not places_without_time(raw.names):
-        raise NotAMap(
+        raise NotAMapError(
             path,
             "columns {columns_there}: allowed are latitude, longitude and a rate without times, or "
             "polygons (WKT)",
@@ -103,9 +105,9 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
             columns_there=", ".join(raw.names[:12]),
         )
     if metres is None:
-        lat, lon = (_place(raw, column) for column in ("lat_deg", "lon_deg"))
+        lat, lon = (_read_place_column(raw, column) for column in ("lat_deg", "lon_deg"))
     else:
-        lat, lon = _degrees_of(path, raw, metres, choice.zone)
+        lat, lon = _convert_utm_places(path, raw, metres, choice.zone)
     known = np.isfinite(lat) & np.isfinite(lon)
     rows = np.flatnonzero(known)
     if not len(rows):
@@ -113,15 +115,15 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
     lat, lon = lat[rows], lon[rows]
     check_degrees(path, np.column_stack((lat, lon)))
     try:
-        found, corners = _cells(lat, lon)
-    except NoLattice as why:
+        found, corners = _build_cells_deg(lat, lon)
+    except NoGridError as why:
         raise PrescriptionError(
             path,
             "points with no time form no even lattice ({why}): allowed are the middles of "
             "even cells, or polygons",
             why=why.reason,
         ) from None
-    attributes = _attributes(raw, metres or ())
+    attributes = _read_attributes(raw, metres or ())
     features = [
         Feature(raw.first_row + row, attributes[row], [(corners[k],)])
         for k, row in enumerate(rows.tolist())
@@ -140,11 +142,13 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
         for name, unit in raw.units.items()
         if unit not in name
     }
-    return imported(path, "points", features, choice, findings, title=path.stem, units=units)
+    return build_imported_map(
+        path, "points", features, choice, findings, title=path.stem, units=units
+    )
 
 
 # Returns the numbers (n,) of the column of latitudes or longitudes.
-def _place(raw: RawTable, column: str) -> Floats:
+def _read_place_column(raw: RawTable, column: str) -> Floats:
     name = next(
         name
         for name in raw.names
@@ -153,19 +157,20 @@ def _place(raw: RawTable, column: str) -> Floats:
     return numbers(raw.columns[name], raw.decimal_comma).values
 
 
-def metre_columns(names: Collection[str]) -> tuple[str, str] | None:
+def find_metre_columns(names: Collection[str]) -> tuple[str, str] | None:
     """Returns the columns of places in metres, east and north, of a table without degrees and
     without times; None where there are none."""
     if places_without_time(names) or tells_time(names):
         return None
     found = [
-        next((name for name in names if folded(name) in words), None) for words in (EAST, NORTH)
+        next((name for name in names if folded(name) in words), None)
+        for words in (EAST_NAMES, NORTH_NAMES)
     ]
     east, north = found
     return None if east is None or north is None else (east, north)
 
 
-def _degrees_of(
+def _convert_utm_places(
     path: Path, raw: RawTable, metres: tuple[str, str], zone: str | None
 ) -> tuple[Floats, Floats]:
     """Returns latitude and longitude (n,) of places in UTM. Raises RateQuestion without a zone,
@@ -180,7 +185,7 @@ def _degrees_of(
             east=metres[0],
             north=metres[1],
         )
-    found = _ZONE.match(zone)
+    found = _UTM_ZONE.match(zone)
     if found is None or not 1 <= int(found[1]) <= 60:
         raise PrescriptionError(
             path, "zone {zone}: allowed are 1N to 60N and 1S to 60S", zone=zone[:20]
@@ -198,7 +203,7 @@ def _degrees_of(
     return utm.to_deg(east, north)
 
 
-def _attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object]]:
+def _read_attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object]]:
     """Returns the attributes of each point. With decimal commas a point groups digits."""
     attributes = {
         name: known_or_none(column)
@@ -224,7 +229,7 @@ def _attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object
     ]
 
 
-def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
+def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]:
     """Returns the lattice, and each point's cell as (4, 2) latitude and longitude. Degrees or
     metres are taken, whichever fits better. Raises NoLattice."""
     plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
@@ -243,16 +248,16 @@ def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
         return np.array([plane.to_deg(*place) for place in places.tolist()])
 
     in_degrees = np.column_stack((lon - plane.lon_deg, lat - plane.lat_deg)) * per_deg
-    found: list[tuple[Lattice, Callable[[Floats], Floats]]] = []
-    trouble: NoLattice | None = None
+    found: list[tuple[PointGrid, Callable[[Floats], Floats]]] = []
+    trouble: NoGridError | None = None
     ways: tuple[tuple[Floats, Callable[[Floats], Floats]], ...] = (
         (in_degrees, of_degrees),
         (plane.many_to_m(lat, lon), of_metres),
     )
     for places, back in ways:
         try:
-            found.append((lattice_of(places), back))
-        except NoLattice as why:
+            found.append((fit_point_grid(places), back))
+        except NoGridError as why:
             trouble = why
     if not found:
         assert trouble is not None
@@ -267,85 +272,85 @@ def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
     return best, list(at[which.reshape(4, -1)].transpose(1, 0, 2))
 
 
-def lattice_of(places: Floats) -> Lattice:
+def fit_point_grid(places: Floats) -> PointGrid:
     """Returns the lattice of places (n, 2), m. Raises NoLattice."""
-    if len(places) < LEAST_POINTS:
-        raise NoLattice(
-            "{count} points: {least} are the least", count=len(places), least=LEAST_POINTS
+    if len(places) < MIN_POINT_COUNT:
+        raise NoGridError(
+            "{count} points: {least} are the least", count=len(places), least=MIN_POINT_COUNT
         )
     points = shapely.points(places)
     (of, nearest), near = shapely.STRtree(points).query_nearest(
         points, exclusive=True, return_distance=True
     )
-    twice = len(places) - len(np.unique(np.round(places / SAME_M), axis=0))
+    twice = len(places) - len(np.unique(np.round(places / SAME_PLACE_M), axis=0))
     if twice:
-        raise NoLattice("{count} points share their place with another", count=twice)
+        raise NoGridError("{count} points share their place with another", count=twice)
     apart = float(np.median(near))
     way = places[nearest] - places[of]
     # A right angle is a full turn of this angle, so all four neighbours agree.
     turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])
     angle = 0.25 * float(np.arctan2(np.sin(turned).sum(), np.cos(turned).sum()))
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    along, aside = (axis * _spacing(places @ axis, apart) for axis in axes)
+    along, aside = (axis * _find_row_spacing(places @ axis, apart) for axis in axes)
     middle = places[np.argmin(np.hypot(*(places - np.median(places, axis=0)).T))]
     away = np.hypot(*(places - middle).T)
-    reach, origin = FIRST_CELLS * max(np.hypot(*along), np.hypot(*aside)), middle
+    reach, origin = FIRST_FIT_CELLS * max(np.hypot(*along), np.hypot(*aside)), middle
     # From the middle outwards: far points get the right cell only from a well-fitted spacing.
     while True:
         inside = away <= reach
-        origin, along, aside = _laid(places[inside], origin, along, aside)
+        origin, along, aside = _fit_grid_axes(places[inside], origin, along, aside)
         if inside.all():
             break
         reach *= 2.0
     exact = (places - origin) @ np.linalg.inv(np.array([along, aside]))
     cells = np.rint(exact).astype(np.int64)
     off = float(np.abs(exact - cells).max())
-    if off > OFF_CELLS:
-        raise NoLattice(
+    if off > MAX_OFF_CELLS:
+        raise NoGridError(
             "a point lies {off:.2f} of a cell off its middle: {most} is the most",
             off=off,
-            most=OFF_CELLS,
+            most=MAX_OFF_CELLS,
         )
     wide, high = float(np.hypot(*along)), float(np.hypot(*aside))
-    _check(cells, wide, high)
-    return Lattice(origin, along, aside, cells - cells.min(axis=0), off)._replace(
+    _check_grid_cells(cells, wide, high)
+    return PointGrid(origin, along, aside, cells - cells.min(axis=0), off)._replace(
         origin=origin + cells.min(axis=0)[0] * along + cells.min(axis=0)[1] * aside
     )
 
 
-def _spacing(along: Floats, apart: float) -> float:
+def _find_row_spacing(along: Floats, apart: float) -> float:
     """Returns the step from row to row, m, of places (n,) along an axis."""
     steps = np.diff(np.sort(along))
-    rows = steps[steps > STEP_SHARE * apart]
+    rows = steps[steps > ROW_STEP_SHARE * apart]
     if not len(rows):
-        raise NoLattice("all points lie in one row")
+        raise NoGridError("all points lie in one row")
     return float(np.median(rows))
 
 
-def _laid(
+def _fit_grid_axes(
     places: Floats, origin: Floats, along: Floats, aside: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Returns origin and axes fitted by least squares, with each place in its nearest cell."""
     cells = np.rint((places - origin) @ np.linalg.inv(np.array([along, aside])))
     if np.linalg.matrix_rank(cells - cells[0]) < 2:
-        raise NoLattice("no rows and columns")
+        raise NoGridError("no rows and columns")
     found = np.linalg.lstsq(np.column_stack((np.ones(len(cells)), cells)), places, rcond=None)[0]
     return found[0], found[1], found[2]
 
 
 # Refuses cells that are long, shared or scattered. Raises NoLattice.
-def _check(cells: NDArray[np.int64], wide: float, high: float) -> None:
-    if max(wide, high) > LONGEST_CELL * min(wide, high):
-        raise NoLattice("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)
+def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> None:
+    if max(wide, high) > MAX_CELL_RATIO * min(wide, high):
+        raise NoGridError("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)
     there = {(i, j) for i, j in cells.tolist()}
     if len(there) < len(cells):
-        raise NoLattice(
+        raise NoGridError(
             "{count} points share their cell with another", count=len(cells) - len(there)
         )
     for i, j in ((1, 0), (0, 1)):
         joined = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
-        if joined < JOINED_SHARE * len(there):
-            raise NoLattice(
+        if joined < NEIGHBOUR_SHARE * len(there):
+            raise NoGridError(
                 "{count} of {total} points have none next to them",
                 count=len(there) - joined,
                 total=len(there),

@@ -44,17 +44,17 @@ class TransverseMercator:
         """Returns latitude and longitude (n,) of places in the file's own unit."""
         n = self.flattening / (2.0 - self.flattening)
         radius = SEMI_MAJOR_M / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0) * self.scale
-        xi = (np.asarray(north) - self.false_north) * self.unit_m / radius + self._xi0(n)
+        xi = (np.asarray(north) - self.false_north) * self.unit_m / radius + self._calc_origin_xi(n)
         eta = (np.asarray(east) - self.false_east) * self.unit_m / radius
         sphere_xi, sphere_eta = xi.copy(), eta.copy()
-        for j, factor in enumerate(_beta(n), start=1):
+        for j, factor in enumerate(_calc_beta_series(n), start=1):
             sphere_xi -= factor * np.sin(2 * j * xi) * np.cosh(2 * j * eta)
             sphere_eta -= factor * np.cos(2 * j * xi) * np.sinh(2 * j * eta)
         conformal = np.arcsin(np.sin(sphere_xi) / np.cosh(sphere_eta))
         lon = self.lon0_deg + np.degrees(np.arctan2(np.sinh(sphere_eta), np.cos(sphere_xi)))
-        return np.degrees(self._geodetic(conformal)), (lon + 180.0) % 360.0 - 180.0
+        return np.degrees(self._calc_geodetic_rad(conformal)), (lon + 180.0) % 360.0 - 180.0
 
-    def _geodetic(self, conformal: Floats) -> Floats:
+    def _calc_geodetic_rad(self, conformal: Floats) -> Floats:
         """Returns the latitude of a conformal latitude, radians. Each round adds two and a half
         digits."""
         e = math.sqrt(self.flattening * (2.0 - self.flattening))
@@ -65,14 +65,15 @@ class TransverseMercator:
             lat = np.arcsin(np.tanh(isometric + e * np.arctanh(e * np.sin(lat))))
         return np.asarray(lat, dtype=np.float64)
 
-    def _xi0(self, n: float) -> float:
+    def _calc_origin_xi(self, n: float) -> float:
         """Returns the series' xi at the latitude of origin on the central meridian."""
         lat = math.radians(self.lat0_deg)
         e = math.sqrt(self.flattening * (2.0 - self.flattening))
         sine = math.tanh(math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat)))
         conformal = math.asin(sine)
         return conformal + sum(
-            factor * math.sin(2 * j * conformal) for j, factor in enumerate(_alpha(n), start=1)
+            factor * math.sin(2 * j * conformal)
+            for j, factor in enumerate(_calc_alpha_series(n), start=1)
         )
 
 
@@ -92,7 +93,7 @@ class NationalGrid(NamedTuple):
 Projection = TransverseMercator | NationalGrid
 
 
-def national_grid(text: str, places: Floats) -> NationalGrid | None:
+def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
     """Returns the coordinate system of a well-known text by the EPSG register.
 
     It needs pyproj, and takes the most accurate way to WGS84 that holds where the places lie. The
@@ -147,7 +148,7 @@ def national_grid(text: str, places: Floats) -> NationalGrid | None:
     )
 
 
-def _alpha(n: float) -> tuple[float, ...]:
+def _calc_alpha_series(n: float) -> tuple[float, ...]:
     return (
         n / 2 - 2 * n**2 / 3 + 5 * n**3 / 16 + 41 * n**4 / 180 - 127 * n**5 / 288,
         13 * n**2 / 48 - 3 * n**3 / 5 + 557 * n**4 / 1440 + 281 * n**5 / 630,
@@ -157,7 +158,7 @@ def _alpha(n: float) -> tuple[float, ...]:
     )
 
 
-def _beta(n: float) -> tuple[float, ...]:
+def _calc_beta_series(n: float) -> tuple[float, ...]:
     return (
         n / 2 - 2 * n**2 / 3 + 37 * n**3 / 96 - n**4 / 360 - 81 * n**5 / 512,
         n**2 / 48 + n**3 / 15 - 437 * n**4 / 1440 + 46 * n**5 / 105,
@@ -176,12 +177,12 @@ class _Node:
     numbers: tuple[float, ...] = ()
     children: tuple[_Node, ...] = field(default=())
 
-    def find(self, key: str) -> _Node | None:
+    def find_child(self, key: str) -> _Node | None:
         """Returns the first child of a key; None: there is none."""
         return next((child for child in self.children if child.key == key), None)
 
 
-def projection_of(text: str) -> TransverseMercator | None:
+def parse_projection(text: str) -> TransverseMercator | None:
     """Returns the projection that a `.prj` describes; None for degrees on WGS84 or the like.
 
     Raises
@@ -189,7 +190,7 @@ def projection_of(text: str) -> TransverseMercator | None:
     ValueError : names the coordinates and says why they cannot be used.
     """
     try:
-        node = _node([match.groups() for match in _TOKEN.finditer(text)], 0)[0]
+        node = _parse_node([match.groups() for match in _TOKEN.finditer(text)], 0)[0]
     except (ValueError, IndexError):
         raise ValueError("unknown coordinates: not well-known text") from None
     if node.key == "GEOGCS":
@@ -197,7 +198,11 @@ def projection_of(text: str) -> TransverseMercator | None:
         return None
     if node.key != "PROJCS":
         raise ValueError(f"{node.name or 'unknown coordinates'}: {node.key} is not understood")
-    geographic, kind, unit = node.find("GEOGCS"), node.find("PROJECTION"), node.find("UNIT")
+    geographic, kind, unit = (
+        node.find_child("GEOGCS"),
+        node.find_child("PROJECTION"),
+        node.find_child("UNIT"),
+    )
     if geographic is None or kind is None:
         raise ValueError(f"{node.name}: without GEOGCS and PROJECTION")
     flattening = _check_spheroid(geographic, node.name)
@@ -225,8 +230,8 @@ def projection_of(text: str) -> TransverseMercator | None:
 def _check_spheroid(geographic: _Node, name: str) -> float:
     """Returns the spheroid's flattening. Raises ValueError where the datum may differ from
     WGS84."""
-    datum = geographic.find("DATUM")
-    spheroid = None if datum is None else datum.find("SPHEROID")
+    datum = geographic.find_child("DATUM")
+    spheroid = None if datum is None else datum.find_child("SPHEROID")
     if datum is None or spheroid is None or len(spheroid.numbers) < 2:
         raise ValueError(f"{name}: without a datum and its spheroid")
     axis, inverse = spheroid.numbers[:2]
@@ -240,7 +245,7 @@ def _check_spheroid(geographic: _Node, name: str) -> float:
 
 
 # Returns the node at a token, and the token after it.
-def _node(tokens: list[tuple[str | None, ...]], at: int) -> tuple[_Node, int]:
+def _parse_node(tokens: list[tuple[str | None, ...]], at: int) -> tuple[_Node, int]:
     key = tokens[at][1]
     if key is None or tokens[at + 1][3] not in ("[", "("):
         raise ValueError("no node")
@@ -251,7 +256,7 @@ def _node(tokens: list[tuple[str | None, ...]], at: int) -> tuple[_Node, int]:
     while tokens[at][3] not in ("]", ")"):
         quoted, word, number, _ = tokens[at]
         if word is not None and tokens[at + 1][3] in ("[", "("):
-            child, at = _node(tokens, at)
+            child, at = _parse_node(tokens, at)
             children.append(child)
             continue
         if quoted is not None and not name:

@@ -14,11 +14,11 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.extras import extra_line
 from topdress.drivers.files.layers import projection_in
 from topdress.drivers.files.limits import RASTER_CELLS, held_to
-from topdress.drivers.files.prescriptions.features import Feature, imported
+from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
 from topdress.drivers.files.prescriptions.projected import Projection
 from topdress.drivers.files.prescriptions.words import (
-    Imported,
-    NotAMap,
+    ImportedMap,
+    NotAMapError,
     PrescriptionError,
     RateChoice,
 )
@@ -26,14 +26,14 @@ from topdress.drivers.files.stated_units import StatedUnit, of_json, together
 from topdress.drivers.plain_text import PlaceInFile
 
 # First bytes of TIFF 6.0 and of BigTIFF, in both byte orders.
-MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # Cells with a value, a zone each: a field of 100 ha in cells of 3 m.
-MOST_CELLS = 100_000
+MAX_CELL_COUNT = 100_000
 # Different values of a band that may hold classes.
-MOST_LEVELS = 12
+MAX_CLASS_LEVELS = 12
 
 
-def read_raster(path: Path, choice: RateChoice) -> Imported:
+def read_raster(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a GeoTIFF. Its bands are the columns: by their description,
     else `band 1`, `band 2`. Raises PrescriptionError, OSError."""
     try:
@@ -46,20 +46,20 @@ def read_raster(path: Path, choice: RateChoice) -> Imported:
             f": {extra_line('raster')}",
         ) from None
     data = path.read_bytes()
-    if data[:4] not in MAGIC:
-        raise NotAMap(path, "not readable as GeoTIFF: its first bytes are not those of a TIFF")
+    if data[:4] not in TIFF_MAGIC:
+        raise NotAMapError(path, "not readable as GeoTIFF: its first bytes are not those of a TIFF")
     try:
         # Its bytes and this driver alone: GDAL opens what lies next to a file (.msk, .ovr) as
         # whatever it is.
         with rasterio.MemoryFile(data) as kept, kept.open(driver="GTiff") as file:
-            return _read(path, file, choice)
+            return _read_open_raster(path, file, choice)
     except rasterio.errors.RasterioError as error:
-        raise NotAMap(
+        raise NotAMapError(
             path, "not readable as GeoTIFF: {why}", why=str(error).splitlines()[0][:150]
         ) from None
 
 
-def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
+def _read_open_raster(path: Path, file: Any, choice: RateChoice) -> ImportedMap:
     if file.crs is None:
         raise PrescriptionError(
             path,
@@ -77,22 +77,22 @@ def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
         PlaceInFile(str(path)).at("a tile"),
     )
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
-    bands = [_band(file, k) for k in range(1, file.count + 1)]
+    bands = [_read_band_values(file, k) for k in range(1, file.count + 1)]
     said: list[Finding] = []
-    step = _averaging_step(_known_cells(bands))
+    step = _find_averaging_step(_find_known_cells(bands))
     if step > 1:
-        fine = int(_known_cells(bands).sum())
+        fine = int(_find_known_cells(bands).sum())
         bands = [_average_cells(band, step) for band in bands]
         text = (
             f"{many(fine, 'cell')}, each {step} x {step} of them averaged to one: up to "
-            f"{MOST_CELLS} are worked with"
+            f"{MAX_CELL_COUNT} are worked with"
         )
         said.append(Finding("averaged", text, rows=fine))
-    rows, columns = np.nonzero(_known_cells(bands))
+    rows, columns = np.nonzero(_find_known_cells(bands))
     if not len(rows):
         raise PrescriptionError(path, "no cell has a value")
     transform = file.transform * file.transform.scale(step, step)
-    corners = _corners(transform, rows, columns, projection)
+    corners = _calc_corners_deg(transform, rows, columns, projection)
     features = [
         Feature(
             k + 1,
@@ -112,27 +112,33 @@ def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
     ]
     if projection is not None:
         findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))
-    return imported(
-        path, "raster", features, choice, findings, title=path.stem, units=_units(path, file, names)
+    return build_imported_map(
+        path,
+        "raster",
+        features,
+        choice,
+        findings,
+        title=path.stem,
+        units=_find_band_units(path, file, names),
     )
 
 
-def _known_cells(bands: Sequence[Floats]) -> np.ndarray:
+def _find_known_cells(bands: Sequence[Floats]) -> np.ndarray:
     """Returns which cells (height, width) have a value in any band."""
     known: np.ndarray = np.any([np.isfinite(band) for band in bands], axis=0)
     return known
 
 
-def _averaging_step(known: np.ndarray) -> int:
+def _find_averaging_step(known: np.ndarray) -> int:
     """Returns how many cells on a side become a single cell, so that no more than MOST_CELLS
     remain."""
-    step = max(1, math.isqrt(max(0, int(known.sum()) - 1) // MOST_CELLS))
-    while int(_block_sums(known.astype(np.float64), step)[1].sum()) > MOST_CELLS:
+    step = max(1, math.isqrt(max(0, int(known.sum()) - 1) // MAX_CELL_COUNT))
+    while int(_sum_cell_blocks(known.astype(np.float64), step)[1].sum()) > MAX_CELL_COUNT:
         step += 1
     return step
 
 
-def _block_sums(values: Floats, step: int) -> tuple[Floats, np.ndarray]:
+def _sum_cell_blocks(values: Floats, step: int) -> tuple[Floats, np.ndarray]:
     """Returns sums of blocks of `step` x `step` cells, and which blocks are half full or more,
     where a value of 1 is a cell that counts."""
     high, wide = (-size % step for size in values.shape)
@@ -150,25 +156,25 @@ def _average_cells(band: Floats, step: int) -> Floats:
     taken.
     """
     known = np.isfinite(band)
-    count, is_known = _block_sums(known.astype(np.float64), step)
+    count, is_known = _sum_cell_blocks(known.astype(np.float64), step)
     levels = np.unique(band[known])
-    if len(levels) <= MOST_LEVELS:
-        shares = [_block_sums((band == level).astype(np.float64), step)[0] for level in levels]
+    if len(levels) <= MAX_CLASS_LEVELS:
+        shares = [_sum_cell_blocks((band == level).astype(np.float64), step)[0] for level in levels]
         found = levels[np.argmax(shares, axis=0)] if len(levels) else np.zeros_like(count)
     else:
-        sums = _block_sums(np.where(known, band, 0.0), step)[0]
+        sums = _sum_cell_blocks(np.where(known, band, 0.0), step)[0]
         found = sums / np.maximum(count, 1.0)
     return np.where(is_known, found, np.nan)
 
 
-def _band(file: Any, number: int) -> Floats:
+def _read_band_values(file: Any, number: int) -> Floats:
     """Returns a band (height, width) by its own scale and offset; NaN where it has no value."""
     read = file.read(number, masked=True)
     values: Floats = np.ma.filled(read.astype(np.float64), np.nan)
     return np.asarray(values * file.scales[number - 1] + file.offsets[number - 1])
 
 
-def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
+def _find_band_units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
     """Returns units of the bands: their own, or those of their or the file's tags."""
     found = [of_json(file.tags(), names, path.name)]
     for k, name in enumerate(names, start=1):
@@ -179,7 +185,9 @@ def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
     return together(*found)
 
 
-def _corners(transform: Any, rows: Any, columns: Any, projection: Projection | None) -> Floats:
+def _calc_corners_deg(
+    transform: Any, rows: Any, columns: Any, projection: Projection | None
+) -> Floats:
     """Returns latitude and longitude (n, 4, 2) of the cells' corners."""
     across = columns[:, None] + np.array([0.0, 1.0, 1.0, 0.0])
     down = rows[:, None] + np.array([0.0, 0.0, 1.0, 1.0])

@@ -14,11 +14,11 @@ from topdress.drivers.files.archives import chosen, files_at
 from topdress.drivers.files.imports.trouble import listed
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.outlines import check_zones
-from topdress.drivers.files.prescriptions.task_files import find_task_files
+from topdress.drivers.files.prescriptions.task_files import choose_task_set
 from topdress.drivers.files.prescriptions.words import (
-    Imported,
-    NoPolygons,
-    NotAMap,
+    ImportedMap,
+    NoPolygonsError,
+    NotAMapError,
     PrescriptionError,
     RateChoice,
     RateQuestion,
@@ -28,11 +28,11 @@ from topdress.drivers.files.what_it_is import TABLES, holds_points
 from topdress.drivers.plugins import has_format
 
 # Formats of even cells, none over another.
-EVEN = ("raster", "points")
+EVEN_FORMATS = ("raster", "points")
 # Endings by the library that reads them: pyogrio, rasterio.
-SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
+LAYER_ENDINGS, RASTER_ENDINGS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
 # Formats in a message to the operator.
-KNOWN = (
+KNOWN_FORMATS = (
     "an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), "
     "GeoJSON (.geojson, "
     ".json), GeoPackage, KML, KMZ, GeoTIFF, CSV with polygons (WKT), a table of the middles "
@@ -41,7 +41,7 @@ KNOWN = (
 )
 
 
-def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imported:
+def read_prescription(path: str | Path, choice: RateChoice | None = None) -> ImportedMap:
     """Reads a prescription of any known format.
 
     Parameters
@@ -60,11 +60,11 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
     """
     path, choice = Path(path), choice or RateChoice()
     if not path.exists():
-        raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
+        raise PrescriptionError(path, "not there", f": allowed is {KNOWN_FORMATS}")
     check_file(path)
-    read = _read(path, choice)
+    read = _read_by_ending(path, choice)
     if (
-        read.format not in EVEN
+        read.format not in EVEN_FORMATS
         and read.data.grid is None
         and (crossed := check_zones([zone.rings_deg for zone in read.data.zones], path))
     ):
@@ -73,7 +73,7 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
     return read
 
 
-def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
+def merge_map_zones(read: ImportedMap, step_kg_ha: float) -> ImportedMap:
     """Returns the prescription with zones merged by a step of rate, kg/ha, and a finding about
     the change. Raises PrescriptionError."""
     if not step_kg_ha > 0.0 or not read.data.zones:
@@ -96,45 +96,45 @@ def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
     )
 
 
-def _read(path: Path, choice: RateChoice) -> Imported:
+def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
         # Imports by format: each brings its own library.
-        from topdress.drivers.files.prescriptions.shapes import read_map
+        from topdress.drivers.files.prescriptions.shapes import read_geojson_map
 
-        return _areas_or_points(partial(read_map, path, choice), path, choice)
-    if suffix in SHAPES or has_format(suffix):
-        from topdress.drivers.files.prescriptions.shapes import read_shapes
+        return _read_areas_or_points(partial(read_geojson_map, path, choice), path, choice)
+    if suffix in LAYER_ENDINGS or has_format(suffix):
+        from topdress.drivers.files.prescriptions.shapes import read_map_layers
 
-        return read_shapes(path, choice)
-    if suffix in RASTERS:
+        return read_map_layers(path, choice)
+    if suffix in RASTER_ENDINGS:
         from topdress.drivers.files.prescriptions.raster import read_raster
 
         return read_raster(path, choice)
     if suffix in TABLES:
         from topdress.drivers.files.opened import Opened
-        from topdress.drivers.files.prescriptions.csv_zones import holds_polygons, read_csv_zones
-        from topdress.drivers.files.prescriptions.lattice import read_lattice
+        from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text, read_csv_zones
+        from topdress.drivers.files.prescriptions.lattice import read_point_grid
 
-        if holds_polygons(path):
+        if has_polygon_text(path):
             return read_csv_zones(path, choice)
         if suffix == ".csv" or Opened(path).holds == "map":
-            return read_lattice(path, choice)
-    return _of_several(path, choice)
+            return read_point_grid(path, choice)
+    return _read_from_folder(path, choice)
 
 
-def _of_several(path: Path, choice: RateChoice) -> Imported:
+def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
     """Reads from a folder or zip its task set, else its shapefile. Next to a task set shapefiles
     do not count."""
     shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
     if choice.inside is not None:
         named = chosen([one.name for one in shapes], choice.inside)
         shapes = [one for one in shapes if one.name in named]
-    files = find_task_files(path, choice.inside)
+    files = choose_task_set(path, choice.inside)
     if files is not None:
-        from topdress.drivers.files.prescriptions.isoxml_read import read_isoxml
+        from topdress.drivers.files.prescriptions.isoxml_read import read_isoxml_map
 
-        return _said(read_isoxml(files, path, choice), shapes)
+        return _report_unused_shapes(read_isoxml_map(files, path, choice), shapes)
     if len(shapes) > 1:
         raise RateQuestion(
             path,
@@ -149,35 +149,40 @@ def _of_several(path: Path, choice: RateChoice) -> Imported:
             if path.suffix.lower() == ".zip"
             else ""
         )
-        raise NotAMap(
+        raise NotAMapError(
             path,
             "no prescription" if choice.inside is None else "no prescription named {name}",
-            f": allowed is {KNOWN}" + (f"; it holds {packed}: unpack that first" if packed else ""),
+            f": allowed is {KNOWN_FORMATS}"
+            + (f"; it holds {packed}: unpack that first" if packed else ""),
             name=choice.inside,
         )
-    from topdress.drivers.files.prescriptions.shapes import of_layer
+    from topdress.drivers.files.prescriptions.shapes import convert_map_layer
 
     [one] = shapes
-    return _areas_or_points(
-        lambda: of_layer(Path(one.label), "shapefile", layer_of(one), choice, title=one.stem),
+    return _read_areas_or_points(
+        lambda: convert_map_layer(
+            Path(one.label), "shapefile", layer_of(one), choice, title=one.stem
+        ),
         path,
         choice,
     )
 
 
-def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: RateChoice) -> Imported:
+def _read_areas_or_points(
+    areas: Callable[[], ImportedMap], path: Path, choice: RateChoice
+) -> ImportedMap:
     """Reads areas; where the file has none, its points. Raises PrescriptionError, OSError."""
     try:
         return areas()
-    except NoPolygons:
+    except NoPolygonsError:
         if not holds_points(path):
             raise
-    from topdress.drivers.files.prescriptions.lattice import read_lattice
+    from topdress.drivers.files.prescriptions.lattice import read_point_grid
 
-    return read_lattice(path, choice)
+    return read_point_grid(path, choice)
 
 
-def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:
+def _report_unused_shapes(read: ImportedMap, shapes: list[ShapeSet]) -> ImportedMap:
     if not shapes:
         return read
     names = listed(one.name for one in shapes)
@@ -187,7 +192,7 @@ def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:
     return replace(read, findings=(*read.findings, unused))
 
 
-def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
+def choose_index_column(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
     """Returns the choice that reads the index's column as plain numbers. Raises
     PrescriptionError."""
     if choice.unit is not None or choice.scale != 1.0:
@@ -204,7 +209,7 @@ def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
     return replace(choice, index=rule.crop.index.upper(), unit="kg/ha")
 
 
-def read_index(path: Path, index: str) -> Imported:
+def read_index_map(path: Path, index: str) -> ImportedMap:
     """Reads a map of the canopy's index, or of zones, for the loop, its numbers in place of rates.
 
     Parameters
@@ -224,23 +229,23 @@ def read_index(path: Path, index: str) -> Imported:
     from topdress.drivers.files.prescriptions.read import read_prescription
 
     read = read_prescription(path, RateChoice(index=index.upper(), unit="kg/ha"))
-    _need_zones(read)
+    _require_zones(read)
     return read
 
 
 # Refuses a grid, which holds rates. Raises PrescriptionError.
-def _need_zones(read: Imported) -> None:
+def _require_zones(read: ImportedMap) -> None:
     if read.data.grid is not None:
         raise PrescriptionError(
             read.path, "a grid of rates: allowed is a map of the canopy's index"
         )
 
 
-def by_rule(read: Imported, rule: Rule) -> Imported:
+def apply_canopy_rule(read: ImportedMap, rule: Rule) -> ImportedMap:
     """Returns the prescription with the rate, kg/ha, that the rule gives for each zone's index.
     Raises PrescriptionError for a grid."""
     data = read.data
-    _need_zones(read)
+    _require_zones(read)
     index = rule.crop.index.upper()
     zones = tuple(
         zone._replace(rate_kg_ha=rule.decide(zone.rate_kg_ha).rate_kg_ha) for zone in data.zones

@@ -14,27 +14,31 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.imports.trouble import listed
 from topdress.drivers.files.layers import Layer, name_of, read_geojson, read_layers, stated
 from topdress.drivers.files.ogr import write_layer
-from topdress.drivers.files.prescriptions.features import Feature, imported, ring
+from topdress.drivers.files.prescriptions.features import (
+    Feature,
+    build_imported_map,
+    convert_ring_deg,
+)
 from topdress.drivers.files.prescriptions.words import (
-    Imported,
-    NoPolygons,
+    ImportedMap,
+    NoPolygonsError,
     PrescriptionError,
     RateChoice,
     RateQuestion,
-    checked_rate,
+    check_rate_kg_ha,
 )
 from topdress.drivers.plain_text import PlaceInFile
 
 # Types of shapes that are zones, in GeoJSON's words.
-POLYGONS = ("Polygon", "MultiPolygon")
+POLYGON_TYPES = ("Polygon", "MultiPolygon")
 
 
-def read_shapes(path: Path, choice: RateChoice) -> Imported:
+def read_map_layers(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a file with layers. Raises Refused, OSError."""
     layers = read_layers(path)
     if choice.inside is not None:
         layers = [layer for layer in layers if layer.name.casefold() == choice.inside.casefold()]
-    held = [layer for layer in layers if any(_is_area(shape) for shape in layer.shapes)]
+    held = [layer for layer in layers if any(_is_polygon_shape(shape) for shape in layer.shapes)]
     if len(held) > 1:
         raise RateQuestion(
             path,
@@ -44,7 +48,7 @@ def read_shapes(path: Path, choice: RateChoice) -> Imported:
             names=listed(layer.name for layer in held),
         )
     if not held:
-        raise NoPolygons(
+        raise NoPolygonsError(
             path,
             "no layer of polygons: allowed is at least one polygon"
             if choice.inside is None
@@ -52,14 +56,14 @@ def read_shapes(path: Path, choice: RateChoice) -> Imported:
             name=choice.inside,
         )
     named = tuple({**stated(row), "title": name_of(row)} for row in held[0].rows)
-    return of_layer(
+    return convert_map_layer(
         path, path.suffix[1:].lower(), held[0]._replace(rows=named), choice, title=path.stem
     )
 
 
-def of_layer(
+def convert_map_layer(
     path: Path, format_name: str, layer: Layer, choice: RateChoice, **more: Any
-) -> Imported:
+) -> ImportedMap:
     """Returns a layer's polygons as zones.
 
     Parameters
@@ -79,7 +83,7 @@ def of_layer(
     Refused : the map cannot be used.
     OSError : a file next to it cannot be read.
     """
-    features = _features(layer)
+    features = _list_features(layer)
     findings = list(layer.findings)
     nothing = sum(shape is None for shape in layer.shapes)
     if nothing:
@@ -95,22 +99,27 @@ def of_layer(
             )
         )
     if not features and layer.kind and "POLYGON" not in layer.kind:
-        raise NoPolygons(path, "shapes of type {kind}: allowed POLYGON", kind=layer.kind)
-    return imported(path, format_name, features, choice, findings, units=layer.units, **more)
+        raise NoPolygonsError(path, "shapes of type {kind}: allowed POLYGON", kind=layer.kind)
+    return build_imported_map(
+        path, format_name, features, choice, findings, units=layer.units, **more
+    )
 
 
-def _is_area(shape: shapely.Geometry | None) -> bool:
-    return shape is not None and shape.geom_type in POLYGONS and not shape.is_empty
+def _is_polygon_shape(shape: shapely.Geometry | None) -> bool:
+    return shape is not None and shape.geom_type in POLYGON_TYPES and not shape.is_empty
 
 
 # Returns the layer's polygons, numbered as its shapes.
-def _features(layer: Layer) -> list[Feature]:
+def _list_features(layer: Layer) -> list[Feature]:
     found = []
     for number, (row, shape) in enumerate(zip(layer.rows, layer.shapes, strict=True), start=1):
-        if not _is_area(shape):
+        if not _is_polygon_shape(shape):
             continue
         polygons = [
-            tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
+            tuple(
+                convert_ring_deg(shapely.get_coordinates(edge))
+                for edge in (part.exterior, *part.interiors)
+            )
             for part in shapely.get_parts(shape)
             if not part.is_empty
         ]
@@ -118,13 +127,13 @@ def _features(layer: Layer) -> list[Feature]:
     return found
 
 
-def write_shapes(data: MapData, path: Path) -> None:
+def write_map_layers(data: MapData, path: Path) -> None:
     """Writes a polygon for each zone, or for each cell of a grid; fallbacks and field are lost.
     Raises Refused, OSError."""
     # Imported here: `write` imports this module.
-    from topdress.drivers.files.prescriptions.write import zones_of
+    from topdress.drivers.files.prescriptions.write import list_map_zones
 
-    zones = zones_of(data)
+    zones = list_map_zones(data)
     shapes = [
         shapely.Polygon(zone.rings_deg[0][:, ::-1], [hole[:, ::-1] for hole in zone.rings_deg[1:]])
         for zone in zones
@@ -139,16 +148,18 @@ def write_shapes(data: MapData, path: Path) -> None:
 
 
 # Foreign member for what GeoJSON has no place for.
-OURS = "topdress"
+OWN_MEMBER = "topdress"
 
 
-def read_map(path: Path, choice: RateChoice) -> Imported:
+def read_geojson_map(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a FeatureCollection of (multi)polygons. Raises Refused,
     OSError."""
-    layer = read_geojson(path, POLYGONS, strict=True)
-    ours = layer.about.get(OURS)
-    fallbacks, fields = _ours(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
-    return of_layer(
+    layer = read_geojson(path, POLYGON_TYPES, strict=True)
+    ours = layer.about.get(OWN_MEMBER)
+    fallbacks, fields = (
+        _read_own_member(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
+    )
+    return convert_map_layer(
         path,
         "geojson",
         layer,
@@ -161,17 +172,20 @@ def read_map(path: Path, choice: RateChoice) -> Imported:
 
 
 # Returns fallbacks and fields of the foreign member. Raises PrescriptionError.
-def _ours(ours: dict[str, Any], path: Path) -> tuple[Fallbacks, tuple[tuple[Floats, ...], ...]]:
+def _read_own_member(
+    ours: dict[str, Any], path: Path
+) -> tuple[Fallbacks, tuple[tuple[Floats, ...], ...]]:
     values = ours.get("fallbacks") or {}
     try:
         fallbacks = Fallbacks(**{name: float(value) for name, value in values.items()})
         fields = tuple(
-            tuple(ring(corners) for corners in rings) for rings in ours.get("fields") or ()
+            tuple(convert_ring_deg(corners) for corners in rings)
+            for rings in ours.get("fields") or ()
         )
     except (TypeError, ValueError) as error:
-        raise PrescriptionError(path, "{member}: {why}", member=OURS, why=error) from None
+        raise PrescriptionError(path, "{member}: {why}", member=OWN_MEMBER, why=error) from None
     for name, value in fallbacks._asdict().items():
         place = PlaceInFile(str(path))
-        key = f"{OURS}: {name}"
-        checked_rate(value, partial(place.at, "{key}", key=key))
+        key = f"{OWN_MEMBER}: {name}"
+        check_rate_kg_ha(value, partial(place.at, "{key}", key=key))
     return fallbacks, fields

@@ -42,7 +42,7 @@ class TaskSet:
         return {name.casefold(): name for name in reversed(self.files.names)}
 
 
-def task_sets(path: Path) -> list[TaskSet]:
+def find_task_sets(path: Path) -> list[TaskSet]:
     """Returns the task sets at a path: a TASKDATA.XML, or a folder or zip that holds some,
     however deep. Raises Refused for a zip that cannot be opened, OSError."""
     if path.suffix.lower() == ".xml" and not path.is_dir():
@@ -57,7 +57,7 @@ def task_sets(path: Path) -> list[TaskSet]:
     ]
 
 
-def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
+def choose_task_set(path: Path, inside: str | None = None) -> TaskSet | None:
     """Returns the task set at a path.
 
     Parameters
@@ -75,7 +75,7 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
     Refused : a zip cannot be opened.
     OSError : a file cannot be opened.
     """
-    found = task_sets(path)
+    found = find_task_sets(path)
     if inside is not None:
         names = chosen([one.inside + "TASKDATA.XML" for one in found], inside)
         found = [one for one in found if one.inside + "TASKDATA.XML" in names]
@@ -91,14 +91,14 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
     return found[0] if found else None
 
 
-def task_tree(files: TaskSet) -> ElementTree.Element:
+def read_task_tree(files: TaskSet) -> ElementTree.Element:
     """Returns the root of the task file, with its external files (XFR). Raises Refused."""
     data = files.read("TASKDATA.XML")
     if data is None:
         raise PrescriptionError(files.label, "{name} is not there", name="TASKDATA.XML")
     # External files count towards the same limits.
     total = Total(files.label)
-    root = _parsed(data, files.label, total)
+    root = _parse_limited_xml(data, files.label, total)
     if root.tag != "ISO11783_TaskData":
         raise PrescriptionError(
             files.label, "root element {tag}: allowed ISO11783_TaskData", tag=root.tag
@@ -109,12 +109,12 @@ def task_tree(files: TaskSet) -> ElementTree.Element:
         more = files.read(name)
         if more is None:
             raise PrescriptionError(files.label, "{name}, which XFR names, is not there", name=name)
-        root.extend(_parsed(more, name, total))
+        root.extend(_parse_limited_xml(more, name, total))
     return root
 
 
 # Returns the root of an XML file, within the limits of the whole set. Raises Refused.
-def _parsed(data: bytes, label: str, total: Total) -> ElementTree.Element:
+def _parse_limited_xml(data: bytes, label: str, total: Total) -> ElementTree.Element:
     total.bytes += len(data)
     held_to(XML, total.bytes, total.label)
     try:
@@ -124,7 +124,7 @@ def _parsed(data: bytes, label: str, total: Total) -> ElementTree.Element:
 
 
 # Letters of a name (designator) in the public schema of version 4.3.
-LONGEST_NAME = 32
+MAX_NAME_LENGTH = 32
 # Well-known text (ESRI) of degrees on WGS84, as a `.prj` holds it.
 WGS84_PRJ = (
     'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
@@ -132,7 +132,7 @@ WGS84_PRJ = (
 )
 
 
-def task_root(from_terminal: bool) -> Element:
+def make_task_root(from_terminal: bool) -> Element:
     """Returns the root element, version 4.3. `from_terminal`: written after the work, not before
     it."""
     version = software_version()
@@ -151,35 +151,35 @@ def task_root(from_terminal: bool) -> Element:
     return root
 
 
-def degrees(value: float) -> str:
+def format_degrees(value: float) -> str:
     """Returns a place's degrees: nine decimals at most, as the public schema has them (0.1 mm),
     never with an exponent."""
     return np.format_float_positional(round(value, 9), trim="-")
 
 
-def cell_degrees(value: float) -> str:
+def format_cell_degrees(value: float) -> str:
     """Returns the size of a grid's cell: the shortest decimal that reads back the same, because
     its error adds up cell by cell."""
     return np.format_float_positional(value, trim="-")
 
 
-def outline(parent: Element, rings: Sequence[Floats], kind: str) -> None:
+def add_polygon_element(parent: Element, rings: Sequence[Floats], kind: str) -> None:
     """Adds a polygon of a kind with its outline, then its holes, (k, 2) latitude and longitude
     each."""
     polygon = SubElement(parent, "PLN", A=kind)
     for k, corners in enumerate(rings):
         line = SubElement(polygon, "LSG", A="1" if k == 0 else "2")
         for lat, lon in [*corners.tolist(), corners[0].tolist()]:
-            SubElement(line, "PNT", A="2", C=degrees(lat), D=degrees(lon))
+            SubElement(line, "PNT", A="2", C=format_degrees(lat), D=format_degrees(lon))
 
 
-def name_of(text: str) -> str:
+def clean_task_name(text: str) -> str:
     """Returns a name as the public schema allows it: at most 32 letters, none that XML has no
     place for."""
-    return "".join(letter for letter in text if letter.isprintable())[:LONGEST_NAME].strip()
+    return "".join(letter for letter in text if letter.isprintable())[:MAX_NAME_LENGTH].strip()
 
 
-def write_task(path: Path, root: Element, files: Mapping[str, bytes]) -> None:
+def write_task_files(path: Path, root: Element, files: Mapping[str, bytes]) -> None:
     """Writes a zip where the path ends in .zip, else a folder (that of a path that ends in
     .xml). Raises OSError."""
     ElementTree.indent(root)

@@ -16,9 +16,9 @@ from topdress.control.targets.prescription import Fallbacks, MapData
 from topdress.drivers.plain_text import PlaceInFile, Refused
 
 # Highest rate of a map, kg/ha: 20 t/ha of lime; more is a wrong unit.
-HIGHEST_KG_HA = 20_000.0
+MAX_RATE_KG_HA = 20_000.0
 # Column of a rule by zones of yield or soil, and the largest factor: double the rate.
-ZONE_FACTOR, MOST_FACTOR = "factor", 2.0
+ZONE_FACTOR, MAX_ZONE_FACTOR = "factor", 2.0
 # The international acre, ha (NIST Handbook 44).
 ACRE_HA = 0.40468564224
 # A pound per acre, kg/ha; the pound is 0.45359237 kg.
@@ -47,7 +47,7 @@ VOLUME_UNITS: dict[str, float] = {
 }
 # kg of nitrogen per ha for one of each unit.
 NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
-UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
+RATE_UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
 # Source of the unit where no file names it: plain kg/ha.
 UNIT_NOT_NAMED = "as the file names no unit"
@@ -57,11 +57,11 @@ class PrescriptionError(Refused):
     """The file cannot be used: file, place, value and what is allowed."""
 
 
-class NotAMap(PrescriptionError):
+class NotAMapError(PrescriptionError):
     """Nothing in the file says that it is a prescription map."""
 
 
-class NoPolygons(PrescriptionError):
+class NoPolygonsError(PrescriptionError):
     """There is no polygon in the file; it may hold points."""
 
 
@@ -107,7 +107,7 @@ class RateChoice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Imported:
+class ImportedMap:
     """Holds a prescription as read. `unit`: of the file's numbers; `factor`: from it to kg of
     product per ha."""
 
@@ -123,7 +123,7 @@ class Imported:
     unit_from: str = "by the data dictionary"  # who says what they are in
 
 
-def factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
+def calc_factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
     """Returns kg of product per ha for a `unit`, the operator's scale included.
 
     Parameters
@@ -146,7 +146,7 @@ def factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
         return MASS_UNITS[unit] * choice.scale
     if unit in VOLUME_UNITS:
         if choice.density_kg_l is None or not 0.1 <= choice.density_kg_l <= 5.0:
-            raise _asked(choice.density_kg_l)(
+            raise _choose_error_class(choice.density_kg_l)(
                 where,
                 "rates in {unit}, density {density}: allowed with the product's density, "
                 "0.1 to 5 kg/l",
@@ -156,7 +156,7 @@ def factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
         return VOLUME_UNITS[unit] * choice.density_kg_l * choice.scale
     if unit in NITROGEN_UNITS:
         if choice.n_fraction is None or not 0.0 < choice.n_fraction <= 1.0:
-            raise _asked(choice.n_fraction)(
+            raise _choose_error_class(choice.n_fraction)(
                 where,
                 "rates in {unit}, nitrogen {share}: allowed with the product's share of N, "
                 "above 0 to 1",
@@ -165,11 +165,11 @@ def factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
             )
         return NITROGEN_UNITS[unit] / choice.n_fraction * choice.scale
     raise PrescriptionError(
-        where, "unit {unit}: allowed {units}", unit=unit, units=", ".join(UNITS)
+        where, "unit {unit}: allowed {units}", unit=unit, units=", ".join(RATE_UNITS)
     )
 
 
-def _asked(given: float | None) -> type[PrescriptionError]:
+def _choose_error_class(given: float | None) -> type[PrescriptionError]:
     """Returns the error's class: a missing value is a question, a wrong value is refused."""
     return RateQuestion if given is None else PrescriptionError
 
@@ -199,29 +199,29 @@ def check_degrees(path: Path, places: NDArray[np.float64]) -> None:
     )
 
 
-def checked_rate(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:
+def check_rate_kg_ha(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:
     """Returns the rate, kg/ha, where it is possible. Raises PrescriptionError."""
-    if not 0.0 <= rate_kg_ha <= HIGHEST_KG_HA:
+    if not 0.0 <= rate_kg_ha <= MAX_RATE_KG_HA:
         raise PrescriptionError(
             where(),
             "rate {rate:g} kg/ha: allowed 0 to {highest:g} (is the unit right?)",
             rate=rate_kg_ha,
-            highest=HIGHEST_KG_HA,
+            highest=MAX_RATE_KG_HA,
         )
     return rate_kg_ha
 
 
-def checked_index(value: float, name: str, where: Callable[[], PlaceInFile]) -> float:
+def check_index_value(value: float, name: str, where: Callable[[], PlaceInFile]) -> float:
     """Returns an index of the canopy: water and bare ground below 0 count as 0. Raises
     PrescriptionError for a number out of range."""
     if name == ZONE_FACTOR:
-        if not 0.0 <= value <= MOST_FACTOR:
+        if not 0.0 <= value <= MAX_ZONE_FACTOR:
             raise PrescriptionError(
                 where(),
                 "{value:g}: allowed as {index} is 0 to {most:g}",
                 value=value,
                 index=name,
-                most=MOST_FACTOR,
+                most=MAX_ZONE_FACTOR,
             )
         return value
     if not -1.0 <= value <= 1.0:
@@ -234,7 +234,7 @@ def checked_index(value: float, name: str, where: Callable[[], PlaceInFile]) -> 
     return max(0.0, value)
 
 
-def with_choice(found: Fallbacks, choice: RateChoice, where: PlaceInFile) -> Fallbacks:
+def apply_fallback_choice(found: Fallbacks, choice: RateChoice, where: PlaceInFile) -> Fallbacks:
     """Returns the file's fallbacks, replaced by those that the operator chose. Raises
     PrescriptionError."""
     picked = {
@@ -247,5 +247,5 @@ def with_choice(found: Fallbacks, choice: RateChoice, where: PlaceInFile) -> Fal
         if value is not None
     }
     for name, value in picked.items():
-        checked_rate(value, lambda name=name: where.at("{key}", key=name))  # type: ignore[misc]
+        check_rate_kg_ha(value, lambda name=name: where.at("{key}", key=name))  # type: ignore[misc]
     return found._replace(**picked)

@@ -19,26 +19,26 @@ from topdress.control.targets.prescription import (
 )
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.prescriptions.shapes import OURS
+from topdress.drivers.files.prescriptions.shapes import OWN_MEMBER
 from topdress.drivers.files.prescriptions.task_files import (
     WGS84_PRJ,
-    cell_degrees,
-    degrees,
-    name_of,
-    outline,
-    task_root,
-    write_task,
+    add_polygon_element,
+    clean_task_name,
+    format_cell_degrees,
+    format_degrees,
+    make_task_root,
+    write_task_files,
 )
 from topdress.drivers.files.prescriptions.words import PrescriptionError
 
 # Steps of DDI 6 are mg/m2: 100 of them are 1 kg/ha.
 MG_M2_PER_KG_HA = 100.0
 # Codes of the task's zones.
-DEFAULT, LOST, OUTSIDE, GRID_CELL = "0", "1", "2", "3"
+DEFAULT_ZONE, LOST_ZONE, OUTSIDE_ZONE, CELL_ZONE = "0", "1", "2", "3"
 # Codes after the three fallbacks belong to rates.
-FIRST_CODE = 3
+FIRST_RATE_CODE = 3
 # Codes 0 to 254 less the three fallbacks.
-MOST_LEVELS = 252
+MAX_RATE_LEVELS = 252
 
 
 def write_prescription(data: MapData, path: Path) -> None:
@@ -60,18 +60,18 @@ def write_prescription(data: MapData, path: Path) -> None:
     elif suffix == ".shp":
         _write_shapefile(data, path)
     elif suffix in (".gpkg", ".kml", ".kmz"):
-        from topdress.drivers.files.prescriptions.shapes import write_shapes
+        from topdress.drivers.files.prescriptions.shapes import write_map_layers
 
-        write_shapes(data, path)
+        write_map_layers(data, path)
     else:
         try:
-            root, files = prescription_task(data)
+            root, files = build_prescription_task(data)
         except PrescriptionError as error:
             raise PrescriptionError.of(error, path) from None
-        write_task(path, root, files)
+        write_task_files(path, root, files)
 
 
-def not_written(data: MapData, path: Path) -> str:
+def describe_losses(data: MapData, path: Path) -> str:
     """Returns what the format has no place for, in a sentence; empty: it holds all."""
     lost = (
         [
@@ -88,7 +88,7 @@ def not_written(data: MapData, path: Path) -> str:
     return f"{path.suffix} has no place for {' and '.join(lost)}: .geojson and task files keep them"
 
 
-def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
+def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
     """Returns the task file's tree and the files next to it, valid against the public schema of
     version 4.3.
 
@@ -98,94 +98,96 @@ def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
     ------
     PrescriptionError : more than MOST_LEVELS rates of zones.
     """
-    root = task_root(from_terminal=False)
+    root = make_task_root(from_terminal=False)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
     if data.product:
-        SubElement(root, "PDT", A="PDT1", B=name_of(data.product))
+        SubElement(root, "PDT", A="PDT1", B=clean_task_name(data.product))
     task = Element(
         "TSK",
         A="TSK1",
-        B=name_of(data.title) or "prescription",
+        B=clean_task_name(data.title) or "prescription",
         G="1",
         # H, I, J name the zones where nothing else holds.
-        H=DEFAULT,
-        I=LOST,
-        J=OUTSIDE,
+        H=DEFAULT_ZONE,
+        I=LOST_ZONE,
+        J=OUTSIDE_ZONE,
     )
     if data.fields_deg:
         alone = MapData(zones=tuple(Zone(0.0, rings) for rings in data.fields_deg))
         area_m2 = 10_000.0 * sum(share.area_ha for share in statistics(alone))
         field = SubElement(
-            root, "PFD", A="PFD1", C=name_of(data.title) or "field", D=str(round(area_m2))
+            root, "PFD", A="PFD1", C=clean_task_name(data.title) or "field", D=str(round(area_m2))
         )
         for rings in data.fields_deg:
-            outline(field, rings, "1")
+            add_polygon_element(field, rings, "1")
         task.set("E", "PFD1")
     files: dict[str, bytes] = {}
     fallbacks = data.fallbacks
     for code, title, rate in (
-        (DEFAULT, "default", fallbacks.default_kg_ha),
-        (LOST, "position lost", fallbacks.lost_kg_ha),
-        (OUTSIDE, "out of field", fallbacks.outside_kg_ha),
+        (DEFAULT_ZONE, "default", fallbacks.default_kg_ha),
+        (LOST_ZONE, "position lost", fallbacks.lost_kg_ha),
+        (OUTSIDE_ZONE, "out of field", fallbacks.outside_kg_ha),
     ):
-        _variable(SubElement(task, "TZN", A=code, B=title), rate, data)
+        _add_rate_value(SubElement(task, "TZN", A=code, B=title), rate, data)
     if data.grid is not None:
-        files["GRD00001.bin"] = _grid(task, data.grid, data)
+        files["GRD00001.bin"] = _add_rate_grid(task, data.grid, data)
     else:
-        _zones(task, data)
+        _add_rate_zones(task, data)
     root.append(task)
     return root, files
 
 
-def _zones(task: Element, data: MapData) -> None:
+def _add_rate_zones(task: Element, data: MapData) -> None:
     """Adds a zone for each rate, with the polygons of that rate; where zones overlap, only the
     ground where each holds."""
     by_rate: dict[int, list[Zone]] = {}
     for zone in apart(data.zones):
         by_rate.setdefault(round(zone.rate_kg_ha * MG_M2_PER_KG_HA), []).append(zone)
-    if len(by_rate) > MOST_LEVELS:
+    if len(by_rate) > MAX_RATE_LEVELS:
         raise PrescriptionError(
             "",
             "{count} different rates: allowed {most} in a task file of zones",
             "; .geojson and .shp hold any number",
             count=len(by_rate),
-            most=MOST_LEVELS,
+            most=MAX_RATE_LEVELS,
         )
-    for code, (steps, zones) in enumerate(by_rate.items(), start=FIRST_CODE):
+    for code, (steps, zones) in enumerate(by_rate.items(), start=FIRST_RATE_CODE):
         titles = {zone.title for zone in zones}
-        title = name_of(titles.pop()) if len(titles) == 1 else ""
+        title = clean_task_name(titles.pop()) if len(titles) == 1 else ""
         element = SubElement(
             task, "TZN", A=str(code), B=title or f"{steps / MG_M2_PER_KG_HA:g} kg/ha"
         )
         for zone in zones:
-            outline(element, zone.rings_deg, "2")
-        _variable(element, steps / MG_M2_PER_KG_HA, data)
+            add_polygon_element(element, zone.rings_deg, "2")
+        _add_rate_value(element, steps / MG_M2_PER_KG_HA, data)
 
 
 # Adds the grid and its zones, and returns the bytes of its cells: codes (type 1) where they
 # suffice, else rates (type 2).
-def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
+def _add_rate_grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
     rows, columns = grid.rate_kg_ha.shape
     steps = np.round(grid.rate_kg_ha * MG_M2_PER_KG_HA)
     levels = np.unique(steps[np.isfinite(steps)])
     silent = not np.isfinite(steps).all()
-    few = len(levels) + silent <= MOST_LEVELS
+    few = len(levels) + silent <= MAX_RATE_LEVELS
     if few:
         for k, level in enumerate(levels.tolist()):
             zone = SubElement(
-                task, "TZN", A=str(FIRST_CODE + k), B=f"{level / MG_M2_PER_KG_HA:g} kg/ha"
+                task, "TZN", A=str(FIRST_RATE_CODE + k), B=f"{level / MG_M2_PER_KG_HA:g} kg/ha"
             )
-            _variable(zone, level / MG_M2_PER_KG_HA, data)
-        nothing = FIRST_CODE + len(levels)
+            _add_rate_value(zone, level / MG_M2_PER_KG_HA, data)
+        nothing = FIRST_RATE_CODE + len(levels)
         if silent:
             SubElement(task, "TZN", A=str(nothing), B="no rate")
-        codes = np.where(np.isfinite(steps), FIRST_CODE + np.searchsorted(levels, steps), nothing)
+        codes = np.where(
+            np.isfinite(steps), FIRST_RATE_CODE + np.searchsorted(levels, steps), nothing
+        )
         cells = codes.astype("u1").tobytes()
     else:
         elsewhere = (
             data.fallbacks.default_kg_ha if data.fields_deg else data.fallbacks.outside_kg_ha
         )
-        _variable(SubElement(task, "TZN", A=GRID_CELL, B="cell"), 0.0, data)
+        _add_rate_value(SubElement(task, "TZN", A=CELL_ZONE, B="cell"), 0.0, data)
         cells = (
             np.where(np.isfinite(steps), steps, round(elsewhere * MG_M2_PER_KG_HA))
             .astype("<i4")
@@ -194,10 +196,10 @@ def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
     grid_element = SubElement(
         task,
         "GRD",
-        A=degrees(grid.south_deg),
-        B=degrees(grid.west_deg),
-        C=cell_degrees(grid.cell_lat_deg),
-        D=cell_degrees(grid.cell_lon_deg),
+        A=format_degrees(grid.south_deg),
+        B=format_degrees(grid.west_deg),
+        C=format_cell_degrees(grid.cell_lat_deg),
+        D=format_cell_degrees(grid.cell_lon_deg),
         E=str(columns),
         F=str(rows),
         G="GRD00001",
@@ -205,12 +207,12 @@ def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
         I="1" if few else "2",
     )
     if not few:
-        grid_element.set("J", GRID_CELL)
+        grid_element.set("J", CELL_ZONE)
     return cells
 
 
 # Adds a zone's rate as process data (DDI 6).
-def _variable(zone: Element, rate_kg_ha: float, data: MapData) -> None:
+def _add_rate_value(zone: Element, rate_kg_ha: float, data: MapData) -> None:
     variable = SubElement(
         zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1"
     )
@@ -226,21 +228,26 @@ def _write_geojson(data: MapData, path: Path) -> None:
             "properties": {"rate_kg_ha": zone.rate_kg_ha, "title": zone.title},
             "geometry": {
                 "type": "Polygon",
-                "coordinates": [_closed_lon_lat(r) for r in zone.rings_deg],
+                "coordinates": [_close_ring_lon_lat(r) for r in zone.rings_deg],
             },
         }
-        for zone in zones_of(data)
+        for zone in list_map_zones(data)
     ]
     ours = {
         "format": "topdress-prescription/1",
         "product": data.product,
         "fallbacks": data.fallbacks._asdict(),
-        "fields": [[_closed_lon_lat(ring) for ring in rings] for rings in data.fields_deg],
+        "fields": [[_close_ring_lon_lat(ring) for ring in rings] for rings in data.fields_deg],
     }
     write_atomically(
         path,
         json.dumps(
-            {"type": "FeatureCollection", "name": data.title, OURS: ours, "features": features},
+            {
+                "type": "FeatureCollection",
+                "name": data.title,
+                OWN_MEMBER: ours,
+                "features": features,
+            },
             ensure_ascii=False,
         ),
     )
@@ -251,14 +258,14 @@ def _write_shapefile(data: MapData, path: Path) -> None:
         # dBASE: 18 digits, 8 of them decimals.
         writer.field("rate_kg_ha", "N", 18, 8)
         writer.field("title", "C", 60)
-        for zone in zones_of(data):
-            writer.poly([[*ring, ring[0]] for ring in _oriented(zone.rings_deg)])
+        for zone in list_map_zones(data):
+            writer.poly([[*ring, ring[0]] for ring in _orient_rings(zone.rings_deg)])
             writer.record(zone.rate_kg_ha, zone.title)
     write_atomically(path.with_suffix(".prj"), WGS84_PRJ)
     write_atomically(path.with_suffix(".cpg"), "UTF-8")
 
 
-def zones_of(data: MapData) -> tuple[Zone, ...]:
+def list_map_zones(data: MapData) -> tuple[Zone, ...]:
     """Returns the zones, or a zone for each cell of the grid that has a rate."""
     if data.grid is None:
         return data.zones
@@ -276,11 +283,11 @@ def zones_of(data: MapData) -> tuple[Zone, ...]:
     return tuple(zones)
 
 
-def _closed_lon_lat(ring: Floats) -> list[list[float]]:
+def _close_ring_lon_lat(ring: Floats) -> list[list[float]]:
     return [[lon, lat] for lat, lon in [*ring.tolist(), ring[0].tolist()]]
 
 
-def _oriented(rings: tuple[Floats, ...]) -> list[list[tuple[float, float]]]:
+def _orient_rings(rings: tuple[Floats, ...]) -> list[list[tuple[float, float]]]:
     """Returns rings of longitude and latitude; the outline clockwise, holes the other way, as a
     shapefile wants."""
     found = []

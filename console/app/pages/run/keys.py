@@ -57,7 +57,7 @@ def allowances(frame: Frame | None) -> dict[str, Allowance]:
 
 
 def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
-    """A line for each; the value is its name in `allowances`, or `SECTIONS`."""
+    """A line for each; the value is its name in `allowances`, or `SECTIONS_FILE`."""
     sections = (
         (Choice(SECTIONS, _("sections by hand: close or give back ...")),)
         if frame and frame.sections
