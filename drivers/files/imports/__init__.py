@@ -1,5 +1,5 @@
-"""Logs of any machine as topdress run logs: what a file holds, what its columns mean, and the
-conversion.
+"""How do logs of any machine become topdress run logs: what does a file hold, what do its
+columns mean, and how are they converted?
 
 Files:
 

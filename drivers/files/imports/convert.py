@@ -1,4 +1,4 @@
-"""A raw table and what its columns mean: the columns of a run log."""
+"""How do a raw table and the meaning of its columns become the columns of a run log?"""
 
 from __future__ import annotations
 
@@ -40,23 +40,27 @@ from topdress.drivers.files.imports.times import as_texts, clock, read_texts
 from topdress.drivers.files.imports.trouble import ImportTrouble, listed
 from topdress.drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
 
-US = "us"  # the time of a row, whole microseconds
-# the log's column, and here as microseconds since 1970
+# Column with the time of a row, whole microseconds.
+US = "us"
+# The log's column, and the same here as microseconds since 1970.
 UTC, UTC_US = "utc", "utc_us"
+# Columns of the log that hold commands.
 COMMANDS = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha"})
+# The first of these columns that a log has is its speed.
 SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
-STANDING_MPS = 0.05  # slower, and a flow is no rate
-# digits kept of a converted number: more than a file holds, fewer than a double has
+# Below this speed, m/s, the machine stands and a flow is no rate.
+STANDING_MPS = 0.05
+# Digits kept of a converted number: more than a file holds, fewer than a double has.
 DIGITS = 12
-# share of cells that are no number; above it the wrong column was named
+# Share of cells that are no number, above which the wrong column was named.
 _BAD_SHARE = 0.5
 _LINE_BREAKS = re.compile(r"[\r\n]+")
 
 
 @dataclass(frozen=True, eq=False)
 class Converted:
-    """One file's part of the log. `columns`: `us` (whole microseconds, strictly increasing), then
-    those of the log: numbers or texts."""
+    """Holds a file's part of the log. `columns`: `us` (whole microseconds, strictly increasing),
+    then those of the log: numbers or texts."""
 
     raw: RawTable
     columns: Columns
@@ -65,7 +69,21 @@ class Converted:
 
 
 def convert(raw: RawTable, mapping: ImportFile) -> Converted:
-    """Raises ImportTrouble: one line for each key that does not fit this file."""
+    """Converts a table to columns of the log.
+
+    Parameters
+    ----------
+    raw : the table as the file holds it.
+    mapping : the meaning of its columns.
+
+    Returns
+    -------
+    columns in the log's units, with findings.
+
+    Raises
+    ------
+    ImportTrouble : a line for each key that does not fit this file.
+    """
     _all_there(raw, mapping)
     times = clock(raw, mapping.time)
     findings = list(raw.findings)
@@ -103,6 +121,7 @@ def _all_there(raw: RawTable, mapping: ImportFile) -> None:
         raise ImportTrouble(raw.path, *wrong)
 
 
+# Returns a column of the log, (n,) numbers in its unit, or texts.
 def _column(
     raw: RawTable, name: str, column: Column, mapping: ImportFile, findings: list[Finding]
 ) -> NDArray[Any]:
@@ -126,6 +145,7 @@ def _column(
             )
         )
     if found.bad:
+        # An extra column may hold texts.
         if name.startswith(EXTRA_START) and found.bad > _BAD_SHARE * cells.size:
             return _texts(cells, missing)
         _said_bad(raw, column.source, found, findings)
@@ -137,13 +157,15 @@ def _column(
         and (unit := unit_named(column.unit)) is not None
         and unit.quantity == "volume"
     ):
+        # Litres times kg/l are kg.
         converted = converted * (mapping.density_kg_l or 1.0)
     return _rounded(converted) if column.scale != 1.0 or column.unit else converted
 
 
 def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """To `DIGITS` digits, halves away from zero."""
+    """Returns numbers (n,) rounded to `DIGITS` digits, halves away from zero."""
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        # The logarithm of 0 is no number; the last line keeps such values.
         per_digit = 10.0 ** (DIGITS - 1 - np.floor(np.log10(np.abs(values))))
         scaled = values * per_digit
         rounded = np.copysign(np.floor(np.abs(scaled) + 0.5), scaled) / per_digit
@@ -151,7 +173,7 @@ def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _utc(raw: RawTable, column: Column) -> NDArray[np.float64]:
-    """UTC that stands next to another time, as ISO 8601 or by type."""
+    """Returns the UTC next to another time, ISO 8601 or a time by type, in microseconds (n,)."""
     assert column.source is not None
     cells = raw.columns[column.source]
     if is_time(cells):
@@ -166,6 +188,7 @@ def _utc(raw: RawTable, column: Column) -> NDArray[np.float64]:
     return us
 
 
+# Adds a finding about cells that are no number. Raises ImportTrouble where most are none.
 def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding]) -> None:
     where = f"row {raw.first_row + found.row}"
     if found.bad > _BAD_SHARE * found.values.size:
@@ -185,6 +208,7 @@ def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding
     )
 
 
+# Returns numbers (n,) with those outside the mapping's range emptied, and adds a finding.
 def _inside(
     raw: RawTable, column: Column, values: NDArray[np.float64], findings: list[Finding]
 ) -> NDArray[np.float64]:
@@ -208,6 +232,7 @@ def _inside(
     return np.where(outside, np.nan, values)
 
 
+# Returns numbers (n,) in the log's unit, with the mapping's sign.
 def _in_log_unit(values: NDArray[np.float64], name: str, column: Column) -> NDArray[np.float64]:
     values = values * column.sign
     unit = unit_named(column.unit) if column.unit is not None else None
@@ -220,7 +245,8 @@ def _in_log_unit(values: NDArray[np.float64], name: str, column: Column) -> NDAr
 
 
 def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: Columns) -> None:
-    """kg/s over the ground covered in a second, m2, as kg/ha; standing there is no rate."""
+    """Converts flows, kg/s, over the ground covered in a second, m2, to kg/ha; a standing
+    machine has no rate."""
     flows = [
         name
         for name, column in mapping.columns.items()
@@ -242,6 +268,7 @@ def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: Columns) -> Non
         columns[name] = columns[name] / (moving * mapping.width_m) * 10_000.0
 
 
+# Returns the state (n,) of each row: working where the mapping's condition holds, else ready.
 def _state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]:
     cells = raw.columns[working.column]
     found = numbers(cells, raw.decimal_comma, mapping.missing).values
@@ -271,7 +298,7 @@ def _state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]
 
 
 def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
-    """Columns that nothing names, by their name and unit, in the file's own unit."""
+    """Returns the columns that no key names, by their name and unit, in the file's own unit."""
     used = {column.source for column in mapping.columns.values()} | {
         mapping.time.column,
         mapping.time.date_column,
@@ -289,6 +316,7 @@ def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
             continue
         name = extra_name(source, raw.units.get(source))
         number, free = 1, name
+        # The second column of a name gets the ending _2.
         while free in taken or free in extras:
             number += 1
             free = f"{name}_{number}"
@@ -297,7 +325,7 @@ def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
 
 
 def extra_name(source: str, unit: str | None) -> str:
-    """`Engine torque [Nm]` is `x_engine_torque_nm`."""
+    """Returns an extra column's name: `Engine torque [Nm]` is `x_engine_torque_nm`."""
     name, written = named(source)
     parts = [slug(name) if name else "column"]
     if unit or written:
@@ -307,7 +335,7 @@ def extra_name(source: str, unit: str | None) -> str:
 
 
 def _texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any]:
-    """Texts without blanks around; line breaks are blanks."""
+    """Returns texts without blanks around; line breaks become blanks."""
     nothing = {word for word in missing if isinstance(word, str)}
 
     def one_line(text: str) -> str:
@@ -318,7 +346,7 @@ def _texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any
 
 
 def _in_order(raw: RawTable, columns: Columns, findings: list[Finding]) -> Columns:
-    """Rows with strictly increasing times, as the log's own reader would have them."""
+    """Returns rows with strictly increasing times, as the log's own reader makes them."""
     us = columns[US]
     known = us[~np.isnan(us)]
     first = known[0] if known.size else 0.0
@@ -334,13 +362,14 @@ def _in_order(raw: RawTable, columns: Columns, findings: list[Finding]) -> Colum
 
 
 def _with_commands_before(columns: Columns, constants: list[str]) -> Columns:
-    """From rows that hold a command and its settled answer to rows of the run log.
+    """Converts rows that hold a command and its settled answer to rows of the run log.
 
-    A row of the log holds a reading, and the command in force from there on: the command of
-    each row moves to the row before, and a row stands before the first for its command. An
-    event says that no command is missing between rows.
+    A row of the log holds a reading, and the command in force from there on: the command of each
+    row moves to the row before, and an extra first row holds the first command. An event says that
+    no command is missing between rows.
     """
     times = columns[US]
+    # The first row begins one usual step earlier; one second without any.
     step = int(median_of(np.diff(times)) or 1e6)
     stated = columns.get(EVENTS, unknown_like(text_column([]), len(times)))
     longer = {US: np.concatenate(([times[0] - step], times))}

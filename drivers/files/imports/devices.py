@@ -1,5 +1,5 @@
-"""What a number of an ISO 11783-10 time log is: by the data dictionary (ISO 11783-11), by its
-device's description."""
+"""What does a number of an ISO 11783-10 time log mean, by the data dictionary (ISO 11783-11) and
+by its device's description?"""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from topdress.drivers.files.imports.units import unit_named
 
 
 class Meaning(NamedTuple):
-    """`name`: what it is called here. Raw numbers times `step`, plus `offset`, are in `unit`."""
+    """Describes a number. `name`: as it is called here. Raw numbers times `step`, plus `offset`,
+    are in `unit`."""
 
     name: str
     unit: str = ""
@@ -20,7 +21,7 @@ class Meaning(NamedTuple):
 
 
 class Presented(NamedTuple):
-    """A device's value presentation (DVP): (raw + offset) x scale is shown in `unit`."""
+    """Describes a device's value presentation (DVP): (raw + offset) x scale is shown in `unit`."""
 
     unit: str
     scale: float
@@ -29,8 +30,8 @@ class Presented(NamedTuple):
 
 @dataclass(frozen=True)
 class DeviceElement:
-    """An element of a device (DET), with what its description says of each data identifier
-    (DDI)."""
+    """Describes an element of a device (DET), with what its description says of each data
+    identifier (DDI)."""
 
     id: str
     device: str  # id of the device (DVC)
@@ -43,8 +44,8 @@ class DeviceElement:
     fixed: dict[int, int] = field(default_factory=dict)  # properties (DPT)
 
 
-# ISO 11783-11, the identifiers that a spreader, a sprayer or a tractor logs: name here, unit,
-# one step in it.
+# ISO 11783-11: the identifiers that a spreader, a sprayer or a tractor logs, each with name, unit
+# and a step in it.
 DICTIONARY = {
     1: Meaning("target volume rate", "l/ha", 1e-4),
     2: Meaning("applied volume rate", "l/ha", 1e-4),
@@ -72,13 +73,16 @@ DICTIONARY = {
     353: Meaning("total nitrogen", "g"),
     397: Meaning("speed", "mm/s"),
 }
-RATES = (1, 2, 6, 7, 36, 37, 41, 42)  # a wrong step of these is a wrong dose
-WIDTHS = (67, 70)  # actual, largest; mm
-AGREES = 0.01  # presentation and dictionary, one to the other
+# Identifiers of which a wrong step is a wrong dose.
+RATES = (1, 2, 6, 7, 36, 37, 41, 42)
+# Identifiers of the actual and the largest working width, mm.
+WIDTHS = (67, 70)
+# Share by which presentation and dictionary may differ: presentations are rounded.
+AGREES = 0.01
 
 
 def parts_of(root: Element) -> dict[str, DeviceElement]:
-    """The elements of all devices by their ids."""
+    """Returns the elements of all devices by their ids."""
     found = {}
     for device in root.iter("DVC"):
         shown = {one.get("A"): one for one in device.findall("DVP")}
@@ -106,6 +110,7 @@ def _describe(part: DeviceElement, data: Element | None, shown: dict[str | None,
     )
     if name:
         part.called[ddi] = name
+    # Attributes that are no numbers are ignored: the dictionary holds then.
     if (one := shown.get(presentation)) is not None:
         try:
             part.shown[ddi] = Presented(
@@ -118,7 +123,7 @@ def _describe(part: DeviceElement, data: Element | None, shown: dict[str | None,
 
 
 def ddi_of(text: str) -> int | None:
-    """Of an attribute in hexadecimal."""
+    """Returns an identifier of an attribute in hexadecimal; None where it is none."""
     try:
         return int(text, 16)
     except ValueError:
@@ -126,7 +131,14 @@ def ddi_of(text: str) -> int | None:
 
 
 def meaning_of(root: Element, ddi: int | None, part: DeviceElement | None) -> Meaning:
-    """By the dictionary, else as the device calls and shows it."""
+    """Returns the meaning of an identifier, by the dictionary, else as the device describes it.
+
+    Parameters
+    ----------
+    root : the task file, whose devices may name an identifier.
+    ddi : data identifier; None: the log names none.
+    part : the element; None: not described.
+    """
     if ddi is None:
         return Meaning("no data identifier")
     if ddi in DICTIONARY:
@@ -143,8 +155,8 @@ def meaning_of(root: Element, ddi: int | None, part: DeviceElement | None) -> Me
 
 
 def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None:
-    """What a rate is by its device's presentation, where that is not what the dictionary says;
-    None: it agrees."""
+    """Returns a rate's meaning by its device's presentation, where the dictionary differs; None:
+    they agree."""
     shown = None if part is None or ddi not in RATES else part.shown.get(ddi)
     if shown is None or ddi is None:
         return None
@@ -157,6 +169,7 @@ def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None
         or (unit.quantity == "other" and unit != own)
     ):
         return None
+    # Ratio of a step as shown to a step by the dictionary.
     as_shown = shown.scale * unit.factor / (by_book.step * own.factor)
     if abs(as_shown - 1.0) <= AGREES and shown.offset == 0.0:
         return None
@@ -164,8 +177,8 @@ def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None
 
 
 def width_m(parts: dict[str, DeviceElement], device: str | None = None) -> float | None:
-    """The working width that a device's description says, m: of its widest element; None: it
-    says none."""
+    """Returns the working width of a device's description, m: that of its widest element; None:
+    it describes none."""
     stated = [
         part.fixed[ddi]
         for part in parts.values()

@@ -1,4 +1,4 @@
-"""How a text file is written: encoding, separator, decimal sign, where the table begins."""
+"""How is a text file written: encoding, separator, decimal sign, and where does the table begin?"""
 
 from __future__ import annotations
 
@@ -11,13 +11,19 @@ from topdress.drivers.files.imports.header import Layout, is_value, layout_of
 from topdress.drivers.files.imports.mapping import Delimiter, Source
 from topdress.drivers.files.imports.trouble import ImportTrouble
 
+# Lines that are looked at; more than any title.
 SAMPLE_LINES = 300
+# Bytes that are looked at: 300 lines of wide tables.
 SAMPLE_BYTES = 400_000
+# Signs between cells by the import file's word.
 DELIMITERS: dict[Delimiter, str] = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": " "}
+# Bytes above 127 in a row.
 _HIGH = re.compile(rb"[\x80-\xff]+")
 
 
 class Dialect(NamedTuple):
+    """Describes how a text file is written."""
+
     encoding: str
     delimiter: Delimiter
     decimal_comma: bool
@@ -26,17 +32,18 @@ class Dialect(NamedTuple):
 
 
 def encoding_of(data: bytes) -> str:
-    """By byte order marks, zero bytes and the runs of bytes above 127.
+    """Returns the encoding of a text, by byte order marks, zero bytes and the runs of bytes above
+    127.
 
-    GB 18030 (GBK) writes a Chinese letter as two such bytes, the first from 0xA1 on: all runs
-    are even. A Latin letter with an accent is one byte among plain ones.
+    GB 18030 (GBK) writes a Chinese letter as two such bytes, the first from 0xA1 on: all runs are
+    even. A Latin letter with an accent is a single such byte among plain bytes.
     """
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if data.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     even, odd = data[0:4000:2].count(0), data[1:4000:2].count(0)
-    # not of a power loss
+    # UTF-16 has its zeros at even or at odd places; a power loss leaves them at both.
     if max(even, odd) > 0.3 * len(data[:4000:2]) and min(even, odd) < 0.5 * max(even, odd):
         return "utf-16-le" if odd > even else "utf-16-be"
     if data.isascii() or _is_utf8(data):
@@ -48,6 +55,7 @@ def encoding_of(data: bytes) -> str:
     chinese = sum(len(run) % 2 == 0 and all(byte >= 0xA1 for byte in run) for run in runs)
     if chinese > 0.5 * len(runs):
         return "gb18030"
+    # Bytes that cp1252 does not define.
     undefined = set(start) & {0x81, 0x8D, 0x8F, 0x90, 0x9D}
     return "latin-1" if undefined else "cp1252"
 
@@ -65,8 +73,21 @@ def _is_utf8(data: bytes) -> bool:
 
 
 def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
-    """How the lines of `sample` are to be split; what is said stands. Raises ImportTrouble."""
+    """Returns how the lines of `sample` are split; what the import file says is kept.
+
+    Parameters
+    ----------
+    label : the file, for messages.
+    sample : its first lines.
+    encoding : in which it was read.
+    said : what the import file says.
+
+    Raises
+    ------
+    ImportTrouble : no row of numbers is found.
+    """
     lines = sample.splitlines()[:SAMPLE_LINES]
+    # Excel writes the separator as `sep=;` in the first line.
     stated = re.match(r"^\"?sep=(.)\"?$", lines[0], re.IGNORECASE) if lines else None
     wanted: list[Delimiter] = (
         [said.delimiter]
@@ -92,6 +113,7 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
             if said.decimal
             else DELIMITERS[delimiter] != "," and _has_comma(body)
         )
+        # The best separator gives rows of even width, cells that are values and a header.
         points = (
             even
             + values
@@ -113,7 +135,7 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
 
 
 def split(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
-    """Lines into cells without blanks around; quotes as usual in CSV."""
+    """Returns lines as cells without blanks around; quotes as usual in CSV."""
     if delimiter == "blank":
         return [line.split() for line in lines]
     return [
@@ -124,6 +146,7 @@ def split(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
     ]
 
 
+# Returns header, units and body; what the import file says is kept.
 def _layout(rows: list[list[str]], said: Source) -> Layout | None:
     found = layout_of(rows)
     if said.title_rows is None:
@@ -136,6 +159,7 @@ def _layout(rows: list[list[str]], said: Source) -> Layout | None:
     return Layout(header, header + 1 if unit_row else None, header + (2 if unit_row else 1))
 
 
+# Tells whether most cells with a comma are numbers, so that the comma is the decimal sign.
 def _has_comma(body: list[list[str]]) -> bool:
     with_comma = [cell for row in body for cell in row if cell.rfind(",") > cell.rfind(".")]
     numbers = [cell for cell in with_comma if is_value(cell)]

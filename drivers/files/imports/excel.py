@@ -1,5 +1,5 @@
-"""Excel workbooks (.xlsx, .xlsm, .xls, .xlsb, .ods): one sheet, with its title rows, header and
-row of units."""
+"""How is an Excel workbook (.xlsx, .xlsm, .xls, .xlsb, .ods) read: which sheet, with which title
+rows, header and row of units?"""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ from topdress.drivers.files.imports.raw import RawTable, header_of
 from topdress.drivers.files.imports.trouble import ImportTrouble, listed
 from topdress.drivers.files.sheet_text import cell_text, sheets_of
 
-# of a log: what is shorter next to a longer one are notes
+# Rows of a log: a shorter table next to a longer one holds notes.
 LEAST_ROWS = 20
 
 
 def read_excel(path: Path, said: Source) -> RawTable:
-    """Raises TableError, OSError. Without a sheet named, the one sheet that holds a table."""
+    """Returns the table of a workbook: of the sheet that is named, else of the only sheet with a
+    table. Raises TableError, OSError."""
     tables = sheets_of(path, said.sheet)
     found = {
         name: (rows, layout)
@@ -55,6 +56,7 @@ def read_excel(path: Path, said: Source) -> RawTable:
     return _table(path, said, sheet, rows, layout, findings)
 
 
+# Returns header, units and body of a sheet; what the import file says is kept.
 def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
     if said.title_rows is not None:
         header = said.title_rows
@@ -66,6 +68,7 @@ def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
     return layout_of([[cell_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
 
 
+# Returns a sheet's table. Raises ImportTrouble.
 def _table(
     path: Path,
     said: Source,
@@ -103,6 +106,7 @@ def _table(
     return RawTable(path, columns, source, units, layout.body + 1, findings, above)
 
 
+# Returns a column as numbers, times or texts (n,), by its cells' types.
 def _column(values: tuple[Any, ...]) -> NDArray[Any]:
     kinds = {type(value) for value in values if value != ""}
     if kinds <= {float, int, bool}:

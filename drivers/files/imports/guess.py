@@ -1,5 +1,5 @@
-"""A first import file by looking at a table: by names, by units, by ranges, by physics. What is
-not sure is said."""
+"""Which import file fits a table, by names, units, ranges and physics, and what about it is
+unsure?"""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ from topdress.drivers.files.imports.words import (
     subject_of,
 )
 
-# What the converted numbers say against a guess, or for it.
-LOOKED_AT = 50_000  # rows, for what the converted numbers say
-# a wheel's speed over the ground's, on any ground
+# Rows that are converted to test a guess.
+LOOKED_AT = 50_000
+# A wheel's speed over the ground's, on any ground.
 SLIP = (0.7, 1.6)
-# command and reading so near one another are in the same unit
+# Difference of command and reading, as a share, up to which they are in the same unit.
 ALIKE = 0.1
-# of the largest value: readings about zero are noisy
+# Share of the largest value that readings may be beyond their range: readings about zero are noisy.
 BEYOND = 0.02
-# between rows (median): the quickest logger of a drive, the slowest
+# Median time between rows, s: the quickest logger of a drive, and the slowest.
 CLOSEST_S, FARTHEST_S = 5e-5, 60.0
-# commands that a row may hold with their settled answer
+# Commands that a row may hold with their settled answer.
 DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")
 
 
@@ -90,8 +90,8 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, ColumnCandidate]) -> N
 
 
 def _too_close(raw: RawTable, out: Guess) -> str:
-    """Of times that grow in every row and are none in the unit taken: a header says `time_us`
-    above seconds."""
+    """Returns a doubt about times that grow in every row but collapse in the unit taken, as
+    where a header says `time_us` above seconds; empty: none."""
     time = out.mapping.time
     if time.column is None or time.counts not in ("ms", "us"):
         return ""
@@ -106,7 +106,8 @@ def _too_close(raw: RawTable, out: Guess) -> str:
 
 
 def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
-    """Rows so far apart, or so close, that the times are rather given in another unit."""
+    """Adds a doubt where rows are so far apart, or so close, that the times are likely in
+    another unit."""
     if (
         len(time_s) < 3
         or out.mapping.time.counts == "rows"
@@ -142,6 +143,7 @@ def _speeds(
         unit, ratio = physics.speed_unit(
             time_s, columns["lat_deg"], columns["lon_deg"], columns[name]
         )
+        # NaN: the machine did not move.
         if ratio != ratio:
             continue
         column, key = out.mapping.columns[name], ("columns", name)
@@ -152,7 +154,7 @@ def _speeds(
             and chosen[name].unit is not None
             and SLIP[0] < ratio < SLIP[1]
         )
-        # as converted: what the header or the range said holds
+        # The converted speed fits, so the header's or the range's unit holds.
         if unit == "m/s" or slips:
             out.reasons[key] = f"{written.name}: {ratio:.2f} times the speed between the places"
             out.doubts = [
@@ -171,7 +173,8 @@ def _speeds(
 
 
 def _without_stated_unit(name: str, ratio: float, column: Column, out: Guess) -> None:
-    """`ratio`: of the file's own numbers to m/s between places."""
+    """Takes the unit that fits the places. `ratio`: of the file's own numbers to m/s between
+    places."""
     key = ("columns", name)
     fits = unit_of(ratio, physics.SPEED_FACTORS)
     if fits is None:
@@ -207,8 +210,8 @@ def _commands(
     out: Guess,
     chosen: Mapping[str, ColumnCandidate],
 ) -> None:
-    """Commands without a unit scaled to their readings, and whether a row holds a command with
-    its settled answer."""
+    """Scales commands without a unit to their readings, and finds whether a row holds a command
+    with its settled answer."""
     for command, reading in PAIRS:
         if command not in columns or reading not in columns:
             continue
@@ -225,7 +228,7 @@ def _commands(
             )
         found = physics.answer(columns[command], columns[reading])
         if found is not None and found.strength >= physics.LEAST_CORRELATION:
-            # a rate may come before its target: a look-ahead set too long
+            # A rate may come before its target: a look-ahead that is set too long.
             if found.lag < 0 and command in DRIVEN:
                 out.doubts.append(
                     Doubt(
@@ -251,6 +254,7 @@ def _commands(
             )
 
 
+# Takes rows as settings with their answers, with a doubt.
 def _answer_in_row(out: Guess, text: str) -> None:
     if out.mapping.rows != "answer_in_row":
         out.mapping = out.mapping.model_copy(update={"rows": "answer_in_row"})
@@ -258,8 +262,8 @@ def _answer_in_row(out: Guess, text: str) -> None:
 
 
 def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) -> None:
-    """`most`: its largest number. `bare`: its name says no quantity, so that it may count
-    anything, as PWM does."""
+    """Scales a command without a unit. `most`: its largest number. `bare`: its name says no
+    quantity, so that it may count anything, as PWM does."""
     key = ("columns", command)
     out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "no unit" not in doubt.text]
     if not np.isfinite(factor) or factor == 0.0:
@@ -292,7 +296,8 @@ def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) ->
 
 
 def _hopper(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
-    """A hopper that fills all the while is turned round or something else."""
+    """Adds a doubt about a hopper that fills all the while: it is exchanged with the applied
+    mass, or something else."""
     hopper = columns.get("hopper_kg")
     if hopper is not None and hopper.size > 20:
         known = hopper[np.isfinite(hopper)]
@@ -306,9 +311,22 @@ def _hopper(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
 
 
 def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
-    """full : the most of a log column by its machine file, in the log's unit, where that is
-    known: what 100 % of a duty cycle is. Raises ImportTrouble where the table has no times that
-    can be read at all."""
+    """Returns a first import file for a table, with doubts and reasons.
+
+    Parameters
+    ----------
+    raw : the table as the file holds it.
+    full : largest value of a log column by its machine file, in the log's unit: what 100 % of a
+        duty cycle is.
+
+    Returns
+    -------
+    mapping, doubts and reasons.
+
+    Raises
+    ------
+    ImportTrouble : the table has no times that can be read.
+    """
     time = guess_times(raw)
     out = Guess(
         ImportFile(source=raw.source, time=time.times, columns={}),
@@ -356,7 +374,7 @@ def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
 
 
 def _width(columns: dict[str, Column], raw: RawTable) -> float | None:
-    """Where a rate is given as a flow, the file's own working width."""
+    """Returns the file's own working width, m, where a rate is given as a flow."""
     units = [
         unit_named(column.unit)
         for name, column in columns.items()
@@ -370,7 +388,8 @@ def _width(columns: dict[str, Column], raw: RawTable) -> float | None:
 def _working(
     raw: RawTable, columns: dict[str, Column], out: Guess, used: set[str | None]
 ) -> Working | None:
-    """A switch or a word that says when the machine worked."""
+    """Returns the column that says when the machine worked: a switch or a word; None: there is
+    none."""
     taken = {column.source for column in columns.values()} | used
     if "state" in columns or "work_switch" in columns:
         return None
@@ -383,6 +402,7 @@ def _working(
         texts = column.tolist() if is_text(column) else number_texts(column.astype(np.float64))
         kinds = list(islice(filter(None, dict.fromkeys(text.strip() for text in texts)), 12))
         on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON]
+        # More words are no switch.
         if len(kinds) > 6 or len(on) != 1:
             continue
         rivals = [

@@ -1,4 +1,4 @@
-"""Which column of a file is which of the log: by names, by units, by ranges."""
+"""Which column of a file is which column of the log, by names, units and ranges?"""
 
 from __future__ import annotations
 
@@ -30,16 +30,18 @@ from topdress.drivers.files.imports.words import (
     subject_of,
 )
 
-# no machine drives so fast in any unit of speed: it is a rotation
+# In any unit of speed no machine drives so fast: it is a rotation.
 TOO_FAST = 60.0
-DEGREES = ("latitude", "longitude", "heading")  # their unit needs no word
-# kept as they are: the machine file names its own
+# Subjects whose unit needs no word.
+DEGREES = ("latitude", "longitude", "heading")
+# Efforts are kept in their unit, or its base: the machine file names its own.
 EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}
-IN_RPM = ("rpm", "drehzahl", "转速")  # words that are units by themselves
+# Words that are units by themselves.
+IN_RPM = ("rpm", "drehzahl", "转速")
 
 
 def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandidate]:
-    """The columns that may be some column of the log, but for those in use."""
+    """Returns the columns that may be a column of the log, except those in use."""
     found = [
         one
         for name in raw.names
@@ -51,7 +53,8 @@ def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandi
 
 
 def _tell_efforts(raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]) -> None:
-    """A duty cycle next to a command that is none is no command: it is how hard the drive works."""
+    """Takes a duty cycle next to a proper command as an effort: it shows how hard the drive
+    works."""
     duties = [
         name
         for name in raw.names
@@ -71,9 +74,9 @@ def _tell_efforts(raw: RawTable, used: Iterable[str | None], found: list[ColumnC
 def _commands_by_name(
     raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]
 ) -> list[ColumnCandidate]:
-    """Where a speed is read and no command is known: the speed that is named a command and that
-    the reading follows, whatever it drives (`fan_command_rpm`: the fan of an applicator is no
-    metering shaft, that on a bench is one)."""
+    """Returns commands of a speed that is read without a known command: the speed that is named
+    a command and that the reading follows, whatever it drives (`fan_command_rpm`: the fan of an
+    applicator is no metering shaft, that on a bench is one)."""
     reading = next((one for one in found if one.target == "shaft_rpm"), None)
     if reading is None or any(one.target == "shaft_rpm_cmd" for one in found):
         return []
@@ -95,6 +98,7 @@ def _commands_by_name(
     return commands
 
 
+# Returns a column as a candidate, with target, unit and role; None: it is no column of the log.
 def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     if is_time(raw.columns[name]):
         return None
@@ -114,6 +118,7 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
         or (subject.reading in EFFORTS and unit is not None and unit.name not in EFFORT_UNITS)
     ):
         return None
+    # Words of both roles: a raw command (PWM) stays a command.
     role = "command" if says(plain, COMMAND) else "reading" if says(plain, READING) else ""
     if says(plain, READING) and says(plain, COMMAND) and not says(plain, RAW_COMMAND):
         role = "reading" if says(plain, PLAINLY_READING) else "command"
@@ -134,8 +139,8 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
 
 
 def _no_unit(name: str, subject: Subject | None, unit: ColumnUnit, plain: str) -> bool:
-    """Whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a shapefile
-    leaves `Tgt_Rate_l`, and the Ms of `Rt_Apd_Ms`, which is a mass."""
+    """Tells whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a
+    shapefile leaves `Tgt_Rate_l`, and the Ms of `Rt_Apd_Ms`, which is a mass."""
     worded = subject_of(plain, None)
     if (
         worded is None
@@ -153,6 +158,7 @@ def _target(subject: Subject, plain: str, role: str) -> str:
     return subject.command if role == "command" and subject.command else subject.reading
 
 
+# Returns a column's numbers (n,); none where most cells are no number.
 def _values(raw: RawTable, name: str) -> NDArray[np.float64]:
     found = numbers(raw.columns[name], raw.decimal_comma)
     return found.values if found.bad <= 0.5 * max(1, found.values.size) else np.empty(0)
@@ -165,8 +171,8 @@ def _too_fast(values: NDArray[np.float64]) -> bool:
 
 
 def _tell_roles(candidates: list[ColumnCandidate]) -> None:
-    """Of two columns of one kind and no word which is which: the one that the other follows is
-    the command."""
+    """Takes, of two columns of a kind without a word of role, the column that the other follows
+    as the command."""
     for command, reading in PAIRS:
         alike = [one for one in candidates if one.target == reading and one.role == ""]
         if len(alike) != 2 or any(
@@ -180,7 +186,8 @@ def _tell_roles(candidates: list[ColumnCandidate]) -> None:
 
 
 def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, ColumnCandidate]:
-    """The best candidate of each log column; where several fit as well, the first and a doubt."""
+    """Returns the best candidate of each log column; where several fit equally, the first with a
+    doubt."""
     by_target: dict[str, list[ColumnCandidate]] = {}
     for one in candidates:
         by_target.setdefault(one.target, []).append(one)
@@ -188,6 +195,7 @@ def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, Column
     for target, several in by_target.items():
         several = sorted(several, key=lambda one: one.weight, reverse=True)
         best = chosen[target] = several[0]
+        # A second column of the same name is a rival too.
         rivals = [
             one.source
             for one in several[1:]
@@ -200,7 +208,7 @@ def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, Column
                     f"{' and '.join(rivals)} would fit as well as {best.source}",
                 )
             )
-        # is measured, whatever its name says
+        # A flow is measured, whatever its name says.
         flow = best.unit is not None and best.unit.quantity == "flow"
         if (
             target == "applied_rate_kg_ha"
@@ -225,8 +233,8 @@ def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, Column
 
 
 def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
-    """The import file's words for a candidate; None where a number is wanting that the file
-    does not hold."""
+    """Returns the import file's column of a candidate; None where a number is wanting that the
+    file does not hold."""
     key: Key = ("columns", one.target)
     quantity = quantity_of(one.target)
     if one.exact or one.target in TEXT_COLUMNS:
@@ -237,6 +245,7 @@ def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
     out.reasons[key] = "name and unit of the header"
     if one.unit.quantity == quantity or (quantity is None and one.unit.name == "%"):
         return Column.of(one.source, unit=one.unit.name, missing=_missing(one, one.unit.factor))
+    # A pitch in % is a slope.
     if one.unit.name == "%" and quantity == "angle":
         return Column.of(one.source, unit="slope %", missing=_missing(one))
     if one.unit.name == "%" and one.target in out.full:
@@ -292,10 +301,13 @@ def _log_unit(one: ColumnCandidate) -> str:
     return "" if unit is None else unit.name
 
 
+# Returns a name as a quoted text of YAML.
 def _quoted(name: str) -> str:
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+# Returns the column of a candidate whose header has no unit, by its range or its name, with a doubt
+# where that is not sure.
 def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Column | None:
     key: Key = ("columns", one.target)
     missing = _missing(one)
@@ -308,11 +320,13 @@ def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Col
     known = one.values[np.isfinite(one.values) & ~np.isin(one.values, missing)]
     unit = _log_unit(one)
     if quantity == "voltage":
+        # No machine's supply is above 500 V.
         unit = "mV" if np.median(np.abs(known)) > 500.0 else "V"
         out.reasons[key] = f"no unit: {unit} by the range ({known.min():g} to {known.max():g})"
         return Column.of(one.source, unit=unit, missing=missing)
     if quantity == "angle":
         out.reasons[key] = "the name"
+        # A quarter turn is 1.57 rad.
         if known.size and np.abs(known).max() < 1.6:
             out.doubts.append(
                 Doubt(key, f"no unit: degrees or radians? (values up to {np.abs(known).max():.3g})")
@@ -327,10 +341,10 @@ def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Col
 
 
 def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None:
-    """Of a file in which no drive has both its columns: which column moves others, a doubt and
-    open lines for it.
+    """Adds a doubt and open lines for the column that moves others, in a file in which no drive has
+    both its columns.
 
-    A command says so by its name (PWM, duty), or is held for many rows while others change
+    A command is known by its name (PWM, duty), or is constant for many rows while others change
     behind it.
     """
     if any(
@@ -348,8 +362,10 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
     named_so = [name for name in values if says(folded(named(name)[0]), RAW_COMMAND)]
     if not named_so and any(name in COLUMNS for name in (*out.mapping.columns, *out.open)):
         return
+    # The column that changes least often comes first.
     held = sorted(values, key=lambda name: float(np.mean(np.diff(values[name]) != 0.0)))
     by_custom = {folded(named(name)[0]): name for name in values}
+    # Names of a system's input and output in books on control and in recordings of experiments.
     customary = [by_custom[INPUT]] if {INPUT, OUTPUT} <= by_custom.keys() else []
     for command in [*named_so, *customary, *held[:1]]:
         followers = [
@@ -383,7 +399,8 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
 
 
 def commands_unseen(raw: RawTable, out: Guess, used: Iterable[str | None]) -> list[str]:
-    """Columns of numbers that say that they are commands, of a file in which no drive has one."""
+    """Returns columns of numbers that are named as commands, in a file in which no drive has a
+    command."""
     known = {*out.mapping.columns, *out.open}
     if any(command in known for command, _ in PAIRS):
         return []
@@ -399,12 +416,13 @@ def commands_unseen(raw: RawTable, out: Guess, used: Iterable[str | None]) -> li
 
 # of a system, as books on control and recordings of experiments call them
 INPUT, OUTPUT = "u", "y"
-# correlation of a reading with the command that moves it, or of their ranks: curves bend
+# Correlation of a reading with the command that moves it, or of their ranks, for curves bend.
 FOLLOWS = 0.8
-# of drives' duty cycles
+# Full counts of drives' duty cycles.
 FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
 
 
+# Tells whether a reading (n,) follows a command (n,).
 def _follows(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool:
     both = np.isfinite(command) & np.isfinite(reading)
     if both.sum() < 10 or np.std(command[both]) == 0.0 or np.std(reading[both]) == 0.0:
@@ -416,17 +434,18 @@ def _follows(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool
 
 
 def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ranks (n,), of equal values their mean (Spearman 1904)."""
+    """Returns ranks (n,), of equal values their mean (Spearman 1904)."""
     _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
     return (np.cumsum(counts) - 0.5 * (counts - 1))[place]
 
 
 def per_count(most: float, full: float) -> float:
-    """What one of a command that counts is worth: its largest number `most` is within the least
-    usual full count, which is worth `full`."""
+    """Returns the worth of one count of a command: its largest number `most` lies within the
+    smallest usual full count, which is worth `full`."""
     return full / next((count for count in FULL_COUNTS if most <= count), most)
 
 
+# Returns the numbers that stand for not known, in the file's unit.
 def _missing(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
     low, high = PLAUSIBLE.get(one.target, (-np.inf, np.inf))
     factor = factor if np.isfinite(factor) else 1.0
@@ -438,8 +457,8 @@ def _missing(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
 
 
 def extras_with_sentinels(raw: RawTable, used: Iterable[str | None]) -> dict[str, Column]:
-    """Columns beyond the log's own are kept as they are; those with numbers that stand for
-    nothing are named for it."""
+    """Returns the extra columns with numbers that stand for not known; other extra columns need
+    no key."""
     columns: dict[str, Column] = {}
     for source in raw.names:
         if source in set(used) or is_time(raw.columns[source]):

@@ -1,5 +1,5 @@
-"""Which column tells the time, and how: by name, by unit, by how its texts read, by how its
-numbers run."""
+"""Which column holds the time, and in which form, by name, by unit, by its texts and by its
+numbers?"""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ from topdress.drivers.files.imports.words import (
     subject_of,
 )
 
+# Forms of days, the usual ones first; of equal readings the first is taken.
 _DATES = (
     "%Y-%m-%d",
     "%Y/%m/%d",
@@ -52,30 +53,39 @@ _DATES = (
     "%y-%m-%d",
     "%Y%m%d",
 )
+# Days whose zeros a spreadsheet has dropped.
 _DAYS_AS_NUMBERS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
+# Forms of times of day.
 _TIMES = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
 _A_NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?")
+# As NMEA writes a time of day: 120959.00.
 _CLOCK_DIGITS = "%H%M%S%.f"
+# Date and time as fourteen digits.
 _RUN_TOGETHER, _AS_RUN = re.compile(r"(19|20)\d{12}([.,]\d+)?"), "%Y%m%d%H%M%S%.f"
-# 1900 and 2100: no machine's year is 7
+# Years 1900 and 2100, microseconds since 1970: no machine's year is 7.
 _EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000
+# Parts of a format that may stand for one another.
 _PART_OF_DAY = re.compile("%[dmy]")
+# Rows that are looked at.
 _SAMPLE = 2000
-_READS = 0.95  # of the texts that are there
-# no machine logs more rarely: whole numbers with larger steps are milliseconds
+# Share of the texts that a format must read.
+_READS = 0.95
+# No machine logs more rarely, s: whole numbers with larger steps are milliseconds.
 _LEAST_STEP_S = 60.0
-# whole numbers with steps from here on are rather milliseconds
+# Whole numbers with steps from here on are likely milliseconds.
 _WHOLE_STEP = 5.0
 
 
 class TimeGuess(NamedTuple):
+    """Holds how times are read, why, and what is not sure."""
+
     times: Times
     why: str
     doubt: str = ""
 
 
 def guess_times(raw: RawTable) -> TimeGuess:
-    """The best guess; a doubt says what is not sure of it."""
+    """Returns the best guess of a table's times, with a doubt where it is not sure."""
     names = {name: folded(named(name)[0]) for name in raw.names}
     stamped = [name for name in raw.names if is_time(raw.columns[name])]
     called = [
@@ -93,6 +103,7 @@ def guess_times(raw: RawTable) -> TimeGuess:
         ):
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
     # a duty cycle that is swept, no time
+    # A column named a command is a duty cycle that is swept, no time.
     others = [name for name in raw.names if not says(names[name], COMMAND)]
     for name in others:
         if (
@@ -118,6 +129,7 @@ def guess_times(raw: RawTable) -> TimeGuess:
     )
 
 
+# Returns the times of a column that is called a time; None: it holds none.
 def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
     column = raw.columns[name]
     if is_time(column):
@@ -128,8 +140,8 @@ def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGu
 
 
 def _of_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
-    """Times of day as numbers, 120959 and then 121000: as seconds they would jump by 41 at each
-    minute's end."""
+    """Returns times of day written as numbers, 120959 and then 121000: as seconds they would
+    jump by 41 at each minute's end. None: they are none."""
     if _by_unit(raw.units.get(name, "")) is not None:
         return None
     values = known_values(numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values)
@@ -153,6 +165,7 @@ def _of_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> 
     return TimeGuess(Times(column=name, format=_CLOCK_DIGITS), f"reads as {_CLOCK_DIGITS}")
 
 
+# Returns the times of a column of texts; None: no format reads them.
 def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
     texts = np.strings.strip(raw.columns[name][:_SAMPLE])
     texts = texts[texts != ""]
@@ -187,7 +200,7 @@ def _all_are(texts: NDArray[Any], pattern: re.Pattern[str]) -> bool:
 
 
 def _off_the_median(values: NDArray[np.float64]) -> int:
-    """How many steps from row to row are not the usual one."""
+    """Returns how many steps from row to row differ from the usual step."""
     steps = count_differences(values)
     usual = median_of(steps)
     return int((np.abs(steps - usual) > 0.1 * abs(usual)).sum())
@@ -196,8 +209,8 @@ def _off_the_median(values: NDArray[np.float64]) -> int:
 def _with_day(
     raw: RawTable, day_name: str, time: NDArray[Any], name: str, zone: str | None
 ) -> TimeGuess | None:
-    """A day in a column of its own, written out, or as a number: digits run together, or as
-    spreadsheets count."""
+    """Returns times with the day in another column: written out, or a number, as run-together
+    digits or as spreadsheets count."""
     day = raw.columns[day_name][:_SAMPLE]
     reads: dict[str, NDArray[Any]] = {}
     for day_form in (*_DATES, *_DAYS_AS_NUMBERS):
@@ -212,6 +225,7 @@ def _with_day(
     first, *others = reads
     others = [form for form in others if not np.array_equal(us[form], us[first], equal_nan=True)]
     spans = {form: _span(us[form]) for form in (first, *others)}
+    # The day's order with the shortest span is right: a log lasts hours.
     best = min(spans, key=lambda form: spans[form])
     doubt = (
         f"{' and '.join((first, *others))} {'both' if len(others) == 1 else 'all'} read: "
@@ -225,8 +239,8 @@ def _with_day(
 
 
 def _dated(times: Times, found: list[str], texts: NDArray[Any]) -> TimeGuess:
-    """Day and month may stand either way round: the way in which the times hang together, and a
-    doubt."""
+    """Returns times whose day and month may stand either way round: the way with the shorter
+    span, with a doubt."""
     other = [
         form
         for form in found[1:]
@@ -246,15 +260,18 @@ def _dated(times: Times, found: list[str], texts: NDArray[Any]) -> TimeGuess:
     )
 
 
+# Returns the time between first and last, us.
 def _span(us: NDArray[np.float64]) -> float:
     return float(np.nanmax(us) - np.nanmin(us))
 
 
+# Returns the formats that read the texts; a few texts refuse most formats quickly.
 def _formats(texts: NDArray[Any], forms: list[str]) -> list[str]:
     few = texts[:20]
     return [form for form in forms if _reads(few, form) and _reads(texts, form)]
 
 
+# Tells whether a format reads nearly all texts, as plausible years.
 def _reads(texts: NDArray[Any], form: str | None) -> bool:
     try:
         us = read_texts(texts, form, None).us
@@ -264,6 +281,7 @@ def _reads(texts: NDArray[Any], form: str | None) -> bool:
         return False
 
 
+# Returns the times of a column of numbers; None: it holds too many texts.
 def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     found = numbers(raw.columns[name], raw.decimal_comma)
     known = known_values(found.values)
@@ -283,7 +301,7 @@ def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
 
 
 class _Counted(NamedTuple):
-    """What numbers count, and what says so."""
+    """Holds what numbers count, and what says so."""
 
     counts: Counts
     why: str
@@ -291,7 +309,7 @@ class _Counted(NamedTuple):
 
 
 def _since_1970(first: float) -> _Counted | None:
-    """By the first time: 1e9 s is 2001, 4e9 s is 2096."""
+    """Returns the unit of times since 1970, by the first: 1e9 s is 2001, 4e9 s is 2096."""
     if 1e9 <= first < 4e9:
         return _Counted("unix_s", "seconds since 1970")
     if 1e12 <= first < 4e12:
@@ -301,6 +319,7 @@ def _since_1970(first: float) -> _Counted | None:
     return None
 
 
+# Returns the unit of the header; None: it has none of time.
 def _by_unit(stated: str) -> _Counted | None:
     unit = unit_named(stated)
     if unit is None or unit.quantity != "time":
@@ -310,8 +329,8 @@ def _by_unit(stated: str) -> _Counted | None:
 
 
 def _spreadsheet_days(first: float, step: float, whole: bool) -> _Counted | None:
-    """Days since 1900: 30 000 is 1982, 80 000 is 2119; a row a day or more seldom is no log of
-    a machine at work."""
+    """Returns days since 1900: 30 000 is 1982, 80 000 is 2119. A step of a day or more is no log
+    of a machine at work."""
     if 30_000.0 < first < 80_000.0 and 0.0 < step < 0.05 and not whole:
         return _Counted("excel_day", "days as spreadsheets count them")
     return None
@@ -326,8 +345,8 @@ def _by_name(name: str) -> _Counted | None:
 
 
 def _by_step(step: float, whole: bool) -> _Counted:
-    """By the step from row to row (median): milliseconds and microseconds are given in whole
-    numbers."""
+    """Returns the unit by the median step from row to row: milliseconds and microseconds are
+    whole numbers."""
     if whole and step >= 1000.0 * _LEAST_STEP_S:
         return _Counted(
             "us",
@@ -346,13 +365,14 @@ def _by_step(step: float, whole: bool) -> _Counted:
 
 
 def _tells_place(plain: str) -> bool:
-    """A machine that drives straight on has a longitude that grows evenly: no time for that."""
+    """Tells whether a column holds a place: a machine that drives straight on has a longitude
+    that grows evenly."""
     subject = subject_of(plain, None)
     return subject is not None and subject.id in ("latitude", "longitude", "altitude")
 
 
 def _grows(raw: RawTable, name: str) -> bool:
-    """Whether every row is later than the one before."""
+    """Tells whether every row is later than the row before."""
     values = numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values
     return values.size > 1 and bool((np.diff(values) > 0).all())
 

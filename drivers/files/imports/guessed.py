@@ -1,5 +1,5 @@
-"""What a guess holds: the import file, what of it is unsure, and why the rest is as it is; and
-all of it as text."""
+"""What does a guess hold: the import file, what about it is unsure, and why the rest is as it
+is; and how is it written as text?"""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from topdress.drivers.files.imports.units import ColumnUnit
 from topdress.drivers.files.plain import plain
 from topdress.drivers.files.yaml_text import dump_yaml
 
+# Path of keys in an import file.
 Key = tuple[str, ...]
 
+# Each command with its reading.
 PAIRS = (
     ("shaft_rpm_cmd", "shaft_rpm"),
     ("opening_mm_cmd", "opening_mm"),
@@ -26,7 +28,7 @@ PAIRS = (
 
 
 class Doubt(NamedTuple):
-    """`key`: of the import file; `text`: why it is not sure."""
+    """Holds a doubt. `key`: of the import file; `text`: why it is not sure."""
 
     key: Key
     text: str
@@ -37,9 +39,9 @@ class Doubt(NamedTuple):
 
 @dataclass
 class Guess:
-    """`reasons`: why each key is as it is. `open`: columns that need a number from outside the
-    file, as YAML text. `full`: what a machine file says is the most of a column, in the log's
-    unit."""
+    """Holds an import file with its doubts. `reasons`: why each key is as it is. `open`: columns
+    that need a number from outside the file, as YAML text. `full`: largest value of a column by
+    the machine file, in the log's unit."""
 
     mapping: ImportFile
     doubts: list[Doubt] = field(default_factory=list)
@@ -50,15 +52,17 @@ class Guess:
 
     @property
     def sure(self) -> bool:
+        """Tells whether nothing is unsure."""
         return not self.doubts
 
     @property
     def questions(self) -> tuple[str, ...]:
-        """What is unsure, a line each."""
+        """Returns what is unsure, a line each."""
         return tuple(map(str, self.doubts))
 
     @property
     def unsure(self) -> str:
+        """Returns how many lines are unsure, in words."""
         count = len(self.doubts)
         return (
             "nothing is unsure"
@@ -69,8 +73,8 @@ class Guess:
 
 @dataclass
 class ColumnCandidate:
-    """A column of the file (`source`) that may be a column of the log (`target`). `values`: as
-    the file has them."""
+    """Holds a column of the file (`source`) that may be a column of the log (`target`).
+    `values`: as the file has them."""
 
     source: str
     target: str
@@ -82,11 +86,13 @@ class ColumnCandidate:
 
     @property
     def weight(self) -> tuple[bool, bool, bool]:
+        """Returns what ranks candidates: the log's own name, a unit, a role."""
         return self.exact, self.unit is not None or self.implied, self.role != ""
 
 
 def first_import_file(guess: Guess, files: Sequence[Path], place: Path) -> str:
-    """The guess from the first of `files` as it is written at `place`, with how it is used."""
+    """Returns the text of the guess from the first of `files`, as written at `place`, with how
+    it is used."""
     return mapping_text(
         guess,
         [
@@ -99,7 +105,8 @@ def first_import_file(guess: Guess, files: Sequence[Path], place: Path) -> str:
 
 
 def mapping_text(guess: Guess, head: Iterable[str]) -> str:
-    """Reads back as the guess's own mapping."""
+    """Returns the import file as YAML with doubts and reasons as comments; it reads back as the
+    guess's own mapping."""
     mapping = guess.mapping
     lines = [f"# {line}" for line in head]
     lines += [
@@ -157,6 +164,7 @@ def _stated(data: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in data.items() if value not in (None, [])}
 
 
+# Returns keys and values as indented lines of YAML.
 def _pairs(data: dict[str, Any], indent: int) -> list[str]:
     return [
         " " * indent + line
@@ -170,6 +178,6 @@ def _doubts(guess: Guess, key: Key, indent: int) -> list[str]:
 
 
 def _reason(guess: Guess, key: Key) -> str:
-    """Not next to what is unsure."""
+    """Returns a comment with a key's reason, except where the key is unsure."""
     doubtful = any(doubt.key == key for doubt in guess.doubts)
     return f"     # {guess.reasons[key]}" if key in guess.reasons and not doubtful else ""

@@ -1,5 +1,5 @@
-"""Where a table begins: title rows, the header, a row of units, the first row of numbers. And a
-name with its unit."""
+"""Where does a table begin: title rows, header, a row of units, the first row of numbers; and
+how is a column's name split from its unit?"""
 
 from __future__ import annotations
 
@@ -10,28 +10,33 @@ from typing import NamedTuple
 
 from topdress.drivers.files.imports.units import unit_named
 
-# in lower case
+# Cells that hold nothing, in lower case, as programs write them.
 NOTHING = frozenset(
     {"", "-", "--", "na", "n/a", "nan", "null", "none", "nil", "#n/a", "inf", "-inf"}
 )
 
 
+# A number with decimal sign and groups of either kind.
 _NUMBER = re.compile(r"^[-+]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,   ]\d{3})+[.,]\d+)([eE][-+]?\d+)?$")
+# A day or a time of day.
 _TIME = re.compile(
     r"^\d{1,4}[-./年]\d{1,2}[-./月]\d{1,4}日?([T ,;]+\d|$)|^\d{1,2}[:时]\d{2}([:分]\d{2})?"
     r"|^\d{8}T?\d{0,6}$"
 )
+# A name with its unit in brackets.
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
+# A name whose last word may be a unit.
 _LAST = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
-_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")  # `leftRpm`, `SpeedMPH`
-# no word does
+# Place between words in `leftRpm` and `SpeedMPH`.
+_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")
+# Endings that are units; no word ends so.
 _ENDING = re.compile(r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I)
-# of the cells of a header or a row of data that are filled
+# Share of the cells of a header or a row of data that are filled.
 _FEW = 0.5
 
 
 class Layout(NamedTuple):
-    """Rows from 0. `header` -1: none."""
+    """Holds the rows, from 0, of header, units and first data. `header` -1: there is none."""
 
     header: int
     units: int | None
@@ -39,7 +44,7 @@ class Layout(NamedTuple):
 
 
 def named(text: str) -> tuple[str, str | None]:
-    """A header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`,
+    """Returns a header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`,
     `Drehzahl in U/min`, `leftRpm`.
 
     The name is the whole cell where the unit cannot be distinguished from it.
@@ -54,6 +59,7 @@ def named(text: str) -> tuple[str, str | None]:
         if candidate is None:
             continue
         unit = unit_named(candidate["unit"]) or unit_named(candidate["unit"].replace("_", "/"))
+        # A single letter is a unit only behind `_` or a comma: `Rate t` is no tonne.
         stated = (
             candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
         )
@@ -63,20 +69,22 @@ def named(text: str) -> tuple[str, str | None]:
 
 
 def _last_two(words: str) -> re.Match[str] | None:
-    """A unit of two parts written as one name: `rate_kg_ha`, `speed_km_per_h`, `drehzahl_1_min`."""
+    """Returns a unit of two parts written as a single name: `rate_kg_ha`, `speed_km_per_h`,
+    `drehzahl_1_min`."""
     return re.match(
         r"^(?P<name>.*?)[_ ]+(?P<unit>([A-Za-z]{1,6}|1)([_/]|[_ ]per[_ ])[A-Za-z0-9]{1,4})$", words
     )
 
 
 def is_value(cell: str) -> bool:
-    """A number or a time, not a name."""
+    """Tells whether a cell is a number or a time, not a name."""
     text = cell.strip()
     return bool(_NUMBER.match(text)) or bool(_TIME.match(text))
 
 
 def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
-    """Where header, units and data stand among the first rows; None where no row holds data."""
+    """Returns where header, units and data stand among the first rows; None where no row holds
+    data."""
     width = _usual_width(rows)
     body = next((k for k, row in enumerate(rows) if len(row) == width and _is_data(row)), None)
     if body is None:
@@ -97,8 +105,8 @@ def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
 
 
 def is_unit_row(row: Sequence[str]) -> bool:
-    """Whether most filled cells are units, and none is a number; a dash, a 1 or empty brackets
-    stand for none."""
+    """Tells whether most filled cells are units, and none is a number; a dash, a 1 or empty
+    brackets stand for no unit."""
     cells = [cell.strip() for cell in row if cell.strip()]
     if any(is_value(cell) for cell in cells if cell != "1"):
         return False
@@ -108,12 +116,13 @@ def is_unit_row(row: Sequence[str]) -> bool:
 
 
 def _usual_width(rows: Sequence[Sequence[str]]) -> int:
-    """Of the rows with more than one cell, as titles have; of all, where there is none."""
+    """Returns the most frequent number of cells, of rows with more than a cell: titles have one."""
     widths = [len(row) for row in rows if not _is_blank(row)] or [0]
     several = [width for width in widths if width > 1] or widths
     return max(set(several), key=lambda w: (several.count(w), w))
 
 
+# Tells whether a row holds a value, and half of its cells are values or nothing.
 def _is_data(row: Sequence[str]) -> bool:
     cells = [cell for cell in row if cell.strip()]
     values = sum(is_value(cell) or cell.strip().lower() in NOTHING for cell in cells)

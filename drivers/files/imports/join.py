@@ -1,4 +1,4 @@
-"""Files of one machine as one log: by their clocks, or one after the other."""
+"""How do files of a machine become a single log: by their clocks, or in sequence?"""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from topdress.drivers.files.imports.trouble import ImportTrouble
 
 
 class JoinedFiles(NamedTuple):
-    """`columns`: `us` from 0 on, `utc_us` where known, log columns. `begins_s`: of each part, in
-    the order of `parts`."""
+    """Holds the joined log. `columns`: `us` from 0 on, `utc_us` where known, log columns.
+    `begins_s`: of each part, in the order of `parts`."""
 
     columns: Columns
     parts: tuple[Converted, ...]
@@ -25,7 +25,21 @@ class JoinedFiles(NamedTuple):
 
 
 def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
-    """Raises ImportTrouble where files that are to follow their clocks overlap."""
+    """Joins files to a log.
+
+    Parameters
+    ----------
+    parts : the converted files.
+    join : what the import file says.
+
+    Returns
+    -------
+    columns from time 0 on, with findings.
+
+    Raises
+    ------
+    ImportTrouble : files that are to follow their clocks overlap.
+    """
     by_clock = _by_clock(parts, join)
     ordered = sorted(parts, key=_first) if by_clock or _one_epoch(parts) else list(parts)
     tables, begins = [], []
@@ -50,6 +64,7 @@ def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
     return JoinedFiles(stack_tables(tables), tuple(ordered), tuple(begins), tuple(findings))
 
 
+# Tells whether files are placed by their clocks. Raises ImportTrouble where they overlap.
 def _by_clock(parts: Sequence[Converted], join: Join) -> bool:
     if len(parts) == 1 or join.order == "runs":
         return False
@@ -73,12 +88,14 @@ def _one_epoch(parts: Sequence[Converted]) -> bool:
     return len({part.kind for part in parts}) == 1 and parts[0].kind != "relative"
 
 
+# Returns a file's first time, us.
 def _first(part: Converted) -> int:
     return int(part.columns[US][0])
 
 
 def _mark_begin(columns: Columns, name: str) -> None:
-    """An operator's mark in the first row says which file begins."""
+    """Marks the first row with an event that names the file."""
+    # A semicolon separates events.
     mark = f"{FILE_BEGINS}{name.replace(';', ' ')}"
     events = columns[EVENTS].tolist() if EVENTS in columns else [""] * count_rows(columns)
     events[0] = f"{events[0]};{mark}" if events[0] else mark

@@ -1,4 +1,5 @@
-"""Imported columns as a run log with its sidecar (docs/format-run-log.md), whole or not at all."""
+"""How are imported columns written as a run log with its sidecar (docs/format-run-log.md), whole
+or not at all?"""
 
 from __future__ import annotations
 
@@ -32,8 +33,8 @@ from topdress.drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_me
 
 
 def log_columns(log: JoinedFiles) -> Columns:
-    """The columns as they are written: those of the run log in their order, then those beyond
-    it; times as texts."""
+    """Returns the columns as they are written: those of the run log in their order, then extra
+    columns; times as texts."""
     there = log.columns
     columns: Columns = {"time_s": text_column(_time_texts(there[US]))}
     if UTC_US in there:
@@ -44,12 +45,12 @@ def log_columns(log: JoinedFiles) -> Columns:
 
 
 def run_log(path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
-    """The log and its sidecar as they would be read from `path`, in memory. Raises TableError."""
+    """Returns the log and its sidecar as read from `path`, in memory. Raises TableError."""
     return log_of(path, as_read(log), meta_from_yaml(_meta(log, mapping, mapping_file)))
 
 
 def as_read(log: JoinedFiles) -> Columns:
-    """The columns as a reader of what is written has them, times as numbers."""
+    """Returns the columns as a reader of the written log gets them, times as numbers."""
     columns = log_columns(log)
     return {**columns, "time_s": columns["time_s"].astype(np.float64)}
 
@@ -57,8 +58,23 @@ def as_read(log: JoinedFiles) -> Columns:
 def write_imported(
     path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
 ) -> Columns:
-    """The log at `path`, its sidecar next to it (in a store: within); returns what was written.
-    Raises OSError."""
+    """Writes the log with its sidecar next to it (in a store: within).
+
+    Parameters
+    ----------
+    path : the log.
+    log : its columns.
+    mapping : the import file, kept in the sidecar.
+    mapping_file : its path, for its checksum; None: it was guessed.
+
+    Returns
+    -------
+    the columns as written.
+
+    Raises
+    ------
+    OSError : the log cannot be written.
+    """
     if path.suffix.lower() in SUFFIXES:
         read = run_log(path, log, mapping, mapping_file)
         write_store(path, read.columns, read.meta, read.findings)
@@ -66,6 +82,7 @@ def write_imported(
     columns = log_columns(log)
     text = csv_text(columns, _cell_texts)
     path.parent.mkdir(parents=True, exist_ok=True)
+    # The log gets its name after the sidecar is there: no log without one.
     part = path.with_name(f".{path.stem}.part.csv")
     try:
         write_atomically(part, text)
@@ -77,7 +94,8 @@ def write_imported(
 
 
 def is_import_of(log: Path, files: Iterable[Path]) -> bool:
-    """Whether the log at `log` was made of these very files, so that it can be made again."""
+    """Tells whether the log at `log` was made from these very files, so that it can be made
+    again."""
     try:
         meta = meta_of(log)
         stated = [] if meta is None else meta.extra["imported"]["files"]
@@ -107,7 +125,8 @@ def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> s
     }
     widths = {part.raw.width_m for part in log.parts}
     if len(widths) == 1 and (width_m := widths.pop()) is not None:
-        stated["width_m"] = width_m  # as-applied areas are held against it
+        # As-applied areas are compared with it.
+        stated["width_m"] = width_m
     checksums = {} if mapping_file is None else {mapping_file.name: sha256_of(mapping_file)}
     return meta_to_yaml(
         run_meta(sha256=checksums, started_utc=next(known, None), extra={"imported": stated})
@@ -115,7 +134,7 @@ def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> s
 
 
 def _checksum(path: Path) -> str:
-    """Of a file; of a task's folder, of the checksums of what lies in it."""
+    """Returns the checksum of a file; of a task's folder, of the checksums of its files."""
     if not path.is_dir():
         return sha256_of(path)
     lines = [f"{file.name} {sha256_of(file)}" for file in sorted(path.iterdir()) if file.is_file()]
@@ -123,7 +142,7 @@ def _checksum(path: Path) -> str:
 
 
 def _without_nothing(value: object) -> object:
-    """Without keys that are left out anyway."""
+    """Returns the value without keys that are left out anyway."""
     if isinstance(value, dict):
         return {
             key: _without_nothing(part) for key, part in value.items() if part not in (None, [], {})
@@ -132,7 +151,7 @@ def _without_nothing(value: object) -> object:
 
 
 def _time_texts(us: NDArray[np.float64]) -> list[str]:
-    """Seconds with 3 decimals; with 6 where two rows fall into the same millisecond."""
+    """Returns seconds with 3 decimals; with 6 where two rows fall into the same millisecond."""
     whole = us.astype(np.int64)
     ms = (whole + 500) // 1000
     unit, digits = (whole, 6) if (np.diff(ms) == 0).any() else (ms, 3)
@@ -140,7 +159,7 @@ def _time_texts(us: NDArray[np.float64]) -> list[str]:
 
 
 def _utc_texts(us: NDArray[np.float64]) -> list[str]:
-    """ISO 8601 with milliseconds; empty where not known."""
+    """Returns ISO 8601 with milliseconds; empty where not known."""
     times = np.nan_to_num(us).astype(np.int64).astype(TIME)
     texts = np.datetime_as_string(times, unit="ms", casting="unsafe").tolist()
     return [f"{text}Z" if one == one else "" for text, one in zip(texts, us.tolist(), strict=True)]
@@ -156,6 +175,7 @@ def _rounded(name: str, column: NDArray[Any]) -> NDArray[Any]:
     return column
 
 
+# Returns cells as texts; whole numbers without a point.
 def _cell_texts(name: str, column: NDArray[Any]) -> list[str]:
     if is_text(column):
         return list(column)

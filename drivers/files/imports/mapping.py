@@ -1,5 +1,5 @@
-"""Import file "topdress-import/1": what the columns of a foreign log mean. The keys are
-explained in docs/import.md."""
+"""What does an import file "topdress-import/1" say about the columns of a foreign log?
+(docs/import.md explains the keys.)"""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ from topdress.drivers.files.config import Kind
 from topdress.drivers.files.config_words import nearest
 from topdress.drivers.files.imports.units import UNITS, quantity_of, unit_named
 
-EVENTS = "events"  # column of a run log
+# Column of a run log with its events.
+EVENTS = "events"
+# Begin of names beyond the log's own (docs/format-run-log.md).
 EXTRA_START = "x_"
 _EXTRA = re.compile(r"^x_\w+$")
-NOT_MAPPED = frozenset({"time_s"})  # made from the times of the file
+# Made from the times of the file.
+NOT_MAPPED = frozenset({"time_s"})
+# Column of the log that `working` fills.
 MADE_BY_WORKING = "state"
 
 Delimiter = Literal[",", ";", "tab", "|", "blank"]
@@ -129,9 +133,10 @@ class Column(FrozenModel):
 
     @classmethod
     def of(cls, source: str, unit: str | None = None, missing: Missing = ()) -> Column:
-        """A column of the file, as `from` says it."""
+        """Returns a column of the file, as `from` names it."""
         return cls.model_validate({"from": source, "unit": unit, "missing": missing})
 
+    # Checks that a column has exactly one origin, and its numbers.
     @model_validator(mode="after")
     def _one_origin(self) -> Column:
         if (self.source is None) == (self.constant is None):
@@ -158,6 +163,7 @@ class Working(FrozenModel):
     above: float | None = None
     below: float | None = None
 
+    # Checks that there is a condition, of one kind.
     @model_validator(mode="after")
     def _a_condition(self) -> Working:
         if not self.equals and self.above is None and self.below is None:
@@ -235,7 +241,7 @@ IMPORT = Kind("topdress-import/1", "imports", ImportFile)
 
 
 def is_zone(name: str) -> bool:
-    """Whether it names a time zone or an offset from UTC such as +08:00."""
+    """Tells whether a text names a time zone or an offset from UTC such as +08:00."""
     if re.fullmatch(r"[-+](0\d|1[0-4]):[0-5]\d", name):
         return True
     try:
@@ -245,6 +251,7 @@ def is_zone(name: str) -> bool:
     return True
 
 
+# Refuses a name that is no column of a log. Raises ValueError.
 def _check_name(name: str) -> None:
     if name in NOT_MAPPED:
         raise ValueError(
@@ -258,10 +265,11 @@ def _check_name(name: str) -> None:
         )
 
 
-# quantities of which a rate is made with another figure
+# Quantities from which a rate is made with another number.
 BY_ANOTHER = ("flow", "volume")
 
 
+# Refuses a unit that does not fit its column. Raises ValueError.
 def _check_unit(
     name: str, column: Column, width_m: float | None, density_kg_l: float | None
 ) -> None:

@@ -1,5 +1,5 @@
-"""Cells of a foreign table as numbers: decimal commas, thousands, words and numbers for not
-known."""
+"""Which numbers do the cells of a foreign table hold, with decimal commas, thousands, and words
+and numbers for not known?"""
 
 from __future__ import annotations
 
@@ -12,15 +12,26 @@ from numpy.typing import NDArray
 from topdress.drivers.files.columns import is_text
 from topdress.drivers.files.imports.header import NOTHING
 
+# Blanks and apostrophes that group digits.
 _GROUPING = re.compile("[\\s'\u2019\u00a0\u202f]")
+# A number as Python writes it.
 _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
-    """What a cell is worth; NaN: not known (`words` stand for that too), None: no number.
+    """Returns the number of a cell.
 
     Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a
-    comma alone is one.
+    comma alone is the decimal sign.
+
+    Parameters
+    ----------
+    cell : text of the cell.
+    words : texts that stand for not known.
+
+    Returns
+    -------
+    NaN : not known; None: no number.
     """
     text = (cell or "").strip()
     if text in words or text.lower() in NOTHING:
@@ -36,8 +47,9 @@ def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
 
 
 class Numbers(NamedTuple):
-    """`values`: (n,), NaN: not known. `marked`: how many cells hold a number that stands for
-    that. `bad`: how many are no number; `row`, `cell`: the first of them."""
+    """Holds a column's numbers. `values`: (n,), NaN: not known. `marked`: how many cells hold a
+    number that stands for not known. `bad`: how many are no number; `row`, `cell`: the first of
+    them."""
 
     values: NDArray[np.float64]
     marked: int = 0
@@ -49,7 +61,7 @@ class Numbers(NamedTuple):
 def numbers(
     column: NDArray[Any], decimal_comma: bool, missing: Iterable[float | str] = ()
 ) -> Numbers:
-    """A column as numbers; `missing` are numbers and texts that stand for not known."""
+    """Returns a column's numbers; `missing` are numbers and texts that stand for not known."""
     words = [word for word in missing if isinstance(word, str)]
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     found = (
@@ -66,12 +78,14 @@ def numbers(
 def numbers_of(
     cells: Sequence[str], decimal_comma: bool = False, words: Collection[str] = ()
 ) -> Numbers:
-    """Cells of a text table; most are written as Python writes them, and are read at once."""
+    """Returns the numbers of a text table's cells; most are written as Python writes them, and
+    are read at once."""
     values = None if words else plain_numbers(cells)
     if values is None and decimal_comma and not words:
         values = plain_numbers([cell.replace(",", ".", 1) for cell in cells])
     if values is not None:
         return Numbers(values)
+    # Each different text is read once.
     worth = {
         cell: _worth(cell, decimal_comma, words) if cell else np.nan
         for cell in dict.fromkeys(cells)
@@ -81,6 +95,7 @@ def numbers_of(
     return Numbers(values, 0, len(bad), bad[0], cells[bad[0]]) if bad else Numbers(values)
 
 
+# Returns the number of a text; None: no number.
 def _worth(cell: str, decimal_comma: bool, words: Collection[str]) -> float | None:
     plain = cell.replace(",", ".", 1) if decimal_comma else cell
     if _PLAIN.fullmatch(plain) and cell.strip() not in words:
@@ -89,7 +104,7 @@ def _worth(cell: str, decimal_comma: bool, words: Collection[str]) -> float | No
 
 
 def plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
-    """None where a cell is not a number as Python writes one."""
+    """Returns numbers (n,) of texts as Python writes them; None where a text is no such number."""
     together = "".join(cells)
     # Python groups digits by lines below, and reads those of every script.
     if "_" in together or not together.isascii():

@@ -1,5 +1,5 @@
-"""What the numbers themselves say: speeds against distances, answers behind commands, numbers
-that mean nothing."""
+"""What do the numbers themselves show: speeds against distances, answers behind commands,
+numbers that mean not known?"""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from topdress.drivers.files.imports.units import UNITS
 
 Floats = NDArray[np.float64]
 
-# to one m/s
+# Units of speed to one m/s.
 SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in UNITS if unit.quantity == "speed"}
-FARTHEST_LAG = 40  # rows, within which an answer is looked for
-# a command needs so many to tell anything about its answer
+# Rows within which an answer is searched.
+FARTHEST_LAG = 40
+# Changes of a command that are needed to find its answer.
 LEAST_CHANGES = 8
-LEAST_CORRELATION = 0.3  # of steps of command and answer
-# of the best correlation: repeating commands agree at many lags, the nearest wins
+# Correlation of steps of command and answer.
+LEAST_CORRELATION = 0.3
+# Share of the best correlation: repeating commands agree at many lags, and the nearest wins.
 AS_GOOD = 0.98
-# known rows of a command that may be a table of settings
+# Known rows of a command that may be a table of settings.
 LEAST_SETTINGS = 4
 
 
 class Follows(NamedTuple):
-    """`lag`: rows by which a reading follows its command; `strength`: the correlation there."""
+    """Holds how a reading follows its command. `lag`: rows; `strength`: the correlation there."""
 
     lag: int
     strength: float
@@ -36,8 +38,19 @@ class Follows(NamedTuple):
 def speed_unit(
     time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats
 ) -> tuple[str | None, float]:
-    """The unit in which a speed (n,) makes the distance between the places, and its ratio to
-    m/s; NaN: unknown."""
+    """Returns the unit in which a speed makes the distance between the places.
+
+    Parameters
+    ----------
+    time_s : (n,) s.
+    lat_deg : (n,).
+    lon_deg : (n,).
+    speed : (n,) in the file's unit.
+
+    Returns
+    -------
+    unit (None : no unit fits), and the ratio to m/s (NaN: unknown).
+    """
     columns = {"time_s": time_s, "lat_deg": lat_deg, "lon_deg": lon_deg, "speed_mps": speed}
     ratio = over_track(columns, "speed_mps")
     if ratio is None:
@@ -46,8 +59,8 @@ def speed_unit(
 
 
 def answer(command: Floats, reading: Floats) -> Follows | None:
-    """How a reading (n,) follows a command (n,): the lag at which their steps agree best. None:
-    too few steps."""
+    """Returns how a reading (n,) follows a command (n,): the lag at which their steps agree
+    best. None: too few steps."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
     if command.size < LEAST_CHANGES + 2:
@@ -55,6 +68,7 @@ def answer(command: Floats, reading: Floats) -> Follows | None:
     steps, moves = np.diff(command), np.diff(reading)
     if np.count_nonzero(steps) < LEAST_CHANGES or steps.std() == 0.0 or moves.std() == 0.0:
         return None
+    # A quarter of the steps at most, so that enough of them overlap.
     most = min(FARTHEST_LAG, steps.size // 4)
     strengths = {lag: _correlation(steps, moves, lag) for lag in range(-most, most + 1)}
     best = max(strengths.values())
@@ -67,14 +81,14 @@ def answer(command: Floats, reading: Floats) -> Follows | None:
 
 
 def are_settings(time_s: Floats, command: Floats) -> bool:
-    """Whether a command (n,) of which some may be unknown is a table of settings, one a row."""
+    """Tells whether a command (n,), some of it unknown, is a table of settings, one a row."""
     known = command[np.isfinite(command)]
     return known.size >= LEAST_SETTINGS and settings_a_row(time_s, known)
 
 
 def slope(command: Floats, reading: Floats) -> float:
-    """Reading for one of the command where both are clearly there: the median of their ratios;
-    NaN: is not known."""
+    """Returns the reading for one of the command, where both are clearly there: the median of
+    their ratios; NaN: not known."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
     if not command.size:
@@ -90,8 +104,8 @@ def slope(command: Floats, reading: Floats) -> float:
 
 
 def sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
-    """Numbers by which programs say "not known", where the quantity cannot be that, or no other
-    value comes near."""
+    """Returns numbers by which programs say "not known": where the quantity cannot have them, or
+    where no other value comes near."""
     return [float(mark) for mark in np.unique(values[stand_for_nothing(values, limits)])]
 
 

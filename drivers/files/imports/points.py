@@ -1,4 +1,5 @@
-"""Points with attributes: GeoJSON and shapefiles, as many as-applied files are."""
+"""How are points with attributes read as a table: GeoJSON and shapefiles, as many as-applied
+files are?"""
 
 from __future__ import annotations
 
@@ -19,19 +20,20 @@ from topdress.drivers.files.layers import Layer, read_geojson
 from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from topdress.drivers.files.what_it_is import POINTS
 
-LAT, LON = "lat_deg", "lon_deg"  # what places are called here
+# The log's names of a place.
+LAT, LON = "lat_deg", "lon_deg"
 
 
 def read_points(path: Path, said: Source) -> RawTable:
-    """Features of GeoJSON that are points. Raises ImportTrouble, Refused, OSError."""
+    """Returns the points of a GeoJSON file. Raises ImportTrouble, Refused, OSError."""
     return _of_layer(
         path, read_geojson(path, ["Point"]), said.model_copy(update={"kind": "geojson"})
     )
 
 
 def read_shapefile(path: Path, said: Source) -> RawTable:
-    """A shapefile of points; of a zip or folder the one that is, or the one that `said` names.
-    Raises ImportTrouble, Refused, OSError."""
+    """Returns a shapefile of points; of a zip or folder the shapefile that holds points, or that
+    `said` names. Raises ImportTrouble, Refused, OSError."""
     shapes = _one_of(path, said)
     kind = _kind_of(shapes)
     if kind not in POINTS and kind in shapefile.SHAPETYPE_LOOKUP:
@@ -47,7 +49,7 @@ def read_shapefile(path: Path, said: Source) -> RawTable:
 
 
 def _one_of(path: Path, said: Source) -> ShapeSet:
-    """Of several the one that holds points. Raises ImportTrouble, Refused, OSError."""
+    """Returns the shapefile that is meant. Raises ImportTrouble, Refused, OSError."""
     found = shape_sets(path)
     if said.inside is not None:
         named = chosen([one.name for one in found], said.inside)
@@ -63,11 +65,14 @@ def _one_of(path: Path, said: Source) -> ShapeSet:
     return found[0]
 
 
+# Returns the type of a shapefile's shapes, from its head.
 def _kind_of(shapes: ShapeSet) -> int:
     head = shapes.part(".shp") or b""
+    # ESRI's shapefile description: bytes 32 to 35.
     return int.from_bytes(head[32:36], "little") if len(head) >= 36 else 0
 
 
+# Returns the points of a layer as a table. Raises ImportTrouble.
 def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
     kinds = [None if shape is None else shape.geom_type for shape in layer.shapes]
     there = [k for k, kind in enumerate(kinds) if kind == "Point" and not layer.shapes[k].is_empty]
@@ -103,14 +108,15 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
 
 
 def _own_names(names: list[str]) -> list[str]:
-    """Of our own as-applied shapefiles the names that ten letters have cut, with their units;
-    else as they stand."""
+    """Returns the full names of our own as-applied shapefiles, which ten letters have cut; other
+    names as they stand."""
     from topdress.drivers.files.exports.columns import EXPORT_COLUMNS, TIME_SHORT_NAME
 
     long = {column.short: column.name for column in EXPORT_COLUMNS} | {TIME_SHORT_NAME: "utc"}
     return [long.get(name, name) for name in names] if set(long) <= set(names) else names
 
 
+# Returns a column as numbers or texts (n,).
 def _column(values: list[Any]) -> NDArray[Any]:
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, int | float) for value in known):

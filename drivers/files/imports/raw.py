@@ -1,4 +1,4 @@
-"""A table as a file holds it, before anything is said of its meaning."""
+"""What does a table hold as its file has it, before its meaning is known?"""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from topdress.drivers.files.imports.mapping import Source
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
-    """`columns`: texts (as written), numbers, or times where the file itself knows them; those of
-    `utc` are in UTC, others in the local time of the file.
+    """Holds a table as read. `columns`: texts (as written), numbers, or times where the file itself
+    has types; those of `utc` are in UTC, others in the local time of the file.
 
-    `units`: of columns, in the file's own words, where the header or a unit row tells one.
-    `first_row`: the line or row of the file that is row 0 here, for messages. `source`: how it
-    was read, everything found said.
+    `units`: of columns, in the file's own words, where the header or a unit row names them.
+    `first_row`: the line or row of the file that is row 0 here, for messages. `source`: how it was
+    read, with everything that was found.
     """
 
     path: Path
@@ -34,21 +34,23 @@ class RawTable:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Returns the names of the columns, in their order."""
         return tuple(self.columns)
 
     @property
     def decimal_comma(self) -> bool:
+        """Tells whether numbers have a decimal comma."""
         return self.source.decimal == ","
 
 
 def units_in(names: Iterable[str]) -> dict[str, str]:
-    """Of columns whose own name says one, in the file's words."""
+    """Returns units of columns whose own name has one, in the file's words."""
     return {name: unit for name in names if (unit := named(name)[1]) is not None}
 
 
 def header_of(cells: list[str], units: Sequence[str] | None) -> tuple[list[str], dict[str, str]]:
-    """Names, each once, and units of columns, of the header's cells and those of a row of units
-    below it."""
+    """Returns names, each once, and units of columns, from the header's cells and those of a row
+    of units below it."""
     while cells and not cells[-1]:
         cells = cells[:-1]
     names = unique(cells)
@@ -65,7 +67,8 @@ def header_of(cells: list[str], units: Sequence[str] | None) -> tuple[list[str],
 
 
 def unique(names: list[str]) -> list[str]:
-    """The names with the second of equal ones told apart, and names for those that have none."""
+    """Returns the names with a number behind the second of equal names, and names for those that
+    have none."""
     seen: set[str] = set()
     out = []
     for place, name in enumerate(names, start=1):

@@ -1,4 +1,4 @@
-"""A file of any kind as a raw table."""
+"""How is a file of any kind read as a raw table?"""
 
 from __future__ import annotations
 
@@ -30,9 +30,12 @@ from topdress.drivers.files.stated_units import ANY, of_texts, together
 if TYPE_CHECKING:
     import polars as pl
 
-LOOKED_ROWS = 1000  # for the first text of a column
-LONGEST_UNIT = 60  # letters
+# Rows that are searched for the first text of a column.
+LOOKED_ROWS = 1000
+# Letters of a unit; longer texts are remarks.
+LONGEST_UNIT = 60
 
+# Kinds of files by their ending; other endings are texts.
 _SUFFIXES: dict[str, SourceKind] = {
     **dict.fromkeys(SUFFIXES, "excel"),
     ".geojson": "geojson",
@@ -45,10 +48,19 @@ _SUFFIXES: dict[str, SourceKind] = {
 
 
 def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) -> RawTable:
-    """`said`: what an import file says of the reading. `data`: lines of the text at `path`, in
-    the place of all of it.
+    """Reads a file of any kind as a raw table.
 
-    Raises ImportTrouble, Refused in one line, OSError.
+    Parameters
+    ----------
+    path : the file or folder.
+    said : what an import file says of the reading.
+    data : lines of the text at `path`, in place of the whole file.
+
+    Raises
+    ------
+    ImportTrouble : the file is no table.
+    Refused : it cannot be opened, in one line.
+    OSError : it cannot be read.
     """
     said = said or Source()
     if data is None:
@@ -65,6 +77,7 @@ def _read(path: Path, said: Source) -> RawTable:
             path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)"
         )
     if kind == "excel":
+        # Imports by kind: each brings its own library.
         from topdress.drivers.files.imports.excel import read_excel
 
         return read_excel(path, said)
@@ -86,7 +99,7 @@ def _read(path: Path, said: Source) -> RawTable:
 
 
 def _with_stated(raw: RawTable) -> RawTable:
-    """With units of a column of their own, or of a line above the header."""
+    """Returns the table with units from a column of units, or from a line above the header."""
     texts: dict[str, list[str]] = {}
     for name, column in raw.columns.items():
         if not is_text(column):
@@ -115,8 +128,8 @@ def _with_stated(raw: RawTable) -> RawTable:
 
 
 def _kind(path: Path) -> SourceKind:
-    """Of a folder or a zip: a task that was worked before points, points before a task that was
-    not."""
+    """Returns the kind of a file. In a folder or a zip a task that was worked comes before
+    points, and points before a task that was not."""
     if path.is_dir() or path.suffix.lower() == ".zip":
         files = files_at(path)
         shapes = any(name.lower().endswith(".shp") for name in files.names)
@@ -124,6 +137,7 @@ def _kind(path: Path) -> SourceKind:
     return _SUFFIXES.get(path.suffix.lower(), "text")
 
 
+# Returns the table of a Parquet file (extra parquet). Raises ImportTrouble.
 def _parquet(path: Path, said: Source) -> RawTable:
     need("Parquet", "parquet")
     import polars as pl
@@ -146,6 +160,7 @@ def _parquet(path: Path, said: Source) -> RawTable:
     return RawTable(path, columns, source, units_in(columns), 1, utc=utc)
 
 
+# Returns a column as numbers, times or texts (n,).
 def _of_series(series: pl.Series) -> NDArray[Any]:
     import polars as pl
 

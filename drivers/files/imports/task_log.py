@@ -1,5 +1,5 @@
-"""The time logs of an ISO 11783-10 task set as one table: which of them are meant, how their
-columns are called. And what a task file holds, a line each."""
+"""How do the time logs of an ISO 11783-10 task set become a single table, which of them are
+meant, and what else does a task file hold?"""
 
 from __future__ import annotations
 
@@ -30,12 +30,14 @@ from topdress.drivers.files.imports.trouble import ImportTrouble, listed
 from topdress.drivers.files.imports.units import unit_named
 from topdress.drivers.files.prescriptions.task_files import choose_task_set, read_task_tree
 
+# How an operator chooses, for messages.
 CHOICES = "--task, --device and --log (source.task, .device and .task_log of the import file)"
-MOST_LISTED = 60  # logs, a line each
+# Logs in a message, a line each.
+MOST_LISTED = 60
 
 
 class TaskLogs(NamedTuple):
-    """All that a task set holds of work done."""
+    """Holds what a task set records of work done."""
 
     root: Element
     parts: dict[str, DeviceElement]
@@ -43,10 +45,21 @@ class TaskLogs(NamedTuple):
 
 
 def read_task_log(path: Path, said: Source) -> RawTable:
-    """The time logs of one task out of a task file, its folder or a zip, joined by their times,
-    or those that `said` names. Raises ImportTrouble, Refused, OSError.
+    """Returns the time logs of a task as a table.
 
-    A number that a record does not hold is the one last given, as logging on change means it.
+    The logs are joined by their times. A number that a record does not hold is the last one given,
+    as logging on change means it.
+
+    Parameters
+    ----------
+    path : a task file, its folder or a zip.
+    said : names task, device or log where there are several.
+
+    Raises
+    ------
+    ImportTrouble : there is no log, or it is unclear which.
+    Refused : the task set cannot be used, in one line.
+    OSError : it cannot be read.
     """
     found = task_logs(path, said.inside)
     if found is None:
@@ -55,7 +68,7 @@ def read_task_log(path: Path, said: Source) -> RawTable:
 
 
 def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
-    """None: no task file there. Raises Refused, OSError."""
+    """Returns the time logs of a task set; None: there is no task file. Raises Refused, OSError."""
     files = choose_task_set(path, inside)
     if files is None:
         return None
@@ -64,6 +77,7 @@ def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
     return TaskLogs(root, parts, time_logs(files, root, parts))
 
 
+# Returns the table of the chosen logs. Raises ImportTrouble.
 def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
     if not found.logs:
         raise ImportTrouble(
@@ -143,7 +157,7 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
 
 
 def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
-    """Those of one task. Raises ImportTrouble: what there is, a line for each log."""
+    """Returns the logs of a single task. Raises ImportTrouble with a line for each log."""
     logs = [
         log
         for log in found.logs
@@ -183,7 +197,7 @@ def _is_of(one: LoggedValue, device: str) -> bool:
 
 
 def log_lines(found: TaskLogs) -> list[str]:
-    """A line for each time log: its task, device, dates, rows, hectares and columns."""
+    """Returns a line for each time log: its task, device, dates, rows, hectares and columns."""
     lines = [_line(log, found) for log in found.logs[:MOST_LISTED]]
     more = len(found.logs) - MOST_LISTED
     return [*lines, f"... {many(more, 'more time log')}"] if more > 0 else lines
@@ -207,10 +221,12 @@ def _line(log: TimeLog, found: TaskLogs) -> str:
     )
 
 
+# Returns a UTC as text, of microseconds since 1970.
 def _moment(us: int) -> str:
     return f"{day_clock.moment(us / 1e6):%Y-%m-%d %H:%M:%S}"
 
 
+# Refuses logs that overlap in time. Raises ImportTrouble.
 def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
     for before, after in pairwise(logs):
         if after.first_us <= before.last_us:
@@ -226,8 +242,8 @@ def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
 def _presented(
     path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]
 ) -> bool:
-    """Whether rates are taken as their device shows them. Raises ImportTrouble where that is
-    not said and matters."""
+    """Tells whether rates are taken as their device shows them. Raises ImportTrouble where that
+    is open and matters."""
     odd = [one for one in logged if one.shown is not None]
     if not odd:
         return False
@@ -247,7 +263,7 @@ def _presented(
 
 
 def _in_log_unit(meaning: Meaning) -> str:
-    """A raw number of 100, in the log's unit of its quantity."""
+    """Returns a raw number of 100, in the log's unit of its quantity, as text."""
     unit = unit_named(meaning.unit)
     value = 100.0 * meaning.step + meaning.offset
     if unit is None or unit.quantity not in ("rate", "flow"):
@@ -258,8 +274,8 @@ def _in_log_unit(meaning: Meaning) -> str:
 def _names(
     logs: Sequence[TimeLog], logged: Sequence[LoggedValue]
 ) -> dict[tuple[int | None, str], str]:
-    """Of each number its column: what it is, and of several of one kind the element; elements
-    that always say the same share a column."""
+    """Returns the column of each number: its meaning, and with several of a kind the element;
+    elements that always have the same numbers share a column."""
     names: dict[tuple[int | None, str], str] = {}
     taken = set(logs[0].heads) if logs and logs[0].heads is not None else set()
     for name in dict.fromkeys(one.meaning.name for one in logged):
@@ -274,7 +290,7 @@ def _names(
 
 
 def _apart(alike: list[LoggedValue], logs: Sequence[TimeLog]) -> list[LoggedValue]:
-    """Without those that say in every record what one before them says."""
+    """Returns the numbers without those that repeat an earlier one in every record."""
     kept: list[LoggedValue] = []
     for one in alike:
         if not any(all(_same(log, one, other) for log in logs) for other in kept):
@@ -302,6 +318,7 @@ def _same(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
     )
 
 
+# Returns the logs as a single table, with an event at each begin.
 def _joined(
     logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], presented: bool
 ) -> Columns:
@@ -318,7 +335,7 @@ def _joined(
 def _elements(
     logged: Sequence[LoggedValue], names: dict[tuple[int | None, str], str]
 ) -> list[Finding]:
-    """What the elements are that columns are called by."""
+    """Returns a finding that names the elements in columns' names."""
     shown = {
         one.element: one.part
         for one in logged
@@ -333,8 +350,7 @@ def _elements(
 
 
 def _width(found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValue]) -> float | None:
-    """The working width, m, where all logs had one and the same; None: they do not say, or it
-    changed."""
+    """Returns the working width, m, that all logs share; None: they do not say, or it changed."""
     widths = {width_of(log, found.parts) for log in logs}
     if len(widths) == 1:
         return widths.pop()
@@ -342,6 +358,7 @@ def _width(found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValu
     return width_m(found.parts, devices.pop()) if len(devices) == 1 and None not in widths else None
 
 
+# Attribute DataTransferOrigin of ISO 11783-10.
 ORIGINS = {
     "1": "written before the work, by farm software",
     "2": "written after it, by a task controller",
@@ -349,7 +366,8 @@ ORIGINS = {
 
 
 def task_words(path: Path) -> list[str] | None:
-    """None: no task file there. Raises Refused, OSError."""
+    """Returns what a task file holds, a line each; None: there is no task file. Raises Refused,
+    OSError."""
     found = task_logs(path)
     if found is None:
         return None

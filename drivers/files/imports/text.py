@@ -1,9 +1,9 @@
-"""The one reader of text tables (CSV and its relatives): bytes to UTF-8, rows to columns of
-texts or numbers.
+"""How are text tables (CSV and its relatives) read: bytes to UTF-8, rows to columns of texts or
+numbers?
 
-Rows are taken apart in blocks, so that a million of them are in memory as numbers and packed
-texts only; rows that do not fit are left out and said. Where header and rows begin is found by
-looking (`dialect`), or is said by the caller.
+Rows are read in blocks, so that a million of them are in memory only as numbers and packed texts;
+rows that do not fit are left out, with a finding. Where header and rows begin is found (`dialect`),
+or the caller says so.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from topdress.drivers.files.imports.raw import RawTable, header_of, unique
 from topdress.drivers.files.imports.trouble import ImportTrouble, TableError, listed
 from topdress.drivers.files.limits import LINE, check_text
 
-# Rows that are longer than any row may be: they are left out and said, the others are read.
+# Byte order marks of UTF-16.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
-    """The text without the lines below its first that are longer than `LINE`, where others are
-    left there; and what there is to say.
+    """Returns the text without the lines below its first that are longer than `LINE`, where others
+    remain, and findings.
 
-    Zero bytes, as a power loss leaves them, do not count; UTF-16 is left as it is.
+    Zero bytes, as a power loss leaves them, do not count; UTF-16 stays as it is.
     """
     long = [] if data.startswith(_UTF16) else _long_lines(data)
     if not long:
@@ -63,8 +63,8 @@ def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
 
 
 def _long_lines(data: bytes) -> list[tuple[int, int]]:
-    """First byte and line end of each. A line so long has no line end in one of the places half
-    as long as is allowed: only those are looked at."""
+    """Returns first byte and line end of each long line. A long line has no line end in one of
+    the places half as long as allowed: only those are searched."""
     half, place, found = LINE.most // 2, 0, list[tuple[int, int]]()
     while place + half <= len(data):
         if data.find(b"\n", place, place + half) >= 0:
@@ -78,15 +78,16 @@ def _long_lines(data: bytes) -> list[tuple[int, int]]:
     return found
 
 
-# Quotes in text tables: one that is opened and never closed swallows the rows behind it.
-# of one cell with line breaks, as headers of spreadsheets have them
+# Lines of a cell with line breaks, as headers of spreadsheets have them. A quote that is open for
+# longer swallows the rows behind it.
 MOST_LINES = 5
+# Bytes before a cell.
 _STARTS = b",;\t| "
 
 
 def unclosed_quote(data: bytes) -> int | None:
-    """The line (from 1) with a quote that is opened and not closed within a cell's few lines;
-    None: there is none.
+    """Returns the line (from 1) with a quote that is not closed within a cell's few lines; None:
+    there is none.
 
     A last line without its line end does not count: it was cut.
     """
@@ -106,23 +107,25 @@ def unclosed_quote(data: bytes) -> int | None:
 
 
 def _opens(line: bytes) -> bool:
-    """Whether a quote stands where a cell begins: one behind a number is the sign for inches."""
+    """Tells whether a quote stands where a cell begins: a quote behind a number is the sign for
+    inches."""
     return any(
         line[at : at + 1] == b'"' and (at == 0 or line[at - 1] in _STARTS)
         for at in range(len(line))
     )
 
 
-NO_HEADER = "no_header"  # of a finding
-# Findings that an import has no need to say: its import file says how the text is written.
+# Id of a finding.
+NO_HEADER = "no_header"
+# Findings that an import does not report: its import file says how the text is written.
 AS_WRITTEN = frozenset(
     {"utf16", "byte_order_mark", "zero_bytes", "carriage_returns", "encoding", "no_last_line_end"}
 )
 
 
 class NumberCells(NamedTuple):
-    """`values`: (n,), NaN: not known. `bad`: how many cells are no number; `cell`: the first of
-    them."""
+    """Holds a column's numbers. `values`: (n,), NaN: not known. `bad`: how many cells are no
+    number; `cell`: the first of them."""
 
     values: NDArray[np.float64]
     bad: int = 0
@@ -135,13 +138,21 @@ CellColumn = NumberCells | NDArray[Any]
 def utf8(
     path: Path, data: bytes, said: str | None = None, whole: bool = True
 ) -> tuple[bytes, str, list[Finding]]:
-    """A text in UTF-8 with line feeds, its encoding, and what was odd about it. said: the
-    encoding, where it is known. whole: False for the beginning of a file, which may end within
-    a pair of quotes.
+    """Returns a text in UTF-8 with line feeds, its encoding, and findings.
 
-    Raises TableError, BeyondLimits.
+    Parameters
+    ----------
+    path : the file, for messages.
+    data : its bytes.
+    said : the encoding, where it is known.
+    whole : False for the begin of a file, which may end within a pair of quotes.
+
+    Raises
+    ------
+    TableError : the text is empty, or a quote is not closed.
+    BeyondLimits : it is too large.
     """
-    # the last line may be cut inside a letter
+    # The last line may be cut inside a letter, so it is not looked at.
     encoding = said or encoding_of(data[: data.rfind(b"\n") + 1] or data)
     findings: list[Finding] = []
     if encoding.lower() not in ("utf-8", "utf8"):
@@ -191,8 +202,8 @@ def utf8(
 def without_cut_row(
     data: bytes, body: int, sign: str, width: int, own: bool = False
 ) -> tuple[bytes, list[Finding]]:
-    """The text, its last row left out where it was cut off, and what was done. body: the byte
-    where the rows begin. own: it is of a writer that ends every row with a line end."""
+    """Returns the text without its last row where that was cut off, and findings. body: the byte
+    where the rows begin. own: the writer ends every row with a line end."""
     end = data.rfind(b"\n") + 1
     tail = data[max(end, body) :].strip(b"\r ")
     if not tail:
@@ -215,12 +226,24 @@ def cells_of(
     numbers: Collection[str] = (),
     decimal_comma: bool = False,
 ) -> tuple[dict[str, CellColumn], list[Finding]]:
-    """The rows from byte `body` on as columns; and what was left out: rows whose number of cells
-    is not the header's, or that cannot be taken apart.
+    """Returns the rows from byte `body` on as columns, and findings about rows that were left out:
+    with another number of cells than the header, or unreadable.
 
-    above: lines before them. wanted: the columns to be read (None: all); those of `numbers` are
-    read as such, all others are texts. Raises TableError where no row has as many cells as there
-    are names.
+    Parameters
+    ----------
+    path : the file, for messages.
+    data : its bytes in UTF-8.
+    body : first byte of the rows.
+    sign : between cells.
+    names : of the columns.
+    above : lines before the rows.
+    wanted : the columns to be read; None: all.
+    numbers : the columns that are read as numbers; all others are texts.
+    decimal_comma : of the numbers.
+
+    Raises
+    ------
+    TableError : no row has as many cells as there are names.
     """
     wanted = [name for name in names if wanted is None or name in wanted]
     places = {name: place for place, name in enumerate(names)}
@@ -246,8 +269,8 @@ def cells_of(
 
 
 class _EvenRows:
-    """Rows with as many cells as the header. `wrong`: line, what is wrong, number of cells of
-    the others."""
+    """Reads rows with as many cells as the header. `wrong`: line, what is wrong, and number of
+    cells of the others."""
 
     def __init__(self, data: bytes, body: int, sign: str, width: int, above: int) -> None:
         self._reader = csv.reader(
@@ -258,6 +281,7 @@ class _EvenRows:
         self.count, self.wrong = 0, list[tuple[int, str, int]]()
 
     def blocks(self) -> Iterator[list[list[str]]]:
+        """Yields blocks of rows."""
         block: list[list[str]] = []
         for cells in self._rows():
             if len(cells) != self._width and not self._mend(cells):
@@ -271,6 +295,7 @@ class _EvenRows:
         if block:
             yield block
 
+    # Yields all rows; goes on behind an error.
     def _rows(self) -> Iterator[list[str]]:
         while True:
             try:
@@ -280,7 +305,7 @@ class _EvenRows:
                 self.wrong.append((self._above + self._reader.line_num, str(error), 0))
 
     def _mend(self, cells: list[str]) -> bool:
-        """Whether the row has the header's width without empty cells behind its last."""
+        """Tells whether the row has the header's width, without empty cells behind its last."""
         if len(cells) > self._width and not any(cells[self._width :]):
             del cells[self._width :]
             return True
@@ -296,6 +321,7 @@ class _EvenRows:
 
     @property
     def said(self) -> list[Finding]:
+        """Returns a finding about the rows left out."""
         if not self.wrong:
             return []
         line, what, _ = self.wrong[0]
@@ -308,6 +334,7 @@ class _EvenRows:
         ]
 
 
+# Returns the blocks of a column as a whole.
 def _one_column(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
     numeric = [part for part in parts if isinstance(part, NumberCells)]
     if is_numeric:
@@ -321,8 +348,20 @@ def _one_column(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
 
 
 def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
-    """A table of any dialect, or of the one that `said` says. data: of it, where it is not all.
-    Raises TableError, BeyondLimits, OSError."""
+    """Returns a table of any dialect, or of the dialect that `said` describes.
+
+    Parameters
+    ----------
+    path : the file.
+    said : what the import file says.
+    data : lines of the file, where it is not read whole.
+
+    Raises
+    ------
+    TableError : it is no table.
+    BeyondLimits : it is too large.
+    OSError : it cannot be read.
+    """
     data, encoding, findings = utf8(
         path, path.read_bytes() if data is None else data, said.encoding
     )
@@ -373,6 +412,7 @@ def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
         return unique(list(said.names)), {}
     layout = dialect.layout
     return header_of(
+        # Some programs write the header as a comment.
         [cell.lstrip("#").strip() for cell in dialect.rows[layout.header]],
         None if layout.units is None else dialect.rows[layout.units],
     )
@@ -381,7 +421,7 @@ def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
 def _texts(
     path: Path, data: bytes, dialect: Dialect, names: list[str]
 ) -> tuple[Columns, list[Finding]]:
-    """Columns of texts without blanks around, rows of nothing left out."""
+    """Returns columns of texts without blanks around, and without empty rows."""
     start = _line_start(data, dialect.layout.body)
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
@@ -401,6 +441,7 @@ def _texts(
     return columns if filled.all() else select_rows(columns, filled), [*cut, *odd]
 
 
+# Returns the first byte of a line, from 0.
 def _line_start(data: bytes, line: int) -> int:
     place = 0
     for _ in range(line):

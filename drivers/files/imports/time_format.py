@@ -1,4 +1,4 @@
-"""Times written after a format as `strptime` has them, many at once."""
+"""How are many times in a format, as `strptime` has it, read at once?"""
 
 from __future__ import annotations
 
@@ -14,16 +14,20 @@ from topdress.drivers.files.imports.trouble import ImportTrouble
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-# parts of a format that say the day
+# Parts of a format that hold the day.
 DAY_PARTS = re.compile("%[djeyYFDs]")
+# Short forms of several parts (POSIX).
 _WRITTEN_OUT = {"%F": "%Y-%m-%d", "%D": "%m/%d/%y", "%T": "%H:%M:%S", "%R": "%H:%M"}
+# Parts that are read as another part.
 _ANOTHER_NAME = {"e": "d", "k": "H", "l": "I", "P": "p", "h": "b"}
 _MONTHS = (
     "january february march april may june july august september october november december"
 ).split()
+# Months in English, whole or by three letters.
 _NAMES = f"((?i:{'|'.join((*_MONTHS, *(name[:3] for name in _MONTHS)))}))"
 # Digits that belong to a part are not given back to the one before it.
 _TWO = r"\s*+(\d{1,2}+)"
+# Each part as a regular expression.
 _PATTERNS = {
     "Y": r"\s*+([+-]\d++|\d{1,4}+)",
     **dict.fromkeys(("y", "m", "d", "H", "I", "M", "S"), _TWO),
@@ -38,23 +42,41 @@ _PATTERNS = {
     **{f".{digits}f": rf"(?:\.(\d{{{digits}}}))?+" for digits in (3, 6, 9)},
     **{f"{digits}f": rf"(\d{{{digits}}})" for digits in (3, 6, 9)},
 }
-# What says nothing that is wanted: the day's name, the zone's (offsets are taken off before).
+# Parts that are ignored: the day's name, and the zone's (offsets are removed before).
 _PASSED_OVER = {"a": "[^\\W\\d]+", "A": "[^\\W\\d]+", "Z": r"\S*", "z": "", "%": "%"}
+# A part, blanks, or any other letter.
 _PART = re.compile(r"%(\.?[369]?f|[A-Za-z%])|(\s+)|(.)", re.DOTALL)
+# Bounds of each part; a leap second is 60.
 _LOWEST = {"Y": -9999, "y": 0, "m": 1, "d": 1, "j": 1, "H": 0, "I": 1, "M": 0, "S": 0}
 _HIGHEST = {"Y": 9999, "y": 99, "m": 12, "d": 31, "j": 366, "H": 23, "I": 12, "M": 59, "S": 60}
-# of years in two digits the first that is of the century before
+# First year in two digits that belongs to the century before (strptime: 69).
 _PIVOT = 70
 
 
 class _Layout(NamedTuple):
+    """Holds a format as a pattern, and its parts in the order of the groups."""
+
     pattern: re.Pattern[str]
     parts: tuple[str, ...]
 
 
 def parse_times(texts: Sequence[str], form: str) -> Floats:
-    """Microseconds since 1970 (n,), NaN where a text is not written so; what the format does not
-    say is that of 1970-01-01 00:00. Raises ImportTrouble where it is no format."""
+    """Returns times of texts in a format.
+
+    Parameters
+    ----------
+    texts : n of them.
+    form : as `strptime` has it, with %.f for fractions of a second.
+
+    Returns
+    -------
+    microseconds since 1970 (n,), NaN where a text does not fit; parts that the format lacks are
+    those of 1970-01-01 00:00.
+
+    Raises
+    ------
+    ImportTrouble : it is no format.
+    """
     layout = _layout_of(form)
     us = np.full(len(texts), np.nan)
     match = layout.pattern.fullmatch
@@ -66,6 +88,7 @@ def parse_times(texts: Sequence[str], form: str) -> Floats:
     return us
 
 
+# Returns the pattern of a format. Raises ImportTrouble.
 @lru_cache(maxsize=512)
 def _layout_of(form: str) -> _Layout:
     for short, long in _WRITTEN_OUT.items():
@@ -90,7 +113,8 @@ def _layout_of(form: str) -> _Layout:
 
 
 def _is_halved(parts: set[str]) -> bool:
-    """Hours without minutes or the other way round, half days without their half."""
+    """Tells whether hours come without minutes or the other way round, or half days without
+    their half."""
     return bool(parts & {"H", "I"}) != ("M" in parts) or ("I" in parts) != ("p" in parts)
 
 
@@ -99,7 +123,7 @@ def _no_format(form: str) -> ImportTrouble:
 
 
 def _microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
-    """Of the parts' texts (rows,); NaN where a part is out of its bounds."""
+    """Returns microseconds (rows,) of the parts' texts; NaN where a part is out of its bounds."""
     found = {
         part: np.array(list(map(int, texts)), np.int64)
         for part, texts in cells.items()
@@ -123,7 +147,7 @@ def _microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
 def _days(
     found: dict[str, Whole], names: list[str] | None, rows: int
 ) -> tuple[Whole, NDArray[np.bool_]]:
-    """Days since 1970, and whether their month, or year, has them."""
+    """Returns days since 1970, and whether their month, or year, has them."""
     one = np.ones(rows, np.int64)
     year = found.get("Y", 1970 * one)
     if "y" in found:

@@ -1,5 +1,5 @@
-"""ISO 11783-10 time logs (TLG): the binary records that a task controller wrote, each log as a
-table."""
+"""How are ISO 11783-10 time logs (TLG) read: the binary records of a task controller, each log
+as a table?"""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from topdress.drivers.files.imports.devices import (
 from topdress.drivers.files.imports.trouble import ImportTrouble
 from topdress.drivers.files.prescriptions.task_files import TaskSet
 
-# The fields of TIM and its PTN that every record tells, in their order in a record: attribute,
-# type as numpy writes it, step, name here, the number that means not known.
+# Fields of TIM and its PTN that every record may hold, in their order: attribute, numpy's type,
+# step, name here, the number that means not known.
 _HEAD = (
     ("PTN", "A", "<i4", 1e-7, "lat_deg", None),
     ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
@@ -38,15 +38,18 @@ _HEAD = (
     ("PTN", "H", "<u4", 0.001, "gps time of day s", None),
     ("PTN", "I", "<u2", 1.0, "gps day", None),
 )
+# Milliseconds of the day and days since 1980 begin every record.
 _TIME = (("ms", "<u4"), ("day", "<u2"))
 UTC = "utc"
+# Data dictionary identifiers (ISO 11783-11): m2, mm, 1 for working.
 TOTAL_AREA, WIDTH, WORK = 116, 67, 141
-MOVES_M = 0.001  # places nearer to one another are one
+# Distance, m, below which two places are the same.
+MOVES_M = 0.001
 
 
 class LoggedValue(NamedTuple):
-    """A number that a log holds: of which element (DET), under which identifier; and the
-    device's own view of its step, where that contradicts the dictionary."""
+    """Describes a number that a log holds: its element (DET), its identifier, and the device's
+    own view of its step where that contradicts the dictionary."""
 
     ddi: int | None
     element: str
@@ -57,11 +60,11 @@ class LoggedValue(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TimeLog:
-    """`task`: id of the task (TSK). `heads`: time and place. `values`: (numbers, records) raw,
-    NaN where not reported yet.
+    """Holds a time log. `task`: id of the task (TSK). `heads`: time and place. `values`: (numbers,
+    records) raw, NaN where not reported yet.
 
-    `lost`: bytes at the end that are no whole record. `trouble`: why nothing can be read, one
-    line; empty: it was.
+    `lost`: bytes at the end that are no whole record. `trouble`: why nothing can be read, in one
+    line; empty: it was read.
     """
 
     name: str
@@ -75,28 +78,31 @@ class TimeLog:
 
     @property
     def rows(self) -> int:
+        """Returns the number of records."""
         return 0 if self.heads is None else count_rows(self.heads)
 
     @property
     def first_us(self) -> int:
+        """Returns the first time, microseconds since 1970."""
         assert self.heads is not None
         return int(self.heads[UTC].min().astype(np.int64))
 
     @property
     def last_us(self) -> int:
+        """Returns the last time, microseconds since 1970."""
         assert self.heads is not None
         return int(self.heads[UTC].max().astype(np.int64))
 
     @property
     def devices(self) -> dict[str, str]:
-        """Ids of the devices whose numbers it holds, with their names."""
+        """Returns ids of the devices whose numbers it holds, with their names."""
         return {
             one.part.device: one.part.device_name for one in self.logged if one.part is not None
         }
 
 
 def time_logs(files: TaskSet, root: Element, parts: dict[str, DeviceElement]) -> list[TimeLog]:
-    """All time logs of all tasks, in the file's order."""
+    """Returns all time logs of all tasks, in the file's order."""
     return [
         _read(files, root, parts, task, name)
         for task in root.iter("TSK")
@@ -137,10 +143,12 @@ def _read(
     )
 
 
+# Returns a log that cannot be read, with the reason.
 def _failed(log: TimeLog, why: str) -> TimeLog:
     return TimeLog(log.name, log.task, log.title, log.logged, trouble=why)
 
 
+# Returns time and place of the records as columns.
 def _heads(
     heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]
 ) -> Columns:
@@ -153,6 +161,7 @@ def _heads(
             heads["lat_deg"].astype(np.float64) * 1e-7,
             heads["lon_deg"].astype(np.float64) * 1e-7,
         )
+        # Receivers without a fix report 0, 0.
         nowhere = ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
     for _, _, _, step, name, unknown in fields:
         numbers = heads[name].astype(np.float64)
@@ -171,10 +180,11 @@ def _logged_value(root: Element, parts: dict[str, DeviceElement], item: Element)
 
 
 def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
-    """Where each record begins, and where the last whole one ends: a record tells its own
-    length."""
+    """Returns where each record begins, and where the last whole record ends: a record holds its
+    own length."""
     starts, place, size = [], 0, len(data)
     while place + head_bytes <= size:
+        # Each number takes 5 bytes: its index and 32 bits.
         end = place + head_bytes + 5 * data[place + head_bytes - 1]
         if end > size:
             break
@@ -186,7 +196,7 @@ def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
 def _values(
     raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8], columns: int
 ) -> NDArray[np.float64]:
-    """(columns, records), the last one given; NaN before it was given first."""
+    """Returns numbers (columns, records), each the last one given; NaN before the first."""
     out = np.full((columns, len(first)), np.nan)
     for k in range(int(counts.max(initial=0))):
         rows = np.flatnonzero(counts > k)
@@ -203,8 +213,8 @@ def _values(
 
 
 def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str] | None:
-    """What a log covered, and by what: its device's own count, else way and width at work;
-    None: not to be known."""
+    """Returns the covered ground, ha, and its source: the device's own count, else way times
+    width at work; None: not known."""
     if log.heads is None or log.values is None:
         return None
     counted = [
@@ -228,8 +238,8 @@ def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str]
 
 
 def width_of(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
-    """The working width, m: as logged where it stays the same, else as the device says; None
-    where it changes."""
+    """Returns the working width, m: as logged where it stays the same, else by the device's
+    description; None where it changes."""
     if log.values is not None:
         for k, one in enumerate(log.logged):
             known = log.values[k][log.values[k] > 0.0]
@@ -239,6 +249,7 @@ def width_of(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
     return max(widths) if widths else None
 
 
+# Returns the distance to the place before (n,), m; 0 where unknown.
 def _steps_m(heads: Columns) -> NDArray[np.float64]:
     lat, lon = heads["lat_deg"], heads["lon_deg"]
     known = np.isfinite(lat) & np.isfinite(lon)
@@ -252,8 +263,8 @@ def _steps_m(heads: Columns) -> NDArray[np.float64]:
 
 
 def columns_of(log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool) -> Columns:
-    """Time, place and numbers as columns, in their units. names: of (DDI, element); what has
-    none is left out."""
+    """Returns time, place and numbers as columns, in their units. names: of (DDI, element);
+    numbers without a name are left out. Raises ImportTrouble."""
     if log.heads is None or log.values is None:
         raise ImportTrouble(log.name, f"{log.trouble}")
     columns = dict(log.heads)

@@ -1,5 +1,5 @@
-"""The times of a foreign table: texts of any format and zone, counts of seconds or days, as
-whole microseconds."""
+"""How are the times of a foreign table read as whole microseconds: texts of any format and zone,
+counts of seconds or days?"""
 
 from __future__ import annotations
 
@@ -28,12 +28,17 @@ from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.time_format import DAY_PARTS, parse_times
 from topdress.drivers.files.imports.trouble import ImportTrouble
 
+# ISO 8601 with a blank for its T.
 ISO = "%Y-%m-%d %H:%M:%S%.f"
+# An offset from UTC behind a time.
 _OFFSET = re.compile(r"(:\d{2}(?:\.\d+)?)?\s*(Z|z|[+-]\d{2}:?\d{2})$")
+# Seconds with a decimal comma.
 _DECIMAL_COMMA = re.compile(r"(\d{2}),(\d{1,6})")
+# A day with hours and minutes.
 _WITHOUT_SECONDS = re.compile(r"(\S+ \d{1,2}:\d{2})")
 _DAY_US = 86_400_000_000
 _MINUTE_US = 60_000_000
+# Microseconds of one of each unit.
 _STEPS_US = {
     "s": 1e6,
     "ms": 1e3,
@@ -45,23 +50,38 @@ _STEPS_US = {
     "unix_us": 1.0,
 }
 _PARTS = re.compile(r"%\.?[A-Za-z]")
+# Digits of the parts of a format that may run together.
 _DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
-# fewer readable times than this share: the format is wrong
+# With a smaller share of readable times the format is wrong.
 _GOOD = 0.5
 
 Floats = NDArray[np.float64]
 
 
 class FileClock(NamedTuple):
-    """`us`: whole microseconds, NaN: not known. `kind`: since 1970 in UTC; since 1970 in local
-    time of no known zone; or counted from some moment of the file's own."""
+    """Holds a file's times. `us`: whole microseconds, NaN: not known. `kind`: since 1970 in UTC;
+    since 1970 in local time of an unknown zone; or counted from a moment of the file's own."""
 
     us: Floats
     kind: Literal["utc", "local", "relative"]
 
 
 def clock(table: RawTable, times: Times) -> FileClock:
-    """Raises ImportTrouble where the column is not there or most of its cells are no such time."""
+    """Returns the times of a table's rows.
+
+    Parameters
+    ----------
+    table : as the file holds it.
+    times : which column and how.
+
+    Returns
+    -------
+    (n,) whole microseconds.
+
+    Raises
+    ------
+    ImportTrouble : most cells of the column are no such time.
+    """
     if times.counts == "rows":
         assert times.step_s is not None
         step_us = round(times.step_s * 1e6)
@@ -79,6 +99,7 @@ def clock(table: RawTable, times: Times) -> FileClock:
         return found
     found_numbers = numbers(column, table.decimal_comma).values
     if times.counts == "excel_day":
+        # Spreadsheets keep days as doubles: milliseconds are what they resolve.
         ms = np.round((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
         found = _of_naive(ms * 1000.0, times.zone)
     else:
@@ -89,13 +110,13 @@ def clock(table: RawTable, times: Times) -> FileClock:
 
 
 def read_texts(column: NDArray[Any], form: str | None, zone: str | None) -> FileClock:
-    """Times written as texts; an offset at their end (Z, +08:00) stands above `zone`. `form`
-    None: ISO 8601."""
+    """Returns times written as texts; an offset at their end (Z, +08:00) overrides `zone`.
+    `form` None: ISO 8601."""
     starts = range(0, max(len(column), 1), BLOCK_ROWS)
     blocks = [_read_block(column[start : start + BLOCK_ROWS], form) for start in starts]
     us = np.concatenate([block.us for block in blocks])
     if not DAY_PARTS.search(form or ISO):
-        # times of day go on past midnight
+        # Times of day go on past midnight.
         days = np.cumsum(np.diff(_forward_filled(us), prepend=np.nan) < -_DAY_US // 2)
         return FileClock(us + days * float(_DAY_US), "relative")
     offsets_us = np.concatenate([block.offsets_us for block in blocks])
@@ -105,12 +126,13 @@ def read_texts(column: NDArray[Any], form: str | None, zone: str | None) -> File
 
 
 class _Block(NamedTuple):
-    """`offsets_us`: (n,), NaN where a text says none."""
+    """Holds times of a block. `offsets_us`: (n,), NaN where a text has none."""
 
     us: Floats
     offsets_us: Floats
 
 
+# Returns the times of a block of texts, with their offsets.
 def _read_block(column: NDArray[Any], form: str | None) -> _Block:
     texts = [text.strip() for text in as_texts(column).tolist()]
     if any("," in text for text in texts):
@@ -129,15 +151,17 @@ def _read_block(column: NDArray[Any], form: str | None) -> _Block:
 
 
 def as_texts(column: NDArray[Any]) -> NDArray[Any]:
+    """Returns a column as texts."""
     return text_column(number_texts(column)) if is_number(column) else column
 
 
 def _forward_filled(us: Floats) -> Floats:
-    """The last known value in the place of those that are not."""
+    """Returns values (n,) with the last known value in place of unknown ones."""
     last = np.maximum.accumulate(np.where(np.isnan(us), 0, np.arange(len(us))))
     return us[last]
 
 
+# Returns the texts of times, with their day where that has its own column.
 def _joined(table: RawTable, times: Times) -> NDArray[Any]:
     assert times.column is not None
     day_form, _, time_form = (times.format or ISO).rpartition(" ")
@@ -148,7 +172,7 @@ def _joined(table: RawTable, times: Times) -> NDArray[Any]:
 
 
 def with_day(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[Any]:
-    """Texts of a day and of a time of day as one, none where either is not known; `day_form`:
+    """Returns texts of day and time of day joined, empty where either is not known; `day_form`:
     how the day is written."""
     if is_time(day):
         texts = _iso_days(day)
@@ -164,8 +188,8 @@ def with_day(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[An
 
 
 def texts_for(column: NDArray[Any], form: str) -> NDArray[Any]:
-    """Texts as they stand. Numbers that stand for digits run together (%Y%m%d, %H%M%S) with the
-    zeros before them."""
+    """Returns texts as they stand, and numbers of run-together digits (%Y%m%d, %H%M%S) with
+    leading zeros."""
     width = sum(_DIGITS.get(part, 0) for part in _PARTS.findall(form))
     if not width or _PARTS.sub("", form):
         return as_texts(column)
@@ -176,14 +200,14 @@ def texts_for(column: NDArray[Any], form: str) -> NDArray[Any]:
 
 
 def _digits(column: Floats, width: int) -> NDArray[Any]:
-    """Numbers as whole ones with the zeros before them."""
+    """Returns whole numbers with leading zeros, as texts."""
     return text_column(
         ["" if value != value else f"{round(value):0{width}d}" for value in column.tolist()]
     )
 
 
 def _whole(column: NDArray[Any]) -> Floats | None:
-    """Whole numbers, of which none is below 0; None where the column holds others."""
+    """Returns whole numbers, none below 0; None where the column holds others."""
     if is_text(column):
         found = plain_numbers([text.strip() for text in column.tolist()])
         if found is None:
@@ -196,25 +220,26 @@ def _whole(column: NDArray[Any]) -> Floats | None:
 
 
 def _of_spreadsheet(whole: Floats) -> NDArray[Any]:
-    """Numbers where the form has a day with signs between: days as spreadsheets count them."""
+    """Returns ISO days of numbers that count days as spreadsheets do."""
     first, last = SPREADSHEET_DAYS
     days = np.where((whole >= first) & (whole <= last), whole - SPREADSHEET_EPOCH_DAYS, np.nan)
     return _iso_days(_dates(days))
 
 
 def _dates(days: Floats) -> NDArray[np.datetime64]:
-    """Days since 1970."""
+    """Returns dates of days since 1970."""
     known = np.nan_to_num(days).astype(np.int64).astype("datetime64[D]")
     return np.where(np.isnan(days), np.datetime64("NaT", "D"), known)
 
 
+# Returns days as ISO 8601; empty where not known.
 def _iso_days(times: NDArray[Any]) -> NDArray[Any]:
     days = np.datetime_as_string(times.astype("datetime64[D]"))
     return text_column(["" if day == "NaT" else day for day in days.tolist()])
 
 
 def _offset_us(offset: str) -> float:
-    """Of +08:00, -0330 or Z."""
+    """Returns an offset such as +08:00, -0330 or Z, us."""
     digits = offset.replace(":", "")[1:]
     if not digits:
         return 0.0
@@ -222,6 +247,7 @@ def _offset_us(offset: str) -> float:
     return float(-minutes if offset.startswith("-") else minutes) * _MINUTE_US
 
 
+# Returns times of a zone in UTC; without a zone they stay local.
 def _of_naive(us: Floats, zone: str | None) -> FileClock:
     if zone is None:
         return FileClock(us, "local")
@@ -242,8 +268,8 @@ def _of_naive(us: Floats, zone: str | None) -> FileClock:
 
 
 def _zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
-    """From UTC to a local minute since 1970, for the first and the second time that the zone's
-    clocks show it; NaN where they never do."""
+    """Returns offsets, us, from UTC to a local minute since 1970, for the first and the second
+    time that the zone's clocks show it; NaN where they never do."""
     try:
         local = dt.datetime(1970, 1, 1) + dt.timedelta(minutes=minute)
     except (OverflowError, ValueError):
@@ -255,6 +281,7 @@ def _zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
     return (first, second) if first >= second else (np.nan, np.nan)
 
 
+# Refuses times of which most cannot be read. Raises ImportTrouble.
 def _check(table: RawTable, times: Times, us: Floats) -> None:
     unknown = np.isnan(us)
     if (~unknown).sum() > _GOOD * us.size:

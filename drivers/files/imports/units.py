@@ -1,4 +1,4 @@
-"""Units as machines write them, and what one of each is in the unit of a log column."""
+"""Which units do machines write, and what is one of each in the unit of a log column?"""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
 from topdress.drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
 
-# 100 m up in 100 m along: no factor, an arc tangent
+# 100 m up in 100 m along: no factor but an arc tangent.
 SLOPE = "slope %"
 
 
 class ColumnUnit(NamedTuple):
-    """`factor`: one of it in the log's unit of that quantity. `other`: further spellings, in
-    small letters."""
+    """Describes a unit. `factor`: one of it in the log's unit of that quantity. `other`: further
+    spellings, in small letters."""
 
     name: str
     quantity: str
@@ -27,9 +27,12 @@ class ColumnUnit(NamedTuple):
     other: tuple[str, ...] = ()
 
 
+# The international pound, kg.
 _POUND_KG = 0.45359237
+# The international foot, m, and inch, mm.
 _FOOT_M, _INCH_MM = 0.3048, 25.4
 
+# All known units by quantity, with the words that machines' logs use.
 UNITS = (
     ColumnUnit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
     ColumnUnit(
@@ -149,7 +152,7 @@ UNITS = (
     ),
 )
 
-# Of a rate: what is spread, and over which ground. In words of one kind each, the ratio of any two.
+# Words for what is spread; a unit of a rate is any of them over any ground.
 _AMOUNTS = {
     spelling: name
     for name, spellings in {
@@ -168,6 +171,7 @@ _AMOUNTS = {
     }.items()
     for spelling in spellings.split()
 }
+# Words for the ground.
 _GROUNDS = {
     spelling: name
     for name, spellings in {
@@ -182,15 +186,16 @@ _RATIO = re.compile(
     rf"({'|'.join(sorted(_AMOUNTS, key=len, reverse=True))})(?:/|_|·|⋅| |p(?=ha|ac))"
     rf"({'|'.join(sorted(_GROUNDS, key=len, reverse=True))})(?:-1)?"
 )
-OF_A_RATE = ("rate", "volume", "nitrogen", "count")  # quantities
+# Quantities of what is spread on ground.
+OF_A_RATE = ("rate", "volume", "nitrogen", "count")
 
 _BY_NAME = {unit.name: unit for unit in UNITS}
 _SPELLINGS = {unit.name: unit for unit in UNITS} | {
     spelling: unit for unit in reversed(UNITS) for spelling in (unit.name.lower(), *unit.other)
 }
 
-# What a column holds by the ending of its name (docs/format-run-log.md); of several that fit
-# the longest.
+# Unit of a log column by the ending of its name (docs/format-run-log.md); the longest ending
+# counts.
 ENDINGS = {
     "_kg_ha": "kg/ha",
     "_mps": "m/s",
@@ -207,11 +212,12 @@ ENDINGS = {
     "_m": "m",
     "_min": "min",
 }
+# Units as names of columns write them.
 _IN_NAMES = {"r/min": "rpm", "m/s": "mps", "km/h": "kmh", "%": "percent", SLOPE: "slope_percent"}
 
 
 def unit_named(text: str) -> ColumnUnit | None:
-    """The unit that a text names in any known spelling; None: no unit."""
+    """Returns the unit that a text names in any known spelling; None: no unit."""
     plain = _plain(text)
     return (
         _BY_NAME.get(plain)
@@ -222,7 +228,7 @@ def unit_named(text: str) -> ColumnUnit | None:
 
 
 def _ratio(plain: str) -> ColumnUnit | None:
-    """`pounds per acre`, `l ha-1`, `kg N/ha`: an amount over a ground."""
+    """Returns the unit of an amount over a ground: `pounds per acre`, `l ha-1`, `kg N/ha`."""
     found = _RATIO.fullmatch(
         re.sub(r"(?<=[a-z]) n(?=\W)|-n(?=\W)", "n", plain.replace("us gal", "usgal"))
     )
@@ -230,13 +236,14 @@ def _ratio(plain: str) -> ColumnUnit | None:
 
 
 def of_a_rate(text: str) -> bool:
-    """Whether a text names a unit of what is spread on ground."""
+    """Tells whether a text names a unit of what is spread on ground."""
     found = unit_named(text)
     return found is not None and found.quantity in OF_A_RATE
 
 
 def quantity_of(column: str) -> str | None:
-    """Of a column of the run log; None for plain numbers, texts and columns beyond the standard."""
+    """Returns the quantity of a column of the run log; None for plain numbers, texts and extra
+    columns."""
     if column not in COLUMNS or column in TEXT_COLUMNS or column in WHOLE_COLUMNS:
         return None
     unit = unit_of(column)
@@ -244,14 +251,14 @@ def quantity_of(column: str) -> str | None:
 
 
 def unit_of(column: str) -> ColumnUnit | None:
-    """By the ending of its name; None: it says none."""
+    """Returns the unit by the ending of a column's name; None: it has none."""
     ending = max((one for one in ENDINGS if column.endswith(one)), key=len, default=None)
     return None if ending is None else _BY_NAME[ENDINGS[ending]]
 
 
 def in_log_unit(values: NDArray[np.float64], unit: ColumnUnit, column: str) -> NDArray[np.float64]:
-    """Numbers (n,) in `unit` as the log column holds them. The unit's quantity must be the
-    column's."""
+    """Returns numbers (n,) in `unit` as the log column holds them. The unit's quantity must be
+    the column's."""
     if unit.name == SLOPE:
         return np.degrees(np.arctan(values / 100.0))
     own = unit_of(column)
@@ -259,8 +266,8 @@ def in_log_unit(values: NDArray[np.float64], unit: ColumnUnit, column: str) -> N
 
 
 def slug(text: str) -> str:
-    """Small letters, digits and underscores of a name or a unit, as the names of columns are
-    written: `N m` is `nm`."""
+    """Returns a name or a unit in small letters, digits and underscores, as columns are named:
+    `N m` is `nm`."""
     unit = unit_named(text)
     plain = unit.name if unit is not None else text
     if plain in _IN_NAMES:
@@ -271,7 +278,7 @@ def slug(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """One spelling: superscripts as digits, no blanks about a slash."""
+    """Returns a text in a single spelling: superscripts as digits, no blanks about a slash."""
     folded = (
         unicodedata.normalize("NFKC", text).replace("−", "-").replace("⋅", "·").replace("^", "")
     )

@@ -1,9 +1,9 @@
-"""What people call the columns of a machine's log and of a map, in English, German, Chinese,
-French and Spanish.
+"""Which words do people use for the columns of a machine's log and of a map, in English, German,
+Chinese, French and Spanish?
 
-A word stands for itself wherever it occurs in a name. `=word` is the whole of a part of the
-name (`=rate` is in `target_rate`, not in `acceleration`), `^word` its beginning, `$word` the
-end of the name. Names are compared in small letters, those of logs without accents.
+A word matches wherever it occurs in a name. `=word` is the whole of a part of the name (`=rate` is
+in `target_rate`, not in `acceleration`), `^word` its begin, `$word` the end of the name. Names are
+compared in small letters, those of logs without accents.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from typing import NamedTuple
 
 from topdress.drivers.files.imports.units import quantity_of
 
-SHAPEFILE_NAME = 10  # letters that a shapefile leaves of a name
+# Letters that a shapefile keeps of a name.
+SHAPEFILE_NAME = 10
 Words = tuple[str, ...]
 
 
 class Subject(NamedTuple):
-    """What a column is about. `needs`: groups of words, one of each must be there; `never`:
+    """Describes a kind of column. `needs`: groups of words, one of each must be there; `never`:
     none of these may be.
 
-    `reading`, `command`: the log columns that its measured and its commanded kind go to, empty:
-    none. `quantities`: a column in a unit of these is one, if its words do not say otherwise.
+    `reading`, `command`: the log columns of its measured and its commanded kind, empty: none.
+    `quantities`: a column in a unit of these is of this kind, unless its words say otherwise.
     """
 
     id: str
@@ -40,6 +41,7 @@ def _words(text: str) -> Words:
     return tuple(text.split())
 
 
+# Words of drives that meter nothing.
 _OTHER_DRIVES = _words(
     "engine =eng =pto zapfwelle =fan geblase turbin ^motordreh 发动机 风机 =wind windgesch"
 )
@@ -209,8 +211,8 @@ SUBJECTS = (
         )
     ),
 )
-# What was wanted, and what was done: of rates in logs and maps alike (`wanted_or_done`), and of
-# drives. English, German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian,
+# Words of targets and, below, of what was done: of rates in logs and maps alike (`wanted_or_done`),
+# and of drives. English, German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian,
 # Chinese; Ag Leader's Rt_Tgt and Rt_Apd, Deere's ControlRate.
 WANTED = _words(
     "target =tgt ^tgt trgt =targ soll ziel desired demand wanted setpoint set_point =set "
@@ -227,34 +229,37 @@ DONE = _words(
     "werkelijk rzeczywist wykonan факт 实际 测量 已施"
 )
 COMMAND = (*WANTED, *_words("=cmd command =ref request =pwm =duty =esc =sp stellwert"))
-# a command even where a word of reading stands next to it
+# Words of a command even next to a word of reading.
 RAW_COMMAND = _words("=pwm =duty =esc")
 READING = (*DONE, *_words("feedback =fb 反馈 sensor"))
-# such a command counts no steps
+# A command with such a word counts no steps.
 QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")
-# a reading even where a word of command stands next to it
+# Words of a reading even next to a word of command.
 PLAINLY_READING = _words("actual =act =ist")
 
+# Words of times, the plain ones first.
 TIME = _words(
     "=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed "
     "time millis "
     "=tiempo =tempo =temps =tijd =czas =время"
 )
 PLAINLY_TIME = TIME[:6]
+# Words next to which a word of time is none.
 NO_TIME = _words("lag zeitzone timezone")
 DATE = _words("=date =datum 日期 =fecha =tag =day")
 UTC = _words("utc gmt zulu")
-EITHER_WAY = _words("=lift hubwerk raised gehoben stop aus")  # on is up, or on is down
+# Words of switches that may be on when raised, or on when lowered.
+EITHER_WAY = _words("=lift hubwerk raised gehoben stop aus")
+# Words of a switch that is on.
 ON = _words(
     "1 on true yes working work active down ein an ja arbeit 作业 工作 是 开 spreading engaged"
 )
 
 
-# the first that a column is named by is shown
+# Words of a harvester's log; the first word found is shown.
 HARVEST = _words("yield ertrag 产量 crop_flow grain")
 
-# Whole names that need no guess: a log with them is read as it stands. A unit may stand behind
-# them.
+# Names that need no guess: a log with them is read as it stands. A unit may follow.
 WHOLE_NAMES = {
     name: column
     for column, names in {
@@ -269,11 +274,11 @@ WHOLE_NAMES = {
     }.items()
     for name in names.split()
 }
-# seconds, dates or texts of them
+# Names of columns with seconds, dates or texts of dates.
 WHOLE_DATES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")
 
-# What one word of a map's column says that it is: the first that fits is taken. A rate is one
-# by a word of its own, unless another, or the last one, says that it is something else.
+# Kinds of columns of a map by a word: the first that fits is taken. A rate is named by a word of
+# its own, unless another word, or the last, names something else.
 KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
     (
         "a measurement",
@@ -337,8 +342,8 @@ KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
 
 @cache
 def folded(name: str) -> str:
-    """Small letters without accents, parts joined by `_`: `targetRate` and `Target-Rate` are
-    `target_rate`."""
+    """Returns a name in small letters without accents, parts joined by `_`: `targetRate` and
+    `Target-Rate` are `target_rate`."""
     plain = unicodedata.normalize("NFKC", name).replace("ß", "ss")
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", plain)
     letters = "".join(
@@ -348,7 +353,7 @@ def folded(name: str) -> str:
 
 
 def says(name: str, words: Words) -> bool:
-    """Whether a folded name has one of the words."""
+    """Tells whether a folded name has one of the words."""
     parts = name.split("_")
     for word in words:
         start, rest = word[0], word[1:]
@@ -366,8 +371,8 @@ def says(name: str, words: Words) -> bool:
 
 
 def wanted_or_done(name: str) -> str:
-    """What a column's name, as the file has it, says of a rate: `wanted`, `done`, or empty
-    where no word tells."""
+    """Returns which rate a column's name, as the file has it, means: `wanted`, `done`, or empty
+    where no word says it."""
     plain = folded(name)
     if says(plain, WANTED):
         return "done" if says(plain, PLAINLY_READING) else "wanted"
@@ -375,7 +380,7 @@ def wanted_or_done(name: str) -> str:
 
 
 def subject_of(name: str, quantity: str | None) -> Subject | None:
-    """What a folded name is about. A unit of `quantity`, where one is given, outweighs words
+    """Returns the subject of a folded name. A unit of `quantity`, where given, outweighs words
     that do not go with it: a speed in r/min is no ground speed."""
     worded = [
         subject
@@ -394,12 +399,12 @@ def subject_of(name: str, quantity: str | None) -> Subject | None:
 
 
 def tells_time(names: Iterable[str]) -> bool:
-    """Whether one of a table's columns, as the file names them, is of the time."""
+    """Tells whether one of a table's columns, as the file names them, is a time."""
     return any(says(folded(name), TIME) and not says(folded(name), NO_TIME) for name in names)
 
 
 def places_without_time(names: Collection[str]) -> bool:
-    """Whether columns tell places and no time: points of a map, not of a log."""
+    """Tells whether columns hold places and no time: points of a map, not of a log."""
     subjects = {
         subject.reading for name in names if (subject := subject_of(folded(name), None)) is not None
     }
@@ -407,8 +412,8 @@ def places_without_time(names: Collection[str]) -> bool:
 
 
 def goes_with(column: str, quantity: str) -> bool:
-    """Whether a log column can be given in a unit of this quantity: a rate also as a flow over
-    the ground covered, or as a volume of known density."""
+    """Tells whether a log column can be given in a unit of this quantity: a rate also as a flow
+    over the ground covered, or as a volume of known density."""
     own = quantity_of(column)
     return (
         own is None or own == quantity or (own, quantity) in (("rate", "flow"), ("rate", "volume"))
