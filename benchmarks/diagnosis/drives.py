@@ -449,11 +449,11 @@ def run(case: Case, folder: Path) -> Ran:
     from topdress.control.diagnosis.runs.adoption import select_adoptable
     from topdress.control.diagnosis.runs.diagnose import diagnose_run
     from topdress.drivers.files.config import load, save
-    from topdress.drivers.files.imports.convert import convert
-    from topdress.drivers.files.imports.join import joined
-    from topdress.drivers.files.imports.log_file import write_imported
+    from topdress.drivers.files.imports.convert import convert_table
+    from topdress.drivers.files.imports.join import join_files
+    from topdress.drivers.files.imports.log_file import write_imported_log
     from topdress.drivers.files.imports.mapping import IMPORT
-    from topdress.drivers.files.imports.read import read_raw
+    from topdress.drivers.files.imports.read import read_raw_table
     from topdress.drivers.files.kinds import MACHINE
     from topdress.drivers.files.read_log import read_rows
 
@@ -463,10 +463,11 @@ def run(case: Case, folder: Path) -> Ran:
     (place / "machine.yaml").write_text(machine_text(case))
     mapping = load(str(place / "import.yaml"), IMPORT).model
     log, adopted = place / "log.csv", place / "adopted.yaml"
-    imported = joined(
-        [convert(read_raw(_one_side(case, place), mapping.source), mapping)], mapping.join
+    imported = join_files(
+        [convert_table(read_raw_table(_one_side(case, place), mapping.source), mapping)],
+        mapping.join,
     )
-    write_imported(log, imported, mapping, place / "import.yaml")
+    write_imported_log(log, imported, mapping, place / "import.yaml")
     machine = load(str(place / "machine.yaml"), MACHINE).model
     started = time.process_time()
     try:

@@ -170,9 +170,9 @@ def _list_task_content(path: Path) -> list[str] | None:
     """Content of a task file, its folder or its zip, a line each; None for any other file."""
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
         return None
-    from topdress.drivers.files.imports.task_log import task_words
+    from topdress.drivers.files.imports.task_log import describe_task_file
 
-    return task_words(path)
+    return describe_task_file(path)
 
 
 def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:

@@ -19,7 +19,7 @@ from topdress.console.cli.plain_errors import CommandError, print_note_lines
 from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
-    from topdress.drivers.files.imports.guessed import Guess
+    from topdress.drivers.files.imports.guessed import ImportGuess
     from topdress.drivers.files.imports.mapping import ImportFile
     from topdress.drivers.files.imports.raw import RawTable
 
@@ -191,11 +191,11 @@ def _write_guess(
     files: list[Path], place: Path, given: _ImportOptions, force: bool
 ) -> _ImportAnswer:
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.imports.guessed import first_import_file
+    from topdress.drivers.files.imports.guessed import format_first_import
 
     refuse_collisions(_list_read_files(files), [Output((place,))], force)
     raw, found = _guess_import(files, given)
-    write_atomically(place, first_import_file(found, files, place))
+    write_atomically(place, format_first_import(found, files, place))
     questions = [*found.questions, *_list_element_notes(raw)]
     return (
         {"path": place, "unsure": found.unsure, "questions": questions},
@@ -209,13 +209,13 @@ def _list_element_notes(raw: RawTable) -> list[str]:
     return [str(finding) for finding in raw.findings if finding.id == "elements"]
 
 
-def _guess_import(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]:
-    from topdress.drivers.files.imports.guess import guess
+def _guess_import(files: list[Path], given: _ImportOptions) -> tuple[RawTable, ImportGuess]:
+    from topdress.drivers.files.imports.guess import guess_import_file
     from topdress.drivers.files.imports.mapping import Source
-    from topdress.drivers.files.imports.read import read_raw
+    from topdress.drivers.files.imports.read import read_raw_table
 
-    raw = read_raw(files[0], Source.model_validate(given.said))
-    return raw, guess(raw, given.full)
+    raw = read_raw_table(files[0], Source.model_validate(given.said))
+    return raw, guess_import_file(raw, given.full)
 
 
 def _list_read_files(files: list[Path]) -> list[Path]:
@@ -229,10 +229,10 @@ def _import_files(
     files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool
 ) -> _ImportAnswer:
     from topdress.drivers.files.columns import count_rows
-    from topdress.drivers.files.imports.convert import convert
-    from topdress.drivers.files.imports.join import joined
-    from topdress.drivers.files.imports.log_file import is_import_of, write_imported
-    from topdress.drivers.files.imports.read import read_raw
+    from topdress.drivers.files.imports.convert import convert_table
+    from topdress.drivers.files.imports.join import join_files
+    from topdress.drivers.files.imports.log_file import is_import_of, write_imported_log
+    from topdress.drivers.files.imports.read import read_raw_table
 
     reads = [*_list_read_files(files), *([] if mapping_file is None else [mapping_file])]
     refuse_collisions(
@@ -240,19 +240,20 @@ def _import_files(
     )
     first, mapping = _read_or_guess_mapping(files, mapping_file, given)
     parts = [
-        convert(
-            read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping
+        convert_table(
+            read_raw_table(path, mapping.source) if first is None or path != files[0] else first,
+            mapping,
         )
         for path in files
     ]
-    log = joined(parts, mapping.join)
+    log = join_files(parts, mapping.join)
     print_note_lines(
         (
             *(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings),
             *log.findings,
         )
     )
-    columns = write_imported(out, log, mapping, mapping_file)
+    columns = write_imported_log(out, log, mapping, mapping_file)
     rows, seconds = count_rows(columns), float(columns["time_s"][-1])
     return (
         {"path": out, "rows": rows, "duration_s": seconds, "columns": list(columns)},
@@ -307,7 +308,7 @@ def _read_or_guess_mapping(
     it was made."""
     from topdress.drivers.files.config import load
     from topdress.drivers.files.imports.mapping import IMPORT
-    from topdress.drivers.files.imports.trouble import ImportTrouble
+    from topdress.drivers.files.imports.trouble import LogImportError
 
     if place is not None:
         mapping = load(place, IMPORT).model
@@ -315,8 +316,8 @@ def _read_or_guess_mapping(
             update={"source": mapping.source.model_copy(update=given.said)}
         )
     raw, found = _guess_import(files, given)
-    if not found.sure:
-        raise ImportTrouble(
+    if not found.is_sure:
+        raise LogImportError(
             raw.path,
             *found.questions,
             *_list_element_notes(raw),

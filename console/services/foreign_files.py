@@ -64,29 +64,29 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
     """
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config import load
-    from topdress.drivers.files.imports.convert import convert
-    from topdress.drivers.files.imports.guess import guess
-    from topdress.drivers.files.imports.guessed import first_import_file
-    from topdress.drivers.files.imports.join import joined
-    from topdress.drivers.files.imports.log_file import write_imported
+    from topdress.drivers.files.imports.convert import convert_table
+    from topdress.drivers.files.imports.guess import guess_import_file
+    from topdress.drivers.files.imports.guessed import format_first_import
+    from topdress.drivers.files.imports.join import join_files
+    from topdress.drivers.files.imports.log_file import write_imported_log
     from topdress.drivers.files.imports.mapping import IMPORT
-    from topdress.drivers.files.imports.read import read_raw
+    from topdress.drivers.files.imports.read import read_raw_table
 
     data, place = _find_import_pair(path)
-    raw = read_raw(data)
-    found = guess(raw)
+    raw = read_raw_table(data)
+    found = guess_import_file(raw)
     mapping, mapping_file = found.mapping, place if place.exists() else None
-    first = first_import_file(found, [data], place)
-    if not found.sure and (mapping_file is None or place.read_text(encoding="utf-8") == first):
+    first = format_first_import(found, [data], place)
+    if not found.is_sure and (mapping_file is None or place.read_text(encoding="utf-8") == first):
         if not place.exists():
             write_atomically(place, first)
         raise OpenQuestions(found.questions, str(place))
     if mapping_file is not None:
         mapping = load(mapping_file, IMPORT).model
-        raw = read_raw(data, mapping.source)
-    log = joined([convert(raw, mapping)], mapping.join)
+        raw = read_raw_table(data, mapping.source)
+    log = join_files([convert_table(raw, mapping)], mapping.join)
     out = free_path(folder, data.stem, ".csv", ".yaml")
-    write_imported(out, log, mapping, mapping_file)
+    write_imported_log(out, log, mapping, mapping_file)
     return out, tuple(
         map(str, (*(one for part in log.parts for one in part.findings), *log.findings))
     )

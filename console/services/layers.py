@@ -65,13 +65,13 @@ class MapLayers:
 def _open_layer_log(path: Path) -> RunLog:
     """The log, by its import file where one stands next to it. Raises ValueError, OSError."""
     from topdress.drivers.files.any_log import open_log
-    from topdress.drivers.files.imports.trouble import Unsure
+    from topdress.drivers.files.imports.trouble import UnsureImportError
     from topdress.drivers.files.read_log import read_rows
 
     if not path.with_name(f"{path.stem}{IMPORT_FILE_SUFFIX}").exists():
         try:
             return open_log(path)
-        except Unsure as asked:
+        except UnsureImportError as asked:
             raise ValueError(_describe_open_question(path, asked.reasons)) from None
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         return read_rows(import_file_as_log(path, Path(folder))[0])
@@ -155,14 +155,14 @@ def _find_working_width_m(meta: RunMeta | None) -> float:
 
 def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
     """The log's own working width: its machine's, else the median of its column, m."""
-    from topdress.drivers.files.imports.header import named
-    from topdress.drivers.files.imports.units import unit_named
-    from topdress.drivers.files.imports.words import folded, subject_of
+    from topdress.drivers.files.imports.header import split_unit_name
+    from topdress.drivers.files.imports.units import find_named_unit
+    from topdress.drivers.files.imports.words import find_subject, fold_column_name
 
     for name in log.columns:
-        word, unit = named(name)
-        subject = subject_of(folded(word), None)
-        length = unit_named(unit) if unit else None
+        word, unit = split_unit_name(name)
+        subject = find_subject(fold_column_name(word), None)
+        length = find_named_unit(unit) if unit else None
         if (
             subject is not None
             and subject.id == "working width"
@@ -179,13 +179,13 @@ def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
 
 def _find_harvest_column(log: RunLog) -> tuple[str, Harvest] | None:
     """The column of the harvest, where there is one."""
-    from topdress.drivers.files.imports.header import named
-    from topdress.drivers.files.imports.words import HARVEST, folded
+    from topdress.drivers.files.imports.header import split_unit_name
+    from topdress.drivers.files.imports.words import HARVEST_WORDS, fold_column_name
 
-    for word in HARVEST:
+    for word in HARVEST_WORDS:
         for name, values in log.columns.items():
-            if word in folded(name) and values.dtype != object and log.has(name):
-                label, unit = named(name.removeprefix("x_"))
+            if word in fold_column_name(name) and values.dtype != object and log.has(name):
+                label, unit = split_unit_name(name.removeprefix("x_"))
                 return name, Harvest(label.replace("_", " "), (unit or "").replace("_", "/"))
     return None
 

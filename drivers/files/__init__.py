@@ -20,7 +20,7 @@ Files:
 - `good_lines`: Of lines that are not all readable those that are
 - `growing_log`: A log that another program is still writing
 - `header_names`: A header's names as this program has them
-- `imports`: Logs of any machine as topdress run logs
+- `imports`: How do logs of any machine become topdress run logs
 - `kinds`: The kinds of configuration files that topdress knows
 - `kml`: KML (OGC 12-007r2) and KMZ: placemarks with polygons, lines and attributes
 - `layers`: Shapes with attributes out of GeoJSON, shapefiles, GeoPackage, KML and KMZ

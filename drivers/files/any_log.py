@@ -52,10 +52,10 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
                 # our own; of another's with names as ours the import knows more
                 raise
     raw, mapping, said_by = raw_and_mapping(path)
-    from topdress.drivers.files.imports.log_file import run_log
+    from topdress.drivers.files.imports.log_file import build_run_log
 
     imported = _converted(raw, mapping)
-    log = run_log(path, imported, mapping, said_by)
+    log = build_run_log(path, imported, mapping, said_by)
     odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
     return replace(log, findings=(*odd, *(one for one in log.findings if one not in odd)))
 
@@ -63,16 +63,16 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
 def imported_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Columns:
     """The columns that `open_log` would give of lines out of a log, whose sidecar asks for all
     of it. Raises TableError."""
-    from topdress.drivers.files.imports.log_file import as_read
+    from topdress.drivers.files.imports.log_file import build_read_columns
 
-    return log_of(path, as_read(_converted(raw, mapping)), RunMeta()).columns
+    return log_of(path, build_read_columns(_converted(raw, mapping)), RunMeta()).columns
 
 
 def _converted(raw: RawTable, mapping: ImportFile) -> JoinedFiles:
-    from topdress.drivers.files.imports.convert import convert
-    from topdress.drivers.files.imports.join import joined
+    from topdress.drivers.files.imports.convert import convert_table
+    from topdress.drivers.files.imports.join import join_files
 
-    return joined([convert(raw, mapping)], mapping.join)
+    return join_files([convert_table(raw, mapping)], mapping.join)
 
 
 def raw_and_mapping(
@@ -83,8 +83,8 @@ def raw_and_mapping(
 
     data: lines of it, in the place of all. Raises ImportTrouble, ConfigError, OSError.
     """
-    from topdress.drivers.files.imports.read import read_raw
-    from topdress.drivers.files.imports.trouble import Unsure
+    from topdress.drivers.files.imports.read import read_raw_table
+    from topdress.drivers.files.imports.trouble import UnsureImportError
 
     place = import_file(path)
     if place is not None:
@@ -92,13 +92,13 @@ def raw_and_mapping(
         from topdress.drivers.files.imports.mapping import IMPORT
 
         mapping = load(place, IMPORT).model
-        return read_raw(path, mapping.source, data), mapping, place
-    from topdress.drivers.files.imports.guess import guess
+        return read_raw_table(path, mapping.source, data), mapping, place
+    from topdress.drivers.files.imports.guess import guess_import_file
 
-    raw = read_raw(path, None, data)
-    found = guess(raw)
-    if not found.sure:
-        raise Unsure(
+    raw = read_raw_table(path, None, data)
+    found = guess_import_file(raw)
+    if not found.is_sure:
+        raise UnsureImportError(
             path,
             *found.questions,
             f"not opened: topdress import {shlex.quote(str(path))} --guess writes "

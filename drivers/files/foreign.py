@@ -20,7 +20,7 @@ from topdress.drivers.files.columns import Columns
 from topdress.drivers.files.header_names import Renamed
 from topdress.drivers.files.header_names import our_names as renamed
 from topdress.drivers.files.imports.trouble import TableError
-from topdress.drivers.files.imports.words import WHOLE_DATES, WHOLE_NAMES
+from topdress.drivers.files.imports.words import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 
 Times = NDArray[np.float64]
 # of the cells of times: where more are numbers, the others are no dates
@@ -65,13 +65,13 @@ def our_names(names: tuple[str, ...]) -> Renamed:
         if {"time_s", "t_s"} & set(plain)
         else {
             name: "time_s"
-            for name in (next((name for name in WHOLE_DATES if name in plain), ""),)
+            for name in (next((name for name in DATE_NAMES if name in plain), ""),)
             if name
         }
     )
     if times and {"time", "t", "seconds", "elapsed_s"} & set(plain):
         times = {}
-    return renamed(names, COLUMNS, WHOLE_NAMES | times)
+    return renamed(names, COLUMNS, COLUMN_OF_WHOLE_NAME | times)
 
 
 def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:

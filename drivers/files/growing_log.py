@@ -115,10 +115,10 @@ class ForeignText:
         return good.found
 
     def _rows(self, lines: list[bytes]) -> Columns:
-        from topdress.drivers.files.imports.read import read_raw
+        from topdress.drivers.files.imports.read import read_raw_table
 
         assert self._mapping is not None
-        raw = read_raw(self.path, self._mapping.source, self._head + b"".join(lines))
+        raw = read_raw_table(self.path, self._mapping.source, self._head + b"".join(lines))
         return imported_columns(self.path, raw, self._mapping)
 
 

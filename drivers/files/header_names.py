@@ -7,8 +7,13 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from topdress.control.recordings.finding import Finding
-from topdress.drivers.files.imports.header import named
-from topdress.drivers.files.imports.units import ENDINGS, ColumnUnit, unit_named, unit_of
+from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.units import (
+    UNIT_OF_ENDING,
+    ColumnUnit,
+    find_column_unit,
+    find_named_unit,
+)
 
 
 class Renamed(NamedTuple):
@@ -44,7 +49,7 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
             return Renamed(
                 names,
                 trouble=f"column {name}: unit {unit.name if unit else ''}: allowed "
-                f"{ours_in.name if (ours_in := unit_of(other)) else 'none'}",
+                f"{ours_in.name if (ours_in := find_column_unit(other)) else 'none'}",
             )
         if factor != 1.0:
             factors[other] = factor
@@ -58,15 +63,15 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
 def _completed(name: str, known: Collection[str]) -> str:
     """`shaft [r/min]` is shaft_rpm: the known name that the unit completes; else the name as it
     stands."""
-    bare, text = named(name)
-    unit = None if text is None else unit_named(text)
+    bare, text = split_unit_name(name)
+    unit = None if text is None else find_named_unit(text)
     if unit is None or bare == name:
         return name
     plain = "_".join(bare.lower().split())
     return next(
         (
             plain + ending
-            for ending, word in ENDINGS.items()
+            for ending, word in UNIT_OF_ENDING.items()
             if word == unit.name and plain + ending in known
         ),
         name,
@@ -77,16 +82,16 @@ def _split(
     name: str, known: Collection[str], others: Mapping[str, str]
 ) -> tuple[str, ColumnUnit | None]:
     """Name and unit, where what is left without the unit is a name that is known."""
-    bare, text = named(name)
+    bare, text = split_unit_name(name)
     plain = "_".join(bare.lower().split())
     if text is None or "_".join(name.lower().split()) in {*known, *others}:
         return name, None
-    return (bare, unit_named(text)) if plain in known or plain in others else (name, None)
+    return (bare, find_named_unit(text)) if plain in known or plain in others else (name, None)
 
 
 def _factor(unit: ColumnUnit, column: str) -> float | None:
     """What one of `unit` is in the column's; None where it is another quantity."""
-    ours = unit_of(column)
+    ours = find_column_unit(column)
     if ours is None:
         return 1.0 if unit.name == "%" else None
     return unit.factor / ours.factor if ours.quantity == unit.quantity else None

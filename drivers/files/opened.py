@@ -12,11 +12,11 @@ from topdress.drivers.files.foreign import our_names
 from topdress.drivers.files.header_names import our_names as renamed
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.imports.words import (
-    COMMAND,
-    folded,
-    places_without_time,
-    says,
-    tells_time,
+    COMMAND_WORDS,
+    fold_column_name,
+    has_any_word,
+    has_places_without_time,
+    has_time_column,
 )
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.log_store import SUFFIXES as PARQUET
@@ -75,7 +75,9 @@ class Opened:
         known = sum(name in COLUMNS for name in ours)
         if "time_s" in plain:
             return known == 1 and any(  # another's `commanded_rpm` next to its readings
-                says(folded(name), COMMAND) for name in plain if not name.startswith("x_")
+                has_any_word(fold_column_name(name), COMMAND_WORDS)
+                for name in plain
+                if not name.startswith("x_")
             )
         return not (
             {"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1
@@ -109,18 +111,18 @@ class Opened:
                 return "table"
         except TableError:
             return ""  # the reader says what is wrong with it
-        if tells_time(self.names):
+        if has_time_column(self.names):
             return "log"
         # kriging programs part columns by spaces
         parted = self.names[0].split() if len(self.names) == 1 else self.names
-        has_places = places_without_time(self.names) or find_metre_columns(parted) is not None
+        has_places = has_places_without_time(self.names) or find_metre_columns(parted) is not None
         return "map" if has_places else ""
 
     def _points_of_map(self) -> bool:
-        from topdress.drivers.files.imports.read import read_raw
+        from topdress.drivers.files.imports.read import read_raw_table
 
         try:
-            return places_without_time(read_raw(self.path).names)
+            return has_places_without_time(read_raw_table(self.path).names)
         except TableError:
             return False
 

@@ -18,7 +18,7 @@ import shapefile
 import shapely
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import Files, Folder, files_at
-from topdress.drivers.files.imports.dialect import encoding_of
+from topdress.drivers.files.imports.dialect import find_encoding
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.layers import (
     Layer,
@@ -132,7 +132,7 @@ class ShapeSet:
         for name in ("utf-8", *names):
             if name is not None and _reads(texts, name):
                 return name
-        return encoding_of(b" ".join(texts))
+        return find_encoding(b" ".join(texts))
 
     def units(self, columns: Collection[str]) -> dict[str, StatedUnit]:
         """Column in small letters -> its unit, as the files of makers and programs next to it

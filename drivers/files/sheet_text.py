@@ -20,7 +20,7 @@ import csv
 import datetime as dt
 import io
 
-from topdress.drivers.files.imports.trouble import TableError, listed
+from topdress.drivers.files.imports.trouble import TableError, format_list
 from topdress.drivers.files.limits import DAMAGED_ZIP
 
 # What the sheets of a workbook span, found out before its reader makes all their cells, empty
@@ -221,7 +221,9 @@ def sheets_of(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]
         check_sheets(path)
         with CalamineWorkbook.from_path(str(path)) as book:
             if only and only not in book.sheet_names:
-                raise TableError(path, f"source.sheet {only}: allowed {listed(book.sheet_names)}")
+                raise TableError(
+                    path, f"source.sheet {only}: allowed {format_list(book.sheet_names)}"
+                )
             return {
                 name: cells_of(book.get_sheet_by_name(name), f"sheet {name}")
                 for name in ([only] if only else book.sheet_names)

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 from topdress.drivers.files.archives import Files
-from topdress.drivers.files.imports.header import named
-from topdress.drivers.files.imports.units import of_a_rate, unit_named
-from topdress.drivers.files.imports.words import SHAPEFILE_NAME, folded
+from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
+from topdress.drivers.files.imports.words import SHAPEFILE_NAME_LENGTH, fold_column_name
 from topdress.drivers.files.limits import SIDE
 from topdress.drivers.files.xml_text import XmlError, local, xml_root
 from topdress.drivers.plain_text import Refused
@@ -56,7 +56,7 @@ class Stated(dict[str, StatedUnit]):
         self, column: str, text: str, source: str, sure: bool = False, unit_column: str = ""
     ) -> None:
         """sure: it stands in the table itself, so that it is of the rate, known or not."""
-        if not text.strip() or (column == ANY and not sure and not of_a_rate(text)):
+        if not text.strip() or (column == ANY and not sure and not is_rate_unit(text)):
             return
         before = self.get(column)
         if before is None:
@@ -75,13 +75,13 @@ def together(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
 
 
 def _known(text: str) -> str:
-    found = unit_named(text)
+    found = find_named_unit(text)
     return text.strip() if found is None else found.name
 
 
 def names_unit(key: str) -> bool:
     """Whether a key, tag or column says that a unit stands there."""
-    plain = folded(key)
+    plain = fold_column_name(key)
     return bool(UNIT_WORDS & set(plain.split("_"))) or plain.endswith(("unit", "units", "_uom"))
 
 
@@ -152,8 +152,8 @@ def of_element(root: Element, columns: Collection[str], source: str) -> dict[str
         if column:
             for text in texts:
                 if (
-                    (unit := named(text)[1]) is not None
-                    and of_a_rate(unit)
+                    (unit := split_unit_name(text)[1]) is not None
+                    and is_rate_unit(unit)
                     and not _column(text, columns)
                 ):
                     found.add(column, unit, source)
@@ -172,8 +172,12 @@ def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, Stated
     found = Stated()
     for text in texts:
         said = _SAID.match(text)
-        unit = said["unit"] if said is not None and names_unit(said["key"]) else named(text)[1]
-        if unit is not None and of_a_rate(unit):
+        unit = (
+            said["unit"]
+            if said is not None and names_unit(said["key"])
+            else split_unit_name(text)[1]
+        )
+        if unit is not None and is_rate_unit(unit):
             found.add(column.casefold(), unit, source)
     return dict(found)
 
@@ -187,7 +191,7 @@ def _column(text: str, columns: Collection[str]) -> str:
                 name
                 for column in columns
                 if (name := column.casefold()) == plain
-                or (len(name) == SHAPEFILE_NAME and plain.startswith(name))
+                or (len(name) == SHAPEFILE_NAME_LENGTH and plain.startswith(name))
             ),
             "",
         )

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.columns import Columns, is_text, texts_array
 from topdress.drivers.files.header_names import Renamed
-from topdress.drivers.files.imports.header import NOTHING, is_unit_row, is_value
-from topdress.drivers.files.imports.numbers import number_of, numbers_of
+from topdress.drivers.files.imports.header import EMPTY_CELLS, is_unit_row, is_value_cell
+from topdress.drivers.files.imports.numbers import parse_number, parse_number_cells
 from topdress.drivers.files.imports.text import (
     CellColumn,
     NumberCells,
-    cells_of,
-    utf8,
-    without_cut_row,
+    convert_to_utf8,
+    drop_cut_row,
+    read_cell_columns,
 )
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.limits import check_file
@@ -84,7 +84,7 @@ def read_table(
     """
     data, findings = _text(path, data=data)
     layout = _layout(path, data, findings)
-    data, cut = without_cut_row(
+    data, cut = drop_cut_row(
         data, layout.body, layout.separator, len(layout.names), layout.names == own_header
     )
     findings += cut
@@ -101,7 +101,7 @@ def read_table(
     if data.count(b"\n", layout.body) == 0:
         columns = {name: np.array([], object if name in texts else np.float64) for name in wanted}
     else:
-        cells, odd = cells_of(
+        cells, odd = read_cell_columns(
             path,
             data,
             layout.body,
@@ -136,7 +136,7 @@ def _text(path: Path, most: int = -1, data: bytes | None = None) -> tuple[bytes,
         raise TableError(path, "no such file") from None
     except OSError as error:
         raise TableError(path, f"cannot be read: {error.strerror or error}") from None
-    data, _, findings = utf8(path, data, whole=most < 0)
+    data, _, findings = convert_to_utf8(path, data, whole=most < 0)
     return data, findings
 
 
@@ -200,7 +200,7 @@ def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
 def _is_title(line: str, data: bytes, start: int) -> bool:
     """A line of words above a header: one cell above rows of several, or words above words
     above numbers."""
-    if any(is_value(cell) for cell in _cells(line)):
+    if any(is_value_cell(cell) for cell in _cells(line)):
         return False
     below = [
         row
@@ -208,13 +208,13 @@ def _is_title(line: str, data: bytes, start: int) -> bool:
         if row.strip(" ,;\t|")
     ]
     rows = [cells for row in below if not is_unit_row(cells := _cells(row))]
-    if len(rows) < 2 or len(rows[0]) < 2 or any(is_value(cell) for cell in rows[0]):
+    if len(rows) < 2 or len(rows[0]) < 2 or any(is_value_cell(cell) for cell in rows[0]):
         return (
             len(_cells(line)) == 1
             and len(rows) > 2
             and _is_title(below[0], data, start + len(below[0]))
         )
-    return any(is_value(cell) for cell in rows[1])
+    return any(is_value_cell(cell) for cell in rows[1])
 
 
 def _cells(line: str) -> list[str]:
@@ -235,7 +235,7 @@ def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
         names = tuple(name.strip() for name in next(csv.reader([line], delimiter=separator)))
     except csv.Error as error:
         raise TableError(path, f"no header row: {error}") from None
-    if all(is_value(name) or name.lower() in NOTHING for name in names):
+    if all(is_value_cell(name) or name.lower() in EMPTY_CELLS for name in names):
         raise NoHeader(
             path,
             f"no header row: the first line is {line[:40].strip()}; the first line must name the "
@@ -259,7 +259,7 @@ def _refuse_twins(path: Path, names: tuple[str, ...]) -> None:
 def _has_decimal_comma(sample: bytes, separator: str) -> bool:
     cells = sample.decode(errors="replace").replace("\n", separator).split(separator)[:-1]
     with_comma = [cell for cell in cells if "," in cell]
-    return bool(with_comma) and all(map(is_value, with_comma))
+    return bool(with_comma) and all(map(is_value_cell, with_comma))
 
 
 def columns_of(
@@ -299,8 +299,8 @@ def _typed(
     if not is_text(column):
         return NumberCells(column.astype(np.float64))
     cells = column.tolist()
-    if name not in texts and (name in numbers or None not in map(number_of, cells[:_LOOKED_AT])):
-        found = numbers_of(cells)
+    if name not in texts and (name in numbers or None not in map(parse_number, cells[:_LOOKED_AT])):
+        found = parse_number_cells(cells)
         if name in numbers or not found.bad:
             return NumberCells(found.values, found.bad, found.cell)
     return texts_array(cells)

@@ -17,7 +17,7 @@ import pytest
 import shapely
 from topdress.drivers.files import geopackage
 from topdress.drivers.files.fields.shapes import read_field_shapes
-from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.plain_text import Refused
 
@@ -119,7 +119,7 @@ def test_a_virtual_data_source_is_refused_under_every_ending(
         for read in (
             read_prescription,
             read_field_shapes,
-            *((read_raw,) if ending in OF_LOGS else ()),
+            *((read_raw_table,) if ending in OF_LOGS else ()),
         ):
             with pytest.raises(ValueError):
                 read(path)

@@ -29,7 +29,7 @@ from topdress.drivers.files import limits
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.columns import count_rows
 from topdress.drivers.files.config import ConfigError
-from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
 from topdress.drivers.files.log_store import read_store
@@ -113,7 +113,7 @@ def test_the_page_shows_the_table() -> None:
         ),
     ],
 )
-@pytest.mark.parametrize("read", [read_prescription, read_raw])
+@pytest.mark.parametrize("read", [read_prescription, read_raw_table])
 def test_a_zip_is_judged_by_its_directory(tmp_path: Path, read, entries, how, said) -> None:
     path = zipped(tmp_path / "map.zip", entries, **how)
     with pytest.raises(ValueError, match=said):
@@ -153,7 +153,7 @@ def test_side_files_are_held_to_their_limits(tmp_path: Path) -> None:
 def test_json_of_any_depth_and_length_is_one_line(tmp_path: Path, name: str, text: str) -> None:
     path = tmp_path / name
     path.write_text(text)
-    for read in (read_prescription, read_raw, read_plant_places, read_json):
+    for read in (read_prescription, read_raw_table, read_plant_places, read_json):
         with pytest.raises(ValueError) as said:
             read(path)
         assert "\n" not in str(said.value)
@@ -171,7 +171,7 @@ def test_properties_that_are_no_record_are_nothing(tmp_path: Path, properties: s
             '{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": '
             f'{shape}, "properties": {properties}}}]}}'
         )
-        for read in (read_prescription, read_raw):
+        for read in (read_prescription, read_raw_table):
             with pytest.raises(ValueError):
                 read(path)
 
@@ -220,7 +220,7 @@ def test_a_text_table_has_lines_and_a_header(tmp_path: Path, data: bytes) -> Non
     path.write_bytes(data)
     with pytest.raises(BeyondLimits):
         check_text(data, "x")
-    for read in (read_log, read_raw):
+    for read in (read_log, read_raw_table):
         with pytest.raises(ValueError, match="allowed up to"):
             read(path)
 
@@ -228,7 +228,7 @@ def test_a_text_table_has_lines_and_a_header(tmp_path: Path, data: bytes) -> Non
 def test_bare_returns_are_line_ends(tmp_path: Path) -> None:
     path = tmp_path / "x.csv"
     path.write_bytes(b"time_s,shaft_rpm\r" + b"".join(b"%d,1\r" % k for k in range(300_000)))
-    assert len(read_log(path)) == 300_000 and count_rows(read_raw(path).columns) == 300_000
+    assert len(read_log(path)) == 300_000 and count_rows(read_raw_table(path).columns) == 300_000
 
 
 def test_times_of_other_scales_cost_nothing() -> None:
@@ -270,7 +270,7 @@ CELLS = {
 
 @pytest.mark.parametrize("cells", CELLS)
 def test_a_sheet_of_many_cells_is_not_made(tmp_path: Path, cells: str) -> None:
-    for read in (read_raw, read_bench_table):
+    for read in (read_raw_table, read_bench_table):
         with pytest.raises(
             ValueError, match=r"sheet1\.xml: [0-9]+ cells: allowed up to 16777216 cells"
         ):
@@ -280,7 +280,7 @@ def test_a_sheet_of_many_cells_is_not_made(tmp_path: Path, cells: str) -> None:
 def test_a_sheet_under_any_name_is_looked_through(tmp_path: Path) -> None:
     """A workbook says itself where its sheets are."""
     with pytest.raises(ValueError, match="elsewhere: 17179869184 cells"):
-        read_raw(
+        read_raw_table(
             zipped(tmp_path / "x.xlsx", [("elsewhere", b"<worksheet>" + FAR + b"</worksheet>")])
         )
 
@@ -300,9 +300,9 @@ def test_a_workbook_that_lies_about_its_sizes_is_refused(tmp_path: Path, more: b
     data[central + 16 : central + 20] = struct.pack("<I", zlib.crc32(begin + more))
     path.write_bytes(data)
     with pytest.raises(ValueError, match=r"unpacks to more than|CRC"):
-        read_raw(path)
+        read_raw_table(path)
     with pytest.raises(ValueError, match="900 MB: allowed up to 256 MB"):
-        read_raw(zipped(path, [("xl/worksheets/sheet1.xml", begin)], declares=900 << 20))
+        read_raw_table(zipped(path, [("xl/worksheets/sheet1.xml", begin)], declares=900 << 20))
 
 
 def document(path: Path, rows: str) -> Path:
@@ -341,7 +341,7 @@ EMPTY = '<table:table-cell table:number-columns-repeated="16000"/>'
     ],
     ids=["repeated", "far right", "far down"],
 )
-@pytest.mark.parametrize("read", [read_raw, lambda path: read_bench_table(path, "lag")])
+@pytest.mark.parametrize("read", [read_raw_table, lambda path: read_bench_table(path, "lag")])
 def test_a_document_of_few_bytes_and_many_cells_is_not_made(
     tmp_path: Path, read, rows: str
 ) -> None:
@@ -376,7 +376,7 @@ def test_records_of_a_binary_sheet_are_looked_through(tmp_path: Path) -> None:
             check_sheets(path)
         else:
             with pytest.raises(ValueError, match=most):
-                read_raw(path)
+                read_raw_table(path)
 
 
 def test_settings_of_a_printer_are_no_sheet(tmp_path: Path) -> None:
@@ -423,7 +423,7 @@ def test_what_a_fuzzer_found_is_one_line_or_read(tmp_path: Path, data: bytes) ->
     path = tmp_path / "x.csv"
     path.write_bytes(data)
     try:
-        read_raw(path)
+        read_raw_table(path)
     except Exception as said:
         assert "\n" not in str(said)
 
@@ -532,7 +532,7 @@ def test_a_footer_that_is_none_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "x.parquet"
     path.write_bytes(data)
     with pytest.raises(ValueError, match=r"Parquet|no rows"):
-        read_raw(path)
+        read_raw_table(path)
 
 
 def test_parquets_of_many_kinds_are_read_as_before(tmp_path: Path) -> None:
@@ -549,7 +549,7 @@ def test_parquets_of_many_kinds_are_read_as_before(tmp_path: Path) -> None:
             frame.write_parquet(
                 tmp_path / "x.parquet", compression=compression, row_group_size=group
             )
-            assert count_rows(read_raw(tmp_path / "x.parquet").columns) == 5000
+            assert count_rows(read_raw_table(tmp_path / "x.parquet").columns) == 5000
 
 
 def test_a_zip_of_many_task_files_is_opened_once(
@@ -782,7 +782,7 @@ def test_a_small_parquet_that_is_large_when_it_is_read_is_refused(
         path.write_bytes(data.replace(whole(piece), whole(rows)))
     assert path.stat().st_size < 300_000
     with pytest.raises((BeyondLimits, TableError), match="allowed up to") as refused:
-        read_store(path) if is_store else read_raw(path)
+        read_store(path) if is_store else read_raw_table(path)
     assert said in str(refused.value) and "\n" not in str(refused.value)
 
 

@@ -11,8 +11,8 @@ import pytest
 import yaml
 from click.testing import Result
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.read import read_raw
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.trouble import LogImportError
 from topdress.drivers.files.read_log import read_log
 
 GOOD = "Time [s];Shaft command [rpm];Shaft speed [rpm]\n" + "".join(
@@ -66,8 +66,8 @@ def test_titles_up_to_the_end_leave_no_rows(
 ) -> None:
     path = tmp_path / "a.csv"
     path.write_text("a,b\n1,2\n" if names else "a,b\n1,2\n3,4\n")
-    with pytest.raises(ImportTrouble, match=r"no row of numbers among the first [23] lines"):
-        read_raw(path, Source(title_rows=title_rows, names=names))
+    with pytest.raises(LogImportError, match=r"no row of numbers among the first [23] lines"):
+        read_raw_table(path, Source(title_rows=title_rows, names=names))
 
 
 MISTAKES = [

@@ -17,10 +17,10 @@ import yaml
 from click.testing import Result
 from topdress.control.log_row import COMMANDS_HELD
 from topdress.drivers.files.any_log import open_log, raw_and_mapping
-from topdress.drivers.files.imports.convert import convert
-from topdress.drivers.files.imports.join import joined
-from topdress.drivers.files.imports.log_file import write_imported
-from topdress.drivers.files.imports.units import UNITS
+from topdress.drivers.files.imports.convert import convert_table
+from topdress.drivers.files.imports.join import join_files
+from topdress.drivers.files.imports.log_file import write_imported_log
+from topdress.drivers.files.imports.units import KNOWN_UNITS
 from topdress.drivers.files.read_log import RunLog, read_log
 
 from tests.imports import dialects, dresses
@@ -502,8 +502,11 @@ def test_what_is_opened_is_what_would_be_written_and_read_and_no_file_lies_betwe
     )
     raw, mapping, said_by = raw_and_mapping(source)
     assert said_by == place
-    write_imported(
-        tmp_path / "out.csv", joined([convert(raw, mapping)], mapping.join), mapping, said_by
+    write_imported_log(
+        tmp_path / "out.csv",
+        join_files([convert_table(raw, mapping)], mapping.join),
+        mapping,
+        said_by,
     )
     read = read_log(tmp_path / "out.csv")
     monkeypatch.setattr(tempfile, "mkdtemp", lambda *_, **__: pytest.fail("a file in between"))
@@ -616,7 +619,7 @@ def test_the_shipped_import_file_is_the_guess_with_two_lines_by_hand(
 
 def test_the_page_names_every_unit_that_a_column_can_be_in() -> None:
     listed = PAGE[PAGE.index("Units: ") : PAGE.index("Usual other spellings")]
-    for unit in UNITS:
+    for unit in KNOWN_UNITS:
         # no column of a log is in those
         if unit.quantity not in ("other", "time", "nitrogen", "count"):
             assert re.search(rf"(?<![\w/]){re.escape(unit.name)}(?![\w/])", listed), unit.name

@@ -13,16 +13,16 @@ from click.testing import Result
 from topdress.drivers.files.columns import text_column
 from topdress.drivers.files.config import load
 from topdress.drivers.files.foreign import our_names
-from topdress.drivers.files.imports.convert import convert
-from topdress.drivers.files.imports.guess import guess
-from topdress.drivers.files.imports.guess_columns import _values
-from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.convert import convert_table
+from topdress.drivers.files.imports.guess import guess_import_file
+from topdress.drivers.files.imports.guess_columns import _read_values
+from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.mapping import IMPORT, Source
-from topdress.drivers.files.imports.physics import answer
+from topdress.drivers.files.imports.physics import find_answer
 from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.read import read_raw
-from topdress.drivers.files.imports.units import unit_named
-from topdress.drivers.files.imports.words import folded, subject_of, wanted_or_done
+from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.units import find_named_unit
+from topdress.drivers.files.imports.words import find_rate_role, find_subject, fold_column_name
 from topdress.drivers.files.read_log import read_log
 
 from tests.geojson import feature, geojson
@@ -42,7 +42,7 @@ def table(header: str, *columns: object) -> str:
 @pytest.mark.parametrize(("words", "known"), [(0, 10), (5, 5), (6, None), (9, None), (10, None)])
 def test_a_column_is_of_numbers_where_half_of_it_is(words: int, known: int | None) -> None:
     cells = ["off"] * words + [f"{k}.5" for k in range(10 - words)]
-    values = _values(RawTable(Path("a.csv"), {"x": text_column(cells)}, Source()), "x")
+    values = _read_values(RawTable(Path("a.csv"), {"x": text_column(cells)}, Source()), "x")
     assert (values.size, int(np.isfinite(values).sum())) == (
         (10, known) if known is not None else (0, 0)
     )
@@ -56,7 +56,7 @@ def test_a_command_is_one_whatever_it_drives(tmp_path: Path) -> None:
         (ANSWER[::-1], {"shaft_rpm"}),
     ):
         path.write_text(table("time_s,fan command rpm,tacho rpm", COMMAND, answered))
-        assert set(guess(read_raw(path)).mapping.columns) == known
+        assert set(guess_import_file(read_raw_table(path)).mapping.columns) == known
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,8 @@ def test_a_command_is_one_whatever_it_drives(tmp_path: Path) -> None:
 )
 def test_doubts(content: str, doubts: list[str], written: Callable[..., Path]) -> None:
     found = [
-        f"{'.'.join(doubt.key)}: {doubt.text}" for doubt in guess(read_raw(written(content))).doubts
+        f"{'.'.join(doubt.key)}: {doubt.text}"
+        for doubt in guess_import_file(read_raw_table(written(content))).doubts
     ]
     assert len(found) == len(doubts), found
     assert all(told.startswith(want) for told, want in zip(found, doubts, strict=True)), found
@@ -149,15 +150,15 @@ def test_doubts(content: str, doubts: list[str], written: Callable[..., Path]) -
 def test_of_commands_that_repeat_the_nearest_answer_counts() -> None:
     command = np.tile(np.repeat([20.0, 30.0, 45.0], 3), 40)
     for lag in (0, 1, 3):
-        found = answer(command, np.roll(command, lag))
+        found = find_answer(command, np.roll(command, lag))
         assert found is not None and found.lag == lag
 
 
 def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path]) -> None:
     """80 rows of 2 m each: 7.2 is km/h, 4.474 is mph, 2 is m/s."""
     for number, unit in ((7.2, "km/h"), (4.474, "mph"), (2.0, "m/s")):
-        found = guess(
-            read_raw(written(table("time_s,lat,lon,speed", LAT, [119.0] * 80, [number] * 80)))
+        found = guess_import_file(
+            read_raw_table(written(table("time_s,lat,lon,speed", LAT, [119.0] * 80, [number] * 80)))
         ).mapping
         assert found.columns["speed_mps"].unit == unit
 
@@ -201,9 +202,9 @@ def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path])
 def test_what_a_header_is_about(
     header: str, subject: str | None, written: Callable[..., Path]
 ) -> None:
-    name, word = named(header)
-    unit = unit_named(word) if word else None
-    found = subject_of(folded(name), unit.quantity if unit else None)
+    name, word = split_unit_name(header)
+    unit = find_named_unit(word) if word else None
+    found = find_subject(fold_column_name(name), unit.quantity if unit else None)
     assert (found.id if found else None) == subject
 
 
@@ -225,7 +226,7 @@ def test_what_a_header_is_about(
     ],
 )
 def test_a_name_and_its_unit(cell: str, name: str, unit: str | None) -> None:
-    assert named(cell) == (name, unit)
+    assert split_unit_name(cell) == (name, unit)
 
 
 TARGET_AND_APPLIED = [
@@ -257,21 +258,23 @@ def test_target_and_applied_are_told_by_name(
     takes the wanted one."""
     target, applied = (second, first) if "Applied" in first else (first, second)
     for names in ((first, second), (second, first)):
-        found = guess(
-            read_raw(written(table("time_s," + ",".join(names), [150] * 80, [150] * 80)))
+        found = guess_import_file(
+            read_raw_table(written(table("time_s," + ",".join(names), [150] * 80, [150] * 80)))
         ).mapping
         assert found.columns["target_rate_kg_ha"].source == target
         assert found.columns["applied_rate_kg_ha"].source == applied
-    assert (wanted_or_done(target), wanted_or_done(applied)) in {("wanted", "done"), ("wanted", "")}
+    assert (find_rate_role(target), find_rate_role(applied)) in {("wanted", "done"), ("wanted", "")}
 
 
 @pytest.mark.parametrize("name", ["Rate", "Ausbringmenge kg/ha", "施肥量", "dose"])
 def test_a_rate_of_which_no_word_tells_the_kind_is_asked(
     name: str, written: Callable[..., Path]
 ) -> None:
-    found = guess(read_raw(written(table(f"time_s,{name}", [150] * 80))))
+    found = guess_import_file(read_raw_table(written(table(f"time_s,{name}", [150] * 80))))
     assert "no word says whether" in found.doubts[0].text
-    wanted = guess(read_raw(written(table("time_s,Tgt_Rate", [150] * 80)))).mapping
+    wanted = guess_import_file(
+        read_raw_table(written(table("time_s,Tgt_Rate", [150] * 80)))
+    ).mapping
     assert set(wanted.columns) == {"target_rate_kg_ha"}
 
 
@@ -293,9 +296,11 @@ def test_a_unit_at_the_end_of_a_name_is_taken(
 ) -> None:
     """By the import and by the reader of run logs alike; numbers that would as well be another
     unit's."""
-    found = guess(read_raw(written(table(f"time_s,{cell}", [12 + k % 3 for k in ROWS]))))
+    found = guess_import_file(
+        read_raw_table(written(table(f"time_s,{cell}", [12 + k % 3 for k in ROWS])))
+    )
     assert not found.doubts and set(found.mapping.columns) == {"speed_mps"}
-    unit = unit_named(found.mapping.columns["speed_mps"].unit or "")
+    unit = find_named_unit(found.mapping.columns["speed_mps"].unit or "")
     assert unit is not None and unit.factor == pytest.approx(factor)
     plain = our_names(("time_s", "x", cell.replace("VEHSPD", "SPEED")))
     assert ("speed_mps" in plain.names and plain.factors["speed_mps"] == pytest.approx(factor)) or (
@@ -305,7 +310,7 @@ def test_a_unit_at_the_end_of_a_name_is_taken(
 
 @pytest.mark.parametrize("name", ["lamps", "temps", "Triumph"])
 def test_a_word_that_ends_like_a_unit_is_a_word(name: str) -> None:
-    assert named(name) == (name, None) or name == "Triumph"
+    assert split_unit_name(name) == (name, None) or name == "Triumph"
 
 
 def test_a_written_guess_reads_back_as_it_was(
@@ -324,7 +329,7 @@ def test_a_written_guess_reads_back_as_it_was(
     ):
         source, place = written(content, f"{number}.csv"), tmp_path / f"{number}.yaml"
         assert topdress("import", source, "--guess", "--mapping", place).exit_code == 0
-        assert load(place, IMPORT).model == guess(read_raw(source)).mapping
+        assert load(place, IMPORT).model == guess_import_file(read_raw_table(source)).mapping
 
 
 def _points(folder: Path, **columns: list[object]) -> Path:
@@ -364,12 +369,12 @@ def test_a_day_in_numbers_beside_a_time(
     """It was a fault of ours (a SchemaError), and digits such as 120059, 120100 were counted as
     seconds."""
     days = {} if day is None else {"DATE": [day] * 150}
-    raw = read_raw(
+    raw = read_raw_table(
         _points(tmp_path, **days, TIME=time, AppliedRate_kg_ha=[200.0 + k % 7 for k in range(150)])
     )
-    found = guess(raw)
-    assert found.sure, found.doubts
-    log = convert(raw, found.mapping)
+    found = guess_import_file(raw)
+    assert found.is_sure, found.doubts
+    log = convert_table(raw, found.mapping)
     us = log.columns["us"]
     assert set(np.diff(us)) == {1e6}
     assert log.kind == ("local" if begins else "relative")
@@ -378,12 +383,12 @@ def test_a_day_in_numbers_beside_a_time(
 
 
 def test_a_day_of_six_digits_is_asked_for(tmp_path: Path) -> None:
-    found = guess(read_raw(_points(tmp_path, DATE=[50_620] * 150, TIME=CLOCK)))
+    found = guess_import_file(read_raw_table(_points(tmp_path, DATE=[50_620] * 150, TIME=CLOCK)))
     assert any("which is the day?" in doubt.text for doubt in found.doubts)
 
 
 def test_counts_of_milliseconds_are_no_times_of_day(tmp_path: Path) -> None:
-    found = guess(read_raw(_points(tmp_path, TIME=[50 * k for k in range(100)])))
+    found = guess_import_file(read_raw_table(_points(tmp_path, TIME=[50 * k for k in range(100)])))
     assert found.mapping.time.counts == "ms" or found.doubts
 
 
@@ -396,7 +401,10 @@ def test_digits_of_a_clock_are_read_over_every_edge(begin_s: int, tmp_path: Path
         (s // 3600 % 24) * 10_000 + (s // 60 % 60) * 100 + s % 60
         for s in range(begin_s, begin_s + 150)
     ]
-    assert guess(read_raw(_points(tmp_path, TIME=clock))).mapping.time.format is not None
+    assert (
+        guess_import_file(read_raw_table(_points(tmp_path, TIME=clock))).mapping.time.format
+        is not None
+    )
 
 
 @pytest.mark.parametrize("beyond", [(0, 60, 0), (0, 0, 60), (24, 0, 0)])
@@ -410,7 +418,7 @@ def test_what_no_clock_shows_is_no_time_of_day(
         (hours + t // 3600) * 10_000 + (minutes + t // 60 % 60) * 100 + seconds + t % 60
         for t in range(40, 100)
     ]
-    found = guess(read_raw(_points(tmp_path, TIME=clock)))
+    found = guess_import_file(read_raw_table(_points(tmp_path, TIME=clock)))
     assert found.mapping.time.format is None, "no such time"
 
 

@@ -26,23 +26,23 @@ from topdress.drivers.files.exports.time_log import (
     encode_layout,
     encode_records,
 )
-from topdress.drivers.files.imports.convert import convert
-from topdress.drivers.files.imports.devices import Meaning
-from topdress.drivers.files.imports.guess import guess
-from topdress.drivers.files.imports.join import joined
-from topdress.drivers.files.imports.log_file import log_columns
+from topdress.drivers.files.imports.convert import convert_table
+from topdress.drivers.files.imports.devices import NumberMeaning
+from topdress.drivers.files.imports.guess import guess_import_file
+from topdress.drivers.files.imports.join import join_files
+from topdress.drivers.files.imports.log_file import build_log_columns
 from topdress.drivers.files.imports.mapping import IMPORT, Source
-from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.imports.time_logs import (
-    TOTAL_AREA,
-    WIDTH,
-    WORK,
+    TOTAL_AREA_DDI,
+    WIDTH_DDI,
+    WORK_STATE_DDI,
     LoggedValue,
     TimeLog,
-    hectares,
-    width_of,
+    calc_worked_ha,
+    find_log_width,
 )
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.trouble import LogImportError
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.what_it_is import holds_points
 
@@ -301,7 +301,7 @@ def test_points_are_replayed_diagnosed_and_summed(tmp_path: Path) -> None:
 
 def test_what_is_unsure_is_asked_and_nothing_is_left(tmp_path: Path) -> None:
     path = points(tmp_path / "applied.geojson", told=False)
-    with pytest.raises(ImportTrouble, match="no unit in the header"):
+    with pytest.raises(LogImportError, match="no unit in the header"):
         open_log(path)
     assert [file.name for file in tmp_path.iterdir()] == ["applied.geojson"]
 
@@ -360,26 +360,28 @@ def hectares_by_geopandas(lat: Floats, lon: Floats, utc_s: Floats, width_m: floa
 def test_a_set(number: int, tmp_path: Path) -> None:
     made = task_sets.task_set(number, tmp_path)
     if len(made.tasks) > 1:
-        with pytest.raises(ImportTrouble) as several:
-            read_raw(made.path)
+        with pytest.raises(LogImportError) as several:
+            read_raw_table(made.path)
         assert f"{len(made.logs)} time logs of {len(made.tasks)} tasks" in several.value.lines[0]
         assert len(several.value.lines) == 1 + len(made.logs)
     if made.odd == "contradiction" and made.kind == "mass":
-        with pytest.raises(ImportTrouble, match="--values-from ddi or presentation"):
-            read_raw(made.path, Source(task=made.tasks[0]))
+        with pytest.raises(LogImportError, match="--values-from ddi or presentation"):
+            read_raw_table(made.path, Source(task=made.tasks[0]))
     for task in made.tasks:
         wanted = questions(made, task)
         try:
-            raw = read_raw(made.path, said_of(made, task, plain=False))
-        except ImportTrouble as trouble:
+            raw = read_raw_table(made.path, said_of(made, task, plain=False))
+        except LogImportError as trouble:
             assert wanted and wanted in str(trouble), trouble
             continue
-        found = guess(raw)
+        found = guess_import_file(raw)
         if wanted:
             assert any(wanted in doubt.text for doubt in found.doubts), found.doubts
             continue
-        assert found.sure, found.doubts
-        columns = log_columns(joined([convert(raw, found.mapping)], found.mapping.join))
+        assert found.is_sure, found.doubts
+        columns = build_log_columns(
+            join_files([convert_table(raw, found.mapping)], found.mapping.join)
+        )
         rows, hectares, kilograms = made.truth(task)
         lost = 1 if made.odd == "cut" and made.logs[-1].task == task else 0
         assert (
@@ -409,13 +411,13 @@ def test_as_isoxml_sees_it(tmp_path: Path) -> None:
     pytest.importorskip("isoxml", reason="isoxml is not installed")
     from isoxml.models.ddi_entities import DDEntity
     from isoxml.util.isoxml_io import isoxml_from_path
-    from topdress.drivers.files.imports.devices import DICTIONARY
-    from topdress.drivers.files.imports.task_log import task_logs
-    from topdress.drivers.files.imports.units import unit_named
+    from topdress.drivers.files.imports.devices import DATA_DICTIONARY
+    from topdress.drivers.files.imports.task_log import find_task_logs
+    from topdress.drivers.files.imports.units import find_named_unit
 
     made = task_sets.task_set(20, tmp_path)
     theirs, files = isoxml_from_path(made.path / "TASKDATA.XML")
-    ours = task_logs(made.path)
+    ours = find_task_logs(made.path)
     assert ours is not None
     assert [(log.task, log.name) for log in ours.logs] == [
         (task.id, log.filename) for task in theirs.tasks for log in task.time_logs
@@ -424,7 +426,7 @@ def test_as_isoxml_sees_it(tmp_path: Path) -> None:
     assert sorted(ours.parts) == sorted(
         element.id for device in theirs.devices for element in device.elements
     )
-    for ddi, meaning in DICTIONARY.items():
+    for ddi, meaning in DATA_DICTIONARY.items():
         book = DDEntity.from_id(ddi)
         if (
             meaning.unit in ("mg/m2", "mg/s", "mm", "mm/s", "g", "kg", "m2", "s")
@@ -433,7 +435,7 @@ def test_as_isoxml_sees_it(tmp_path: Path) -> None:
             assert (
                 book.unit.replace("²", "2") == meaning.unit and book.bit_resolution == meaning.step
             ), (ddi, book)
-        assert not meaning.unit or unit_named(meaning.unit) is not None
+        assert not meaning.unit or find_named_unit(meaning.unit) is not None
 
 
 def test_the_commands(topdress: Callable[..., Result], tmp_path: Path) -> None:
@@ -482,7 +484,8 @@ def logged(**numbers: tuple[int, list[float]]) -> TimeLog:
     count = 20
     heads = {"lat_deg": 52.0 + np.arange(count) * 1e-5, "lon_deg": np.full(count, 9.0)}
     values = [
-        LoggedValue(ddi, "DET1", None, Meaning(name), None) for name, (ddi, _) in numbers.items()
+        LoggedValue(ddi, "DET1", None, NumberMeaning(name), None)
+        for name, (ddi, _) in numbers.items()
     ]
     return TimeLog(
         "TLG00001",
@@ -498,19 +501,24 @@ def test_the_hectares_of_a_log_are_its_devices_count_else_way_times_logged_width
     """Widths are logged in mm, areas in m2; a width that changes is none; what is driven lifted
     does not count."""
     way_m = 19 * 1e-5 * 111_267.0  # of latitude at 52 degrees, m
-    wide = logged(width=(WIDTH, [18_000.0]))
-    assert width_of(wide, {}) == 18.0
-    area = hectares(wide, {})
+    wide = logged(width=(WIDTH_DDI, [18_000.0]))
+    assert find_log_width(wide, {}) == 18.0
+    area = calc_worked_ha(wide, {})
     assert (
         area is not None
         and area[1] == "way x width"
         and area[0] == pytest.approx(way_m * 18.0 / 1e4, rel=2e-3)
     )
-    half = hectares(logged(width=(WIDTH, [18_000.0]), work=(WORK, [1.0, 0.0])), {})
+    half = calc_worked_ha(
+        logged(width=(WIDTH_DDI, [18_000.0]), work=(WORK_STATE_DDI, [1.0, 0.0])), {}
+    )
     assert half is not None and half[0] == pytest.approx(area[0] * 9 / 19, rel=1e-3)
-    counted = hectares(
-        logged(width=(WIDTH, [18_000.0]), area=(TOTAL_AREA, list(5e4 + 250.0 * np.arange(20)))), {}
+    counted = calc_worked_ha(
+        logged(
+            width=(WIDTH_DDI, [18_000.0]), area=(TOTAL_AREA_DDI, list(5e4 + 250.0 * np.arange(20)))
+        ),
+        {},
     )
     assert counted == (pytest.approx(19 * 250.0 / 1e4), "counted")
-    assert width_of(logged(width=(WIDTH, [18_000.0, 9_000.0])), {}) is None
-    assert hectares(logged(work=(WORK, [1.0])), {}) is None
+    assert find_log_width(logged(width=(WIDTH_DDI, [18_000.0, 9_000.0])), {}) is None
+    assert calc_worked_ha(logged(work=(WORK_STATE_DDI, [1.0])), {}) is None

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.prescription import Fallbacks, MapData, Zone, statistics
-from topdress.drivers.files.imports.task_log import task_words
+from topdress.drivers.files.imports.task_log import describe_task_file
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import ImportedMap, PrescriptionError, RateChoice
 from topdress.drivers.files.prescriptions.write import write_prescription
@@ -284,7 +284,7 @@ def test_a_field_is_written_with_its_area(tmp_path: Path) -> None:
     )
     (area,) = re.findall(r'<PFD [^>]*D="([0-9]+)"', text)
     assert int(area) == pytest.approx(20_000 + 2_400, rel=1e-3)
-    said = task_words(tmp_path / "task")
+    said = describe_task_file(tmp_path / "task")
     assert said is not None and any(
         f"{int(area) / 10_000:.4f} ha as it says" in line for line in said
     ), "check says it"

@@ -14,8 +14,8 @@ import shapefile
 import shapely
 from topdress.control.targets.prescription import MapData, Zone, statistics
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.read import read_raw
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.trouble import LogImportError
 from topdress.drivers.files.prescriptions import raster
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
@@ -379,7 +379,7 @@ def test_texts_of_a_table_are_read_in_their_letters(
     assert read.layers == (next(iter(columns)),)
     assert [zone.rate_kg_ha for zone in read.data.zones] == RATES
     points = write(tmp_path / "p", columns, encoding, cpg, driver, points=True)
-    columns_read = read_raw(points).columns
+    columns_read = read_raw_table(points).columns
     for name, values in columns.items():
         assert columns_read[name].tolist() == values
 
@@ -571,9 +571,12 @@ def test_points_of_a_zip_with_areas_beside_are_imported(
     tmp_path: Path, rx: dict[str, bytes]
 ) -> None:
     points = parts(write(tmp_path / "applied", {"AppRate": RATES}, points=True))
-    assert read_raw(packed(tmp_path / "job.zip", rx | points)).columns["AppRate"].tolist() == RATES
+    assert (
+        read_raw_table(packed(tmp_path / "job.zip", rx | points)).columns["AppRate"].tolist()
+        == RATES
+    )
     more = {name.replace("applied", "second"): data for name, data in points.items()}
     both = packed(tmp_path / "two.zip", points | more)
-    with pytest.raises(ImportTrouble, match=r"2 shapefiles of points: say source\.inside"):
-        read_raw(both)
-    assert read_raw(both, Source(inside="second")).columns["AppRate"].tolist() == RATES
+    with pytest.raises(LogImportError, match=r"2 shapefiles of points: say source\.inside"):
+        read_raw_table(both)
+    assert read_raw_table(both, Source(inside="second")).columns["AppRate"].tolist() == RATES

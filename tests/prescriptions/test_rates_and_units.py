@@ -14,9 +14,9 @@ import openpyxl
 import pytest
 import shapefile
 import shapely
-from topdress.drivers.files.imports.guess import guess
-from topdress.drivers.files.imports.read import read_raw
-from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.guess import guess_import_file
+from topdress.drivers.files.imports.read import read_raw_table
+from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import (
     ACRE_HA,
@@ -468,9 +468,9 @@ def test_a_log_in_litres_is_none_in_kilograms(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = [f"{k},40.0,{116 + 1e-5 * k},{150 + k % 7},l/ha" for k in range(200)]
     path.write_text("\n".join(["time_s,lat,lon,applied_rate,unit", *rows]) + "\n")
-    raw = read_raw(path)
+    raw = read_raw_table(path)
     assert raw.units["applied_rate"] == "l/ha"
-    found = guess(raw)
+    found = guess_import_file(raw)
     assert (
         "applied_rate_kg_ha" not in found.mapping.columns
         and "density_kg_l" in found.open["applied_rate_kg_ha"]
@@ -479,7 +479,7 @@ def test_a_log_in_litres_is_none_in_kilograms(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["m/s", "ha", "t", "10", "", "low", "l/h", "lac", "kg/h"])
 def test_no_rate_is_made_of_other_words(text: str) -> None:
-    found = unit_named(text)
+    found = find_named_unit(text)
     assert found is None or found.quantity not in ("rate", "volume", "nitrogen", "count")
 
 

@@ -273,13 +273,13 @@ def test_of_a_foreign_log_only_the_new_lines_are_brought_in(
 ) -> None:
     """At 20 Hz in steps of 5 s: rows as of the whole, each line read a few times and not at
     each look."""
-    read_bytes, before = [0], text.read_text
+    read_bytes, before = [0], text.read_text_table
 
     def counted(where: Path, said: Any) -> Any:
         read_bytes[0] += where.stat().st_size
         return before(where, said)
 
-    monkeypatch.setattr(text, "read_text", counted)
+    monkeypatch.setattr(text, "read_text_table", counted)
     path.write_text(FOREIGN_HEAD)
     growing, found = GrowingLog(path), list[float]()
     assert growing.more() is None  # a header alone: it is waited for rows

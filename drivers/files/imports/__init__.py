@@ -3,29 +3,29 @@ columns mean, and how are they converted?
 
 Files:
 
-- `convert`: A raw table and what its columns mean
-- `devices`: What a number of an ISO 11783-10 time log is
-- `dialect`: How a text file is written
-- `excel`: Excel workbooks (.xlsx, .xlsm, .xls, .xlsb, .ods)
-- `guess`: A first import file by looking at a table
-- `guess_columns`: Which column of a file is which of the log
-- `guess_time`: Which column tells the time, and how
-- `guessed`: What a guess holds: the import file, what of it is unsure, and why the rest is as it is
-- `header`: Where a table begins: title rows, the header, a row of units, the first row of numbers
-- `join`: Files of one machine as one log
-- `log_file`: Imported columns as a run log with its sidecar (docs/format-run-log.md)
-- `mapping`: Import file "topdress-import/1": what the columns of a foreign log mean
-- `numbers`: Cells of a foreign table as numbers
-- `physics`: What the numbers themselves say
-- `points`: Points with attributes: GeoJSON and shapefiles, as many as-applied files are
-- `raw`: A table as a file holds it, before anything is said of its meaning
-- `read`: A file of any kind as a raw table
-- `task_log`: The time logs of an ISO 11783-10 task set as one table
-- `text`: The one reader of text tables (CSV and its relatives)
-- `time_format`: Times written after a format as `strptime` has them, many at once
-- `time_logs`: ISO 11783-10 time logs (TLG)
-- `times`: The times of a foreign table
-- `trouble`: What goes wrong with a table or a log, in plain lines
-- `units`: Units as machines write them, and what one of each is in the unit of a log column
-- `words`: What people call the columns of a machine's log and of a map, in English, German, Chinese
+- `convert`: How do a raw table and the meaning of its columns become the columns of a run log?
+- `devices`: What does a number of an ISO 11783-10 time log mean, by the data dictionary
+- `dialect`: How is a text file written
+- `excel`: How is an Excel workbook (.xlsx, .xlsm, .xls, .xlsb, .ods) read
+- `guess`: Which import file fits a table, by names, units, ranges and physics
+- `guess_columns`: Which column of a file is which column of the log, by names, units and ranges?
+- `guess_time`: Which column holds the time, and in which form, by name, by unit
+- `guessed`: What does a guess hold: the import file, what about it is unsure
+- `header`: Where does a table begin
+- `join`: How do files of a machine become a single log
+- `log_file`: How are imported columns written as a run log with its sidecar
+- `mapping`: What does an import file "topdress-import/1" say about the columns of a foreign log?
+- `numbers`: Which numbers do the cells of a foreign table hold, with decimal commas, thousands
+- `physics`: What do the numbers themselves show
+- `points`: How are points with attributes read as a table
+- `raw`: What does a table hold as its file has it, before its meaning is known?
+- `read`: How is a file of any kind read as a raw table?
+- `task_log`: How do the time logs of an ISO 11783-10 task set become a single table
+- `text`: How are text tables (CSV and its relatives) read
+- `time_format`: How are many times in a format, as `strptime` has it, read at once?
+- `time_logs`: How are ISO 11783-10 time logs (TLG) read
+- `times`: How are the times of a foreign table read as whole microseconds
+- `trouble`: Which errors may a table or a log have, in plain lines?
+- `units`: Which units do machines write, and what is one of each in the unit of a log column?
+- `words`: Which words do people use for the columns of a machine's log and of a map, in English
 """

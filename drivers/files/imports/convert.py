@@ -25,40 +25,45 @@ from topdress.drivers.files.columns import (
     unknown_like,
 )
 from topdress.drivers.files.config_words import nearest
-from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.mapping import (
-    EVENTS,
+    EVENTS_COLUMN,
     EXTRA_START,
-    MADE_BY_WORKING,
+    STATE_COLUMN,
     Column,
     ImportFile,
     Working,
 )
-from topdress.drivers.files.imports.numbers import Numbers, numbers
+from topdress.drivers.files.imports.numbers import ParsedNumbers, parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.times import as_texts, clock, read_texts
-from topdress.drivers.files.imports.trouble import ImportTrouble, listed
-from topdress.drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
+from topdress.drivers.files.imports.times import convert_to_texts, read_row_times, read_time_texts
+from topdress.drivers.files.imports.trouble import LogImportError, format_list
+from topdress.drivers.files.imports.units import (
+    convert_to_log_unit,
+    find_named_unit,
+    find_quantity,
+    make_name_slug,
+)
 
 # Column with the time of a row, whole microseconds.
-US = "us"
+TIME_US = "us"
 # The log's column, and the same here as microseconds since 1970.
-UTC, UTC_US = "utc", "utc_us"
+UTC_COLUMN, UTC_US_COLUMN = "utc", "utc_us"
 # Columns of the log that hold commands.
-COMMANDS = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha"})
+COMMAND_COLUMNS = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha"})
 # The first of these columns that a log has is its speed.
-SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
+SPEED_COLUMNS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 # Below this speed, m/s, the machine stands and a flow is no rate.
-STANDING_MPS = 0.05
+MIN_MOVING_MPS = 0.05
 # Digits kept of a converted number: more than a file holds, fewer than a double has.
-DIGITS = 12
+KEPT_DIGITS = 12
 # Share of cells that are no number, above which the wrong column was named.
-_BAD_SHARE = 0.5
+_MAX_BAD_SHARE = 0.5
 _LINE_BREAKS = re.compile(r"[\r\n]+")
 
 
 @dataclass(frozen=True, eq=False)
-class Converted:
+class ConvertedFile:
     """Holds a file's part of the log. `columns`: `us` (whole microseconds, strictly increasing),
     then those of the log: numbers or texts."""
 
@@ -68,7 +73,7 @@ class Converted:
     findings: tuple[Finding, ...]
 
 
-def convert(raw: RawTable, mapping: ImportFile) -> Converted:
+def convert_table(raw: RawTable, mapping: ImportFile) -> ConvertedFile:
     """Converts a table to columns of the log.
 
     Parameters
@@ -84,45 +89,45 @@ def convert(raw: RawTable, mapping: ImportFile) -> Converted:
     ------
     ImportTrouble : a line for each key that does not fit this file.
     """
-    _all_there(raw, mapping)
-    times = clock(raw, mapping.time)
+    _require_columns(raw, mapping)
+    times = read_row_times(raw, mapping.time)
     findings = list(raw.findings)
     columns: Columns = {
-        name: _column(raw, name, column, mapping, findings)
+        name: _convert_column(raw, name, column, mapping, findings)
         for name, column in mapping.columns.items()
-        if name != UTC
+        if name != UTC_COLUMN
     }
-    if UTC in mapping.columns:
-        columns[UTC_US] = _utc(raw, mapping.columns[UTC])
-    _flows_to_rates(raw, mapping, columns)
+    if UTC_COLUMN in mapping.columns:
+        columns[UTC_US_COLUMN] = _read_utc_us(raw, mapping.columns[UTC_COLUMN])
+    _convert_flows(raw, mapping, columns)
     if mapping.working is not None:
-        columns[MADE_BY_WORKING] = _state(raw, mapping.working, mapping)
+        columns[STATE_COLUMN] = _find_state(raw, mapping.working, mapping)
     if mapping.extra == "keep":
-        columns |= _extras(raw, mapping, taken=set(columns))
-    columns = _in_order(raw, {US: times.us, **columns}, findings)
+        columns |= _collect_extras(raw, mapping, taken=set(columns))
+    columns = _order_rows(raw, {TIME_US: times.us, **columns}, findings)
     if mapping.rows == "answer_in_row":
         constants = [
             name for name, column in mapping.columns.items() if column.constant is not None
         ]
-        columns = _with_commands_before(columns, constants)
-    return Converted(raw, columns, times.kind, tuple(findings))
+        columns = _shift_commands(columns, constants)
+    return ConvertedFile(raw, columns, times.kind, tuple(findings))
 
 
-def _all_there(raw: RawTable, mapping: ImportFile) -> None:
+def _require_columns(raw: RawTable, mapping: ImportFile) -> None:
     wanted = {f"columns.{name}.from": column.source for name, column in mapping.columns.items()}
     wanted |= {"time.column": mapping.time.column, "time.date_column": mapping.time.date_column}
     wanted["working.column"] = mapping.working.column if mapping.working else None
     wrong = [
-        f"{key} {name}: no such column: allowed {listed(raw.names)}{nearest(name, raw.names)}"
+        f"{key} {name}: no such column: allowed {format_list(raw.names)}{nearest(name, raw.names)}"
         for key, name in wanted.items()
         if name is not None and name not in raw.names
     ]
     if wrong:
-        raise ImportTrouble(raw.path, *wrong)
+        raise LogImportError(raw.path, *wrong)
 
 
 # Returns a column of the log, (n,) numbers in its unit, or texts.
-def _column(
+def _convert_column(
     raw: RawTable, name: str, column: Column, mapping: ImportFile, findings: list[Finding]
 ) -> NDArray[Any]:
     if column.constant is not None:
@@ -131,10 +136,10 @@ def _column(
     cells = raw.columns[column.source]
     missing = (*mapping.missing, *column.missing)
     if name in TEXT_COLUMNS:
-        return _texts(cells, missing)
-    found = numbers(cells, raw.decimal_comma, missing)
+        return _clean_texts(cells, missing)
+    found = parse_number_column(cells, raw.decimal_comma, missing)
     if found.marked:
-        marks = listed(f"{mark:g}" for mark in missing if not isinstance(mark, str))
+        marks = format_list(f"{mark:g}" for mark in missing if not isinstance(mark, str))
         findings.append(
             Finding(
                 "sentinel",
@@ -146,41 +151,41 @@ def _column(
         )
     if found.bad:
         # An extra column may hold texts.
-        if name.startswith(EXTRA_START) and found.bad > _BAD_SHARE * cells.size:
-            return _texts(cells, missing)
-        _said_bad(raw, column.source, found, findings)
-    values = _inside(raw, column, found.values, findings)
-    converted = _in_log_unit(values * column.scale + column.offset, name, column)
+        if name.startswith(EXTRA_START) and found.bad > _MAX_BAD_SHARE * cells.size:
+            return _clean_texts(cells, missing)
+        _report_bad_cells(raw, column.source, found, findings)
+    values = _empty_outside(raw, column, found.values, findings)
+    converted = _convert_to_log_unit(values * column.scale + column.offset, name, column)
     if (
-        quantity_of(name) == "rate"
+        find_quantity(name) == "rate"
         and column.unit is not None
-        and (unit := unit_named(column.unit)) is not None
+        and (unit := find_named_unit(column.unit)) is not None
         and unit.quantity == "volume"
     ):
         # Litres times kg/l are kg.
         converted = converted * (mapping.density_kg_l or 1.0)
-    return _rounded(converted) if column.scale != 1.0 or column.unit else converted
+    return _round_digits(converted) if column.scale != 1.0 or column.unit else converted
 
 
-def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _round_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns numbers (n,) rounded to `DIGITS` digits, halves away from zero."""
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         # The logarithm of 0 is no number; the last line keeps such values.
-        per_digit = 10.0 ** (DIGITS - 1 - np.floor(np.log10(np.abs(values))))
+        per_digit = 10.0 ** (KEPT_DIGITS - 1 - np.floor(np.log10(np.abs(values))))
         scaled = values * per_digit
         rounded = np.copysign(np.floor(np.abs(scaled) + 0.5), scaled) / per_digit
     return np.where(np.isfinite(scaled) & (values != 0.0), rounded, values)
 
 
-def _utc(raw: RawTable, column: Column) -> NDArray[np.float64]:
+def _read_utc_us(raw: RawTable, column: Column) -> NDArray[np.float64]:
     """Returns the UTC next to another time, ISO 8601 or a time by type, in microseconds (n,)."""
     assert column.source is not None
     cells = raw.columns[column.source]
     if is_time(cells):
         return count_microseconds(cells)
-    us = read_texts(cells, None, "UTC").us
+    us = read_time_texts(cells, None, "UTC").us
     if np.isnan(us).all():
-        raise ImportTrouble(
+        raise LogImportError(
             raw.path,
             f"row {raw.first_row}: column {column.source}: value {cells[0]}: allowed ISO "
             "8601, e.g. 2026-03-20T08:00:00Z",
@@ -189,10 +194,12 @@ def _utc(raw: RawTable, column: Column) -> NDArray[np.float64]:
 
 
 # Adds a finding about cells that are no number. Raises ImportTrouble where most are none.
-def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding]) -> None:
+def _report_bad_cells(
+    raw: RawTable, source: str, found: ParsedNumbers, findings: list[Finding]
+) -> None:
     where = f"row {raw.first_row + found.row}"
-    if found.bad > _BAD_SHARE * found.values.size:
-        raise ImportTrouble(
+    if found.bad > _MAX_BAD_SHARE * found.values.size:
+        raise LogImportError(
             raw.path,
             f"{where}: column {source}: value {found.cell[:40]}: allowed a number (of "
             f"{found.values.size} cells {found.bad} are none)",
@@ -209,7 +216,7 @@ def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding
 
 
 # Returns numbers (n,) with those outside the mapping's range emptied, and adds a finding.
-def _inside(
+def _empty_outside(
     raw: RawTable, column: Column, values: NDArray[np.float64], findings: list[Finding]
 ) -> NDArray[np.float64]:
     if column.valid is None:
@@ -233,45 +240,47 @@ def _inside(
 
 
 # Returns numbers (n,) in the log's unit, with the mapping's sign.
-def _in_log_unit(values: NDArray[np.float64], name: str, column: Column) -> NDArray[np.float64]:
+def _convert_to_log_unit(
+    values: NDArray[np.float64], name: str, column: Column
+) -> NDArray[np.float64]:
     values = values * column.sign
-    unit = unit_named(column.unit) if column.unit is not None else None
-    quantity = quantity_of(name)
+    unit = find_named_unit(column.unit) if column.unit is not None else None
+    quantity = find_quantity(name)
     if unit is None or name.startswith(EXTRA_START) or quantity == "share":
         return values
     if unit.name == "%":
         return values * ((column.full or 1.0) / 100.0)
-    return in_log_unit(values, unit, name)
+    return convert_to_log_unit(values, unit, name)
 
 
-def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: Columns) -> None:
+def _convert_flows(raw: RawTable, mapping: ImportFile, columns: Columns) -> None:
     """Converts flows, kg/s, over the ground covered in a second, m2, to kg/ha; a standing
     machine has no rate."""
     flows = [
         name
         for name, column in mapping.columns.items()
-        if quantity_of(name) == "rate"
+        if find_quantity(name) == "rate"
         and column.unit is not None
-        and (unit := unit_named(column.unit)) is not None
+        and (unit := find_named_unit(column.unit)) is not None
         and unit.quantity == "flow"
     ]
     if not flows:
         return
-    speed = next((columns[name] for name in SPEEDS if name in columns), None)
+    speed = next((columns[name] for name in SPEED_COLUMNS if name in columns), None)
     if speed is None:
-        raise ImportTrouble(
+        raise LogImportError(
             raw.path, f"columns.{flows[0]}: a flow: allowed with a column speed_mps to divide by"
         )
     assert mapping.width_m is not None
-    moving = np.where(speed > STANDING_MPS, speed, np.nan)
+    moving = np.where(speed > MIN_MOVING_MPS, speed, np.nan)
     for name in flows:
         columns[name] = columns[name] / (moving * mapping.width_m) * 10_000.0
 
 
 # Returns the state (n,) of each row: working where the mapping's condition holds, else ready.
-def _state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]:
+def _find_state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]:
     cells = raw.columns[working.column]
-    found = numbers(cells, raw.decimal_comma, mapping.missing).values
+    found = parse_number_column(cells, raw.decimal_comma, mapping.missing).values
     known = ~np.isnan(found)
     if working.equals:
         marks = [float(mark) for mark in working.equals if not isinstance(mark, str)]
@@ -288,8 +297,10 @@ def _state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]
         if working.below is not None:
             holds = holds & (found < working.below)
     if not holds.any():
-        kinds = listed(repr(value) for value in sorted(set(as_texts(cells).tolist()))[:6])
-        raise ImportTrouble(
+        kinds = format_list(
+            repr(value) for value in sorted(set(convert_to_texts(cells).tolist()))[:6]
+        )
+        raise LogImportError(
             raw.path,
             f"working: column {working.column} never fulfils the condition: its values are {kinds}",
         )
@@ -297,7 +308,7 @@ def _state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]
     return text_column(np.where(known, states, "").tolist())
 
 
-def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
+def _collect_extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
     """Returns the columns that no key names, by their name and unit, in the file's own unit."""
     used = {column.source for column in mapping.columns.values()} | {
         mapping.time.column,
@@ -310,11 +321,11 @@ def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
         cells = raw.columns[source]
         if source in used or is_time(cells):
             continue
-        found = numbers(cells, raw.decimal_comma, mapping.missing)
-        values = found.values if found.bad == 0 else _texts(cells, mapping.missing)
+        found = parse_number_column(cells, raw.decimal_comma, mapping.missing)
+        values = found.values if found.bad == 0 else _clean_texts(cells, mapping.missing)
         if not (values != "" if is_text(values) else ~np.isnan(values)).any():
             continue
-        name = extra_name(source, raw.units.get(source))
+        name = make_extra_name(source, raw.units.get(source))
         number, free = 1, name
         # The second column of a name gets the ending _2.
         while free in taken or free in extras:
@@ -324,17 +335,17 @@ def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
     return extras
 
 
-def extra_name(source: str, unit: str | None) -> str:
+def make_extra_name(source: str, unit: str | None) -> str:
     """Returns an extra column's name: `Engine torque [Nm]` is `x_engine_torque_nm`."""
-    name, written = named(source)
-    parts = [slug(name) if name else "column"]
+    name, written = split_unit_name(source)
+    parts = [make_name_slug(name) if name else "column"]
     if unit or written:
-        parts.append(slug(unit or written or ""))
+        parts.append(make_name_slug(unit or written or ""))
     plain = "_".join(part for part in parts if part)
     return plain if plain.startswith(EXTRA_START) else EXTRA_START + plain
 
 
-def _texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any]:
+def _clean_texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any]:
     """Returns texts without blanks around; line breaks become blanks."""
     nothing = {word for word in missing if isinstance(word, str)}
 
@@ -342,42 +353,42 @@ def _texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any
         text = _LINE_BREAKS.sub(" ", text).strip()
         return "" if text in nothing else text
 
-    return map_texts(one_line, as_texts(cells))
+    return map_texts(one_line, convert_to_texts(cells))
 
 
-def _in_order(raw: RawTable, columns: Columns, findings: list[Finding]) -> Columns:
+def _order_rows(raw: RawTable, columns: Columns, findings: list[Finding]) -> Columns:
     """Returns rows with strictly increasing times, as the log's own reader makes them."""
-    us = columns[US]
+    us = columns[TIME_US]
     known = us[~np.isnan(us)]
     first = known[0] if known.size else 0.0
     try:
         times = mended_times((us - first) / 1e6)
     except ValueError as error:
-        raise ImportTrouble(raw.path, f"{str(error).replace('time_s', 'time')}") from None
+        raise LogImportError(raw.path, f"{str(error).replace('time_s', 'time')}") from None
     findings += times.findings
     kept = columns if isinstance(times.rows, slice) else select_rows(columns, times.rows)
     if times.spread:
-        kept = {**kept, US: first + np.round(times.time_s * 1e6)}
+        kept = {**kept, TIME_US: first + np.round(times.time_s * 1e6)}
     return kept
 
 
-def _with_commands_before(columns: Columns, constants: list[str]) -> Columns:
+def _shift_commands(columns: Columns, constants: list[str]) -> Columns:
     """Converts rows that hold a command and its settled answer to rows of the run log.
 
     A row of the log holds a reading, and the command in force from there on: the command of each
     row moves to the row before, and an extra first row holds the first command. An event says that
     no command is missing between rows.
     """
-    times = columns[US]
+    times = columns[TIME_US]
     # The first row begins one usual step earlier; one second without any.
     step = int(median_of(np.diff(times)) or 1e6)
-    stated = columns.get(EVENTS, unknown_like(text_column([]), len(times)))
-    longer = {US: np.concatenate(([times[0] - step], times))}
+    stated = columns.get(EVENTS_COLUMN, unknown_like(text_column([]), len(times)))
+    longer = {TIME_US: np.concatenate(([times[0] - step], times))}
     for name, column in columns.items():
-        if name in COMMANDS:
+        if name in COMMAND_COLUMNS:
             longer[name] = np.concatenate((column, column[-1:]))
-        elif name != US:
-            is_held = name in (*constants, MADE_BY_WORKING)
+        elif name != TIME_US:
+            is_held = name in (*constants, STATE_COLUMN)
             before = column[:1] if is_held else unknown_like(column, 1)
             longer[name] = np.concatenate((before, column))
-    return {**longer, EVENTS: text_column([COMMANDS_HELD, *stated.tolist()])}
+    return {**longer, EVENTS_COLUMN: text_column([COMMANDS_HELD, *stated.tolist()])}

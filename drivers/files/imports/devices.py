@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.units import find_named_unit
 
 
-class Meaning(NamedTuple):
+class NumberMeaning(NamedTuple):
     """Describes a number. `name`: as it is called here. Raw numbers times `step`, plus `offset`,
     are in `unit`."""
 
@@ -20,7 +20,7 @@ class Meaning(NamedTuple):
     offset: float = 0.0
 
 
-class Presented(NamedTuple):
+class ValuePresentation(NamedTuple):
     """Describes a device's value presentation (DVP): (raw + offset) x scale is shown in `unit`."""
 
     unit: str
@@ -40,48 +40,48 @@ class DeviceElement:
     # 1 device, 2 function, 3 bin, 4 section, 5 unit, 6 connector, 7 navigation
     kind: str
     called: dict[int, str] = field(default_factory=dict)
-    shown: dict[int, Presented] = field(default_factory=dict)
+    shown: dict[int, ValuePresentation] = field(default_factory=dict)
     fixed: dict[int, int] = field(default_factory=dict)  # properties (DPT)
 
 
 # ISO 11783-11: the identifiers that a spreader, a sprayer or a tractor logs, each with name, unit
 # and a step in it.
-DICTIONARY = {
-    1: Meaning("target volume rate", "l/ha", 1e-4),
-    2: Meaning("applied volume rate", "l/ha", 1e-4),
-    6: Meaning("target rate", "mg/m2"),
-    7: Meaning("applied rate", "mg/m2"),
-    11: Meaning("wanted seeds per m2", "", 0.001),
-    12: Meaning("seeds per m2", "", 0.001),
-    36: Meaning("target volume flow", "l/min", 6e-5),
-    37: Meaning("applied volume flow", "l/min", 6e-5),
-    41: Meaning("target flow", "mg/s"),
-    42: Meaning("applied flow", "mg/s"),
-    67: Meaning("working width", "mm"),
-    70: Meaning("maximum working width", "mm"),
-    72: Meaning("volume content", "l", 0.001),
-    75: Meaning("hopper", "g"),
-    80: Meaning("total volume", "l"),
-    81: Meaning("total mass", "kg"),
-    116: Meaning("total area", "m2"),
-    117: Meaning("total distance at work", "m", 0.001),
-    118: Meaning("total distance out of work", "m", 0.001),
-    119: Meaning("total time at work", "s"),
-    120: Meaning("total time out of work", "s"),
-    141: Meaning("work state"),
-    352: Meaning("total mass in grams", "g"),
-    353: Meaning("total nitrogen", "g"),
-    397: Meaning("speed", "mm/s"),
+DATA_DICTIONARY = {
+    1: NumberMeaning("target volume rate", "l/ha", 1e-4),
+    2: NumberMeaning("applied volume rate", "l/ha", 1e-4),
+    6: NumberMeaning("target rate", "mg/m2"),
+    7: NumberMeaning("applied rate", "mg/m2"),
+    11: NumberMeaning("wanted seeds per m2", "", 0.001),
+    12: NumberMeaning("seeds per m2", "", 0.001),
+    36: NumberMeaning("target volume flow", "l/min", 6e-5),
+    37: NumberMeaning("applied volume flow", "l/min", 6e-5),
+    41: NumberMeaning("target flow", "mg/s"),
+    42: NumberMeaning("applied flow", "mg/s"),
+    67: NumberMeaning("working width", "mm"),
+    70: NumberMeaning("maximum working width", "mm"),
+    72: NumberMeaning("volume content", "l", 0.001),
+    75: NumberMeaning("hopper", "g"),
+    80: NumberMeaning("total volume", "l"),
+    81: NumberMeaning("total mass", "kg"),
+    116: NumberMeaning("total area", "m2"),
+    117: NumberMeaning("total distance at work", "m", 0.001),
+    118: NumberMeaning("total distance out of work", "m", 0.001),
+    119: NumberMeaning("total time at work", "s"),
+    120: NumberMeaning("total time out of work", "s"),
+    141: NumberMeaning("work state"),
+    352: NumberMeaning("total mass in grams", "g"),
+    353: NumberMeaning("total nitrogen", "g"),
+    397: NumberMeaning("speed", "mm/s"),
 }
 # Identifiers of which a wrong step is a wrong dose.
-RATES = (1, 2, 6, 7, 36, 37, 41, 42)
+RATE_DDIS = (1, 2, 6, 7, 36, 37, 41, 42)
 # Identifiers of the actual and the largest working width, mm.
-WIDTHS = (67, 70)
+WIDTH_DDIS = (67, 70)
 # Share by which presentation and dictionary may differ: presentations are rounded.
-AGREES = 0.01
+AGREEMENT_SHARE = 0.01
 
 
-def parts_of(root: Element) -> dict[str, DeviceElement]:
+def read_device_elements(root: Element) -> dict[str, DeviceElement]:
     """Returns the elements of all devices by their ids."""
     found = {}
     for device in root.iter("DVC"):
@@ -96,13 +96,15 @@ def parts_of(root: Element) -> dict[str, DeviceElement]:
                 element.get("C", ""),
             )
             for reference in element.findall("DOR"):
-                _describe(part, data.get(reference.get("A")), shown)
+                _describe_element(part, data.get(reference.get("A")), shown)
             found[part.id] = part
     return found
 
 
-def _describe(part: DeviceElement, data: Element | None, shown: dict[str | None, Element]) -> None:
-    if data is None or (ddi := ddi_of(data.get("B", ""))) is None:
+def _describe_element(
+    part: DeviceElement, data: Element | None, shown: dict[str | None, Element]
+) -> None:
+    if data is None or (ddi := parse_ddi(data.get("B", ""))) is None:
         return
     is_property = data.tag == "DPT"
     name, presentation = (
@@ -113,7 +115,7 @@ def _describe(part: DeviceElement, data: Element | None, shown: dict[str | None,
     # Attributes that are no numbers are ignored: the dictionary holds then.
     if (one := shown.get(presentation)) is not None:
         try:
-            part.shown[ddi] = Presented(
+            part.shown[ddi] = ValuePresentation(
                 one.get("E", ""), float(one.get("C", "1")), float(one.get("B", "0"))
             )
         except ValueError:
@@ -122,7 +124,7 @@ def _describe(part: DeviceElement, data: Element | None, shown: dict[str | None,
         part.fixed[ddi] = int(value)
 
 
-def ddi_of(text: str) -> int | None:
+def parse_ddi(text: str) -> int | None:
     """Returns an identifier of an attribute in hexadecimal; None where it is none."""
     try:
         return int(text, 16)
@@ -130,7 +132,7 @@ def ddi_of(text: str) -> int | None:
         return None
 
 
-def meaning_of(root: Element, ddi: int | None, part: DeviceElement | None) -> Meaning:
+def find_meaning(root: Element, ddi: int | None, part: DeviceElement | None) -> NumberMeaning:
     """Returns the meaning of an identifier, by the dictionary, else as the device describes it.
 
     Parameters
@@ -140,28 +142,28 @@ def meaning_of(root: Element, ddi: int | None, part: DeviceElement | None) -> Me
     part : the element; None: not described.
     """
     if ddi is None:
-        return Meaning("no data identifier")
-    if ddi in DICTIONARY:
-        return DICTIONARY[ddi]
+        return NumberMeaning("no data identifier")
+    if ddi in DATA_DICTIONARY:
+        return DATA_DICTIONARY[ddi]
     name = part.called.get(ddi, "") if part is not None else ""
     if not name:
         name = next(
-            (one.get("E", "") for one in root.iter("DPD") if ddi_of(one.get("B", "")) == ddi), ""
+            (one.get("E", "") for one in root.iter("DPD") if parse_ddi(one.get("B", "")) == ddi), ""
         )
     shown = part.shown.get(ddi) if part is not None else None
     if shown is None:
-        return Meaning(name or f"ddi {ddi}")
-    return Meaning(name or f"ddi {ddi}", shown.unit, shown.scale, shown.offset * shown.scale)
+        return NumberMeaning(name or f"ddi {ddi}")
+    return NumberMeaning(name or f"ddi {ddi}", shown.unit, shown.scale, shown.offset * shown.scale)
 
 
-def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None:
+def find_contradiction(ddi: int | None, part: DeviceElement | None) -> NumberMeaning | None:
     """Returns a rate's meaning by its device's presentation, where the dictionary differs; None:
     they agree."""
-    shown = None if part is None or ddi not in RATES else part.shown.get(ddi)
+    shown = None if part is None or ddi not in RATE_DDIS else part.shown.get(ddi)
     if shown is None or ddi is None:
         return None
-    by_book, unit = DICTIONARY[ddi], unit_named(shown.unit)
-    own = unit_named(by_book.unit)
+    by_book, unit = DATA_DICTIONARY[ddi], find_named_unit(shown.unit)
+    own = find_named_unit(by_book.unit)
     if (
         unit is None
         or own is None
@@ -171,19 +173,19 @@ def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None
         return None
     # Ratio of a step as shown to a step by the dictionary.
     as_shown = shown.scale * unit.factor / (by_book.step * own.factor)
-    if abs(as_shown - 1.0) <= AGREES and shown.offset == 0.0:
+    if abs(as_shown - 1.0) <= AGREEMENT_SHARE and shown.offset == 0.0:
         return None
-    return Meaning(by_book.name, shown.unit, shown.scale, shown.offset * shown.scale)
+    return NumberMeaning(by_book.name, shown.unit, shown.scale, shown.offset * shown.scale)
 
 
-def width_m(parts: dict[str, DeviceElement], device: str | None = None) -> float | None:
+def find_width_m(parts: dict[str, DeviceElement], device: str | None = None) -> float | None:
     """Returns the working width of a device's description, m: that of its widest element; None:
     it describes none."""
     stated = [
         part.fixed[ddi]
         for part in parts.values()
         if device in (None, part.device)
-        for ddi in WIDTHS
+        for ddi in WIDTH_DDIS
         if part.fixed.get(ddi, 0) > 0
     ]
     return max(stated) / 1000.0 if stated else None

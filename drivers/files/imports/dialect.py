@@ -7,9 +7,9 @@ import csv
 import re
 from typing import NamedTuple
 
-from topdress.drivers.files.imports.header import Layout, is_value, layout_of
+from topdress.drivers.files.imports.header import TableLayout, find_table_layout, is_value_cell
 from topdress.drivers.files.imports.mapping import Delimiter, Source
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.trouble import LogImportError
 
 # Lines that are looked at; more than any title.
 SAMPLE_LINES = 300
@@ -18,20 +18,20 @@ SAMPLE_BYTES = 400_000
 # Signs between cells by the import file's word.
 DELIMITERS: dict[Delimiter, str] = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": " "}
 # Bytes above 127 in a row.
-_HIGH = re.compile(rb"[\x80-\xff]+")
+_HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
 
 
-class Dialect(NamedTuple):
+class TextDialect(NamedTuple):
     """Describes how a text file is written."""
 
     encoding: str
     delimiter: Delimiter
     decimal_comma: bool
-    layout: Layout
+    layout: TableLayout
     rows: list[list[str]]  # the sample, split
 
 
-def encoding_of(data: bytes) -> str:
+def find_encoding(data: bytes) -> str:
     """Returns the encoding of a text, by byte order marks, zero bytes and the runs of bytes above
     127.
 
@@ -48,10 +48,10 @@ def encoding_of(data: bytes) -> str:
         return "utf-16-le" if odd > even else "utf-16-be"
     if data.isascii() or _is_utf8(data):
         return "utf-8"
-    first = _HIGH.search(data)
+    first = _HIGH_BYTES.search(data)
     assert first is not None
     start = data[first.start() : first.start() + SAMPLE_BYTES]
-    runs = _HIGH.findall(start)
+    runs = _HIGH_BYTES.findall(start)
     chinese = sum(len(run) % 2 == 0 and all(byte >= 0xA1 for byte in run) for run in runs)
     if chinese > 0.5 * len(runs):
         return "gb18030"
@@ -72,7 +72,7 @@ def _is_utf8(data: bytes) -> bool:
     return True
 
 
-def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
+def find_dialect(label: str, sample: str, encoding: str, said: Source) -> TextDialect:
     """Returns how the lines of `sample` are split; what the import file says is kept.
 
     Parameters
@@ -97,21 +97,21 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
             or list(DELIMITERS)
         )
     )
-    best: tuple[float, Dialect] | None = None
+    best: tuple[float, TextDialect] | None = None
     for delimiter in wanted:
-        rows = split(lines, delimiter)
-        layout = _layout(rows, said)
+        rows = split_lines(lines, delimiter)
+        layout = _find_layout(rows, said)
         body = [row for row in rows[layout.body :] if row] if layout is not None else []
         if layout is None or not body:
             continue
         width = max((len(row) for row in body), key=[len(row) for row in body].count)
         even = sum(len(row) == width for row in body) / len(body)
         cells = [cell for row in body for cell in row if cell.strip()]
-        values = sum(map(is_value, cells)) / max(1, len(cells))
+        values = sum(map(is_value_cell, cells)) / max(1, len(cells))
         comma = (
             said.decimal == ","
             if said.decimal
-            else DELIMITERS[delimiter] != "," and _has_comma(body)
+            else DELIMITERS[delimiter] != "," and _has_decimal_comma(body)
         )
         # The best separator gives rows of even width, cells that are values and a header.
         points = (
@@ -123,10 +123,10 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
             - (width == 1)
         )
         if best is None or points > best[0]:
-            best = points, Dialect(encoding, delimiter, comma, layout, rows)
+            best = points, TextDialect(encoding, delimiter, comma, layout, rows)
     if best is None:
         first = lines[0][:40].strip() if lines else ""
-        raise ImportTrouble(
+        raise LogImportError(
             label,
             f"no row of numbers among the first {len(lines)} lines (the first is {first!r}): "
             "allowed is a table with a header row and rows of numbers",
@@ -134,7 +134,7 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
     return best[1]
 
 
-def split(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
+def split_lines(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
     """Returns lines as cells without blanks around; quotes as usual in CSV."""
     if delimiter == "blank":
         return [line.split() for line in lines]
@@ -147,20 +147,20 @@ def split(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
 
 
 # Returns header, units and body; what the import file says is kept.
-def _layout(rows: list[list[str]], said: Source) -> Layout | None:
-    found = layout_of(rows)
+def _find_layout(rows: list[list[str]], said: Source) -> TableLayout | None:
+    found = find_table_layout(rows)
     if said.title_rows is None:
         return found
     if said.names:
-        return Layout(-1, None, said.title_rows)
+        return TableLayout(-1, None, said.title_rows)
     header = said.title_rows
-    rest = layout_of(rows[header:])
+    rest = find_table_layout(rows[header:])
     unit_row = said.unit_row if said.unit_row is not None else rest is not None and rest.units == 1
-    return Layout(header, header + 1 if unit_row else None, header + (2 if unit_row else 1))
+    return TableLayout(header, header + 1 if unit_row else None, header + (2 if unit_row else 1))
 
 
 # Tells whether most cells with a comma are numbers, so that the comma is the decimal sign.
-def _has_comma(body: list[list[str]]) -> bool:
+def _has_decimal_comma(body: list[list[str]]) -> bool:
     with_comma = [cell for row in body for cell in row if cell.rfind(",") > cell.rfind(".")]
-    numbers = [cell for cell in with_comma if is_value(cell)]
+    numbers = [cell for cell in with_comma if is_value_cell(cell)]
     return len(numbers) > 0.5 * len(with_comma) if with_comma else False

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.columns import TIME, text_column
 from topdress.drivers.files.imports.dialect import SAMPLE_LINES
-from topdress.drivers.files.imports.header import Layout, layout_of
+from topdress.drivers.files.imports.header import TableLayout, find_table_layout
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.raw import RawTable, header_of
-from topdress.drivers.files.imports.trouble import ImportTrouble, listed
+from topdress.drivers.files.imports.raw import RawTable, split_header
+from topdress.drivers.files.imports.trouble import LogImportError, format_list
 from topdress.drivers.files.sheet_text import cell_text, sheets_of
 
 # Rows of a log: a shorter table next to a longer one holds notes.
-LEAST_ROWS = 20
+MIN_LOG_ROWS = 20
 
 
 def read_excel(path: Path, said: Source) -> RawTable:
@@ -29,13 +29,16 @@ def read_excel(path: Path, said: Source) -> RawTable:
     found = {
         name: (rows, layout)
         for name, rows in tables.items()
-        if (layout := _layout(rows, said)) is not None
+        if (layout := _find_layout(rows, said)) is not None
     }
     if not found:
-        raise ImportTrouble(
-            path, f"no sheet holds a table of numbers below a header (sheets: {listed(tables)})"
+        raise LogImportError(
+            path,
+            f"no sheet holds a table of numbers below a header (sheets: {format_list(tables)})",
         )
-    long = [name for name, (rows, layout) in found.items() if len(rows) - layout.body >= LEAST_ROWS]
+    long = [
+        name for name, (rows, layout) in found.items() if len(rows) - layout.body >= MIN_LOG_ROWS
+    ]
     left = long if len(long) == 1 else list(found)
     findings = tuple(
         Finding(
@@ -47,51 +50,53 @@ def read_excel(path: Path, said: Source) -> RawTable:
     )
     found = {name: found[name] for name in left}
     if len(found) > 1:
-        raise ImportTrouble(
+        raise LogImportError(
             path,
             f"{len(found)} sheets hold tables: say source.sheet in the import file; allowed "
-            f"{listed(found)}",
+            f"{format_list(found)}",
         )
     [(sheet, (rows, layout))] = found.items()
-    return _table(path, said, sheet, rows, layout, findings)
+    return _build_table(path, said, sheet, rows, layout, findings)
 
 
 # Returns header, units and body of a sheet; what the import file says is kept.
-def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
+def _find_layout(rows: list[list[Any]], said: Source) -> TableLayout | None:
     if said.title_rows is not None:
         header = said.title_rows
         unit_row = said.unit_row is True
         below = header + (2 if unit_row else 1)
         return (
-            Layout(header, header + 1 if unit_row else None, below) if below < len(rows) else None
+            TableLayout(header, header + 1 if unit_row else None, below)
+            if below < len(rows)
+            else None
         )
-    return layout_of([[cell_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
+    return find_table_layout([[cell_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
 
 
 # Returns a sheet's table. Raises ImportTrouble.
-def _table(
+def _build_table(
     path: Path,
     said: Source,
     sheet: str,
     rows: list[list[Any]],
-    layout: Layout,
+    layout: TableLayout,
     findings: tuple[Finding, ...],
 ) -> RawTable:
     if layout.header < 0 and not said.names:
-        raise ImportTrouble(
+        raise LogImportError(
             path,
             f"sheet {sheet}: no header row: allowed is a row that names the columns, or "
             "source.names in the import file",
         )
-    names, units = header_of(
+    names, units = split_header(
         list(said.names) if said.names else [cell_text(cell) for cell in rows[layout.header]],
         None if layout.units is None else [cell_text(cell) for cell in rows[layout.units]],
     )
     body = [row for row in rows[layout.body :] if any(cell != "" for cell in row)]
     if not body:
-        raise ImportTrouble(path, f"sheet {sheet}: no rows below the header")
+        raise LogImportError(path, f"sheet {sheet}: no rows below the header")
     cells = list(zip(*body, strict=False))[: len(names)]
-    columns = {name: _column(values) for name, values in zip(names, cells, strict=True)}
+    columns = {name: _build_column(values) for name, values in zip(names, cells, strict=True)}
     source = said.model_copy(
         update={
             "kind": "excel",
@@ -107,7 +112,7 @@ def _table(
 
 
 # Returns a column as numbers, times or texts (n,), by its cells' types.
-def _column(values: tuple[Any, ...]) -> NDArray[Any]:
+def _build_column(values: tuple[Any, ...]) -> NDArray[Any]:
     kinds = {type(value) for value in values if value != ""}
     if kinds <= {float, int, bool}:
         return np.array([np.nan if value == "" else float(value) for value in values], np.float64)

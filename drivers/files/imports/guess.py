@@ -19,83 +19,92 @@ from topdress.drivers.files.columns import (
     select_rows,
 )
 from topdress.drivers.files.imports import physics
-from topdress.drivers.files.imports.convert import US, UTC_US, convert
+from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN, convert_table
 from topdress.drivers.files.imports.guess_columns import (
-    candidates_of,
-    chosen_of,
-    column_of,
-    commands_unseen,
-    extras_with_sentinels,
-    per_count,
-    unnamed_drive,
+    build_column,
+    calc_count_worth,
+    choose_candidates,
+    find_candidates,
+    find_extra_columns,
+    find_unseen_commands,
+    report_unnamed_drive,
 )
 from topdress.drivers.files.imports.guess_time import guess_times
-from topdress.drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess
-from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.guessed import (
+    COMMAND_PAIRS,
+    ColumnCandidate,
+    Doubt,
+    ImportGuess,
+)
+from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.mapping import Column, ImportFile, Working
-from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.text import NO_HEADER
-from topdress.drivers.files.imports.trouble import TableError, listed
-from topdress.drivers.files.imports.units import quantity_of, unit_named
+from topdress.drivers.files.imports.text import NO_HEADER_ID
+from topdress.drivers.files.imports.trouble import TableError, format_list
+from topdress.drivers.files.imports.units import find_named_unit, find_quantity
 from topdress.drivers.files.imports.words import (
-    EITHER_WAY,
-    ON,
-    QUANTITIES,
-    folded,
-    says,
-    subject_of,
+    EITHER_WAY_WORDS,
+    ON_WORDS,
+    QUANTITY_WORDS,
+    find_subject,
+    fold_column_name,
+    has_any_word,
 )
 
 # Rows that are converted to test a guess.
-LOOKED_AT = 50_000
+TESTED_ROWS = 50_000
 # A wheel's speed over the ground's, on any ground.
-SLIP = (0.7, 1.6)
+SLIP_RANGE = (0.7, 1.6)
 # Difference of command and reading, as a share, up to which they are in the same unit.
-ALIKE = 0.1
+SAME_UNIT_SHARE = 0.1
 # Share of the largest value that readings may be beyond their range: readings about zero are noisy.
-BEYOND = 0.02
+RANGE_NOISE_SHARE = 0.02
 # Median time between rows, s: the quickest logger of a drive, and the slowest.
-CLOSEST_S, FARTHEST_S = 5e-5, 60.0
+MIN_ROW_STEP_S, MAX_ROW_STEP_S = 5e-5, 60.0
 # Commands that a row may hold with their settled answer.
-DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")
+DRIVE_COMMANDS = ("shaft_rpm_cmd", "opening_mm_cmd")
 
 
-def check(raw: RawTable, out: Guess, chosen: Mapping[str, ColumnCandidate]) -> None:
+def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCandidate]) -> None:
     """Converts the first rows as guessed, and changes or doubts what their numbers contradict."""
     head = RawTable(
         raw.path,
-        select_rows(raw.columns, slice(LOOKED_AT)),
+        select_rows(raw.columns, slice(TESTED_ROWS)),
         raw.source,
         raw.units,
         raw.first_row,
         utc=raw.utc,
     )
     try:
-        tried = convert(head, out.mapping.model_copy(update={"extra": "drop"}))
+        tried = convert_table(head, out.mapping.model_copy(update={"extra": "drop"}))
     except TableError as trouble:
-        out.doubts.append(Doubt(("time",), _too_close(raw, out) or str(trouble).splitlines()[0]))
+        out.doubts.append(
+            Doubt(("time",), _describe_too_close(raw, out) or str(trouble).splitlines()[0])
+        )
         return
-    time_s = (tried.columns[US] - tried.columns[US][0]) / 1e6
+    time_s = (tried.columns[TIME_US] - tried.columns[TIME_US][0]) / 1e6
     columns = {
         name: column
         for name, column in tried.columns.items()
-        if is_number(column) and name not in (US, UTC_US)
+        if is_number(column) and name not in (TIME_US, UTC_US_COLUMN)
     }
-    _spacing(time_s, out)
-    _speeds(time_s, columns, out, chosen)
-    _ranges(columns, out)
-    _commands(time_s, columns, out, chosen)
-    _hopper(columns, out)
+    _check_row_spacing(time_s, out)
+    _check_speed_units(time_s, columns, out, chosen)
+    _check_ranges(columns, out)
+    _check_commands(time_s, columns, out, chosen)
+    _check_hopper(columns, out)
 
 
-def _too_close(raw: RawTable, out: Guess) -> str:
+def _describe_too_close(raw: RawTable, out: ImportGuess) -> str:
     """Returns a doubt about times that grow in every row but collapse in the unit taken, as
     where a header says `time_us` above seconds; empty: none."""
     time = out.mapping.time
     if time.column is None or time.counts not in ("ms", "us"):
         return ""
-    steps = count_differences(numbers(raw.columns[time.column], raw.decimal_comma).values)
+    steps = count_differences(
+        parse_number_column(raw.columns[time.column], raw.decimal_comma).values
+    )
     if not steps.size or not (steps > 0).all():
         return ""
     each = median_of(steps)
@@ -105,7 +114,7 @@ def _too_close(raw: RawTable, out: Guess) -> str:
     )
 
 
-def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
+def _check_row_spacing(time_s: NDArray[np.float64], out: ImportGuess) -> None:
     """Adds a doubt where rows are so far apart, or so close, that the times are likely in
     another unit."""
     if (
@@ -115,7 +124,7 @@ def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
     ):
         return
     step_s = float(np.median(np.diff(time_s)))
-    if not CLOSEST_S <= step_s <= FARTHEST_S:
+    if not MIN_ROW_STEP_S <= step_s <= MAX_ROW_STEP_S:
         whole, each = (
             f"{span:,.0f}" if span >= 100.0 else f"{span:.3g}"
             for span in (float(time_s[-1]), step_s)
@@ -129,10 +138,10 @@ def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
         )
 
 
-def _speeds(
+def _check_speed_units(
     time_s: NDArray[np.float64],
     columns: dict[str, NDArray[np.float64]],
-    out: Guess,
+    out: ImportGuess,
     chosen: Mapping[str, ColumnCandidate],
 ) -> None:
     if "lat_deg" not in columns or "lon_deg" not in columns:
@@ -140,19 +149,19 @@ def _speeds(
     for name in ("speed_mps", "wheel_speed_mps", "speed_used_mps"):
         if name not in columns:
             continue
-        unit, ratio = physics.speed_unit(
+        unit, ratio = physics.find_speed_unit(
             time_s, columns["lat_deg"], columns["lon_deg"], columns[name]
         )
         # NaN: the machine did not move.
         if ratio != ratio:
             continue
         column, key = out.mapping.columns[name], ("columns", name)
-        written = unit_named(column.unit or "m/s")
+        written = find_named_unit(column.unit or "m/s")
         assert written is not None
         slips = (
             name == "wheel_speed_mps"
             and chosen[name].unit is not None
-            and SLIP[0] < ratio < SLIP[1]
+            and SLIP_RANGE[0] < ratio < SLIP_RANGE[1]
         )
         # The converted speed fits, so the header's or the range's unit holds.
         if unit == "m/s" or slips:
@@ -161,7 +170,7 @@ def _speeds(
                 doubt for doubt in out.doubts if doubt.key != key or "unit" not in doubt.text
             ]
         elif chosen[name].unit is None:
-            _without_stated_unit(name, ratio / written.factor, column, out)
+            _take_speed_unit(name, ratio / written.factor, column, out)
         else:
             out.doubts.append(
                 Doubt(
@@ -172,7 +181,7 @@ def _speeds(
             )
 
 
-def _without_stated_unit(name: str, ratio: float, column: Column, out: Guess) -> None:
+def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) -> None:
     """Takes the unit that fits the places. `ratio`: of the file's own numbers to m/s between
     places."""
     key = ("columns", name)
@@ -188,13 +197,13 @@ def _without_stated_unit(name: str, ratio: float, column: Column, out: Guess) ->
     out.reasons[key] = f"no unit: {fits}, which makes the distance between the places"
 
 
-def _ranges(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
+def _check_ranges(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> None:
     for name, values in columns.items():
         known = values[np.isfinite(values)]
         if name not in PLAUSIBLE or not known.size:
             continue
         low, high = PLAUSIBLE[name]
-        noise = BEYOND * np.abs(known).max()
+        noise = RANGE_NOISE_SHARE * np.abs(known).max()
         outside = known[(known < low - noise) | (known > high + noise)]
         if outside.size > 0.01 * known.size:
             text = (
@@ -204,39 +213,39 @@ def _ranges(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
             out.doubts.append(Doubt(("columns", name), f"{text}, which {name} can be"))
 
 
-def _commands(
+def _check_commands(
     time_s: NDArray[np.float64],
     columns: dict[str, NDArray[np.float64]],
-    out: Guess,
+    out: ImportGuess,
     chosen: Mapping[str, ColumnCandidate],
 ) -> None:
     """Scales commands without a unit to their readings, and finds whether a row holds a command
     with its settled answer."""
-    for command, reading in PAIRS:
+    for command, reading in COMMAND_PAIRS:
         if command not in columns or reading not in columns:
             continue
         key = ("columns", command)
         one = chosen.get(command)
-        if one is not None and one.unit is None and not one.implied and command in DRIVEN:
-            bare = not says(folded(one.source), QUANTITIES)
-            _scaled(
+        if one is not None and one.unit is None and not one.implied and command in DRIVE_COMMANDS:
+            bare = not has_any_word(fold_column_name(one.source), QUANTITY_WORDS)
+            _scale_command(
                 command,
-                physics.slope(columns[command], columns[reading]),
+                physics.calc_answer_slope(columns[command], columns[reading]),
                 bare,
                 float(np.nanmax(np.abs(columns[command]))),
                 out,
             )
-        found = physics.answer(columns[command], columns[reading])
-        if found is not None and found.strength >= physics.LEAST_CORRELATION:
+        found = physics.find_answer(columns[command], columns[reading])
+        if found is not None and found.strength >= physics.MIN_CORRELATION:
             # A rate may come before its target: a look-ahead that is set too long.
-            if found.lag < 0 and command in DRIVEN:
+            if found.lag < 0 and command in DRIVE_COMMANDS:
                 out.doubts.append(
                     Doubt(
                         key, f"{reading} moves {-found.lag} rows before it: are the two exchanged?"
                     )
                 )
-            elif found.lag == 0 and command in DRIVEN:
-                _answer_in_row(
+            elif found.lag == 0 and command in DRIVE_COMMANDS:
+                _take_answer_in_row(
                     out,
                     f"{reading} moves in the very row in which {command} does: "
                     "answer_in_row where a "
@@ -244,9 +253,9 @@ def _commands(
                     "after the "
                     "reading",
                 )
-        elif command in DRIVEN and physics.are_settings(time_s, columns[command]):
+        elif command in DRIVE_COMMANDS and physics.is_settings_table(time_s, columns[command]):
             apart_s = float(np.median(np.diff(time_s)))
-            _answer_in_row(
+            _take_answer_in_row(
                 out,
                 f"nearly every row has another {command}, and rows are {apart_s:.2g} s "
                 "apart: taken "
@@ -255,13 +264,13 @@ def _commands(
 
 
 # Takes rows as settings with their answers, with a doubt.
-def _answer_in_row(out: Guess, text: str) -> None:
+def _take_answer_in_row(out: ImportGuess, text: str) -> None:
     if out.mapping.rows != "answer_in_row":
         out.mapping = out.mapping.model_copy(update={"rows": "answer_in_row"})
         out.doubts.append(Doubt(("rows",), text))
 
 
-def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) -> None:
+def _scale_command(command: str, factor: float, bare: bool, most: float, out: ImportGuess) -> None:
     """Scales a command without a unit. `most`: its largest number. `bare`: its name says no
     quantity, so that it may count anything, as PWM does."""
     key = ("columns", command)
@@ -269,7 +278,7 @@ def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) ->
     if not np.isfinite(factor) or factor == 0.0:
         out.doubts.append(Doubt(key, "no unit in the header, and the readings do not tell a scale"))
         return
-    if not bare or abs(factor - 1.0) < ALIKE:
+    if not bare or abs(factor - 1.0) < SAME_UNIT_SHARE:
         out.doubts.append(
             Doubt(
                 key,
@@ -281,7 +290,7 @@ def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) ->
     column = out.mapping.columns[command]
     why = "the usual ratio of its reading to it; what the maker says of it is better"
     if command in out.full:
-        factor = per_count(most, out.full[command])
+        factor = calc_count_worth(most, out.full[command])
         why = (
             f"so that its full count is {out.full[command]:g} r/min, as the machine file says"
             if command == "shaft_rpm_cmd"
@@ -295,7 +304,7 @@ def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) ->
     out.doubts.append(Doubt(key, f"no unit in the header: scaled by {factor:.4g}, {why}"))
 
 
-def _hopper(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
+def _check_hopper(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> None:
     """Adds a doubt about a hopper that fills all the while: it is exchanged with the applied
     mass, or something else."""
     hopper = columns.get("hopper_kg")
@@ -310,7 +319,7 @@ def _hopper(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
             )
 
 
-def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
+def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) -> ImportGuess:
     """Returns a first import file for a table, with doubts and reasons.
 
     Parameters
@@ -328,40 +337,40 @@ def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
     ImportTrouble : the table has no times that can be read.
     """
     time = guess_times(raw)
-    out = Guess(
+    out = ImportGuess(
         ImportFile(source=raw.source, time=time.times, columns={}),
         full=full or {},
         width_m=raw.width_m,
     )
     out.doubts += [
-        Doubt(("source", "names"), one.text) for one in raw.findings if one.id == NO_HEADER
+        Doubt(("source", "names"), one.text) for one in raw.findings if one.id == NO_HEADER_ID
     ]
     out.reasons[("time",)] = time.why
     if time.doubt:
         out.doubts.append(Doubt(("time",), time.doubt))
     used = {time.times.column, time.times.date_column}
-    chosen = chosen_of(candidates_of(raw, used), out)
+    chosen = choose_candidates(find_candidates(raw, used), out)
     columns: dict[str, Column] = {}
     for target in (name for name in COLUMNS if name in chosen):
-        column = column_of(chosen[target], out)
+        column = build_column(chosen[target], out)
         if column is not None:
             columns[target] = column
-    columns |= extras_with_sentinels(raw, {one.source for one in chosen.values()} | used)
-    working = _working(raw, columns, out, used)
+    columns |= find_extra_columns(raw, {one.source for one in chosen.values()} | used)
+    working = _find_work_column(raw, columns, out, used)
     out.mapping = ImportFile(
         source=raw.source,
         time=time.times,
         columns=columns,
         working=working,
-        width_m=_width(columns, raw),
+        width_m=_find_flow_width(columns, raw),
     )
-    check(raw, out, chosen)
-    unnamed_drive(raw, out, used)
-    if unseen := commands_unseen(raw, out, used):
+    check_guess(raw, out, chosen)
+    report_unnamed_drive(raw, out, used)
+    if unseen := find_unseen_commands(raw, out, used):
         out.doubts.append(
             Doubt(
                 ("columns",),
-                f"{listed(unseen, 4)}: by the name a command, and taken for nothing: say "
+                f"{format_list(unseen, 4)}: by the name a command, and taken for nothing: say "
                 "which drive's it is (shaft_rpm_cmd, opening_mm_cmd), and which column is "
                 "its reading",
             )
@@ -373,20 +382,20 @@ def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
     return out
 
 
-def _width(columns: dict[str, Column], raw: RawTable) -> float | None:
+def _find_flow_width(columns: dict[str, Column], raw: RawTable) -> float | None:
     """Returns the file's own working width, m, where a rate is given as a flow."""
     units = [
-        unit_named(column.unit)
+        find_named_unit(column.unit)
         for name, column in columns.items()
-        if column.unit and quantity_of(name) == "rate"
+        if column.unit and find_quantity(name) == "rate"
     ]
     return (
         raw.width_m if any(unit is not None and unit.quantity == "flow" for unit in units) else None
     )
 
 
-def _working(
-    raw: RawTable, columns: dict[str, Column], out: Guess, used: set[str | None]
+def _find_work_column(
+    raw: RawTable, columns: dict[str, Column], out: ImportGuess, used: set[str | None]
 ) -> Working | None:
     """Returns the column that says when the machine worked: a switch or a word; None: there is
     none."""
@@ -394,14 +403,14 @@ def _working(
     if "state" in columns or "work_switch" in columns:
         return None
     for source in raw.names:
-        plain = folded(named(source)[0])
-        subject = subject_of(plain, None)
+        plain = fold_column_name(split_unit_name(source)[0])
+        subject = find_subject(plain, None)
         if source in taken or subject is None or subject.id != "work":
             continue
         column = raw.columns[source]
         texts = column.tolist() if is_text(column) else number_texts(column.astype(np.float64))
         kinds = list(islice(filter(None, dict.fromkeys(text.strip() for text in texts)), 12))
-        on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON]
+        on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON_WORDS]
         # More words are no switch.
         if len(kinds) > 6 or len(on) != 1:
             continue
@@ -412,13 +421,13 @@ def _working(
             out.doubts.append(
                 Doubt(
                     ("working",),
-                    f"{len(rivals)} columns say it, and not alike ({listed(rivals, 4)}): "
+                    f"{len(rivals)} columns say it, and not alike ({format_list(rivals, 4)}): "
                     "which says that the machine works?",
                 )
             )
         mark: float | str = float(on[0]) if on[0].removesuffix(".0").isdigit() else on[0]
         out.reasons[("working",)] = f"{source} is one of {', '.join(sorted(kinds))}"
-        if says(plain, EITHER_WAY):
+        if has_any_word(plain, EITHER_WAY_WORDS):
             out.doubts.append(Doubt(("working",), f"{source}: is {on[0]} working, or lifted?"))
         return Working(column=source, equals=(mark,))
     return None

@@ -10,68 +10,87 @@ from topdress.control.log_row import COLUMNS, EFFORTS, PLAUSIBLE, TEXT_COLUMNS
 from topdress.control.recordings.speeds import FAST_MPS, MOVING_MPS
 from topdress.drivers.files.columns import is_time
 from topdress.drivers.files.imports import physics
-from topdress.drivers.files.imports.convert import extra_name
-from topdress.drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess, Key
-from topdress.drivers.files.imports.header import named
-from topdress.drivers.files.imports.mapping import NOT_MAPPED, Column
-from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.convert import make_extra_name
+from topdress.drivers.files.imports.guessed import (
+    COMMAND_PAIRS,
+    ColumnCandidate,
+    Doubt,
+    ImportGuess,
+    ImportKey,
+)
+from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.mapping import UNMAPPED_COLUMNS, Column
+from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.units import ColumnUnit, quantity_of, unit_named, unit_of
+from topdress.drivers.files.imports.units import (
+    ColumnUnit,
+    find_column_unit,
+    find_named_unit,
+    find_quantity,
+)
 from topdress.drivers.files.imports.words import (
-    COMMAND,
-    PLAINLY_READING,
-    RAW_COMMAND,
-    READING,
-    SHAPEFILE_NAME,
-    Subject,
-    folded,
-    goes_with,
-    says,
-    subject_of,
+    COMMAND_WORDS,
+    PLAIN_READING_WORDS,
+    RAW_COMMAND_WORDS,
+    READING_WORDS,
+    SHAPEFILE_NAME_LENGTH,
+    ColumnSubject,
+    find_subject,
+    fold_column_name,
+    has_any_word,
+    is_unit_fitting,
 )
 
 # In any unit of speed no machine drives so fast: it is a rotation.
-TOO_FAST = 60.0
+ROTATION_SPEED = 60.0
 # Subjects whose unit needs no word.
-DEGREES = ("latitude", "longitude", "heading")
+DEGREE_SUBJECTS = ("latitude", "longitude", "heading")
 # Efforts are kept in their unit, or its base: the machine file names its own.
 EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}
 # Words that are units by themselves.
-IN_RPM = ("rpm", "drehzahl", "转速")
+RPM_WORDS = ("rpm", "drehzahl", "转速")
 
 
-def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandidate]:
+def find_candidates(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandidate]:
     """Returns the columns that may be a column of the log, except those in use."""
     found = [
         one
         for name in raw.names
-        if name not in set(used) and (one := _candidate(raw, name)) is not None
+        if name not in set(used) and (one := _make_candidate(raw, name)) is not None
     ]
-    _tell_roles(found)
-    _tell_efforts(raw, used, found)
-    return found + _commands_by_name(raw, used, found)
+    _assign_roles(found)
+    _assign_efforts(raw, used, found)
+    return found + _find_named_commands(raw, used, found)
 
 
-def _tell_efforts(raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]) -> None:
+def _assign_efforts(
+    raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]
+) -> None:
     """Takes a duty cycle next to a proper command as an effort: it shows how hard the drive
     works."""
     duties = [
         name
         for name in raw.names
-        if name not in set(used) and says(folded(named(name)[0]), RAW_COMMAND)
+        if name not in set(used)
+        and has_any_word(fold_column_name(split_unit_name(name)[0]), RAW_COMMAND_WORDS)
     ]
     commands = [one for one in found if one.target == "shaft_rpm_cmd" and one.source not in duties]
     if len(duties) == 1 and commands and not any(one.target == "shaft_effort" for one in found):
-        unit = unit_named(raw.units[duties[0]]) if duties[0] in raw.units else None
+        unit = find_named_unit(raw.units[duties[0]]) if duties[0] in raw.units else None
         found[:] = [one for one in found if one.source != duties[0]]
         found.append(
             ColumnCandidate(
-                duties[0], "shaft_effort", unit, True, "reading", values=_values(raw, duties[0])
+                duties[0],
+                "shaft_effort",
+                unit,
+                True,
+                "reading",
+                values=_read_values(raw, duties[0]),
             )
         )
 
 
-def _commands_by_name(
+def _find_named_commands(
     raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]
 ) -> list[ColumnCandidate]:
     """Returns commands of a speed that is read without a known command: the speed that is named
@@ -83,13 +102,13 @@ def _commands_by_name(
     commands = []
     for name in raw.names:
         plain, unit = (
-            folded(named(name)[0]),
-            unit_named(raw.units[name]) if name in raw.units else None,
+            fold_column_name(split_unit_name(name)[0]),
+            find_named_unit(raw.units[name]) if name in raw.units else None,
         )
-        turns = says(plain, IN_RPM) if unit is None else unit.quantity == "rotation"
-        if name not in {*used, reading.source} and turns and says(plain, COMMAND):
-            values = _values(raw, name)
-            if values.size and _follows(values, reading.values):
+        turns = has_any_word(plain, RPM_WORDS) if unit is None else unit.quantity == "rotation"
+        if name not in {*used, reading.source} and turns and has_any_word(plain, COMMAND_WORDS):
+            values = _read_values(raw, name)
+            if values.size and _is_following(values, reading.values):
                 commands.append(
                     ColumnCandidate(
                         name, "shaft_rpm_cmd", unit, unit is None, "command", values=values
@@ -99,18 +118,18 @@ def _commands_by_name(
 
 
 # Returns a column as a candidate, with target, unit and role; None: it is no column of the log.
-def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
+def _make_candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     if is_time(raw.columns[name]):
         return None
-    plain = folded(named(name)[0])
-    unit = unit_named(raw.units[name]) if name in raw.units else None
-    if name in COLUMNS and name not in NOT_MAPPED:
+    plain = fold_column_name(split_unit_name(name)[0])
+    unit = find_named_unit(raw.units[name]) if name in raw.units else None
+    if name in COLUMNS and name not in UNMAPPED_COLUMNS:
         return ColumnCandidate(
-            name, name, None, implied=True, exact=True, values=_values(raw, name)
+            name, name, None, implied=True, exact=True, values=_read_values(raw, name)
         )
-    subject = subject_of(plain, unit.quantity if unit else None)
-    if unit is not None and _no_unit(name, subject, unit, plain):
-        subject, unit = subject_of(plain, None), None
+    subject = find_subject(plain, unit.quantity if unit else None)
+    if unit is not None and _is_no_unit(name, subject, unit, plain):
+        subject, unit = find_subject(plain, None), None
     if (
         subject is None
         or not subject.reading
@@ -119,73 +138,85 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     ):
         return None
     # Words of both roles: a raw command (PWM) stays a command.
-    role = "command" if says(plain, COMMAND) else "reading" if says(plain, READING) else ""
-    if says(plain, READING) and says(plain, COMMAND) and not says(plain, RAW_COMMAND):
-        role = "reading" if says(plain, PLAINLY_READING) else "command"
-    target = _target(subject, plain, role)
-    values = _values(raw, name)
+    role = (
+        "command"
+        if has_any_word(plain, COMMAND_WORDS)
+        else "reading"
+        if has_any_word(plain, READING_WORDS)
+        else ""
+    )
+    if (
+        has_any_word(plain, READING_WORDS)
+        and has_any_word(plain, COMMAND_WORDS)
+        and not has_any_word(plain, RAW_COMMAND_WORDS)
+    ):
+        role = "reading" if has_any_word(plain, PLAIN_READING_WORDS) else "command"
+    target = _find_target(subject, plain, role)
+    values = _read_values(raw, name)
     if not np.isfinite(values).any() and target not in TEXT_COLUMNS:
         return None
     implied = (
-        quantity_of(target) is None
-        or subject.id in DEGREES
-        or (subject.id == "shaft" and says(plain, IN_RPM))
+        find_quantity(target) is None
+        or subject.id in DEGREE_SUBJECTS
+        or (subject.id == "shaft" and has_any_word(plain, RPM_WORDS))
     )
-    if subject.id == "speed" and unit is None and _too_fast(values):
+    if subject.id == "speed" and unit is None and _is_too_fast(values):
         target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
     elif subject.id == "speed" and role == "command":
         return None  # a wanted ground speed is no reading
     return ColumnCandidate(name, target, unit, implied and unit is None, role, values=values)
 
 
-def _no_unit(name: str, subject: Subject | None, unit: ColumnUnit, plain: str) -> bool:
+def _is_no_unit(name: str, subject: ColumnSubject | None, unit: ColumnUnit, plain: str) -> bool:
     """Tells whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a
     shapefile leaves `Tgt_Rate_l`, and the Ms of `Rt_Apd_Ms`, which is a mass."""
-    worded = subject_of(plain, None)
+    worded = find_subject(plain, None)
     if (
         worded is None
         or worded is subject
         or not worded.reading
-        or goes_with(worded.reading, unit.quantity)
+        or is_unit_fitting(worded.reading, unit.quantity)
     ):
         return False
-    return len(name) == SHAPEFILE_NAME or (worded.id == "rate" and unit.quantity == "time")
+    return len(name) == SHAPEFILE_NAME_LENGTH or (worded.id == "rate" and unit.quantity == "time")
 
 
-def _target(subject: Subject, plain: str, role: str) -> str:
+def _find_target(subject: ColumnSubject, plain: str, role: str) -> str:
     if subject.id == "ndvi" and plain[-1:] in "123456":
         return f"ndvi_{plain[-1]}"
     return subject.command if role == "command" and subject.command else subject.reading
 
 
 # Returns a column's numbers (n,); none where most cells are no number.
-def _values(raw: RawTable, name: str) -> NDArray[np.float64]:
-    found = numbers(raw.columns[name], raw.decimal_comma)
+def _read_values(raw: RawTable, name: str) -> NDArray[np.float64]:
+    found = parse_number_column(raw.columns[name], raw.decimal_comma)
     return found.values if found.bad <= 0.5 * max(1, found.values.size) else np.empty(0)
 
 
-def _too_fast(values: NDArray[np.float64]) -> bool:
+def _is_too_fast(values: NDArray[np.float64]) -> bool:
     moving = np.abs(values[np.isfinite(values)])
     moving = moving[moving > MOVING_MPS]
-    return bool(moving.size and np.median(moving) > TOO_FAST)
+    return bool(moving.size and np.median(moving) > ROTATION_SPEED)
 
 
-def _tell_roles(candidates: list[ColumnCandidate]) -> None:
+def _assign_roles(candidates: list[ColumnCandidate]) -> None:
     """Takes, of two columns of a kind without a word of role, the column that the other follows
     as the command."""
-    for command, reading in PAIRS:
+    for command, reading in COMMAND_PAIRS:
         alike = [one for one in candidates if one.target == reading and one.role == ""]
         if len(alike) != 2 or any(
             one.target == command or (one.target == reading and one.role) for one in candidates
         ):
             continue
-        found = physics.answer(alike[0].values, alike[1].values)
-        if found is not None and found.lag != 0 and found.strength > physics.LEAST_CORRELATION:
+        found = physics.find_answer(alike[0].values, alike[1].values)
+        if found is not None and found.lag != 0 and found.strength > physics.MIN_CORRELATION:
             first = alike[0] if found.lag > 0 else alike[1]
             first.target, first.role = command, "by physics"
 
 
-def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, ColumnCandidate]:
+def choose_candidates(
+    candidates: list[ColumnCandidate], out: ImportGuess
+) -> dict[str, ColumnCandidate]:
     """Returns the best candidate of each log column; where several fit equally, the first with a
     doubt."""
     by_target: dict[str, list[ColumnCandidate]] = {}
@@ -232,52 +263,60 @@ def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, Column
     return chosen
 
 
-def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
+def build_column(one: ColumnCandidate, out: ImportGuess) -> Column | None:
     """Returns the import file's column of a candidate; None where a number is wanting that the
     file does not hold."""
-    key: Key = ("columns", one.target)
-    quantity = quantity_of(one.target)
+    key: ImportKey = ("columns", one.target)
+    quantity = find_quantity(one.target)
     if one.exact or one.target in TEXT_COLUMNS:
         out.reasons[key] = "the log's own name"
-        return Column.of(one.source, missing=_missing(one))
+        return Column.from_source(one.source, missing=_find_missing_marks(one))
     if one.unit is None or one.target in EFFORTS:
-        return _without_unit(one, quantity, out)
+        return _build_without_unit(one, quantity, out)
     out.reasons[key] = "name and unit of the header"
     if one.unit.quantity == quantity or (quantity is None and one.unit.name == "%"):
-        return Column.of(one.source, unit=one.unit.name, missing=_missing(one, one.unit.factor))
+        return Column.from_source(
+            one.source, unit=one.unit.name, missing=_find_missing_marks(one, one.unit.factor)
+        )
     # A pitch in % is a slope.
     if one.unit.name == "%" and quantity == "angle":
-        return Column.of(one.source, unit="slope %", missing=_missing(one))
+        return Column.from_source(one.source, unit="slope %", missing=_find_missing_marks(one))
     if one.unit.name == "%" and one.target in out.full:
-        out.reasons[key] = f"100 % is {out.full[one.target]:g} {_log_unit(one)} by the machine file"
+        out.reasons[key] = (
+            f"100 % is {out.full[one.target]:g} {_find_log_unit(one)} by the machine file"
+        )
         return Column.model_validate(
             {
                 "from": one.source,
                 "unit": "%",
                 "full": out.full[one.target],
-                "missing": _missing(one),
+                "missing": _find_missing_marks(one),
             }
         )
     if one.unit.name == "%" and quantity is not None:
         out.doubts.append(
             Doubt(
                 key,
-                f"{one.source} is in %: the file does not say what 100 % is in {_log_unit(one)}",
+                f"{one.source} is in %: the file does not say what 100 % is in "
+                f"{_find_log_unit(one)}",
             )
         )
-        out.open[one.target] = f'{{from: {_quoted(one.source)}, unit: "%", full: }}'
+        out.open[one.target] = f'{{from: {_quote_yaml(one.source)}, unit: "%", full: }}'
         return None
     if quantity == "rate" and one.unit.quantity == "flow":
         if out.width_m is not None:
             out.reasons[key] = (
                 f"a flow, over the working width of {out.width_m:g} m that the device says"
             )
-            return Column.of(one.source, unit=one.unit.name, missing=_missing(one))
+            return Column.from_source(
+                one.source, unit=one.unit.name, missing=_find_missing_marks(one)
+            )
         out.doubts.append(
             Doubt(key, f"{one.source} is a flow: the working width width_m is not in the file")
         )
         out.open[one.target] = (
-            f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}     # and, on top, width_m: "
+            f"{{from: {_quote_yaml(one.source)}, unit: {one.unit.name}}}"
+            "     # and, on top, width_m: "
         )
         return None
     if quantity == "rate" and one.unit.quantity == "volume":
@@ -289,41 +328,43 @@ def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
             )
         )
         out.open[one.target] = (
-            f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}"
+            f"{{from: {_quote_yaml(one.source)}, unit: {one.unit.name}}}"
             "     # and, on top, density_kg_l: "
         )
         return None
     return None
 
 
-def _log_unit(one: ColumnCandidate) -> str:
-    unit = unit_of(one.target)
+def _find_log_unit(one: ColumnCandidate) -> str:
+    unit = find_column_unit(one.target)
     return "" if unit is None else unit.name
 
 
 # Returns a name as a quoted text of YAML.
-def _quoted(name: str) -> str:
+def _quote_yaml(name: str) -> str:
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 # Returns the column of a candidate whose header has no unit, by its range or its name, with a doubt
 # where that is not sure.
-def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Column | None:
-    key: Key = ("columns", one.target)
-    missing = _missing(one)
+def _build_without_unit(
+    one: ColumnCandidate, quantity: str | None, out: ImportGuess
+) -> Column | None:
+    key: ImportKey = ("columns", one.target)
+    missing = _find_missing_marks(one)
     if one.implied or quantity is None:
         out.reasons[key] = "the name"
         scale = 1.0 if one.unit is None else EFFORT_UNITS.get(one.unit.name, 1.0)
-        return Column.of(one.source, missing=missing).model_copy(
+        return Column.from_source(one.source, missing=missing).model_copy(
             update={} if scale == 1.0 else {"scale": scale}
         )
     known = one.values[np.isfinite(one.values) & ~np.isin(one.values, missing)]
-    unit = _log_unit(one)
+    unit = _find_log_unit(one)
     if quantity == "voltage":
         # No machine's supply is above 500 V.
         unit = "mV" if np.median(np.abs(known)) > 500.0 else "V"
         out.reasons[key] = f"no unit: {unit} by the range ({known.min():g} to {known.max():g})"
-        return Column.of(one.source, unit=unit, missing=missing)
+        return Column.from_source(one.source, unit=unit, missing=missing)
     if quantity == "angle":
         out.reasons[key] = "the name"
         # A quarter turn is 1.57 rad.
@@ -331,16 +372,16 @@ def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Col
             out.doubts.append(
                 Doubt(key, f"no unit: degrees or radians? (values up to {np.abs(known).max():.3g})")
             )
-        return Column.of(one.source, unit="deg", missing=missing)
+        return Column.from_source(one.source, unit="deg", missing=missing)
     moving = known[known > MOVING_MPS]
     if quantity == "speed" and moving.size and np.median(moving) > FAST_MPS:
         unit = "km/h"
     spread = f"{known.min():g} to {known.max():g}" if known.size else "no values"
     out.doubts.append(Doubt(key, f"no unit in the header: taken for {unit} ({spread})"))
-    return Column.of(one.source, unit=unit, missing=missing)
+    return Column.from_source(one.source, unit=unit, missing=missing)
 
 
-def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None:
+def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | None]) -> None:
     """Adds a doubt and open lines for the column that moves others, in a file in which no drive has
     both its columns.
 
@@ -349,32 +390,36 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
     """
     if any(
         {command, reading} <= out.mapping.columns.keys() | out.open.keys()
-        for command, reading in PAIRS
+        for command, reading in COMMAND_PAIRS
     ):
         return
     values = {
         name: one
         for name in raw.names
         if name not in set(used)
-        and (one := _values(raw, name)).size
+        and (one := _read_values(raw, name)).size
         and np.nanmin(one) < np.nanmax(one)
     }
-    named_so = [name for name in values if says(folded(named(name)[0]), RAW_COMMAND)]
+    named_so = [
+        name
+        for name in values
+        if has_any_word(fold_column_name(split_unit_name(name)[0]), RAW_COMMAND_WORDS)
+    ]
     if not named_so and any(name in COLUMNS for name in (*out.mapping.columns, *out.open)):
         return
     # The column that changes least often comes first.
     held = sorted(values, key=lambda name: float(np.mean(np.diff(values[name]) != 0.0)))
-    by_custom = {folded(named(name)[0]): name for name in values}
+    by_custom = {fold_column_name(split_unit_name(name)[0]): name for name in values}
     # Names of a system's input and output in books on control and in recordings of experiments.
-    customary = [by_custom[INPUT]] if {INPUT, OUTPUT} <= by_custom.keys() else []
+    customary = [by_custom[INPUT_NAME]] if {INPUT_NAME, OUTPUT_NAME} <= by_custom.keys() else []
     for command in [*named_so, *customary, *held[:1]]:
         followers = [
             name
             for name in values
             if name != command
             and (
-                _follows(values[command], values[name])
-                or (command in customary and name == by_custom[OUTPUT])
+                _is_following(values[command], values[name])
+                or (command in customary and name == by_custom[OUTPUT_NAME])
             )
         ]
         if followers:
@@ -388,83 +433,83 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
             full = ", scale: "
             if "shaft_rpm_cmd" in out.full:
                 most = float(np.nanmax(np.abs(values[command])))
-                full += f"{per_count(most, out.full['shaft_rpm_cmd']):.4g}"
+                full += f"{calc_count_worth(most, out.full['shaft_rpm_cmd']):.4g}"
             out.open.setdefault(
-                "shaft_rpm_cmd", f"{{from: {_quoted(command)}{full}}}     # r/min for one of it"
+                "shaft_rpm_cmd", f"{{from: {_quote_yaml(command)}{full}}}     # r/min for one of it"
             )
             out.open.setdefault(
-                "shaft_rpm", f"{{from: {_quoted(followers[0])}, unit: rad/s}}     # or r/min"
+                "shaft_rpm", f"{{from: {_quote_yaml(followers[0])}, unit: rad/s}}     # or r/min"
             )
             return
 
 
-def commands_unseen(raw: RawTable, out: Guess, used: Iterable[str | None]) -> list[str]:
+def find_unseen_commands(raw: RawTable, out: ImportGuess, used: Iterable[str | None]) -> list[str]:
     """Returns columns of numbers that are named as commands, in a file in which no drive has a
     command."""
     known = {*out.mapping.columns, *out.open}
-    if any(command in known for command, _ in PAIRS):
+    if any(command in known for command, _ in COMMAND_PAIRS):
         return []
     taken = {column.source for column in out.mapping.columns.values()} | set(used)
     return [
         name
         for name in raw.names
         if name not in taken
-        and says(folded(named(name)[0]), COMMAND)
-        and np.isfinite(_values(raw, name)).any()
+        and has_any_word(fold_column_name(split_unit_name(name)[0]), COMMAND_WORDS)
+        and np.isfinite(_read_values(raw, name)).any()
     ]
 
 
 # of a system, as books on control and recordings of experiments call them
-INPUT, OUTPUT = "u", "y"
+INPUT_NAME, OUTPUT_NAME = "u", "y"
 # Correlation of a reading with the command that moves it, or of their ranks, for curves bend.
-FOLLOWS = 0.8
+MIN_FOLLOW_CORRELATION = 0.8
 # Full counts of drives' duty cycles.
 FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
 
 
 # Tells whether a reading (n,) follows a command (n,).
-def _follows(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool:
+def _is_following(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool:
     both = np.isfinite(command) & np.isfinite(reading)
     if both.sum() < 10 or np.std(command[both]) == 0.0 or np.std(reading[both]) == 0.0:
         return False
     return any(
-        bool(np.corrcoef(of(command[both]), of(reading[both]))[0, 1] > FOLLOWS)
-        for of in (np.asarray, _ranks)
+        bool(np.corrcoef(of(command[both]), of(reading[both]))[0, 1] > MIN_FOLLOW_CORRELATION)
+        for of in (np.asarray, _calc_ranks)
     )
 
 
-def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _calc_ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns ranks (n,), of equal values their mean (Spearman 1904)."""
     _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
     return (np.cumsum(counts) - 0.5 * (counts - 1))[place]
 
 
-def per_count(most: float, full: float) -> float:
+def calc_count_worth(most: float, full: float) -> float:
     """Returns the worth of one count of a command: its largest number `most` lies within the
     smallest usual full count, which is worth `full`."""
     return full / next((count for count in FULL_COUNTS if most <= count), most)
 
 
 # Returns the numbers that stand for not known, in the file's unit.
-def _missing(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
+def _find_missing_marks(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
     low, high = PLAUSIBLE.get(one.target, (-np.inf, np.inf))
     factor = factor if np.isfinite(factor) else 1.0
     return (
-        tuple(physics.sentinels(one.values, (low / factor, high / factor)))
+        tuple(physics.find_sentinels(one.values, (low / factor, high / factor)))
         if one.values.size
         else ()
     )
 
 
-def extras_with_sentinels(raw: RawTable, used: Iterable[str | None]) -> dict[str, Column]:
+def find_extra_columns(raw: RawTable, used: Iterable[str | None]) -> dict[str, Column]:
     """Returns the extra columns with numbers that stand for not known; other extra columns need
     no key."""
     columns: dict[str, Column] = {}
     for source in raw.names:
         if source in set(used) or is_time(raw.columns[source]):
             continue
-        marks = physics.sentinels(_values(raw, source), (-np.inf, np.inf))
-        name = extra_name(source, raw.units.get(source))
+        marks = physics.find_sentinels(_read_values(raw, source), (-np.inf, np.inf))
+        name = make_extra_name(source, raw.units.get(source))
         if marks and name not in columns:
-            columns[name] = Column.of(source, missing=tuple(marks))
+            columns[name] = Column.from_source(source, missing=tuple(marks))
     return columns

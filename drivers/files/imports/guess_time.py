@@ -16,27 +16,27 @@ from topdress.drivers.files.columns import (
     known_values,
     median_of,
 )
-from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.mapping import Counts, Times
-from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.times import read_texts, texts_for, with_day
+from topdress.drivers.files.imports.times import format_for_time, join_day_texts, read_time_texts
 from topdress.drivers.files.imports.trouble import TableError
-from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.imports.words import (
-    COMMAND,
-    DATE,
-    NO_TIME,
-    PLAINLY_TIME,
-    TIME,
-    UTC,
-    folded,
-    says,
-    subject_of,
+    COMMAND_WORDS,
+    DATE_WORDS,
+    NO_TIME_WORDS,
+    PLAIN_TIME_WORDS,
+    TIME_WORDS,
+    UTC_WORDS,
+    find_subject,
+    fold_column_name,
+    has_any_word,
 )
 
 # Forms of days, the usual ones first; of equal readings the first is taken.
-_DATES = (
+_DATE_FORMATS = (
     "%Y-%m-%d",
     "%Y/%m/%d",
     "%d.%m.%Y",
@@ -54,26 +54,26 @@ _DATES = (
     "%Y%m%d",
 )
 # Days whose zeros a spreadsheet has dropped.
-_DAYS_AS_NUMBERS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
+_NUMBER_DATE_FORMATS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
 # Forms of times of day.
-_TIMES = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
-_A_NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?")
+_TIME_FORMATS = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
+_NUMBER_TEXT = re.compile(r"[-+]?\d+([.,]\d+)?")
 # As NMEA writes a time of day: 120959.00.
 _CLOCK_DIGITS = "%H%M%S%.f"
 # Date and time as fourteen digits.
-_RUN_TOGETHER, _AS_RUN = re.compile(r"(19|20)\d{12}([.,]\d+)?"), "%Y%m%d%H%M%S%.f"
+_RUN_TOGETHER, _RUN_TOGETHER_FORMAT = re.compile(r"(19|20)\d{12}([.,]\d+)?"), "%Y%m%d%H%M%S%.f"
 # Years 1900 and 2100, microseconds since 1970: no machine's year is 7.
 _EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000
 # Parts of a format that may stand for one another.
-_PART_OF_DAY = re.compile("%[dmy]")
+_DAY_PART = re.compile("%[dmy]")
 # Rows that are looked at.
-_SAMPLE = 2000
+_SAMPLE_ROWS = 2000
 # Share of the texts that a format must read.
-_READS = 0.95
+_MIN_READ_SHARE = 0.95
 # No machine logs more rarely, s: whole numbers with larger steps are milliseconds.
-_LEAST_STEP_S = 60.0
+_MAX_LOG_STEP_S = 60.0
 # Whole numbers with steps from here on are likely milliseconds.
-_WHOLE_STEP = 5.0
+_MIN_MS_STEP = 5.0
 
 
 class TimeGuess(NamedTuple):
@@ -86,38 +86,45 @@ class TimeGuess(NamedTuple):
 
 def guess_times(raw: RawTable) -> TimeGuess:
     """Returns the best guess of a table's times, with a doubt where it is not sure."""
-    names = {name: folded(named(name)[0]) for name in raw.names}
+    names = {name: fold_column_name(split_unit_name(name)[0]) for name in raw.names}
     stamped = [name for name in raw.names if is_time(raw.columns[name])]
     called = [
-        name for name in raw.names if says(names[name], TIME) and not says(names[name], NO_TIME)
+        name
+        for name in raw.names
+        if has_any_word(names[name], TIME_WORDS) and not has_any_word(names[name], NO_TIME_WORDS)
     ]
-    dated = [name for name in raw.names if says(names[name], DATE) and name not in called]
-    for name in [*stamped, *sorted(called, key=lambda one: not says(names[one], PLAINLY_TIME))]:
-        found = _of_column(raw, name, names[name], dated)
+    dated = [
+        name for name in raw.names if has_any_word(names[name], DATE_WORDS) and name not in called
+    ]
+    for name in [
+        *stamped,
+        *sorted(called, key=lambda one: not has_any_word(names[one], PLAIN_TIME_WORDS)),
+    ]:
+        found = _guess_from_column(raw, name, names[name], dated)
         if found is not None:
             return found
     for name in raw.names:
         if (
             is_text(raw.columns[name])
-            and (found := _of_texts(raw, name, names[name], dated)) is not None
+            and (found := _guess_from_texts(raw, name, names[name], dated)) is not None
         ):
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
     # a duty cycle that is swept, no time
     # A column named a command is a duty cycle that is swept, no time.
-    others = [name for name in raw.names if not says(names[name], COMMAND)]
+    others = [name for name in raw.names if not has_any_word(names[name], COMMAND_WORDS)]
     for name in others:
         if (
-            _by_unit(raw.units.get(name, name)) is not None
-            and _grows(raw, name)
-            and (found := _of_numbers(raw, name)) is not None
+            _guess_by_unit(raw.units.get(name, name)) is not None
+            and _is_growing(raw, name)
+            and (found := _guess_from_numbers(raw, name)) is not None
         ):
             # `ms`, `lap (s)`: a unit of time, and more of it in every row
             return found
     for name in others:
         if (
-            not _tells_place(names[name])
-            and _runs_evenly(raw, name)
-            and (found := _of_numbers(raw, name)) is not None
+            not _is_place_column(names[name])
+            and _is_evenly_growing(raw, name)
+            and (found := _guess_from_numbers(raw, name)) is not None
         ):
             return found._replace(
                 doubt=f"no column is called a time; {name} alone grows evenly from row to row"
@@ -130,101 +137,109 @@ def guess_times(raw: RawTable) -> TimeGuess:
 
 
 # Returns the times of a column that is called a time; None: it holds none.
-def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+def _guess_from_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
     column = raw.columns[name]
     if is_time(column):
-        zone = "UTC" if name not in raw.utc and says(plain, UTC) else None
+        zone = "UTC" if name not in raw.utc and has_any_word(plain, UTC_WORDS) else None
         return TimeGuess(Times(column=name, zone=zone), "times by type")
-    texts = _of_texts(raw, name, plain, dated) if is_text(column) else None
-    return texts or _of_clock_digits(raw, name, plain, dated) or _of_numbers(raw, name)
+    texts = _guess_from_texts(raw, name, plain, dated) if is_text(column) else None
+    return texts or _guess_clock_digits(raw, name, plain, dated) or _guess_from_numbers(raw, name)
 
 
-def _of_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+def _guess_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
     """Returns times of day written as numbers, 120959 and then 121000: as seconds they would
     jump by 41 at each minute's end. None: they are none."""
-    if _by_unit(raw.units.get(name, "")) is not None:
+    if _guess_by_unit(raw.units.get(name, "")) is not None:
         return None
-    values = known_values(numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values)
+    values = known_values(
+        parse_number_column(raw.columns[name][:_SAMPLE_ROWS], raw.decimal_comma).values
+    )
     seconds, minutes = values % 100.0, (values // 100.0) % 100.0
     is_clock = (values >= 0.0) & (values < 240_000.0) & (seconds < 60.0) & (minutes < 60.0)
     if not values.size or not is_clock.all():
         return None
     of_day = (values // 10_000.0) * 3600.0 + minutes * 60.0 + seconds
-    uneven, even = (_off_the_median(one) for one in (values, of_day))
+    uneven, even = (_count_odd_steps(one) for one in (values, of_day))
     if not even < uneven:  # within one minute both readings are the same
         return None
-    zone = "UTC" if says(plain, UTC) else None
-    texts = texts_for(values, _CLOCK_DIGITS)
-    if not _reads(texts, _CLOCK_DIGITS):
+    zone = "UTC" if has_any_word(plain, UTC_WORDS) else None
+    texts = format_for_time(values, _CLOCK_DIGITS)
+    if not _is_readable_as(texts, _CLOCK_DIGITS):
         return None
     if dated:
-        digits = texts_for(raw.columns[name][:_SAMPLE], _CLOCK_DIGITS)
-        found = _with_day(raw, dated[0], digits, name, zone)
+        digits = format_for_time(raw.columns[name][:_SAMPLE_ROWS], _CLOCK_DIGITS)
+        found = _guess_with_day(raw, dated[0], digits, name, zone)
         if found is not None:
             return found
     return TimeGuess(Times(column=name, format=_CLOCK_DIGITS), f"reads as {_CLOCK_DIGITS}")
 
 
 # Returns the times of a column of texts; None: no format reads them.
-def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
-    texts = np.strings.strip(raw.columns[name][:_SAMPLE])
+def _guess_from_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+    texts = np.strings.strip(raw.columns[name][:_SAMPLE_ROWS])
     texts = texts[texts != ""]
-    zone = "UTC" if says(plain, UTC) else None
-    if _all_are(texts, _RUN_TOGETHER) and _reads(texts, _AS_RUN):
-        return TimeGuess(Times(column=name, format=_AS_RUN, zone=zone), f"reads as {_AS_RUN}")
-    if not texts.size or _all_are(texts, _A_NUMBER):
+    zone = "UTC" if has_any_word(plain, UTC_WORDS) else None
+    if _is_all_matching(texts, _RUN_TOGETHER) and _is_readable_as(texts, _RUN_TOGETHER_FORMAT):
+        return TimeGuess(
+            Times(column=name, format=_RUN_TOGETHER_FORMAT, zone=zone),
+            f"reads as {_RUN_TOGETHER_FORMAT}",
+        )
+    if not texts.size or _is_all_matching(texts, _NUMBER_TEXT):
         return None
-    if _reads(texts, None):
-        offset = read_texts(texts, None, None).kind == "utc"
+    if _is_readable_as(texts, None):
+        offset = read_time_texts(texts, None, None).kind == "utc"
         return TimeGuess(Times(column=name, zone=None if offset else zone), "reads as ISO 8601")
     if dated and not is_time(raw.columns[dated[0]]):
-        found_day = _with_day(raw, dated[0], raw.columns[name][:_SAMPLE], name, zone)
+        found_day = _guess_with_day(raw, dated[0], raw.columns[name][:_SAMPLE_ROWS], name, zone)
         if found_day is not None:
             return found_day
     elif dated:
-        found = _formats(texts, list(_TIMES))
+        found = _find_formats(texts, list(_TIME_FORMATS))
         if found:
             times = Times(
                 column=name, date_column=dated[0], format=f"%Y-%m-%d {found[0]}", zone=zone
             )
             return TimeGuess(times, "day and time")
-    found = _formats(texts, [f"{d}{sep}{t}" for d, t, sep in product(_DATES, _TIMES, (" ", "T"))])
+    found = _find_formats(
+        texts, [f"{d}{sep}{t}" for d, t, sep in product(_DATE_FORMATS, _TIME_FORMATS, (" ", "T"))]
+    )
     if found:
-        return _dated(Times(column=name, format=found[0], zone=zone), found, texts)
-    found = _formats(texts, list(_TIMES[:5]))
+        return _resolve_day_order(Times(column=name, format=found[0], zone=zone), found, texts)
+    found = _find_formats(texts, list(_TIME_FORMATS[:5]))
     return TimeGuess(Times(column=name, format=found[0]), f"reads as {found[0]}") if found else None
 
 
-def _all_are(texts: NDArray[Any], pattern: re.Pattern[str]) -> bool:
+def _is_all_matching(texts: NDArray[Any], pattern: re.Pattern[str]) -> bool:
     return texts.size > 0 and all(map(pattern.fullmatch, texts.tolist()))
 
 
-def _off_the_median(values: NDArray[np.float64]) -> int:
+def _count_odd_steps(values: NDArray[np.float64]) -> int:
     """Returns how many steps from row to row differ from the usual step."""
     steps = count_differences(values)
     usual = median_of(steps)
     return int((np.abs(steps - usual) > 0.1 * abs(usual)).sum())
 
 
-def _with_day(
+def _guess_with_day(
     raw: RawTable, day_name: str, time: NDArray[Any], name: str, zone: str | None
 ) -> TimeGuess | None:
     """Returns times with the day in another column: written out, or a number, as run-together
     digits or as spreadsheets count."""
-    day = raw.columns[day_name][:_SAMPLE]
+    day = raw.columns[day_name][:_SAMPLE_ROWS]
     reads: dict[str, NDArray[Any]] = {}
-    for day_form in (*_DATES, *_DAYS_AS_NUMBERS):
-        texts = with_day(day, time, day_form)
+    for day_form in (*_DATE_FORMATS, *_NUMBER_DATE_FORMATS):
+        texts = join_day_texts(day, time, day_form)
         texts = texts[texts != ""]
         reads |= {
-            form: texts for form in _formats(texts, [f"{day_form} {one}" for one in _TIMES])[:1]
+            form: texts
+            for form in _find_formats(texts, [f"{day_form} {one}" for one in _TIME_FORMATS])[:1]
         }
     if not reads:
         return None
-    us = {form: read_texts(texts, form, None).us for form, texts in reads.items()}
+    us = {form: read_time_texts(texts, form, None).us for form, texts in reads.items()}
     first, *others = reads
     others = [form for form in others if not np.array_equal(us[form], us[first], equal_nan=True)]
-    spans = {form: _span(us[form]) for form in (first, *others)}
+    spans = {form: _calc_span_us(us[form]) for form in (first, *others)}
     # The day's order with the shortest span is right: a log lasts hours.
     best = min(spans, key=lambda form: spans[form])
     doubt = (
@@ -238,20 +253,24 @@ def _with_day(
     )
 
 
-def _dated(times: Times, found: list[str], texts: NDArray[Any]) -> TimeGuess:
+def _resolve_day_order(times: Times, found: list[str], texts: NDArray[Any]) -> TimeGuess:
     """Returns times whose day and month may stand either way round: the way with the shorter
     span, with a doubt."""
     other = [
         form
         for form in found[1:]
-        if _PART_OF_DAY.sub("%d", form) == _PART_OF_DAY.sub("%d", found[0])
+        if _DAY_PART.sub("%d", form) == _DAY_PART.sub("%d", found[0])
         and not np.array_equal(
-            read_texts(texts, form, None).us, read_texts(texts, found[0], None).us, equal_nan=True
+            read_time_texts(texts, form, None).us,
+            read_time_texts(texts, found[0], None).us,
+            equal_nan=True,
         )
     ]
     if not other:
         return TimeGuess(times, f"reads as {times.format}")
-    spans = {form: _span(read_texts(texts, form, None).us) for form in (found[0], other[0])}
+    spans = {
+        form: _calc_span_us(read_time_texts(texts, form, None).us) for form in (found[0], other[0])
+    }
     best = min(spans, key=lambda form: spans[form])
     return TimeGuess(
         times.model_copy(update={"format": best}),
@@ -261,29 +280,29 @@ def _dated(times: Times, found: list[str], texts: NDArray[Any]) -> TimeGuess:
 
 
 # Returns the time between first and last, us.
-def _span(us: NDArray[np.float64]) -> float:
+def _calc_span_us(us: NDArray[np.float64]) -> float:
     return float(np.nanmax(us) - np.nanmin(us))
 
 
 # Returns the formats that read the texts; a few texts refuse most formats quickly.
-def _formats(texts: NDArray[Any], forms: list[str]) -> list[str]:
+def _find_formats(texts: NDArray[Any], forms: list[str]) -> list[str]:
     few = texts[:20]
-    return [form for form in forms if _reads(few, form) and _reads(texts, form)]
+    return [form for form in forms if _is_readable_as(few, form) and _is_readable_as(texts, form)]
 
 
 # Tells whether a format reads nearly all texts, as plausible years.
-def _reads(texts: NDArray[Any], form: str | None) -> bool:
+def _is_readable_as(texts: NDArray[Any], form: str | None) -> bool:
     try:
-        us = read_texts(texts, form, None).us
+        us = read_time_texts(texts, form, None).us
         count = int(((us >= _EARLIEST_US) & (us <= _LATEST_US)).sum())
-        return texts.size > 0 and count >= _READS * texts.size
+        return texts.size > 0 and count >= _MIN_READ_SHARE * texts.size
     except TableError:
         return False
 
 
 # Returns the times of a column of numbers; None: it holds too many texts.
-def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
-    found = numbers(raw.columns[name], raw.decimal_comma)
+def _guess_from_numbers(raw: RawTable, name: str) -> TimeGuess | None:
+    found = parse_number_column(raw.columns[name], raw.decimal_comma)
     known = known_values(found.values)
     if found.bad > 0.05 * found.values.size or known.size < 2:
         return None
@@ -291,16 +310,16 @@ def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     step = median_of(steps[steps > 0])
     whole = bool((known == np.round(known)).all())
     stated = (
-        _since_1970(float(known[0]))
-        or _by_unit(raw.units.get(name, name))
-        or _spreadsheet_days(float(known[0]), step, whole)
-        or _by_name(name)
-        or _by_step(step, whole)
+        _guess_since_1970(float(known[0]))
+        or _guess_by_unit(raw.units.get(name, name))
+        or _guess_spreadsheet_days(float(known[0]), step, whole)
+        or _guess_by_name(name)
+        or _guess_by_step(step, whole)
     )
     return TimeGuess(Times(column=name, counts=stated.counts), stated.why, stated.doubt)
 
 
-class _Counted(NamedTuple):
+class _CountedUnit(NamedTuple):
     """Holds what numbers count, and what says so."""
 
     counts: Counts
@@ -308,78 +327,80 @@ class _Counted(NamedTuple):
     doubt: str = ""
 
 
-def _since_1970(first: float) -> _Counted | None:
+def _guess_since_1970(first: float) -> _CountedUnit | None:
     """Returns the unit of times since 1970, by the first: 1e9 s is 2001, 4e9 s is 2096."""
     if 1e9 <= first < 4e9:
-        return _Counted("unix_s", "seconds since 1970")
+        return _CountedUnit("unix_s", "seconds since 1970")
     if 1e12 <= first < 4e12:
-        return _Counted("unix_ms", "milliseconds since 1970")
+        return _CountedUnit("unix_ms", "milliseconds since 1970")
     if 1e15 <= first < 4e15:
-        return _Counted("unix_us", "microseconds since 1970")
+        return _CountedUnit("unix_us", "microseconds since 1970")
     return None
 
 
 # Returns the unit of the header; None: it has none of time.
-def _by_unit(stated: str) -> _Counted | None:
-    unit = unit_named(stated)
+def _guess_by_unit(stated: str) -> _CountedUnit | None:
+    unit = find_named_unit(stated)
     if unit is None or unit.quantity != "time":
         return None
     counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]  # type: ignore[assignment]
-    return _Counted(counts, "the unit in the header")
+    return _CountedUnit(counts, "the unit in the header")
 
 
-def _spreadsheet_days(first: float, step: float, whole: bool) -> _Counted | None:
+def _guess_spreadsheet_days(first: float, step: float, whole: bool) -> _CountedUnit | None:
     """Returns days since 1900: 30 000 is 1982, 80 000 is 2119. A step of a day or more is no log
     of a machine at work."""
     if 30_000.0 < first < 80_000.0 and 0.0 < step < 0.05 and not whole:
-        return _Counted("excel_day", "days as spreadsheets count them")
+        return _CountedUnit("excel_day", "days as spreadsheets count them")
     return None
 
 
-def _by_name(name: str) -> _Counted | None:
-    if says(folded(name), ("millis",)):
-        return _Counted("ms", "the name")
-    if says(folded(name), ("micros",)):
-        return _Counted("us", "the name")
+def _guess_by_name(name: str) -> _CountedUnit | None:
+    if has_any_word(fold_column_name(name), ("millis",)):
+        return _CountedUnit("ms", "the name")
+    if has_any_word(fold_column_name(name), ("micros",)):
+        return _CountedUnit("us", "the name")
     return None
 
 
-def _by_step(step: float, whole: bool) -> _Counted:
+def _guess_by_step(step: float, whole: bool) -> _CountedUnit:
     """Returns the unit by the median step from row to row: milliseconds and microseconds are
     whole numbers."""
-    if whole and step >= 1000.0 * _LEAST_STEP_S:
-        return _Counted(
+    if whole and step >= 1000.0 * _MAX_LOG_STEP_S:
+        return _CountedUnit(
             "us",
             "whole numbers with large steps",
             f"no unit: steps of {step:g}: microseconds, milliseconds?",
         )
-    if whole and step >= _LEAST_STEP_S:
-        return _Counted("ms", f"whole numbers, steps of {step:g}")
-    if whole and step >= _WHOLE_STEP:
-        return _Counted(
+    if whole and step >= _MAX_LOG_STEP_S:
+        return _CountedUnit("ms", f"whole numbers, steps of {step:g}")
+    if whole and step >= _MIN_MS_STEP:
+        return _CountedUnit(
             "ms",
             "whole numbers",
             f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?",
         )
-    return _Counted("s", f"numbers with steps of {step:g}")
+    return _CountedUnit("s", f"numbers with steps of {step:g}")
 
 
-def _tells_place(plain: str) -> bool:
+def _is_place_column(plain: str) -> bool:
     """Tells whether a column holds a place: a machine that drives straight on has a longitude
     that grows evenly."""
-    subject = subject_of(plain, None)
+    subject = find_subject(plain, None)
     return subject is not None and subject.id in ("latitude", "longitude", "altitude")
 
 
-def _grows(raw: RawTable, name: str) -> bool:
+def _is_growing(raw: RawTable, name: str) -> bool:
     """Tells whether every row is later than the row before."""
-    values = numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values
+    values = parse_number_column(raw.columns[name][:_SAMPLE_ROWS], raw.decimal_comma).values
     return values.size > 1 and bool((np.diff(values) > 0).all())
 
 
-def _runs_evenly(raw: RawTable, name: str) -> bool:
-    if not _grows(raw, name):
+def _is_evenly_growing(raw: RawTable, name: str) -> bool:
+    if not _is_growing(raw, name):
         return False
-    steps = count_differences(numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values)
+    steps = count_differences(
+        parse_number_column(raw.columns[name][:_SAMPLE_ROWS], raw.decimal_comma).values
+    )
     middle = median_of(steps)
     return bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)

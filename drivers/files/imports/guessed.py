@@ -17,10 +17,10 @@ from topdress.drivers.files.plain import plain
 from topdress.drivers.files.yaml_text import dump_yaml
 
 # Path of keys in an import file.
-Key = tuple[str, ...]
+ImportKey = tuple[str, ...]
 
 # Each command with its reading.
-PAIRS = (
+COMMAND_PAIRS = (
     ("shaft_rpm_cmd", "shaft_rpm"),
     ("opening_mm_cmd", "opening_mm"),
     ("target_rate_kg_ha", "applied_rate_kg_ha"),
@@ -30,7 +30,7 @@ PAIRS = (
 class Doubt(NamedTuple):
     """Holds a doubt. `key`: of the import file; `text`: why it is not sure."""
 
-    key: Key
+    key: ImportKey
     text: str
 
     def __str__(self) -> str:
@@ -38,20 +38,20 @@ class Doubt(NamedTuple):
 
 
 @dataclass
-class Guess:
+class ImportGuess:
     """Holds an import file with its doubts. `reasons`: why each key is as it is. `open`: columns
     that need a number from outside the file, as YAML text. `full`: largest value of a column by
     the machine file, in the log's unit."""
 
     mapping: ImportFile
     doubts: list[Doubt] = field(default_factory=list)
-    reasons: dict[Key, str] = field(default_factory=dict)
+    reasons: dict[ImportKey, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
     full: Mapping[str, float] = field(default_factory=dict)
     width_m: float | None = None  # working width, where the file says one
 
     @property
-    def sure(self) -> bool:
+    def is_sure(self) -> bool:
         """Tells whether nothing is unsure."""
         return not self.doubts
 
@@ -90,10 +90,10 @@ class ColumnCandidate:
         return self.exact, self.unit is not None or self.implied, self.role != ""
 
 
-def first_import_file(guess: Guess, files: Sequence[Path], place: Path) -> str:
+def format_first_import(guess: ImportGuess, files: Sequence[Path], place: Path) -> str:
     """Returns the text of the guess from the first of `files`, as written at `place`, with how
     it is used."""
-    return mapping_text(
+    return format_mapping(
         guess,
         [
             f"Guessed from {files[0].name}: {guess.unsure}. The keys: docs/import.md.",
@@ -104,7 +104,7 @@ def first_import_file(guess: Guess, files: Sequence[Path], place: Path) -> str:
     )
 
 
-def mapping_text(guess: Guess, head: Iterable[str]) -> str:
+def format_mapping(guess: ImportGuess, head: Iterable[str]) -> str:
     """Returns the import file as YAML with doubts and reasons as comments; it reads back as the
     guess's own mapping."""
     mapping = guess.mapping
@@ -112,15 +112,15 @@ def mapping_text(guess: Guess, head: Iterable[str]) -> str:
     lines += [
         f"format: {IMPORT.format}",
         "",
-        *_doubts(guess, ("source", "names"), 0),
+        *_format_doubts(guess, ("source", "names"), 0),
         "source:",
-        *_pairs(_stated(plain(mapping.source)), 2),
+        *_format_pairs(_drop_empty_keys(plain(mapping.source)), 2),
     ]
     lines += [
         "",
-        *_doubts(guess, ("time",), 0),
-        "time:" + _reason(guess, ("time",)),
-        *_pairs(_stated(plain(mapping.time)), 2),
+        *_format_doubts(guess, ("time",), 0),
+        "time:" + _format_reason(guess, ("time",)),
+        *_format_pairs(_drop_empty_keys(plain(mapping.time)), 2),
     ]
     if mapping.time.zone is None and mapping.time.counts in ("text", "excel_day"):
         lines.append(
@@ -128,44 +128,49 @@ def mapping_text(guess: Guess, head: Iterable[str]) -> str:
         )
     lines += [
         "",
-        *_doubts(guess, ("columns",), 0),
+        *_format_doubts(guess, ("columns",), 0),
         "columns:" + ("" if mapping.columns or guess.open else " {}"),
     ]
     for name, column in mapping.columns.items():
         key = ("columns", name)
         lines += [
-            *_doubts(guess, key, 2),
-            f"  {name}:{_reason(guess, key)}",
-            *_pairs(_column(column), 4),
+            *_format_doubts(guess, key, 2),
+            f"  {name}:{_format_reason(guess, key)}",
+            *_format_pairs(_list_column_keys(column), 4),
         ]
     for name, text in guess.open.items():
-        lines += [*_doubts(guess, ("columns", name), 2), f"  # {name}: {text}"]
+        lines += [*_format_doubts(guess, ("columns", name), 2), f"  # {name}: {text}"]
     if mapping.working is not None:
         lines += [
             "",
-            *_doubts(guess, ("working",), 0),
-            "working:" + _reason(guess, ("working",)),
-            *_pairs(_stated(plain(mapping.working)), 2),
+            *_format_doubts(guess, ("working",), 0),
+            "working:" + _format_reason(guess, ("working",)),
+            *_format_pairs(_drop_empty_keys(plain(mapping.working)), 2),
         ]
     if mapping.width_m is not None:
         lines += ["", f"width_m: {mapping.width_m:g}"]
-    lines += ["", *_doubts(guess, ("rows",), 0), f"rows: {mapping.rows}", f"extra: {mapping.extra}"]
+    lines += [
+        "",
+        *_format_doubts(guess, ("rows",), 0),
+        f"rows: {mapping.rows}",
+        f"extra: {mapping.extra}",
+    ]
     return "\n".join(lines) + "\n"
 
 
-def _column(column: Column) -> dict[str, Any]:
-    usual = plain(Column.of("x"))
+def _list_column_keys(column: Column) -> dict[str, Any]:
+    usual = plain(Column.from_source("x"))
     return {
         key: value for key, value in plain(column).items() if key == "from" or value != usual[key]
     }
 
 
-def _stated(data: dict[str, Any]) -> dict[str, Any]:
+def _drop_empty_keys(data: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in data.items() if value not in (None, [])}
 
 
 # Returns keys and values as indented lines of YAML.
-def _pairs(data: dict[str, Any], indent: int) -> list[str]:
+def _format_pairs(data: dict[str, Any], indent: int) -> list[str]:
     return [
         " " * indent + line
         for key, value in data.items()
@@ -173,11 +178,11 @@ def _pairs(data: dict[str, Any], indent: int) -> list[str]:
     ]
 
 
-def _doubts(guess: Guess, key: Key, indent: int) -> list[str]:
+def _format_doubts(guess: ImportGuess, key: ImportKey, indent: int) -> list[str]:
     return [f"{' ' * indent}# unsure: {doubt.text}" for doubt in guess.doubts if doubt.key == key]
 
 
-def _reason(guess: Guess, key: Key) -> str:
+def _format_reason(guess: ImportGuess, key: ImportKey) -> str:
     """Returns a comment with a key's reason, except where the key is unsure."""
     doubtful = any(doubt.key == key for doubt in guess.doubts)
     return f"     # {guess.reasons[key]}" if key in guess.reasons and not doubtful else ""

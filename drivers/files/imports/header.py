@@ -8,10 +8,10 @@ import unicodedata
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.units import find_named_unit
 
 # Cells that hold nothing, in lower case, as programs write them.
-NOTHING = frozenset(
+EMPTY_CELLS = frozenset(
     {"", "-", "--", "na", "n/a", "nan", "null", "none", "nil", "#n/a", "inf", "-inf"}
 )
 
@@ -26,16 +26,18 @@ _TIME = re.compile(
 # A name with its unit in brackets.
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
 # A name whose last word may be a unit.
-_LAST = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
+_LAST_WORD = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
 # Place between words in `leftRpm` and `SpeedMPH`.
-_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")
+_WORD_JOINT = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")
 # Endings that are units; no word ends so.
-_ENDING = re.compile(r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I)
+_UNIT_ENDING = re.compile(
+    r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I
+)
 # Share of the cells of a header or a row of data that are filled.
-_FEW = 0.5
+_MIN_FILLED_SHARE = 0.5
 
 
-class Layout(NamedTuple):
+class TableLayout(NamedTuple):
     """Holds the rows, from 0, of header, units and first data. `header` -1: there is none."""
 
     header: int
@@ -43,7 +45,7 @@ class Layout(NamedTuple):
     body: int
 
 
-def named(text: str) -> tuple[str, str | None]:
+def split_unit_name(text: str) -> tuple[str, str | None]:
     """Returns a header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`,
     `Drehzahl in U/min`, `leftRpm`.
 
@@ -51,14 +53,16 @@ def named(text: str) -> tuple[str, str | None]:
     """
     plain = unicodedata.normalize("NFKC", text).strip()
     found = _BRACKETS.match(plain)
-    if found and unit_named(found["unit"]) is not None and found["name"]:
+    if found and find_named_unit(found["unit"]) is not None and found["name"]:
         return found["name"].strip(), found["unit"]
-    words = _GLUED.sub(" ", plain) if plain.isascii() and "_" not in plain else plain
+    words = _WORD_JOINT.sub(" ", plain) if plain.isascii() and "_" not in plain else plain
     words = words.rstrip(" _")  # a shapefile writes `Speed(mph)` as `Speed_mph_`
-    for candidate in (_last_two(words), _LAST.match(words), _ENDING.match(words)):
+    for candidate in (_match_last_two(words), _LAST_WORD.match(words), _UNIT_ENDING.match(words)):
         if candidate is None:
             continue
-        unit = unit_named(candidate["unit"]) or unit_named(candidate["unit"].replace("_", "/"))
+        unit = find_named_unit(candidate["unit"]) or find_named_unit(
+            candidate["unit"].replace("_", "/")
+        )
         # A single letter is a unit only behind `_` or a comma: `Rate t` is no tonne.
         stated = (
             candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
@@ -68,7 +72,7 @@ def named(text: str) -> tuple[str, str | None]:
     return plain, None
 
 
-def _last_two(words: str) -> re.Match[str] | None:
+def _match_last_two(words: str) -> re.Match[str] | None:
     """Returns a unit of two parts written as a single name: `rate_kg_ha`, `speed_km_per_h`,
     `drehzahl_1_min`."""
     return re.match(
@@ -76,62 +80,65 @@ def _last_two(words: str) -> re.Match[str] | None:
     )
 
 
-def is_value(cell: str) -> bool:
+def is_value_cell(cell: str) -> bool:
     """Tells whether a cell is a number or a time, not a name."""
     text = cell.strip()
     return bool(_NUMBER.match(text)) or bool(_TIME.match(text))
 
 
-def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
+def find_table_layout(rows: Sequence[Sequence[str]]) -> TableLayout | None:
     """Returns where header, units and data stand among the first rows; None where no row holds
     data."""
-    width = _usual_width(rows)
-    body = next((k for k, row in enumerate(rows) if len(row) == width and _is_data(row)), None)
+    width = _find_usual_width(rows)
+    body = next((k for k, row in enumerate(rows) if len(row) == width and _is_data_row(row)), None)
     if body is None:
         return None
     above = [
         k
         for k in range(body)
-        if len(rows[k]) == width and (_filled(rows[k]) > _FEW * width or is_unit_row(rows[k]))
+        if len(rows[k]) == width
+        and (_count_filled(rows[k]) > _MIN_FILLED_SHARE * width or is_unit_row(rows[k]))
     ]
     near = [
-        k for k in above if all(_is_blank(rows[j]) for j in range(k + 1, body) if j not in above)
+        k
+        for k in above
+        if all(_is_blank_row(rows[j]) for j in range(k + 1, body) if j not in above)
     ]
     if not near:
-        return Layout(-1, None, body)
+        return TableLayout(-1, None, body)
     last = near[-1]
     units = last if len(near) > 1 and is_unit_row(rows[last]) else None
-    return Layout(near[-2] if units is not None else last, units, body)
+    return TableLayout(near[-2] if units is not None else last, units, body)
 
 
 def is_unit_row(row: Sequence[str]) -> bool:
     """Tells whether most filled cells are units, and none is a number; a dash, a 1 or empty
     brackets stand for no unit."""
     cells = [cell.strip() for cell in row if cell.strip()]
-    if any(is_value(cell) for cell in cells if cell != "1"):
+    if any(is_value_cell(cell) for cell in cells if cell != "1"):
         return False
-    units = [cell for cell in cells if unit_named(cell) is not None]
+    units = [cell for cell in cells if find_named_unit(cell) is not None]
     nothing = [cell for cell in cells if cell.strip("()[]- 1") == ""]
-    return bool(units) and len(units) + len(nothing) > _FEW * len(cells)
+    return bool(units) and len(units) + len(nothing) > _MIN_FILLED_SHARE * len(cells)
 
 
-def _usual_width(rows: Sequence[Sequence[str]]) -> int:
+def _find_usual_width(rows: Sequence[Sequence[str]]) -> int:
     """Returns the most frequent number of cells, of rows with more than a cell: titles have one."""
-    widths = [len(row) for row in rows if not _is_blank(row)] or [0]
+    widths = [len(row) for row in rows if not _is_blank_row(row)] or [0]
     several = [width for width in widths if width > 1] or widths
     return max(set(several), key=lambda w: (several.count(w), w))
 
 
 # Tells whether a row holds a value, and half of its cells are values or nothing.
-def _is_data(row: Sequence[str]) -> bool:
+def _is_data_row(row: Sequence[str]) -> bool:
     cells = [cell for cell in row if cell.strip()]
-    values = sum(is_value(cell) or cell.strip().lower() in NOTHING for cell in cells)
-    return bool(cells) and any(is_value(cell) for cell in cells) and 2 * values >= len(cells)
+    values = sum(is_value_cell(cell) or cell.strip().lower() in EMPTY_CELLS for cell in cells)
+    return bool(cells) and any(is_value_cell(cell) for cell in cells) and 2 * values >= len(cells)
 
 
-def _filled(row: Sequence[str]) -> int:
+def _count_filled(row: Sequence[str]) -> int:
     return sum(bool(cell.strip()) for cell in row)
 
 
-def _is_blank(row: Sequence[str]) -> bool:
-    return _filled(row) == 0
+def _is_blank_row(row: Sequence[str]) -> bool:
+    return _count_filled(row) == 0

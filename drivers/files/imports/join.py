@@ -9,9 +9,9 @@ from typing import NamedTuple
 from topdress.control.log_row import FILE_BEGINS
 from topdress.control.recordings.finding import Finding
 from topdress.drivers.files.columns import Columns, count_rows, stack_tables, text_column
-from topdress.drivers.files.imports.convert import US, UTC_US, Converted
-from topdress.drivers.files.imports.mapping import EVENTS, Join
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN, ConvertedFile
+from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Join
+from topdress.drivers.files.imports.trouble import LogImportError
 
 
 class JoinedFiles(NamedTuple):
@@ -19,12 +19,12 @@ class JoinedFiles(NamedTuple):
     `begins_s`: of each part, in the order of `parts`."""
 
     columns: Columns
-    parts: tuple[Converted, ...]
+    parts: tuple[ConvertedFile, ...]
     begins_s: tuple[float, ...]
     findings: tuple[Finding, ...]
 
 
-def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
+def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
     """Joins files to a log.
 
     Parameters
@@ -40,22 +40,24 @@ def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
     ------
     ImportTrouble : files that are to follow their clocks overlap.
     """
-    by_clock = _by_clock(parts, join)
-    ordered = sorted(parts, key=_first) if by_clock or _one_epoch(parts) else list(parts)
+    by_clock = _is_joined_by_clock(parts, join)
+    ordered = (
+        sorted(parts, key=_find_first_us) if by_clock or _has_one_epoch(parts) else list(parts)
+    )
     tables, begins = [], []
-    shift = -_first(ordered[0])
+    shift = -_find_first_us(ordered[0])
     end_us = 0
     for number, part in enumerate(ordered):
         if number and not by_clock:
-            shift = end_us + round(join.gap_s * 1e6) - _first(part)
+            shift = end_us + round(join.gap_s * 1e6) - _find_first_us(part)
         columns = dict(part.columns)
         if part.kind == "utc":
-            columns[UTC_US] = columns[US]
-        columns[US] = columns[US] + shift
+            columns[UTC_US_COLUMN] = columns[TIME_US]
+        columns[TIME_US] = columns[TIME_US] + shift
         if len(ordered) > 1:
-            _mark_begin(columns, part.raw.path.name)
-        begins.append(int(columns[US][0]) / 1e6)
-        end_us = int(columns[US][-1])
+            _mark_file_begin(columns, part.raw.path.name)
+        begins.append(int(columns[TIME_US][0]) / 1e6)
+        end_us = int(columns[TIME_US][-1])
         tables.append(columns)
     findings = []
     if len(ordered) > 1:
@@ -65,18 +67,19 @@ def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
 
 
 # Tells whether files are placed by their clocks. Raises ImportTrouble where they overlap.
-def _by_clock(parts: Sequence[Converted], join: Join) -> bool:
+def _is_joined_by_clock(parts: Sequence[ConvertedFile], join: Join) -> bool:
     if len(parts) == 1 or join.order == "runs":
         return False
-    ordered = sorted(parts, key=_first)
+    ordered = sorted(parts, key=_find_first_us)
     overlap = next(
-        ((a, b) for a, b in pairwise(ordered) if int(a.columns[US][-1]) >= _first(b)), None
+        ((a, b) for a, b in pairwise(ordered) if int(a.columns[TIME_US][-1]) >= _find_first_us(b)),
+        None,
     )
     if overlap is None:
-        return join.order == "clock" or _one_epoch(parts)
-    if join.order == "clock" or (_one_epoch(parts) and join.order is None):
+        return join.order == "clock" or _has_one_epoch(parts)
+    if join.order == "clock" or (_has_one_epoch(parts) and join.order is None):
         a, b = overlap
-        raise ImportTrouble(
+        raise LogImportError(
             b.raw.path,
             f"begins before {a.raw.path.name} ends: allowed are files that follow one "
             "another, or join.order: runs in the import file",
@@ -84,19 +87,21 @@ def _by_clock(parts: Sequence[Converted], join: Join) -> bool:
     return False
 
 
-def _one_epoch(parts: Sequence[Converted]) -> bool:
+def _has_one_epoch(parts: Sequence[ConvertedFile]) -> bool:
     return len({part.kind for part in parts}) == 1 and parts[0].kind != "relative"
 
 
 # Returns a file's first time, us.
-def _first(part: Converted) -> int:
-    return int(part.columns[US][0])
+def _find_first_us(part: ConvertedFile) -> int:
+    return int(part.columns[TIME_US][0])
 
 
-def _mark_begin(columns: Columns, name: str) -> None:
+def _mark_file_begin(columns: Columns, name: str) -> None:
     """Marks the first row with an event that names the file."""
     # A semicolon separates events.
     mark = f"{FILE_BEGINS}{name.replace(';', ' ')}"
-    events = columns[EVENTS].tolist() if EVENTS in columns else [""] * count_rows(columns)
+    events = (
+        columns[EVENTS_COLUMN].tolist() if EVENTS_COLUMN in columns else [""] * count_rows(columns)
+    )
     events[0] = f"{events[0]};{mark}" if events[0] else mark
-    columns[EVENTS] = text_column(events)
+    columns[EVENTS_COLUMN] = text_column(events)

@@ -23,7 +23,7 @@ from topdress.drivers.files.columns import (
     texts_array,
 )
 from topdress.drivers.files.config import sha256_of
-from topdress.drivers.files.imports.convert import US, UTC_US
+from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN
 from topdress.drivers.files.imports.join import JoinedFiles
 from topdress.drivers.files.imports.mapping import ImportFile
 from topdress.drivers.files.log_store import SUFFIXES, write_store
@@ -32,30 +32,36 @@ from topdress.drivers.files.read_log import RunLog, log_of, meta_of
 from topdress.drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
 
 
-def log_columns(log: JoinedFiles) -> Columns:
+def build_log_columns(log: JoinedFiles) -> Columns:
     """Returns the columns as they are written: those of the run log in their order, then extra
     columns; times as texts."""
     there = log.columns
-    columns: Columns = {"time_s": text_column(_time_texts(there[US]))}
-    if UTC_US in there:
-        columns["utc"] = text_column(_utc_texts(there[UTC_US]))
+    columns: Columns = {"time_s": text_column(_format_times(there[TIME_US]))}
+    if UTC_US_COLUMN in there:
+        columns["utc"] = text_column(_format_utc_times(there[UTC_US_COLUMN]))
     own = [name for name in COLUMNS if name in there and name not in ("time_s", "utc")]
-    beyond = [name for name in there if name not in COLUMNS and name not in (US, UTC_US)]
-    return columns | {name: _rounded(name, there[name]) for name in [*own, *beyond]}
+    beyond = [
+        name for name in there if name not in COLUMNS and name not in (TIME_US, UTC_US_COLUMN)
+    ]
+    return columns | {name: _round_column(name, there[name]) for name in [*own, *beyond]}
 
 
-def run_log(path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
+def build_run_log(
+    path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
+) -> RunLog:
     """Returns the log and its sidecar as read from `path`, in memory. Raises TableError."""
-    return log_of(path, as_read(log), meta_from_yaml(_meta(log, mapping, mapping_file)))
+    return log_of(
+        path, build_read_columns(log), meta_from_yaml(_format_sidecar(log, mapping, mapping_file))
+    )
 
 
-def as_read(log: JoinedFiles) -> Columns:
+def build_read_columns(log: JoinedFiles) -> Columns:
     """Returns the columns as a reader of the written log gets them, times as numbers."""
-    columns = log_columns(log)
+    columns = build_log_columns(log)
     return {**columns, "time_s": columns["time_s"].astype(np.float64)}
 
 
-def write_imported(
+def write_imported_log(
     path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
 ) -> Columns:
     """Writes the log with its sidecar next to it (in a store: within).
@@ -76,17 +82,17 @@ def write_imported(
     OSError : the log cannot be written.
     """
     if path.suffix.lower() in SUFFIXES:
-        read = run_log(path, log, mapping, mapping_file)
+        read = build_run_log(path, log, mapping, mapping_file)
         write_store(path, read.columns, read.meta, read.findings)
-        return log_columns(log)
-    columns = log_columns(log)
-    text = csv_text(columns, _cell_texts)
+        return build_log_columns(log)
+    columns = build_log_columns(log)
+    text = csv_text(columns, _format_cells)
     path.parent.mkdir(parents=True, exist_ok=True)
     # The log gets its name after the sidecar is there: no log without one.
     part = path.with_name(f".{path.stem}.part.csv")
     try:
         write_atomically(part, text)
-        write_atomically(sidecar(path), _meta(log, mapping, mapping_file))
+        write_atomically(sidecar(path), _format_sidecar(log, mapping, mapping_file))
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -100,27 +106,29 @@ def is_import_of(log: Path, files: Iterable[Path]) -> bool:
         meta = meta_of(log)
         stated = [] if meta is None else meta.extra["imported"]["files"]
         return meta is not None and {file["sha256"] for file in stated} == {
-            _checksum(path) for path in files
+            _calc_checksum(path) for path in files
         }
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
-def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> str:
+def _format_sidecar(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> str:
     files = [
         {
             "name": part.raw.path.name,
-            "sha256": _checksum(part.raw.path),
+            "sha256": _calc_checksum(part.raw.path),
             "rows": count_rows(part.columns),
             "begins_s": begin,
         }
         for part, begin in zip(log.parts, log.begins_s, strict=True)
     ]
-    known = filter(None, _utc_texts(log.columns[UTC_US]) if UTC_US in log.columns else ())
+    known = filter(
+        None, _format_utc_times(log.columns[UTC_US_COLUMN]) if UTC_US_COLUMN in log.columns else ()
+    )
     found = [str(finding) for part in log.parts for finding in part.findings]
     stated: dict[str, object] = {
         "files": files,
-        "mapping": _without_nothing(plain(mapping)),
+        "mapping": _drop_empty_keys(plain(mapping)),
         "found": [*found, *map(str, log.findings)],
     }
     widths = {part.raw.width_m for part in log.parts}
@@ -133,7 +141,7 @@ def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> s
     )
 
 
-def _checksum(path: Path) -> str:
+def _calc_checksum(path: Path) -> str:
     """Returns the checksum of a file; of a task's folder, of the checksums of its files."""
     if not path.is_dir():
         return sha256_of(path)
@@ -141,16 +149,16 @@ def _checksum(path: Path) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
-def _without_nothing(value: object) -> object:
+def _drop_empty_keys(value: object) -> object:
     """Returns the value without keys that are left out anyway."""
     if isinstance(value, dict):
         return {
-            key: _without_nothing(part) for key, part in value.items() if part not in (None, [], {})
+            key: _drop_empty_keys(part) for key, part in value.items() if part not in (None, [], {})
         }
     return value
 
 
-def _time_texts(us: NDArray[np.float64]) -> list[str]:
+def _format_times(us: NDArray[np.float64]) -> list[str]:
     """Returns seconds with 3 decimals; with 6 where two rows fall into the same millisecond."""
     whole = us.astype(np.int64)
     ms = (whole + 500) // 1000
@@ -158,14 +166,14 @@ def _time_texts(us: NDArray[np.float64]) -> list[str]:
     return [f"{one // 10**digits}.{one % 10**digits:0{digits}d}" for one in unit.tolist()]
 
 
-def _utc_texts(us: NDArray[np.float64]) -> list[str]:
+def _format_utc_times(us: NDArray[np.float64]) -> list[str]:
     """Returns ISO 8601 with milliseconds; empty where not known."""
     times = np.nan_to_num(us).astype(np.int64).astype(TIME)
     texts = np.datetime_as_string(times, unit="ms", casting="unsafe").tolist()
     return [f"{text}Z" if one == one else "" for text, one in zip(texts, us.tolist(), strict=True)]
 
 
-def _rounded(name: str, column: NDArray[Any]) -> NDArray[Any]:
+def _round_column(name: str, column: NDArray[Any]) -> NDArray[Any]:
     if is_text(column):
         return texts_array(column.tolist())
     if name in WHOLE_COLUMNS:
@@ -176,7 +184,7 @@ def _rounded(name: str, column: NDArray[Any]) -> NDArray[Any]:
 
 
 # Returns cells as texts; whole numbers without a point.
-def _cell_texts(name: str, column: NDArray[Any]) -> list[str]:
+def _format_cells(name: str, column: NDArray[Any]) -> list[str]:
     if is_text(column):
         return list(column)
     texts = number_texts(column)

@@ -12,17 +12,17 @@ from topdress.control.frozen_model import FrozenModel
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from topdress.drivers.files.config import Kind
 from topdress.drivers.files.config_words import nearest
-from topdress.drivers.files.imports.units import UNITS, quantity_of, unit_named
+from topdress.drivers.files.imports.units import KNOWN_UNITS, find_named_unit, find_quantity
 
 # Column of a run log with its events.
-EVENTS = "events"
+EVENTS_COLUMN = "events"
 # Begin of names beyond the log's own (docs/format-run-log.md).
 EXTRA_START = "x_"
-_EXTRA = re.compile(r"^x_\w+$")
+_EXTRA_NAME = re.compile(r"^x_\w+$")
 # Made from the times of the file.
-NOT_MAPPED = frozenset({"time_s"})
+UNMAPPED_COLUMNS = frozenset({"time_s"})
 # Column of the log that `working` fills.
-MADE_BY_WORKING = "state"
+STATE_COLUMN = "state"
 
 Delimiter = Literal[",", ";", "tab", "|", "blank"]
 Counts = Literal[
@@ -91,7 +91,7 @@ class Times(FrozenModel):
     ] = None
 
     @model_validator(mode="after")
-    def _whole(self) -> Times:
+    def _check_times_fit(self) -> Times:
         if self.counts == "rows" and (self.step_s is None or self.column is not None):
             raise ValueError("time: counts rows: allowed with step_s and without a column")
         if self.counts != "rows" and self.column is None:
@@ -102,7 +102,7 @@ class Times(FrozenModel):
             raise ValueError(f"time.step_s {self.step_s:g}: allowed with counts: rows only")
         if self.format is not None and self.counts != "text":
             raise ValueError(f"time.format {self.format}: allowed with counts: text only")
-        if self.zone is not None and not is_zone(self.zone):
+        if self.zone is not None and not is_time_zone(self.zone):
             raise ValueError(
                 f"time.zone {self.zone}: allowed a name such as Europe/Berlin, UTC, or an "
                 "offset such as "
@@ -132,13 +132,13 @@ class Column(FrozenModel):
     ] = None
 
     @classmethod
-    def of(cls, source: str, unit: str | None = None, missing: Missing = ()) -> Column:
+    def from_source(cls, source: str, unit: str | None = None, missing: Missing = ()) -> Column:
         """Returns a column of the file, as `from` names it."""
         return cls.model_validate({"from": source, "unit": unit, "missing": missing})
 
     # Checks that a column has exactly one origin, and its numbers.
     @model_validator(mode="after")
-    def _one_origin(self) -> Column:
+    def _check_one_origin(self) -> Column:
         if (self.source is None) == (self.constant is None):
             raise ValueError("from, constant: allowed is one of them")
         if self.scale == 0.0:
@@ -147,7 +147,7 @@ class Column(FrozenModel):
             raise ValueError(
                 f"valid {self.valid[0]:g}, {self.valid[1]:g}: allowed the lowest before the highest"
             )
-        if self.unit is not None and unit_named(self.unit) is None:
+        if self.unit is not None and find_named_unit(self.unit) is None:
             raise ValueError(
                 f"unit {self.unit}: not known; allowed e.g. km/h, r/min, mm, kg/ha (all: "
                 "docs/import.md)"
@@ -165,7 +165,7 @@ class Working(FrozenModel):
 
     # Checks that there is a condition, of one kind.
     @model_validator(mode="after")
-    def _a_condition(self) -> Working:
+    def _check_condition(self) -> Working:
         if not self.equals and self.above is None and self.below is None:
             raise ValueError("working: no condition: allowed are equals, above, below")
         if self.equals and (self.above is not None or self.below is not None):
@@ -228,11 +228,11 @@ class ImportFile(FrozenModel):
     join: Join = Join()
 
     @model_validator(mode="after")
-    def _fits_the_log(self) -> ImportFile:
+    def _check_log_columns(self) -> ImportFile:
         for name, column in self.columns.items():
-            _check_name(name)
-            _check_unit(name, column, self.width_m, self.density_kg_l)
-        if self.working is not None and MADE_BY_WORKING in self.columns:
+            _check_column_name(name)
+            _check_column_unit(name, column, self.width_m, self.density_kg_l)
+        if self.working is not None and STATE_COLUMN in self.columns:
             raise ValueError("working: columns.state stands there too: allowed is one of them")
         return self
 
@@ -240,7 +240,7 @@ class ImportFile(FrozenModel):
 IMPORT = Kind("topdress-import/1", "imports", ImportFile)
 
 
-def is_zone(name: str) -> bool:
+def is_time_zone(name: str) -> bool:
     """Tells whether a text names a time zone or an offset from UTC such as +08:00."""
     if re.fullmatch(r"[-+](0\d|1[0-4]):[0-5]\d", name):
         return True
@@ -252,12 +252,12 @@ def is_zone(name: str) -> bool:
 
 
 # Refuses a name that is no column of a log. Raises ValueError.
-def _check_name(name: str) -> None:
-    if name in NOT_MAPPED:
+def _check_column_name(name: str) -> None:
+    if name in UNMAPPED_COLUMNS:
         raise ValueError(
             f"columns.{name}: made from the times of the file: allowed is the key time"
         )
-    if name not in COLUMNS and not _EXTRA.match(name):
+    if name not in COLUMNS and not _EXTRA_NAME.match(name):
         raise ValueError(
             f"columns.{name}: no column of a run log: allowed are those of "
             "docs/format-run-log.md, and "
@@ -266,18 +266,18 @@ def _check_name(name: str) -> None:
 
 
 # Quantities from which a rate is made with another number.
-BY_ANOTHER = ("flow", "volume")
+DERIVED_RATE_QUANTITIES = ("flow", "volume")
 
 
 # Refuses a unit that does not fit its column. Raises ValueError.
-def _check_unit(
+def _check_column_unit(
     name: str, column: Column, width_m: float | None, density_kg_l: float | None
 ) -> None:
     where = f"columns.{name}"
     if name in TEXT_COLUMNS and (column.constant is not None or column.unit is not None):
         raise ValueError(f"{where}: a column of texts: allowed is from alone")
-    unit = unit_named(column.unit) if column.unit is not None else None
-    quantity = quantity_of(name)
+    unit = find_named_unit(column.unit) if column.unit is not None else None
+    quantity = find_quantity(name)
     if column.full is not None and (unit is None or unit.name != "%"):
         raise ValueError(f"{where}.full {column.full:g}: allowed with unit % only")
     if unit is None or name.startswith(EXTRA_START):
@@ -289,7 +289,7 @@ def _check_unit(
                 + (" (of a slope: unit slope %)" if quantity == "angle" else "")
             )
         return
-    if quantity == "rate" and unit.quantity in BY_ANOTHER:
+    if quantity == "rate" and unit.quantity in DERIVED_RATE_QUANTITIES:
         if unit.quantity == "flow" and width_m is None:
             raise ValueError(
                 f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width"
@@ -301,5 +301,5 @@ def _check_unit(
             )
         return
     if unit.quantity != quantity:
-        allowed = ", ".join(one.name for one in UNITS if one.quantity == quantity) or "none"
+        allowed = ", ".join(one.name for one in KNOWN_UNITS if one.quantity == quantity) or "none"
         raise ValueError(f"{where}.unit {column.unit}: allowed {allowed}")

@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from topdress.drivers.files.columns import is_text
-from topdress.drivers.files.imports.header import NOTHING
+from topdress.drivers.files.imports.header import EMPTY_CELLS
 
 # Blanks and apostrophes that group digits.
-_GROUPING = re.compile("[\\s'\u2019\u00a0\u202f]")
+_GROUP_SIGNS = re.compile("[\\s'\u2019\u00a0\u202f]")
 # A number as Python writes it.
-_PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
-def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
+def parse_number(cell: str | None, words: Collection[str] = ()) -> float | None:
     """Returns the number of a cell.
 
     Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a
@@ -34,19 +34,19 @@ def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
     NaN : not known; None: no number.
     """
     text = (cell or "").strip()
-    if text in words or text.lower() in NOTHING:
+    if text in words or text.lower() in EMPTY_CELLS:
         return float("nan")
-    if not _PLAIN.fullmatch(text):
-        text = _GROUPING.sub("", text)
+    if not _PLAIN_NUMBER.fullmatch(text):
+        text = _GROUP_SIGNS.sub("", text)
         if "." in text and "," in text:
             text = text.replace("." if text.rfind(",") > text.rfind(".") else ",", "")
         text = text.replace(",", ".", 1)
-        if not _PLAIN.fullmatch(text):
+        if not _PLAIN_NUMBER.fullmatch(text):
             return None
     return float(text)
 
 
-class Numbers(NamedTuple):
+class ParsedNumbers(NamedTuple):
     """Holds a column's numbers. `values`: (n,), NaN: not known. `marked`: how many cells hold a
     number that stands for not known. `bad`: how many are no number; `row`, `cell`: the first of
     them."""
@@ -58,16 +58,16 @@ class Numbers(NamedTuple):
     cell: str = ""
 
 
-def numbers(
+def parse_number_column(
     column: NDArray[Any], decimal_comma: bool, missing: Iterable[float | str] = ()
-) -> Numbers:
+) -> ParsedNumbers:
     """Returns a column's numbers; `missing` are numbers and texts that stand for not known."""
     words = [word for word in missing if isinstance(word, str)]
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     found = (
-        numbers_of(column.tolist(), decimal_comma, words)
+        parse_number_cells(column.tolist(), decimal_comma, words)
         if is_text(column)
-        else Numbers(np.array(column, np.float64))
+        else ParsedNumbers(np.array(column, np.float64))
     )
     values = found.values
     marked = np.isin(values, marks)
@@ -75,35 +75,37 @@ def numbers(
     return found._replace(marked=int(marked.sum()))
 
 
-def numbers_of(
+def parse_number_cells(
     cells: Sequence[str], decimal_comma: bool = False, words: Collection[str] = ()
-) -> Numbers:
+) -> ParsedNumbers:
     """Returns the numbers of a text table's cells; most are written as Python writes them, and
     are read at once."""
-    values = None if words else plain_numbers(cells)
+    values = None if words else parse_plain_numbers(cells)
     if values is None and decimal_comma and not words:
-        values = plain_numbers([cell.replace(",", ".", 1) for cell in cells])
+        values = parse_plain_numbers([cell.replace(",", ".", 1) for cell in cells])
     if values is not None:
-        return Numbers(values)
+        return ParsedNumbers(values)
     # Each different text is read once.
     worth = {
-        cell: _worth(cell, decimal_comma, words) if cell else np.nan
+        cell: _parse_cell_text(cell, decimal_comma, words) if cell else np.nan
         for cell in dict.fromkeys(cells)
     }
     values = np.array([worth[cell] for cell in cells], np.float64)
     bad = [row for row, cell in enumerate(cells) if worth[cell] is None]
-    return Numbers(values, 0, len(bad), bad[0], cells[bad[0]]) if bad else Numbers(values)
+    return (
+        ParsedNumbers(values, 0, len(bad), bad[0], cells[bad[0]]) if bad else ParsedNumbers(values)
+    )
 
 
 # Returns the number of a text; None: no number.
-def _worth(cell: str, decimal_comma: bool, words: Collection[str]) -> float | None:
+def _parse_cell_text(cell: str, decimal_comma: bool, words: Collection[str]) -> float | None:
     plain = cell.replace(",", ".", 1) if decimal_comma else cell
-    if _PLAIN.fullmatch(plain) and cell.strip() not in words:
+    if _PLAIN_NUMBER.fullmatch(plain) and cell.strip() not in words:
         return float(plain)
-    return number_of(cell, words)
+    return parse_number(cell, words)
 
 
-def plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
+def parse_plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
     """Returns numbers (n,) of texts as Python writes them; None where a text is no such number."""
     together = "".join(cells)
     # Python groups digits by lines below, and reads those of every script.

@@ -10,32 +10,32 @@ from numpy.typing import NDArray
 from topdress.control.calibration.first_machine import settings_a_row
 from topdress.control.recordings.speeds import over_track, unit_of
 from topdress.control.recordings.values import stand_for_nothing
-from topdress.drivers.files.imports.units import UNITS
+from topdress.drivers.files.imports.units import KNOWN_UNITS
 
 Floats = NDArray[np.float64]
 
 # Units of speed to one m/s.
-SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in UNITS if unit.quantity == "speed"}
+SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in KNOWN_UNITS if unit.quantity == "speed"}
 # Rows within which an answer is searched.
-FARTHEST_LAG = 40
+MAX_LAG_ROWS = 40
 # Changes of a command that are needed to find its answer.
-LEAST_CHANGES = 8
+MIN_CHANGES = 8
 # Correlation of steps of command and answer.
-LEAST_CORRELATION = 0.3
+MIN_CORRELATION = 0.3
 # Share of the best correlation: repeating commands agree at many lags, and the nearest wins.
-AS_GOOD = 0.98
+EQUAL_CORRELATION_SHARE = 0.98
 # Known rows of a command that may be a table of settings.
-LEAST_SETTINGS = 4
+MIN_SETTINGS = 4
 
 
-class Follows(NamedTuple):
+class CommandAnswer(NamedTuple):
     """Holds how a reading follows its command. `lag`: rows; `strength`: the correlation there."""
 
     lag: int
     strength: float
 
 
-def speed_unit(
+def find_speed_unit(
     time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats
 ) -> tuple[str | None, float]:
     """Returns the unit in which a speed makes the distance between the places.
@@ -58,35 +58,35 @@ def speed_unit(
     return unit_of(ratio, SPEED_FACTORS), ratio
 
 
-def answer(command: Floats, reading: Floats) -> Follows | None:
+def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
     """Returns how a reading (n,) follows a command (n,): the lag at which their steps agree
     best. None: too few steps."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
-    if command.size < LEAST_CHANGES + 2:
+    if command.size < MIN_CHANGES + 2:
         return None
     steps, moves = np.diff(command), np.diff(reading)
-    if np.count_nonzero(steps) < LEAST_CHANGES or steps.std() == 0.0 or moves.std() == 0.0:
+    if np.count_nonzero(steps) < MIN_CHANGES or steps.std() == 0.0 or moves.std() == 0.0:
         return None
     # A quarter of the steps at most, so that enough of them overlap.
-    most = min(FARTHEST_LAG, steps.size // 4)
-    strengths = {lag: _correlation(steps, moves, lag) for lag in range(-most, most + 1)}
+    most = min(MAX_LAG_ROWS, steps.size // 4)
+    strengths = {lag: _calc_correlation(steps, moves, lag) for lag in range(-most, most + 1)}
     best = max(strengths.values())
     lag = min(
-        (one for one, strength in strengths.items() if strength >= AS_GOOD * best),
+        (one for one, strength in strengths.items() if strength >= EQUAL_CORRELATION_SHARE * best),
         key=abs,
         default=0,
     )
-    return Follows(lag, strengths[lag])
+    return CommandAnswer(lag, strengths[lag])
 
 
-def are_settings(time_s: Floats, command: Floats) -> bool:
+def is_settings_table(time_s: Floats, command: Floats) -> bool:
     """Tells whether a command (n,), some of it unknown, is a table of settings, one a row."""
     known = command[np.isfinite(command)]
-    return known.size >= LEAST_SETTINGS and settings_a_row(time_s, known)
+    return known.size >= MIN_SETTINGS and settings_a_row(time_s, known)
 
 
-def slope(command: Floats, reading: Floats) -> float:
+def calc_answer_slope(command: Floats, reading: Floats) -> float:
     """Returns the reading for one of the command, where both are clearly there: the median of
     their ratios; NaN: not known."""
     both = np.isfinite(command) & np.isfinite(reading)
@@ -103,13 +103,13 @@ def slope(command: Floats, reading: Floats) -> float:
     )
 
 
-def sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
+def find_sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
     """Returns numbers by which programs say "not known": where the quantity cannot have them, or
     where no other value comes near."""
     return [float(mark) for mark in np.unique(values[stand_for_nothing(values, limits)])]
 
 
-def _correlation(steps: Floats, moves: Floats, lag: int) -> float:
+def _calc_correlation(steps: Floats, moves: Floats, lag: int) -> float:
     a, b = (
         (steps[: steps.size - lag], moves[lag:])
         if lag >= 0

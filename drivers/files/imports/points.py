@@ -14,70 +14,72 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.archives import chosen
 from topdress.drivers.files.columns import text_column
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.raw import RawTable, units_in
-from topdress.drivers.files.imports.trouble import ImportTrouble, listed
+from topdress.drivers.files.imports.raw import RawTable, find_units_in
+from topdress.drivers.files.imports.trouble import LogImportError, format_list
 from topdress.drivers.files.layers import Layer, read_geojson
 from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from topdress.drivers.files.what_it_is import POINTS
 
 # The log's names of a place.
-LAT, LON = "lat_deg", "lon_deg"
+LAT_COLUMN, LON_COLUMN = "lat_deg", "lon_deg"
 
 
 def read_points(path: Path, said: Source) -> RawTable:
     """Returns the points of a GeoJSON file. Raises ImportTrouble, Refused, OSError."""
-    return _of_layer(
+    return _convert_layer(
         path, read_geojson(path, ["Point"]), said.model_copy(update={"kind": "geojson"})
     )
 
 
-def read_shapefile(path: Path, said: Source) -> RawTable:
+def read_point_shapefile(path: Path, said: Source) -> RawTable:
     """Returns a shapefile of points; of a zip or folder the shapefile that holds points, or that
     `said` names. Raises ImportTrouble, Refused, OSError."""
-    shapes = _one_of(path, said)
-    kind = _kind_of(shapes)
+    shapes = _choose_shape_set(path, said)
+    kind = _read_shape_type(shapes)
     if kind not in POINTS and kind in shapefile.SHAPETYPE_LOOKUP:
-        raise ImportTrouble(
+        raise LogImportError(
             path,
             f"shapes of type {shapefile.SHAPETYPE_LOOKUP[kind]}: allowed POINT (a map of areas "
             "is read by topdress map)",
         )
     layer = layer_of(shapes, said.encoding)
-    names = _own_names(list(layer.rows[0]) if layer.rows else [])
+    names = _restore_own_names(list(layer.rows[0]) if layer.rows else [])
     rows = tuple(dict(zip(names, row.values(), strict=True)) for row in layer.rows)
-    return _of_layer(path, layer._replace(rows=rows), said.model_copy(update={"kind": "shapefile"}))
+    return _convert_layer(
+        path, layer._replace(rows=rows), said.model_copy(update={"kind": "shapefile"})
+    )
 
 
-def _one_of(path: Path, said: Source) -> ShapeSet:
+def _choose_shape_set(path: Path, said: Source) -> ShapeSet:
     """Returns the shapefile that is meant. Raises ImportTrouble, Refused, OSError."""
     found = shape_sets(path)
     if said.inside is not None:
         named = chosen([one.name for one in found], said.inside)
         found = [one for one in found if one.name in named]
     if len(found) > 1:
-        found = [one for one in found if _kind_of(one) in POINTS] or found
+        found = [one for one in found if _read_shape_type(one) in POINTS] or found
     if len(found) != 1:
         several = (
             f"{len(found)} shapefiles of points: say source.inside in the import file; allowed "
-            f"{listed(one.name for one in found)}"
+            f"{format_list(one.name for one in found)}"
         )
-        raise ImportTrouble(path, f"{several if found else 'no shapefile in it'}")
+        raise LogImportError(path, f"{several if found else 'no shapefile in it'}")
     return found[0]
 
 
 # Returns the type of a shapefile's shapes, from its head.
-def _kind_of(shapes: ShapeSet) -> int:
+def _read_shape_type(shapes: ShapeSet) -> int:
     head = shapes.part(".shp") or b""
     # ESRI's shapefile description: bytes 32 to 35.
     return int.from_bytes(head[32:36], "little") if len(head) >= 36 else 0
 
 
 # Returns the points of a layer as a table. Raises ImportTrouble.
-def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
+def _convert_layer(path: Path, layer: Layer, source: Source) -> RawTable:
     kinds = [None if shape is None else shape.geom_type for shape in layer.shapes]
     there = [k for k, kind in enumerate(kinds) if kind == "Point" and not layer.shapes[k].is_empty]
     if not there:
-        raise ImportTrouble(
+        raise LogImportError(
             path,
             "no point in it"
             if layer.kind
@@ -93,21 +95,21 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
             findings.append(Finding(id, f"{many(lost)} {what}", rows=lost))
     names = list(dict.fromkeys(name for k in there for name in layer.rows[k]))
     if not names:
-        raise ImportTrouble(path, "no point tells anything: allowed are points with properties")
+        raise LogImportError(path, "no point tells anything: allowed are points with properties")
     columns = {
-        name: _column([layer.rows[k].get(name) for k in there])
+        name: _build_column([layer.rows[k].get(name) for k in there])
         for name in names
-        if name not in (LAT, LON)
+        if name not in (LAT_COLUMN, LON_COLUMN)
     }
     places = shapely.get_coordinates(layer.shapes[there])
-    columns |= {LAT: places[:, 1], LON: places[:, 0]}
-    units = units_in(columns)
+    columns |= {LAT_COLUMN: places[:, 1], LON_COLUMN: places[:, 0]}
+    units = find_units_in(columns)
     stated = layer.units if layer.kind else {}
     units |= {name: stated[name.casefold()].text for name in names if name.casefold() in stated}
     return RawTable(path, columns, source, units, 1, tuple(findings))
 
 
-def _own_names(names: list[str]) -> list[str]:
+def _restore_own_names(names: list[str]) -> list[str]:
     """Returns the full names of our own as-applied shapefiles, which ten letters have cut; other
     names as they stand."""
     from topdress.drivers.files.exports.columns import EXPORT_COLUMNS, TIME_SHORT_NAME
@@ -117,7 +119,7 @@ def _own_names(names: list[str]) -> list[str]:
 
 
 # Returns a column as numbers or texts (n,).
-def _column(values: list[Any]) -> NDArray[Any]:
+def _build_column(values: list[Any]) -> NDArray[Any]:
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, int | float) for value in known):
         return np.array([np.nan if value is None else float(value) for value in values], np.float64)

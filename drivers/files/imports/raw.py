@@ -8,7 +8,7 @@ from pathlib import Path
 
 from topdress.control.recordings.finding import Finding
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.mapping import Source
 
 
@@ -43,21 +43,21 @@ class RawTable:
         return self.source.decimal == ","
 
 
-def units_in(names: Iterable[str]) -> dict[str, str]:
+def find_units_in(names: Iterable[str]) -> dict[str, str]:
     """Returns units of columns whose own name has one, in the file's words."""
-    return {name: unit for name in names if (unit := named(name)[1]) is not None}
+    return {name: unit for name in names if (unit := split_unit_name(name)[1]) is not None}
 
 
-def header_of(cells: list[str], units: Sequence[str] | None) -> tuple[list[str], dict[str, str]]:
+def split_header(cells: list[str], units: Sequence[str] | None) -> tuple[list[str], dict[str, str]]:
     """Returns names, each once, and units of columns, from the header's cells and those of a row
     of units below it."""
     while cells and not cells[-1]:
         cells = cells[:-1]
-    names = unique(cells)
+    names = make_unique(cells)
     found = {
         name: unit
         for name, cell in zip(names, cells, strict=True)
-        if (unit := named(cell)[1]) is not None
+        if (unit := split_unit_name(cell)[1]) is not None
     }
     return names, found | {
         name: cell.strip("()[] ")
@@ -66,7 +66,7 @@ def header_of(cells: list[str], units: Sequence[str] | None) -> tuple[list[str],
     }
 
 
-def unique(names: list[str]) -> list[str]:
+def make_unique(names: list[str]) -> list[str]:
     """Returns the names with a number behind the second of equal names, and names for those that
     have none."""
     seen: set[str] = set()

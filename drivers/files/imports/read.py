@@ -13,10 +13,10 @@ from topdress.drivers.files.archives import files_at, holds_time_log
 from topdress.drivers.files.columns import TIME, is_text, text_column
 from topdress.drivers.files.extras import need
 from topdress.drivers.files.imports.mapping import Source, SourceKind
-from topdress.drivers.files.imports.raw import RawTable, units_in
-from topdress.drivers.files.imports.text import read_text
-from topdress.drivers.files.imports.trouble import ImportTrouble
-from topdress.drivers.files.imports.words import folded, subject_of
+from topdress.drivers.files.imports.raw import RawTable, find_units_in
+from topdress.drivers.files.imports.text import read_text_table
+from topdress.drivers.files.imports.trouble import LogImportError
+from topdress.drivers.files.imports.words import find_subject, fold_column_name
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.parquet_limits import check_parquet, check_texts
 from topdress.drivers.files.prescriptions.column_words import (
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     import polars as pl
 
 # Rows that are searched for the first text of a column.
-LOOKED_ROWS = 1000
+SEARCHED_ROWS = 1000
 # Letters of a unit; longer texts are remarks.
-LONGEST_UNIT = 60
+MAX_UNIT_LENGTH = 60
 
 # Kinds of files by their ending; other endings are texts.
-_SUFFIXES: dict[str, SourceKind] = {
+_KIND_OF_SUFFIX: dict[str, SourceKind] = {
     **dict.fromkeys(SUFFIXES, "excel"),
     ".geojson": "geojson",
     ".json": "geojson",
@@ -47,7 +47,7 @@ _SUFFIXES: dict[str, SourceKind] = {
 }
 
 
-def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) -> RawTable:
+def read_raw_table(path: Path, said: Source | None = None, data: bytes | None = None) -> RawTable:
     """Reads a file of any kind as a raw table.
 
     Parameters
@@ -65,15 +65,17 @@ def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) 
     said = said or Source()
     if data is None:
         if not path.exists():
-            raise ImportTrouble(path, "no such file")
+            raise LogImportError(path, "no such file")
         check_file(path)
-    return _with_stated(_read(path, said) if data is None else read_text(path, said, data))
+    return _add_stated_units(
+        _read_by_kind(path, said) if data is None else read_text_table(path, said, data)
+    )
 
 
-def _read(path: Path, said: Source) -> RawTable:
-    kind = said.kind or _kind(path)
+def _read_by_kind(path: Path, said: Source) -> RawTable:
+    kind = said.kind or _find_source_kind(path)
     if path.is_dir() and kind not in ("isoxml", "shapefile"):
-        raise ImportTrouble(
+        raise LogImportError(
             path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)"
         )
     if kind == "excel":
@@ -86,27 +88,27 @@ def _read(path: Path, said: Source) -> RawTable:
 
         return read_points(path, said)
     if kind == "shapefile":
-        from topdress.drivers.files.imports.points import read_shapefile
+        from topdress.drivers.files.imports.points import read_point_shapefile
 
-        return read_shapefile(path, said)
+        return read_point_shapefile(path, said)
     if kind == "isoxml":
         from topdress.drivers.files.imports.task_log import read_task_log
 
         return read_task_log(path, said)
     if kind == "parquet":
-        return _parquet(path, said)
-    return read_text(path, said)
+        return _read_parquet(path, said)
+    return read_text_table(path, said)
 
 
-def _with_stated(raw: RawTable) -> RawTable:
+def _add_stated_units(raw: RawTable) -> RawTable:
     """Returns the table with units from a column of units, or from a line above the header."""
     texts: dict[str, list[str]] = {}
     for name, column in raw.columns.items():
         if not is_text(column):
             continue
-        first = next(filter(None, column[:LOOKED_ROWS].tolist()), "")[:LONGEST_UNIT]
+        first = next(filter(None, column[:SEARCHED_ROWS].tolist()), "")[:MAX_UNIT_LENGTH]
         if first and parse_cell(first) is None:
-            kinds = dict.fromkeys(text[:LONGEST_UNIT] for text in column.tolist() if text)
+            kinds = dict.fromkeys(text[:MAX_UNIT_LENGTH] for text in column.tolist() if text)
             texts[name] = list(islice(kinds, MAX_UNIT_TEXTS + 1))
     stated = together(
         of_texts(ANY, raw.above, "the lines above the header"), find_unit_columns(texts)
@@ -115,7 +117,7 @@ def _with_stated(raw: RawTable) -> RawTable:
         name: stated.get(name.casefold(), stated.get(ANY))
         for name in raw.names
         if name not in raw.units
-        and (subject := subject_of(folded(name), None)) is not None
+        and (subject := find_subject(fold_column_name(name), None)) is not None
         and subject.id == "rate"
     }
     return replace(
@@ -127,18 +129,18 @@ def _with_stated(raw: RawTable) -> RawTable:
     )
 
 
-def _kind(path: Path) -> SourceKind:
+def _find_source_kind(path: Path) -> SourceKind:
     """Returns the kind of a file. In a folder or a zip a task that was worked comes before
     points, and points before a task that was not."""
     if path.is_dir() or path.suffix.lower() == ".zip":
         files = files_at(path)
         shapes = any(name.lower().endswith(".shp") for name in files.names)
         return "shapefile" if shapes and not holds_time_log(files) else "isoxml"
-    return _SUFFIXES.get(path.suffix.lower(), "text")
+    return _KIND_OF_SUFFIX.get(path.suffix.lower(), "text")
 
 
 # Returns the table of a Parquet file (extra parquet). Raises ImportTrouble.
-def _parquet(path: Path, said: Source) -> RawTable:
+def _read_parquet(path: Path, said: Source) -> RawTable:
     need("Parquet", "parquet")
     import polars as pl
 
@@ -146,22 +148,22 @@ def _parquet(path: Path, said: Source) -> RawTable:
     try:
         frame = pl.read_parquet(path, use_pyarrow=False)
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise ImportTrouble(
+        raise LogImportError(
             path, f"not readable as Parquet: {str(error).splitlines()[0]}"
         ) from None
     if frame.height == 0:
-        raise ImportTrouble(path, "no rows in it")
+        raise LogImportError(path, "no rows in it")
     check_texts(frame, path)
-    columns = {name: _of_series(frame[name]) for name in frame.columns}
+    columns = {name: _convert_series(frame[name]) for name in frame.columns}
     utc = frozenset(
         name for name, kind in frame.schema.items() if getattr(kind, "time_zone", None) is not None
     )
     source = said.model_copy(update={"kind": "parquet"})
-    return RawTable(path, columns, source, units_in(columns), 1, utc=utc)
+    return RawTable(path, columns, source, find_units_in(columns), 1, utc=utc)
 
 
 # Returns a column as numbers, times or texts (n,).
-def _of_series(series: pl.Series) -> NDArray[Any]:
+def _convert_series(series: pl.Series) -> NDArray[Any]:
     import polars as pl
 
     if series.dtype.is_numeric() or series.dtype == pl.Boolean:

@@ -14,26 +14,33 @@ from topdress.control.log_row import LOG_BEGINS
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers import day_clock
 from topdress.drivers.files.columns import Columns, count_rows, stack_tables, text_column
-from topdress.drivers.files.imports.devices import DeviceElement, Meaning, parts_of, width_m
-from topdress.drivers.files.imports.mapping import EVENTS, Source
-from topdress.drivers.files.imports.raw import RawTable, unique
+from topdress.drivers.files.imports.devices import (
+    DeviceElement,
+    NumberMeaning,
+    find_width_m,
+    read_device_elements,
+)
+from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Source
+from topdress.drivers.files.imports.raw import RawTable, make_unique
 from topdress.drivers.files.imports.time_logs import (
-    UTC,
+    UTC_COLUMN,
     LoggedValue,
     TimeLog,
-    columns_of,
-    hectares,
-    time_logs,
-    width_of,
+    build_time_log_columns,
+    calc_worked_ha,
+    find_log_width,
+    read_time_logs,
 )
-from topdress.drivers.files.imports.trouble import ImportTrouble, listed
-from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.trouble import LogImportError, format_list
+from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.prescriptions.task_files import choose_task_set, read_task_tree
 
 # How an operator chooses, for messages.
-CHOICES = "--task, --device and --log (source.task, .device and .task_log of the import file)"
+CHOICE_OPTIONS = (
+    "--task, --device and --log (source.task, .device and .task_log of the import file)"
+)
 # Logs in a message, a line each.
-MOST_LISTED = 60
+MAX_LISTED_LOGS = 60
 
 
 class TaskLogs(NamedTuple):
@@ -61,31 +68,31 @@ def read_task_log(path: Path, said: Source) -> RawTable:
     Refused : the task set cannot be used, in one line.
     OSError : it cannot be read.
     """
-    found = task_logs(path, said.inside)
+    found = find_task_logs(path, said.inside)
     if found is None:
-        raise ImportTrouble(path, "no TASKDATA.XML there")
-    return _read(path, found, said)
+        raise LogImportError(path, "no TASKDATA.XML there")
+    return _read_chosen_logs(path, found, said)
 
 
-def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
+def find_task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
     """Returns the time logs of a task set; None: there is no task file. Raises Refused, OSError."""
     files = choose_task_set(path, inside)
     if files is None:
         return None
     root = read_task_tree(files)
-    parts = parts_of(root)
-    return TaskLogs(root, parts, time_logs(files, root, parts))
+    parts = read_device_elements(root)
+    return TaskLogs(root, parts, read_time_logs(files, root, parts))
 
 
 # Returns the table of the chosen logs. Raises ImportTrouble.
-def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
+def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
     if not found.logs:
-        raise ImportTrouble(
+        raise LogImportError(
             path,
             "no time log (TLG) in its tasks: allowed is a task that was worked (what is to be "
             "applied is read by topdress map)",
         )
-    logs = _chosen(path, found, said)
+    logs = _choose_logs(path, found, said)
     findings = [
         Finding(
             "cut_row",
@@ -97,43 +104,43 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
     ]
     if empty := [log for log in logs if log.trouble]:
         if len(empty) == len(logs):
-            raise ImportTrouble(path, *(f"{log.name}: {log.trouble}" for log in logs))
+            raise LogImportError(path, *(f"{log.name}: {log.trouble}" for log in logs))
         if gone := [log for log in empty if "no record" not in log.trouble]:
-            raise ImportTrouble(
+            raise LogImportError(
                 path, *(f"{log.name}: {log.trouble}: --log takes another" for log in gone)
             )
         findings.append(
             Finding(
                 "empty_logs",
                 f"{many(len(empty), 'time log')} without a record left out "
-                f"({listed(log.name for log in empty)})",
+                f"({format_list(log.name for log in empty)})",
             )
         )
     logs = sorted((log for log in logs if not log.trouble), key=lambda log: log.first_us)
-    _check_apart(path, found, logs)
+    _check_no_overlap(path, found, logs)
     logged = list(
         {
             (one.ddi, one.element): one
             for log in logs
             for one in log.logged
-            if said.device is None or _is_of(one, said.device)
+            if said.device is None or _is_of_device(one, said.device)
         }.values()
     )
-    presented = _presented(path, logged, said, findings)
-    names = _names(logs, logged)
-    columns = _joined(logs, names, presented)
+    presented = _is_by_presentation(path, logged, said, findings)
+    names = _name_columns(logs, logged)
+    columns = _join_logs(logs, names, presented)
     units = {
         names[one.ddi, one.element]: (one.shown if presented and one.shown else one.meaning).unit
         for one in logged
         if (one.ddi, one.element) in names
     }
-    findings += _elements(logged, names)
+    findings += _describe_elements(logged, names)
     if len(logs) > 1:
         findings.append(
             Finding(
                 "joined_logs",
                 f"{len(logs)} time logs of task {logs[0].task} joined by their times: "
-                f"{listed(log.name for log in logs)}",
+                f"{format_list(log.name for log in logs)}",
             )
         )
     several = len({log.task for log in found.logs}) > 1
@@ -151,19 +158,19 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
         {name: unit for name, unit in units.items() if unit},
         1,
         tuple(findings),
-        utc=frozenset({UTC}),
-        width_m=_width(found, logs, logged),
+        utc=frozenset({UTC_COLUMN}),
+        width_m=_find_shared_width(found, logs, logged),
     )
 
 
-def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
+def _choose_logs(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
     """Returns the logs of a single task. Raises ImportTrouble with a line for each log."""
     logs = [
         log
         for log in found.logs
-        if _fits(said.task_log, log.name)
-        and _fits(said.task, log.task, log.title)
-        and (said.device is None or any(_is_of(one, said.device) for one in log.logged))
+        if _is_chosen(said.task_log, log.name)
+        and _is_chosen(said.task, log.task, log.title)
+        and (said.device is None or any(_is_of_device(one, said.device) for one in log.logged))
     ]
     chosen = [
         f"{word} {value}"
@@ -171,75 +178,76 @@ def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
         if value is not None
     ]
     if not logs:
-        raise ImportTrouble(
+        raise LogImportError(
             path,
-            f"{', '.join(chosen)}: no such time log: allowed with {CHOICES} are",
-            *log_lines(found),
+            f"{', '.join(chosen)}: no such time log: allowed with {CHOICE_OPTIONS} are",
+            *describe_logs(found),
         )
     tasks = {log.task for log in logs}
     if len(tasks) > 1:
-        raise ImportTrouble(
+        raise LogImportError(
             path,
-            f"{len(logs)} time logs of {len(tasks)} tasks: say which with {CHOICES}",
-            *log_lines(found._replace(logs=logs)),
+            f"{len(logs)} time logs of {len(tasks)} tasks: say which with {CHOICE_OPTIONS}",
+            *describe_logs(found._replace(logs=logs)),
         )
     return logs
 
 
-def _fits(wanted: str | None, *names: str) -> bool:
+def _is_chosen(wanted: str | None, *names: str) -> bool:
     return wanted is None or wanted.strip().casefold() in [
         name.strip().casefold() for name in names
     ]
 
 
-def _is_of(one: LoggedValue, device: str) -> bool:
-    return one.part is not None and _fits(device, one.part.device, one.part.device_name)
+def _is_of_device(one: LoggedValue, device: str) -> bool:
+    return one.part is not None and _is_chosen(device, one.part.device, one.part.device_name)
 
 
-def log_lines(found: TaskLogs) -> list[str]:
+def describe_logs(found: TaskLogs) -> list[str]:
     """Returns a line for each time log: its task, device, dates, rows, hectares and columns."""
-    lines = [_line(log, found) for log in found.logs[:MOST_LISTED]]
-    more = len(found.logs) - MOST_LISTED
+    lines = [_describe_log(log, found) for log in found.logs[:MAX_LISTED_LOGS]]
+    more = len(found.logs) - MAX_LISTED_LOGS
     return [*lines, f"... {many(more, 'more time log')}"] if more > 0 else lines
 
 
-def _line(log: TimeLog, found: TaskLogs) -> str:
+def _describe_log(log: TimeLog, found: TaskLogs) -> str:
     title = f" ({log.title})" if log.title else ""
     devices = (
-        listed(f"{key} ({name})" if name else key for key, name in log.devices.items())
+        format_list(f"{key} ({name})" if name else key for key, name in log.devices.items())
         or "no device described"
     )
     where = f"task {log.task}{title}, log {log.name}, device {devices}"
     if log.trouble:
         return f"{where}: {log.trouble}"
-    area = hectares(log, found.parts)
+    area = calc_worked_ha(log, found.parts)
     size = "hectares not given" if area is None else f"{area[0]:.3f} ha ({area[1]})"
-    names = listed(dict.fromkeys(one.meaning.name for one in log.logged), 8)
+    names = format_list(dict.fromkeys(one.meaning.name for one in log.logged), 8)
     return (
-        f"{where}: {_moment(log.first_us)} to {_moment(log.last_us)}, {many(log.rows)}, "
+        f"{where}: {_format_moment(log.first_us)} to {_format_moment(log.last_us)}, "
+        f"{many(log.rows)}, "
         f"{size}; {names}"
     )
 
 
 # Returns a UTC as text, of microseconds since 1970.
-def _moment(us: int) -> str:
+def _format_moment(us: int) -> str:
     return f"{day_clock.moment(us / 1e6):%Y-%m-%d %H:%M:%S}"
 
 
 # Refuses logs that overlap in time. Raises ImportTrouble.
-def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
+def _check_no_overlap(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
     for before, after in pairwise(logs):
         if after.first_us <= before.last_us:
-            raise ImportTrouble(
+            raise LogImportError(
                 path,
-                f"{after.name} begins {_moment(after.first_us)}, before {before.name} ends "
-                f"{_moment(before.last_us)}: allowed are logs that follow one another; say "
-                f"which with {CHOICES}",
-                *log_lines(found._replace(logs=list(logs))),
+                f"{after.name} begins {_format_moment(after.first_us)}, before {before.name} ends "
+                f"{_format_moment(before.last_us)}: allowed are logs that follow one another; say "
+                f"which with {CHOICE_OPTIONS}",
+                *describe_logs(found._replace(logs=list(logs))),
             )
 
 
-def _presented(
+def _is_by_presentation(
     path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]
 ) -> bool:
     """Tells whether rates are taken as their device shows them. Raises ImportTrouble where that
@@ -250,28 +258,28 @@ def _presented(
     one = odd[0]
     assert one.shown is not None
     text = (
-        f"{one.meaning.name} ({one.element}): 100 is {_in_log_unit(one.meaning)} by DDI "
+        f"{one.meaning.name} ({one.element}): 100 is {_format_in_log_unit(one.meaning)} by DDI "
         f"{one.ddi or 0:04X}, and "
-        f"{_in_log_unit(one.shown)} as the device shows it"
+        f"{_format_in_log_unit(one.shown)} as the device shows it"
     )
     if said.values_from is None:
-        raise ImportTrouble(
+        raise LogImportError(
             path, f"{text}: say which holds: --values-from ddi or presentation (source.values_from)"
         )
     findings.append(Finding("presentation", f"{text}: taken by {said.values_from}"))
     return said.values_from == "presentation"
 
 
-def _in_log_unit(meaning: Meaning) -> str:
+def _format_in_log_unit(meaning: NumberMeaning) -> str:
     """Returns a raw number of 100, in the log's unit of its quantity, as text."""
-    unit = unit_named(meaning.unit)
+    unit = find_named_unit(meaning.unit)
     value = 100.0 * meaning.step + meaning.offset
     if unit is None or unit.quantity not in ("rate", "flow"):
         return f"{value:g} {meaning.unit}"
     return f"{value * unit.factor:g} {'kg/ha' if unit.quantity == 'rate' else 'kg/s'}"
 
 
-def _names(
+def _name_columns(
     logs: Sequence[TimeLog], logged: Sequence[LoggedValue]
 ) -> dict[tuple[int | None, str], str]:
     """Returns the column of each number: its meaning, and with several of a kind the element;
@@ -279,9 +287,9 @@ def _names(
     names: dict[tuple[int | None, str], str] = {}
     taken = set(logs[0].heads) if logs and logs[0].heads is not None else set()
     for name in dict.fromkeys(one.meaning.name for one in logged):
-        alike = _apart([one for one in logged if one.meaning.name == name], logs)
+        alike = _drop_repeats([one for one in logged if one.meaning.name == name], logs)
         wanted = [name] if len(alike) == 1 else [f"{name} ({one.element})" for one in alike]
-        free = unique([*sorted(taken), *wanted])[len(taken) :]
+        free = make_unique([*sorted(taken), *wanted])[len(taken) :]
         names |= {
             (one.ddi, one.element): one_name for one, one_name in zip(alike, free, strict=True)
         }
@@ -289,16 +297,16 @@ def _names(
     return names
 
 
-def _apart(alike: list[LoggedValue], logs: Sequence[TimeLog]) -> list[LoggedValue]:
+def _drop_repeats(alike: list[LoggedValue], logs: Sequence[TimeLog]) -> list[LoggedValue]:
     """Returns the numbers without those that repeat an earlier one in every record."""
     kept: list[LoggedValue] = []
     for one in alike:
-        if not any(all(_same(log, one, other) for log in logs) for other in kept):
+        if not any(all(_is_same_number(log, one, other) for log in logs) for other in kept):
             kept.append(one)
     return kept
 
 
-def _same(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
+def _is_same_number(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
     rows = [
         next(
             (
@@ -319,20 +327,20 @@ def _same(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
 
 
 # Returns the logs as a single table, with an event at each begin.
-def _joined(
+def _join_logs(
     logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], presented: bool
 ) -> Columns:
     tables = []
     for log in logs:
-        columns = columns_of(log, names, presented)
+        columns = build_time_log_columns(log, names, presented)
         if len(logs) > 1:
             mark = [f"{LOG_BEGINS}{log.name}", *[""] * (count_rows(columns) - 1)]
-            columns[EVENTS] = text_column(mark)
+            columns[EVENTS_COLUMN] = text_column(mark)
         tables.append(columns)
     return stack_tables(tables)
 
 
-def _elements(
+def _describe_elements(
     logged: Sequence[LoggedValue], names: dict[tuple[int | None, str], str]
 ) -> list[Finding]:
     """Returns a finding that names the elements in columns' names."""
@@ -346,78 +354,86 @@ def _elements(
         for element, part in shown.items()
         if part is not None
     ]
-    return [Finding("elements", listed(words))] if words else []
+    return [Finding("elements", format_list(words))] if words else []
 
 
-def _width(found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValue]) -> float | None:
+def _find_shared_width(
+    found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValue]
+) -> float | None:
     """Returns the working width, m, that all logs share; None: they do not say, or it changed."""
-    widths = {width_of(log, found.parts) for log in logs}
+    widths = {find_log_width(log, found.parts) for log in logs}
     if len(widths) == 1:
         return widths.pop()
     devices = {one.part.device for one in logged if one.part is not None}
-    return width_m(found.parts, devices.pop()) if len(devices) == 1 and None not in widths else None
+    return (
+        find_width_m(found.parts, devices.pop())
+        if len(devices) == 1 and None not in widths
+        else None
+    )
 
 
 # Attribute DataTransferOrigin of ISO 11783-10.
-ORIGINS = {
+ORIGIN_TEXTS = {
     "1": "written before the work, by farm software",
     "2": "written after it, by a task controller",
 }
 
 
-def task_words(path: Path) -> list[str] | None:
+def describe_task_file(path: Path) -> list[str] | None:
     """Returns what a task file holds, a line each; None: there is no task file. Raises Refused,
     OSError."""
-    found = task_logs(path)
+    found = find_task_logs(path)
     if found is None:
         return None
     root = found.root
-    origin = ORIGINS.get(root.get("DataTransferOrigin", ""), "origin not given")
+    origin = ORIGIN_TEXTS.get(root.get("DataTransferOrigin", ""), "origin not given")
     lines = [
         f"{path}: task file, version "
         f"{root.get('VersionMajor', '?')}.{root.get('VersionMinor', '?')}, {origin}"
     ]
     for task in root.findall("TSK"):
-        lines.append(f"{path}: {_task(root, task)}")
+        lines.append(f"{path}: {_describe_task(root, task)}")
     for field in root.findall("PFD"):
         area = field.get("D", "")
         lines.append(
-            f"{path}: field {_named(field, 'C')}"
+            f"{path}: field {_format_name(field, 'C')}"
             + (f", {int(area) / 10_000:.4f} ha as it says" if area.isdigit() and int(area) else "")
         )
     for product in root.findall("PDT"):
-        lines.append(f"{path}: product {_named(product, 'B')}")
+        lines.append(f"{path}: product {_format_name(product, 'B')}")
     for device in root.findall("DVC"):
-        lines.append(f"{path}: {_device(device, found.parts)}")
-    return [*lines, *(f"{path}: {line}" for line in log_lines(found))]
+        lines.append(f"{path}: {_describe_device(device, found.parts)}")
+    return [*lines, *(f"{path}: {line}" for line in describe_logs(found))]
 
 
-def _named(element: Element, attribute: str) -> str:
+def _format_name(element: Element, attribute: str) -> str:
     name = element.get(attribute, "")
     return element.get("A", "") + (f" ({name})" if name else "")
 
 
-def _task(root: Element, task: Element) -> str:
+def _describe_task(root: Element, task: Element) -> str:
     held = [
         many(len(task.findall(tag)), what)
         for tag, what in (("TZN", "treatment zone"), ("GRD", "grid"), ("TLG", "time log"))
         if task.find(tag) is not None
     ]
     field = next(
-        (_named(one, "C") for one in root.findall("PFD") if one.get("A") == task.get("E")), ""
+        (_format_name(one, "C") for one in root.findall("PFD") if one.get("A") == task.get("E")), ""
     )
-    return f"task {_named(task, 'B')}: {listed(held) or 'nothing planned and nothing logged'}" + (
-        f"; field {field}" if field else ""
+    return (
+        f"task {_format_name(task, 'B')}: "
+        f"{format_list(held) or 'nothing planned and nothing logged'}"
+        + (f"; field {field}" if field else "")
     )
 
 
-def _device(device: Element, parts: dict[str, DeviceElement]) -> str:
-    width = width_m(parts, device.get("A"))
+def _describe_device(device: Element, parts: dict[str, DeviceElement]) -> str:
+    width = find_width_m(parts, device.get("A"))
     own = [part for part in parts.values() if part.device == device.get("A")]
     sections = sum(part.kind == "4" for part in own)
     words = [f"{width:g} m wide" if width is not None else "width not given"]
     words += [many(sections, "section")] if sections else []
     return (
-        f"device {_named(device, 'B')}: {', '.join(words)}; elements "
-        f"{listed(f'{part.id} {part.name}'.strip() for part in own)}"
+        f"device {_format_name(device, 'B')}: {', '.join(words)}; elements "
+        f"{format_list(f'{part.id} {part.name}'.strip() for part in own)}"
     )

@@ -22,27 +22,27 @@ from topdress.drivers.files.columns import BLOCK_ROWS, Columns, count_rows, sele
 from topdress.drivers.files.imports.dialect import (
     DELIMITERS,
     SAMPLE_BYTES,
-    Dialect,
-    dialect_of,
-    encoding_of,
+    TextDialect,
+    find_dialect,
+    find_encoding,
 )
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.numbers import numbers_of
-from topdress.drivers.files.imports.raw import RawTable, header_of, unique
-from topdress.drivers.files.imports.trouble import ImportTrouble, TableError, listed
+from topdress.drivers.files.imports.numbers import parse_number_cells
+from topdress.drivers.files.imports.raw import RawTable, make_unique, split_header
+from topdress.drivers.files.imports.trouble import LogImportError, TableError, format_list
 from topdress.drivers.files.limits import LINE, check_text
 
 # Byte order marks of UTF-16.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
-def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
+def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
     """Returns the text without the lines below its first that are longer than `LINE`, where others
     remain, and findings.
 
     Zero bytes, as a power loss leaves them, do not count; UTF-16 stays as it is.
     """
-    long = [] if data.startswith(_UTF16) else _long_lines(data)
+    long = [] if data.startswith(_UTF16) else _find_long_lines(data)
     if not long:
         return data, []
     starts_at = data.count(b"\n", 0, long[0][0]) + 1
@@ -62,7 +62,7 @@ def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
     return (kept, [said]) if kept.partition(b"\n")[2].strip() else (data, [])
 
 
-def _long_lines(data: bytes) -> list[tuple[int, int]]:
+def _find_long_lines(data: bytes) -> list[tuple[int, int]]:
     """Returns first byte and line end of each long line. A long line has no line end in one of
     the places half as long as allowed: only those are searched."""
     half, place, found = LINE.most // 2, 0, list[tuple[int, int]]()
@@ -80,12 +80,12 @@ def _long_lines(data: bytes) -> list[tuple[int, int]]:
 
 # Lines of a cell with line breaks, as headers of spreadsheets have them. A quote that is open for
 # longer swallows the rows behind it.
-MOST_LINES = 5
+MAX_CELL_LINES = 5
 # Bytes before a cell.
-_STARTS = b",;\t| "
+_CELL_STARTS = b",;\t| "
 
 
-def unclosed_quote(data: bytes) -> int | None:
+def find_unclosed_quote(data: bytes) -> int | None:
     """Returns the line (from 1) with a quote that is not closed within a cell's few lines; None:
     there is none.
 
@@ -95,30 +95,30 @@ def unclosed_quote(data: bytes) -> int | None:
         return None
     opened = 0
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
-        if opened and number - opened > MOST_LINES:
+        if opened and number - opened > MAX_CELL_LINES:
             return opened
         if b'"' not in line:
             continue
         if opened:
             opened = 0 if line.count(b'"') % 2 else opened
-        elif line.count(b'"') % 2 and _opens(line):
+        elif line.count(b'"') % 2 and _is_opening_quote(line):
             opened = number
     return opened or None
 
 
-def _opens(line: bytes) -> bool:
+def _is_opening_quote(line: bytes) -> bool:
     """Tells whether a quote stands where a cell begins: a quote behind a number is the sign for
     inches."""
     return any(
-        line[at : at + 1] == b'"' and (at == 0 or line[at - 1] in _STARTS)
+        line[at : at + 1] == b'"' and (at == 0 or line[at - 1] in _CELL_STARTS)
         for at in range(len(line))
     )
 
 
 # Id of a finding.
-NO_HEADER = "no_header"
+NO_HEADER_ID = "no_header"
 # Findings that an import does not report: its import file says how the text is written.
-AS_WRITTEN = frozenset(
+UNREPORTED_IDS = frozenset(
     {"utf16", "byte_order_mark", "zero_bytes", "carriage_returns", "encoding", "no_last_line_end"}
 )
 
@@ -135,7 +135,7 @@ class NumberCells(NamedTuple):
 CellColumn = NumberCells | NDArray[Any]
 
 
-def utf8(
+def convert_to_utf8(
     path: Path, data: bytes, said: str | None = None, whole: bool = True
 ) -> tuple[bytes, str, list[Finding]]:
     """Returns a text in UTF-8 with line feeds, its encoding, and findings.
@@ -153,13 +153,13 @@ def utf8(
     BeyondLimits : it is too large.
     """
     # The last line may be cut inside a letter, so it is not looked at.
-    encoding = said or encoding_of(data[: data.rfind(b"\n") + 1] or data)
+    encoding = said or find_encoding(data[: data.rfind(b"\n") + 1] or data)
     findings: list[Finding] = []
     if encoding.lower() not in ("utf-8", "utf8"):
         try:
             data = data.decode(encoding, errors="replace" if said else "ignore").encode()
         except LookupError:
-            raise ImportTrouble(
+            raise LogImportError(
                 path,
                 f"source.encoding {encoding}: not known; allowed e.g. utf-8, utf-16, latin-1, "
                 "cp1252, gb18030",
@@ -176,7 +176,7 @@ def utf8(
         else:
             findings.append(Finding("encoding", f"the file is not UTF-8: read as {encoding}"))
     data = data.removeprefix(codecs.BOM_UTF8)
-    data, long = without_long_lines(data)
+    data, long = drop_long_lines(data)
     findings = [*long, *findings]
     if b"\0" in data:
         data = data.replace(b"\0", b"")
@@ -191,7 +191,7 @@ def utf8(
         findings.append(
             Finding("carriage_returns", "lines end with carriage returns only, read as such")
         )
-    line = unclosed_quote(data) if whole else None
+    line = find_unclosed_quote(data) if whole else None
     if line is not None:
         raise TableError(
             path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes"
@@ -199,7 +199,7 @@ def utf8(
     return data, encoding, findings
 
 
-def without_cut_row(
+def drop_cut_row(
     data: bytes, body: int, sign: str, width: int, own: bool = False
 ) -> tuple[bytes, list[Finding]]:
     """Returns the text without its last row where that was cut off, and findings. body: the byte
@@ -214,7 +214,7 @@ def without_cut_row(
     return data[:end], [Finding("cut_row", "the last row was cut off and left out", rows=1)]
 
 
-def cells_of(
+def read_cell_columns(
     path: Path,
     data: bytes,
     body: int,
@@ -249,12 +249,12 @@ def cells_of(
     places = {name: place for place, name in enumerate(names)}
     rows = _EvenRows(data, body, sign, len(names), above)
     blocks: dict[str, list[CellColumn]] = {name: [] for name in wanted}
-    for block in rows.blocks():
+    for block in rows.iter_blocks():
         columns = list(zip(*block, strict=True))
         for name, parts in blocks.items():
             cells = columns[places[name]]
             if name in numbers:
-                found = numbers_of(cells, decimal_comma)
+                found = parse_number_cells(cells, decimal_comma)
                 parts.append(NumberCells(found.values, found.bad, found.cell))
             else:
                 parts.append(text_column(cells))
@@ -265,7 +265,9 @@ def cells_of(
             path,
             f"line {line}: {what}{comma if sign == ',' and fields > len(names) else ''}",
         )
-    return {name: _one_column(parts, name in numbers) for name, parts in blocks.items()}, rows.said
+    return {
+        name: _join_blocks(parts, name in numbers) for name, parts in blocks.items()
+    }, rows.left_out_findings
 
 
 class _EvenRows:
@@ -280,11 +282,11 @@ class _EvenRows:
         self._width, self._above = width, above
         self.count, self.wrong = 0, list[tuple[int, str, int]]()
 
-    def blocks(self) -> Iterator[list[list[str]]]:
+    def iter_blocks(self) -> Iterator[list[list[str]]]:
         """Yields blocks of rows."""
         block: list[list[str]] = []
-        for cells in self._rows():
-            if len(cells) != self._width and not self._mend(cells):
+        for cells in self._iter_rows():
+            if len(cells) != self._width and not self._trim_row(cells):
                 continue
             block.append(cells)
             if len(block) == BLOCK_ROWS:
@@ -296,7 +298,7 @@ class _EvenRows:
             yield block
 
     # Yields all rows; goes on behind an error.
-    def _rows(self) -> Iterator[list[str]]:
+    def _iter_rows(self) -> Iterator[list[str]]:
         while True:
             try:
                 yield from self._reader
@@ -304,7 +306,7 @@ class _EvenRows:
             except csv.Error as error:
                 self.wrong.append((self._above + self._reader.line_num, str(error), 0))
 
-    def _mend(self, cells: list[str]) -> bool:
+    def _trim_row(self, cells: list[str]) -> bool:
         """Tells whether the row has the header's width, without empty cells behind its last."""
         if len(cells) > self._width and not any(cells[self._width :]):
             del cells[self._width :]
@@ -320,7 +322,7 @@ class _EvenRows:
         return False
 
     @property
-    def said(self) -> list[Finding]:
+    def left_out_findings(self) -> list[Finding]:
         """Returns a finding about the rows left out."""
         if not self.wrong:
             return []
@@ -335,7 +337,7 @@ class _EvenRows:
 
 
 # Returns the blocks of a column as a whole.
-def _one_column(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
+def _join_blocks(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
     numeric = [part for part in parts if isinstance(part, NumberCells)]
     if is_numeric:
         return NumberCells(
@@ -347,7 +349,7 @@ def _one_column(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
     return np.concatenate(texts) if texts else text_column([])
 
 
-def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
+def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawTable:
     """Returns a table of any dialect, or of the dialect that `said` describes.
 
     Parameters
@@ -362,29 +364,29 @@ def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
     BeyondLimits : it is too large.
     OSError : it cannot be read.
     """
-    data, encoding, findings = utf8(
+    data, encoding, findings = convert_to_utf8(
         path, path.read_bytes() if data is None else data, said.encoding
     )
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
     if len(data) > SAMPLE_BYTES:
         sample = sample[: sample.rfind("\n")]
     try:
-        dialect = dialect_of(str(path), sample, encoding.removesuffix("-sig"), said)
+        dialect = find_dialect(str(path), sample, encoding.removesuffix("-sig"), said)
     except csv.Error as error:
-        raise ImportTrouble(path, f"not readable as a table: {error}") from None
+        raise LogImportError(path, f"not readable as a table: {error}") from None
     layout = dialect.layout
     if layout.header < 0 and not said.names:
         first = dialect.rows[layout.body]
         said = said.model_copy(update={"names": tuple(f"c{k + 1}" for k in range(len(first)))})
         findings.append(
             Finding(
-                NO_HEADER,
-                f"no header row: the first row is {listed(first, 4)}: its columns are "
-                f"called {listed(said.names or (), 4)}: say in source.names what they are",
+                NO_HEADER_ID,
+                f"no header row: the first row is {format_list(first, 4)}: its columns are "
+                f"called {format_list(said.names or (), 4)}: say in source.names what they are",
             )
         )
-    names, units = _header(dialect, said)
-    columns, odd = _texts(path, data, dialect, names)
+    names, units = _split_header_cells(dialect, said)
+    columns, odd = _read_text_columns(path, data, dialect, names)
     found = said.model_copy(
         update={
             "kind": "text",
@@ -402,32 +404,32 @@ def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
         found,
         units,
         layout.body + 1,
-        tuple(one for one in (*findings, *odd) if one.id not in AS_WRITTEN),
+        tuple(one for one in (*findings, *odd) if one.id not in UNREPORTED_IDS),
         above,
     )
 
 
-def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
+def _split_header_cells(dialect: TextDialect, said: Source) -> tuple[list[str], dict[str, str]]:
     if said.names:
-        return unique(list(said.names)), {}
+        return make_unique(list(said.names)), {}
     layout = dialect.layout
-    return header_of(
+    return split_header(
         # Some programs write the header as a comment.
         [cell.lstrip("#").strip() for cell in dialect.rows[layout.header]],
         None if layout.units is None else dialect.rows[layout.units],
     )
 
 
-def _texts(
-    path: Path, data: bytes, dialect: Dialect, names: list[str]
+def _read_text_columns(
+    path: Path, data: bytes, dialect: TextDialect, names: list[str]
 ) -> tuple[Columns, list[Finding]]:
     """Returns columns of texts without blanks around, and without empty rows."""
-    start = _line_start(data, dialect.layout.body)
+    start = _find_line_start(data, dialect.layout.body)
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
     sign = DELIMITERS[dialect.delimiter]
-    data, cut = without_cut_row(data, start, sign, len(names))
-    cells, odd = cells_of(path, data, start, sign, names, above=dialect.layout.body)
+    data, cut = drop_cut_row(data, start, sign, len(names))
+    cells, odd = read_cell_columns(path, data, start, sign, names, above=dialect.layout.body)
     columns = {
         name: np.strings.strip(column)
         for name, column in cells.items()
@@ -437,12 +439,12 @@ def _texts(
     for column in columns.values():
         filled |= column != ""
     if not filled.any():
-        raise ImportTrouble(path, "no rows below the header")
+        raise LogImportError(path, "no rows below the header")
     return columns if filled.all() else select_rows(columns, filled), [*cut, *odd]
 
 
 # Returns the first byte of a line, from 0.
-def _line_start(data: bytes, line: int) -> int:
+def _find_line_start(data: bytes, line: int) -> int:
     place = 0
     for _ in range(line):
         end = data.find(b"\n", place)

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.trouble import LogImportError
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+WholeNumbers = NDArray[np.int64]
 
 # Parts of a format that hold the day.
 DAY_PARTS = re.compile("%[djeyYFDs]")
@@ -26,11 +26,11 @@ _MONTHS = (
 # Months in English, whole or by three letters.
 _NAMES = f"((?i:{'|'.join((*_MONTHS, *(name[:3] for name in _MONTHS)))}))"
 # Digits that belong to a part are not given back to the one before it.
-_TWO = r"\s*+(\d{1,2}+)"
+_TWO_DIGITS = r"\s*+(\d{1,2}+)"
 # Each part as a regular expression.
 _PATTERNS = {
     "Y": r"\s*+([+-]\d++|\d{1,4}+)",
-    **dict.fromkeys(("y", "m", "d", "H", "I", "M", "S"), _TWO),
+    **dict.fromkeys(("y", "m", "d", "H", "I", "M", "S"), _TWO_DIGITS),
     "j": r"\s*+(\d{1,3}+)",
     "s": r"\s*+(-?\d++)",
     "p": "((?i:[ap]m))",
@@ -43,17 +43,17 @@ _PATTERNS = {
     **{f"{digits}f": rf"(\d{{{digits}}})" for digits in (3, 6, 9)},
 }
 # Parts that are ignored: the day's name, and the zone's (offsets are removed before).
-_PASSED_OVER = {"a": "[^\\W\\d]+", "A": "[^\\W\\d]+", "Z": r"\S*", "z": "", "%": "%"}
+_IGNORED_PARTS = {"a": "[^\\W\\d]+", "A": "[^\\W\\d]+", "Z": r"\S*", "z": "", "%": "%"}
 # A part, blanks, or any other letter.
 _PART = re.compile(r"%(\.?[369]?f|[A-Za-z%])|(\s+)|(.)", re.DOTALL)
 # Bounds of each part; a leap second is 60.
 _LOWEST = {"Y": -9999, "y": 0, "m": 1, "d": 1, "j": 1, "H": 0, "I": 1, "M": 0, "S": 0}
 _HIGHEST = {"Y": 9999, "y": 99, "m": 12, "d": 31, "j": 366, "H": 23, "I": 12, "M": 59, "S": 60}
 # First year in two digits that belongs to the century before (strptime: 69).
-_PIVOT = 70
+_CENTURY_PIVOT = 70
 
 
-class _Layout(NamedTuple):
+class _FormatPattern(NamedTuple):
     """Holds a format as a pattern, and its parts in the order of the groups."""
 
     pattern: re.Pattern[str]
@@ -77,20 +77,22 @@ def parse_times(texts: Sequence[str], form: str) -> Floats:
     ------
     ImportTrouble : it is no format.
     """
-    layout = _layout_of(form)
+    layout = _compile_format(form)
     us = np.full(len(texts), np.nan)
     match = layout.pattern.fullmatch
     found = [match(text) for text in texts]
     rows = [row for row, one in enumerate(found) if one is not None]
     if rows:
         cells = zip(*[one.groups("0") for one in found if one is not None], strict=True)
-        us[rows] = _microseconds(dict(zip(layout.parts, map(list, cells), strict=True)), len(rows))
+        us[rows] = _calc_microseconds(
+            dict(zip(layout.parts, map(list, cells), strict=True)), len(rows)
+        )
     return us
 
 
 # Returns the pattern of a format. Raises ImportTrouble.
 @lru_cache(maxsize=512)
-def _layout_of(form: str) -> _Layout:
+def _compile_format(form: str) -> _FormatPattern:
     for short, long in _WRITTEN_OUT.items():
         form = form.replace(short, long)
     pattern, parts = "", list[str]()
@@ -99,30 +101,30 @@ def _layout_of(form: str) -> _Layout:
         if part in _PATTERNS:
             pattern += _PATTERNS[part]
             parts.append("f" if part.endswith("f") else "b" if part == "B" else part)
-        elif part in _PASSED_OVER:
-            pattern += _PASSED_OVER[part]
+        elif part in _IGNORED_PARTS:
+            pattern += _IGNORED_PARTS[part]
         elif space:
             pattern += r"\s*+"
         else:
             pattern += re.escape(part or letter)
-        if (part and part not in (*_PATTERNS, *_PASSED_OVER)) or (not part and letter == "%"):
-            raise _no_format(form)
-    if len(set(parts)) < len(parts) or not parts or _is_halved(set(parts)):
-        raise _no_format(form)
-    return _Layout(re.compile(pattern), tuple(parts))
+        if (part and part not in (*_PATTERNS, *_IGNORED_PARTS)) or (not part and letter == "%"):
+            raise _make_format_error(form)
+    if len(set(parts)) < len(parts) or not parts or _is_half_given(set(parts)):
+        raise _make_format_error(form)
+    return _FormatPattern(re.compile(pattern), tuple(parts))
 
 
-def _is_halved(parts: set[str]) -> bool:
+def _is_half_given(parts: set[str]) -> bool:
     """Tells whether hours come without minutes or the other way round, or half days without
     their half."""
     return bool(parts & {"H", "I"}) != ("M" in parts) or ("I" in parts) != ("p" in parts)
 
 
-def _no_format(form: str) -> ImportTrouble:
-    return ImportTrouble("", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S")
+def _make_format_error(form: str) -> LogImportError:
+    return LogImportError("", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S")
 
 
-def _microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
+def _calc_microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
     """Returns microseconds (rows,) of the parts' texts; NaN where a part is out of its bounds."""
     found = {
         part: np.array(list(map(int, texts)), np.int64)
@@ -137,21 +139,21 @@ def _microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
     if "s" in found:
         seconds = found["s"]
     else:
-        days, is_day = _days(found, cells.get("b"), rows)
+        days, is_day = _calc_days(found, cells.get("b"), rows)
         good &= is_day
-        seconds = days * 86_400 + _seconds_of_day(found, cells.get("p"), rows)
+        seconds = days * 86_400 + _calc_seconds_of_day(found, cells.get("p"), rows)
     us = seconds * 1e6 + np.array(fraction_us or [0], np.float64)
     return np.where(good, us, np.nan)
 
 
-def _days(
-    found: dict[str, Whole], names: list[str] | None, rows: int
-) -> tuple[Whole, NDArray[np.bool_]]:
+def _calc_days(
+    found: dict[str, WholeNumbers], names: list[str] | None, rows: int
+) -> tuple[WholeNumbers, NDArray[np.bool_]]:
     """Returns days since 1970, and whether their month, or year, has them."""
     one = np.ones(rows, np.int64)
     year = found.get("Y", 1970 * one)
     if "y" in found:
-        year = found["y"] + np.where(found["y"] < _PIVOT, 2000, 1900)
+        year = found["y"] + np.where(found["y"] < _CENTURY_PIVOT, 2000, 1900)
     month = found.get("m", one)
     if names is not None:
         months = {name[:3]: number for number, name in enumerate(_MONTHS, start=1)}
@@ -168,7 +170,9 @@ def _days(
     return days, (days >= first) & (days < beyond)
 
 
-def _seconds_of_day(found: dict[str, Whole], halves: list[str] | None, rows: int) -> Whole:
+def _calc_seconds_of_day(
+    found: dict[str, WholeNumbers], halves: list[str] | None, rows: int
+) -> WholeNumbers:
     zero = np.zeros(rows, np.int64)
     hours = found.get("H", zero)
     if halves is not None:

@@ -16,18 +16,18 @@ from topdress.drivers.files.columns import TIME, Columns, count_rows
 from topdress.drivers.files.exports.time_log import FIRST_DAY_UTC
 from topdress.drivers.files.imports.devices import (
     DeviceElement,
-    Meaning,
-    contradiction,
-    ddi_of,
-    meaning_of,
-    width_m,
+    NumberMeaning,
+    find_contradiction,
+    find_meaning,
+    find_width_m,
+    parse_ddi,
 )
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.trouble import LogImportError
 from topdress.drivers.files.prescriptions.task_files import TaskSet
 
 # Fields of TIM and its PTN that every record may hold, in their order: attribute, numpy's type,
 # step, name here, the number that means not known.
-_HEAD = (
+_HEAD_FIELDS = (
     ("PTN", "A", "<i4", 1e-7, "lat_deg", None),
     ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
     ("PTN", "C", "<i4", 0.001, "altitude_m", None),
@@ -39,12 +39,12 @@ _HEAD = (
     ("PTN", "I", "<u2", 1.0, "gps day", None),
 )
 # Milliseconds of the day and days since 1980 begin every record.
-_TIME = (("ms", "<u4"), ("day", "<u2"))
-UTC = "utc"
+_TIME_FIELDS = (("ms", "<u4"), ("day", "<u2"))
+UTC_COLUMN = "utc"
 # Data dictionary identifiers (ISO 11783-11): m2, mm, 1 for working.
-TOTAL_AREA, WIDTH, WORK = 116, 67, 141
+TOTAL_AREA_DDI, WIDTH_DDI, WORK_STATE_DDI = 116, 67, 141
 # Distance, m, below which two places are the same.
-MOVES_M = 0.001
+MIN_STEP_M = 0.001
 
 
 class LoggedValue(NamedTuple):
@@ -54,8 +54,8 @@ class LoggedValue(NamedTuple):
     ddi: int | None
     element: str
     part: DeviceElement | None
-    meaning: Meaning
-    shown: Meaning | None
+    meaning: NumberMeaning
+    shown: NumberMeaning | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +85,13 @@ class TimeLog:
     def first_us(self) -> int:
         """Returns the first time, microseconds since 1970."""
         assert self.heads is not None
-        return int(self.heads[UTC].min().astype(np.int64))
+        return int(self.heads[UTC_COLUMN].min().astype(np.int64))
 
     @property
     def last_us(self) -> int:
         """Returns the last time, microseconds since 1970."""
         assert self.heads is not None
-        return int(self.heads[UTC].max().astype(np.int64))
+        return int(self.heads[UTC_COLUMN].max().astype(np.int64))
 
     @property
     def devices(self) -> dict[str, str]:
@@ -101,60 +101,62 @@ class TimeLog:
         }
 
 
-def time_logs(files: TaskSet, root: Element, parts: dict[str, DeviceElement]) -> list[TimeLog]:
+def read_time_logs(files: TaskSet, root: Element, parts: dict[str, DeviceElement]) -> list[TimeLog]:
     """Returns all time logs of all tasks, in the file's order."""
     return [
-        _read(files, root, parts, task, name)
+        _read_time_log(files, root, parts, task, name)
         for task in root.iter("TSK")
         for log in task.findall("TLG")
         if (name := log.get("A"))
     ]
 
 
-def _read(
+def _read_time_log(
     files: TaskSet, root: Element, parts: dict[str, DeviceElement], task: Element, name: str
 ) -> TimeLog:
     empty = TimeLog(name, task.get("A", ""), task.get("B", ""))
     layout, data = files.read(f"{name}.xml"), files.read(f"{name}.bin")
     if layout is None or data is None:
         absent = f"{name}.{'xml' if layout is None else 'bin'}"
-        return _failed(empty, f"{absent}, which the task names, is not there")
+        return _make_failed_log(empty, f"{absent}, which the task names, is not there")
     try:
         time = ElementTree.fromstring(layout)
     except ElementTree.ParseError as error:
-        return _failed(empty, f"{name}.xml: not readable as XML: {error}")
+        return _make_failed_log(empty, f"{name}.xml: not readable as XML: {error}")
     time = (
         time
         if time.tag == "TIM"
         else (found if (found := time.find(".//TIM")) is not None else time)
     )
-    logged = tuple(_logged_value(root, parts, item) for item in time.findall("DLV"))
+    logged = tuple(_describe_value(root, parts, item) for item in time.findall("DLV"))
     place = time.find("PTN")
-    fields = [row for row in _HEAD if place is not None and place.get(row[1]) == ""]
-    head = np.dtype([*_TIME, *((row[4], row[2]) for row in fields), ("values", "u1")])
-    starts, end = _starts(data, head.itemsize)
+    fields = [row for row in _HEAD_FIELDS if place is not None and place.get(row[1]) == ""]
+    head = np.dtype([*_TIME_FIELDS, *((row[4], row[2]) for row in fields), ("values", "u1")])
+    starts, end = _find_record_starts(data, head.itemsize)
     if not len(starts):
-        return _failed(TimeLog(empty.name, empty.task, empty.title, logged), "no record in it")
+        return _make_failed_log(
+            TimeLog(empty.name, empty.task, empty.title, logged), "no record in it"
+        )
     raw = np.frombuffer(data, np.uint8)
     heads = raw[starts[:, None] + np.arange(head.itemsize)].view(head)[:, 0]
-    values = _values(raw, starts + head.itemsize, heads["values"], len(logged))
+    values = _decode_values(raw, starts + head.itemsize, heads["values"], len(logged))
     return TimeLog(
-        name, empty.task, empty.title, logged, _heads(heads, fields), values, len(data) - end
+        name, empty.task, empty.title, logged, _decode_heads(heads, fields), values, len(data) - end
     )
 
 
 # Returns a log that cannot be read, with the reason.
-def _failed(log: TimeLog, why: str) -> TimeLog:
+def _make_failed_log(log: TimeLog, why: str) -> TimeLog:
     return TimeLog(log.name, log.task, log.title, log.logged, trouble=why)
 
 
 # Returns time and place of the records as columns.
-def _heads(
+def _decode_heads(
     heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]
 ) -> Columns:
     epoch = np.datetime64(FIRST_DAY_UTC.replace(tzinfo=None), "ms")
     times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
-    columns: Columns = {UTC: times.astype(TIME)}
+    columns: Columns = {UTC_COLUMN: times.astype(TIME)}
     nowhere = np.zeros(len(heads), np.bool_)
     if {"lat_deg", "lon_deg"} <= set(heads.dtype.names or ()):
         lat, lon = (
@@ -172,14 +174,14 @@ def _heads(
     return columns
 
 
-def _logged_value(root: Element, parts: dict[str, DeviceElement], item: Element) -> LoggedValue:
-    ddi, part = ddi_of(item.get("A", "")), parts.get(item.get("C", ""))
+def _describe_value(root: Element, parts: dict[str, DeviceElement], item: Element) -> LoggedValue:
+    ddi, part = parse_ddi(item.get("A", "")), parts.get(item.get("C", ""))
     return LoggedValue(
-        ddi, item.get("C", ""), part, meaning_of(root, ddi, part), contradiction(ddi, part)
+        ddi, item.get("C", ""), part, find_meaning(root, ddi, part), find_contradiction(ddi, part)
     )
 
 
-def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
+def _find_record_starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
     """Returns where each record begins, and where the last whole record ends: a record holds its
     own length."""
     starts, place, size = [], 0, len(data)
@@ -193,7 +195,7 @@ def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
     return np.array(starts, np.int64), place
 
 
-def _values(
+def _decode_values(
     raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8], columns: int
 ) -> NDArray[np.float64]:
     """Returns numbers (columns, records), each the last one given; NaN before the first."""
@@ -212,7 +214,7 @@ def _values(
     return out if last is None else np.take_along_axis(out, last, axis=1)
 
 
-def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str] | None:
+def calc_worked_ha(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str] | None:
     """Returns the covered ground, ha, and its source: the device's own count, else way times
     width at work; None: not known."""
     if log.heads is None or log.values is None:
@@ -220,7 +222,7 @@ def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str]
     counted = [
         k
         for k, one in enumerate(log.logged)
-        if one.ddi == TOTAL_AREA and np.isfinite(log.values[k]).any()
+        if one.ddi == TOTAL_AREA_DDI and np.isfinite(log.values[k]).any()
     ]
     if counted:
         areas = [
@@ -228,29 +230,29 @@ def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str]
             for values in (log.values[k] for k in counted)
         ]
         return max(areas) / 10_000.0, "counted"
-    width = width_of(log, parts)
+    width = find_log_width(log, parts)
     if width is None or not {"lat_deg", "lon_deg"} <= set(log.heads):
         return None
-    step = _steps_m(log.heads)
-    works = [log.values[k] == 1.0 for k, one in enumerate(log.logged) if one.ddi == WORK]
+    step = _calc_steps_m(log.heads)
+    works = [log.values[k] == 1.0 for k, one in enumerate(log.logged) if one.ddi == WORK_STATE_DDI]
     working = np.any(works, axis=0) if works else np.ones(len(step), np.bool_)
     return float(step[working].sum()) * width / 10_000.0, "way x width"
 
 
-def width_of(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
+def find_log_width(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
     """Returns the working width, m: as logged where it stays the same, else by the device's
     description; None where it changes."""
     if log.values is not None:
         for k, one in enumerate(log.logged):
             known = log.values[k][log.values[k] > 0.0]
-            if one.ddi == WIDTH and len(known):
+            if one.ddi == WIDTH_DDI and len(known):
                 return float(known[0]) / 1000.0 if (known == known[0]).all() else None
-    widths = [found for device in log.devices if (found := width_m(parts, device)) is not None]
+    widths = [found for device in log.devices if (found := find_width_m(parts, device)) is not None]
     return max(widths) if widths else None
 
 
 # Returns the distance to the place before (n,), m; 0 where unknown.
-def _steps_m(heads: Columns) -> NDArray[np.float64]:
+def _calc_steps_m(heads: Columns) -> NDArray[np.float64]:
     lat, lon = heads["lat_deg"], heads["lon_deg"]
     known = np.isfinite(lat) & np.isfinite(lon)
     steps = np.zeros(len(lat))
@@ -259,14 +261,16 @@ def _steps_m(heads: Columns) -> NDArray[np.float64]:
     plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
     places = plane.many_to_m(lat[known], lon[known])
     steps[known] = np.concatenate(([0.0], np.hypot(*np.diff(places, axis=0).T)))
-    return np.where(steps > MOVES_M, steps, 0.0)
+    return np.where(steps > MIN_STEP_M, steps, 0.0)
 
 
-def columns_of(log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool) -> Columns:
+def build_time_log_columns(
+    log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool
+) -> Columns:
     """Returns time, place and numbers as columns, in their units. names: of (DDI, element);
     numbers without a name are left out. Raises ImportTrouble."""
     if log.heads is None or log.values is None:
-        raise ImportTrouble(log.name, f"{log.trouble}")
+        raise LogImportError(log.name, f"{log.trouble}")
     columns = dict(log.heads)
     for one, values in zip(log.logged, log.values, strict=True):
         name = names.get((one.ddi, one.element))

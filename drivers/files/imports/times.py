@@ -23,15 +23,15 @@ from topdress.drivers.files.columns import (
     text_column,
 )
 from topdress.drivers.files.imports.mapping import Times
-from topdress.drivers.files.imports.numbers import numbers, plain_numbers
+from topdress.drivers.files.imports.numbers import parse_number_column, parse_plain_numbers
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.time_format import DAY_PARTS, parse_times
-from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.trouble import LogImportError
 
 # ISO 8601 with a blank for its T.
-ISO = "%Y-%m-%d %H:%M:%S%.f"
+ISO_FORMAT = "%Y-%m-%d %H:%M:%S%.f"
 # An offset from UTC behind a time.
-_OFFSET = re.compile(r"(:\d{2}(?:\.\d+)?)?\s*(Z|z|[+-]\d{2}:?\d{2})$")
+_ZONE_OFFSET = re.compile(r"(:\d{2}(?:\.\d+)?)?\s*(Z|z|[+-]\d{2}:?\d{2})$")
 # Seconds with a decimal comma.
 _DECIMAL_COMMA = re.compile(r"(\d{2}),(\d{1,6})")
 # A day with hours and minutes.
@@ -49,11 +49,11 @@ _STEPS_US = {
     "unix_ms": 1e3,
     "unix_us": 1.0,
 }
-_PARTS = re.compile(r"%\.?[A-Za-z]")
+_FORMAT_PARTS = re.compile(r"%\.?[A-Za-z]")
 # Digits of the parts of a format that may run together.
-_DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
+_PART_DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
 # With a smaller share of readable times the format is wrong.
-_GOOD = 0.5
+_MIN_GOOD_SHARE = 0.5
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class FileClock(NamedTuple):
     kind: Literal["utc", "local", "relative"]
 
 
-def clock(table: RawTable, times: Times) -> FileClock:
+def read_row_times(table: RawTable, times: Times) -> FileClock:
     """Returns the times of a table's rows.
 
     Parameters
@@ -92,40 +92,42 @@ def clock(table: RawTable, times: Times) -> FileClock:
     column = table.columns[times.column]
     if is_time(column):
         us = count_microseconds(column)
-        return FileClock(us, "utc") if times.column in table.utc else _of_naive(us, times.zone)
+        return (
+            FileClock(us, "utc") if times.column in table.utc else _apply_time_zone(us, times.zone)
+        )
     if times.counts == "text":
-        found = read_texts(_joined(table, times), times.format, times.zone)
-        _check(table, times, found.us)
+        found = read_time_texts(_join_day_and_time(table, times), times.format, times.zone)
+        _check_read_times(table, times, found.us)
         return found
-    found_numbers = numbers(column, table.decimal_comma).values
+    found_numbers = parse_number_column(column, table.decimal_comma).values
     if times.counts == "excel_day":
         # Spreadsheets keep days as doubles: milliseconds are what they resolve.
         ms = np.round((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
-        found = _of_naive(ms * 1000.0, times.zone)
+        found = _apply_time_zone(ms * 1000.0, times.zone)
     else:
         us = np.round(found_numbers * _STEPS_US[times.counts])
         found = FileClock(us, "utc" if times.counts.startswith("unix") else "relative")
-    _check(table, times, found.us)
+    _check_read_times(table, times, found.us)
     return found
 
 
-def read_texts(column: NDArray[Any], form: str | None, zone: str | None) -> FileClock:
+def read_time_texts(column: NDArray[Any], form: str | None, zone: str | None) -> FileClock:
     """Returns times written as texts; an offset at their end (Z, +08:00) overrides `zone`.
     `form` None: ISO 8601."""
     starts = range(0, max(len(column), 1), BLOCK_ROWS)
-    blocks = [_read_block(column[start : start + BLOCK_ROWS], form) for start in starts]
+    blocks = [_read_time_block(column[start : start + BLOCK_ROWS], form) for start in starts]
     us = np.concatenate([block.us for block in blocks])
-    if not DAY_PARTS.search(form or ISO):
+    if not DAY_PARTS.search(form or ISO_FORMAT):
         # Times of day go on past midnight.
-        days = np.cumsum(np.diff(_forward_filled(us), prepend=np.nan) < -_DAY_US // 2)
+        days = np.cumsum(np.diff(_fill_forward(us), prepend=np.nan) < -_DAY_US // 2)
         return FileClock(us + days * float(_DAY_US), "relative")
     offsets_us = np.concatenate([block.offsets_us for block in blocks])
     if np.isnan(offsets_us).all():
-        return _of_naive(us, zone)
+        return _apply_time_zone(us, zone)
     return FileClock(us - np.nan_to_num(offsets_us), "utc")
 
 
-class _Block(NamedTuple):
+class _TimeBlock(NamedTuple):
     """Holds times of a block. `offsets_us`: (n,), NaN where a text has none."""
 
     us: Floats
@@ -133,11 +135,11 @@ class _Block(NamedTuple):
 
 
 # Returns the times of a block of texts, with their offsets.
-def _read_block(column: NDArray[Any], form: str | None) -> _Block:
-    texts = [text.strip() for text in as_texts(column).tolist()]
+def _read_time_block(column: NDArray[Any], form: str | None) -> _TimeBlock:
+    texts = [text.strip() for text in convert_to_texts(column).tolist()]
     if any("," in text for text in texts):
         texts = [_DECIMAL_COMMA.sub(r"\1.\2", text, count=1) for text in texts]
-    ends = [_OFFSET.search(text) for text in texts]
+    ends = [_ZONE_OFFSET.search(text) for text in texts]
     offsets = [end[2] if end and end[1] else "" for end in ends]
     bases = [
         text[: end.start()] + (end[1] or "") if end and (end[1] or end[2] in "Zz") else text
@@ -146,39 +148,43 @@ def _read_block(column: NDArray[Any], form: str | None) -> _Block:
     if form is None:
         bases = [text.replace("T", " ", 1).replace("/", "-") for text in bases]
         bases = [f"{text}:00" if _WITHOUT_SECONDS.fullmatch(text) else text for text in bases]
-    worth = {offset: _offset_us(offset) if offset else np.nan for offset in set(offsets)}
-    return _Block(parse_times(bases, form or ISO), np.array([worth[one] for one in offsets]))
+    worth = {offset: _parse_offset_us(offset) if offset else np.nan for offset in set(offsets)}
+    return _TimeBlock(
+        parse_times(bases, form or ISO_FORMAT), np.array([worth[one] for one in offsets])
+    )
 
 
-def as_texts(column: NDArray[Any]) -> NDArray[Any]:
+def convert_to_texts(column: NDArray[Any]) -> NDArray[Any]:
     """Returns a column as texts."""
     return text_column(number_texts(column)) if is_number(column) else column
 
 
-def _forward_filled(us: Floats) -> Floats:
+def _fill_forward(us: Floats) -> Floats:
     """Returns values (n,) with the last known value in place of unknown ones."""
     last = np.maximum.accumulate(np.where(np.isnan(us), 0, np.arange(len(us))))
     return us[last]
 
 
 # Returns the texts of times, with their day where that has its own column.
-def _joined(table: RawTable, times: Times) -> NDArray[Any]:
+def _join_day_and_time(table: RawTable, times: Times) -> NDArray[Any]:
     assert times.column is not None
-    day_form, _, time_form = (times.format or ISO).rpartition(" ")
-    column = texts_for(table.columns[times.column], time_form)
+    day_form, _, time_form = (times.format or ISO_FORMAT).rpartition(" ")
+    column = format_for_time(table.columns[times.column], time_form)
     if times.date_column is None:
         return column
-    return with_day(table.columns[times.date_column], column, day_form)
+    return join_day_texts(table.columns[times.date_column], column, day_form)
 
 
-def with_day(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[Any]:
+def join_day_texts(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[Any]:
     """Returns texts of day and time of day joined, empty where either is not known; `day_form`:
     how the day is written."""
     if is_time(day):
-        texts = _iso_days(day)
+        texts = _format_iso_days(day)
     else:
-        whole = _whole(day) if _PARTS.sub("", day_form) else None
-        texts = texts_for(day, day_form) if whole is None else _of_spreadsheet(whole)
+        whole = _find_whole_numbers(day) if _FORMAT_PARTS.sub("", day_form) else None
+        texts = (
+            format_for_time(day, day_form) if whole is None else _convert_spreadsheet_days(whole)
+        )
     return text_column(
         [
             f"{one.strip()} {other.strip()}" if one and other else ""
@@ -187,29 +193,31 @@ def with_day(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[An
     )
 
 
-def texts_for(column: NDArray[Any], form: str) -> NDArray[Any]:
+def format_for_time(column: NDArray[Any], form: str) -> NDArray[Any]:
     """Returns texts as they stand, and numbers of run-together digits (%Y%m%d, %H%M%S) with
     leading zeros."""
-    width = sum(_DIGITS.get(part, 0) for part in _PARTS.findall(form))
-    if not width or _PARTS.sub("", form):
-        return as_texts(column)
+    width = sum(_PART_DIGITS.get(part, 0) for part in _FORMAT_PARTS.findall(form))
+    if not width or _FORMAT_PARTS.sub("", form):
+        return convert_to_texts(column)
     if "%.f" in form and is_number(column):
-        return map_texts(lambda ms: ms and f"{ms[:-3]}.{ms[-3:]}", _digits(column * 1e3, width + 3))
-    whole = _whole(column)
-    return as_texts(column) if whole is None else _digits(whole, width)
+        return map_texts(
+            lambda ms: ms and f"{ms[:-3]}.{ms[-3:]}", _format_digits(column * 1e3, width + 3)
+        )
+    whole = _find_whole_numbers(column)
+    return convert_to_texts(column) if whole is None else _format_digits(whole, width)
 
 
-def _digits(column: Floats, width: int) -> NDArray[Any]:
+def _format_digits(column: Floats, width: int) -> NDArray[Any]:
     """Returns whole numbers with leading zeros, as texts."""
     return text_column(
         ["" if value != value else f"{round(value):0{width}d}" for value in column.tolist()]
     )
 
 
-def _whole(column: NDArray[Any]) -> Floats | None:
+def _find_whole_numbers(column: NDArray[Any]) -> Floats | None:
     """Returns whole numbers, none below 0; None where the column holds others."""
     if is_text(column):
-        found = plain_numbers([text.strip() for text in column.tolist()])
+        found = parse_plain_numbers([text.strip() for text in column.tolist()])
         if found is None:
             return None
         column = found
@@ -219,26 +227,26 @@ def _whole(column: NDArray[Any]) -> Floats | None:
     return column
 
 
-def _of_spreadsheet(whole: Floats) -> NDArray[Any]:
+def _convert_spreadsheet_days(whole: Floats) -> NDArray[Any]:
     """Returns ISO days of numbers that count days as spreadsheets do."""
     first, last = SPREADSHEET_DAYS
     days = np.where((whole >= first) & (whole <= last), whole - SPREADSHEET_EPOCH_DAYS, np.nan)
-    return _iso_days(_dates(days))
+    return _format_iso_days(_convert_to_dates(days))
 
 
-def _dates(days: Floats) -> NDArray[np.datetime64]:
+def _convert_to_dates(days: Floats) -> NDArray[np.datetime64]:
     """Returns dates of days since 1970."""
     known = np.nan_to_num(days).astype(np.int64).astype("datetime64[D]")
     return np.where(np.isnan(days), np.datetime64("NaT", "D"), known)
 
 
 # Returns days as ISO 8601; empty where not known.
-def _iso_days(times: NDArray[Any]) -> NDArray[Any]:
+def _format_iso_days(times: NDArray[Any]) -> NDArray[Any]:
     days = np.datetime_as_string(times.astype("datetime64[D]"))
     return text_column(["" if day == "NaT" else day for day in days.tolist()])
 
 
-def _offset_us(offset: str) -> float:
+def _parse_offset_us(offset: str) -> float:
     """Returns an offset such as +08:00, -0330 or Z, us."""
     digits = offset.replace(":", "")[1:]
     if not digits:
@@ -248,26 +256,26 @@ def _offset_us(offset: str) -> float:
 
 
 # Returns times of a zone in UTC; without a zone they stay local.
-def _of_naive(us: Floats, zone: str | None) -> FileClock:
+def _apply_time_zone(us: Floats, zone: str | None) -> FileClock:
     if zone is None:
         return FileClock(us, "local")
     fixed = re.fullmatch(r"([-+])(\d{2}):(\d{2})", zone)
     if fixed:
-        return FileClock(us - _offset_us(zone), "utc")
+        return FileClock(us - _parse_offset_us(zone), "utc")
     # In autumn an hour comes twice: what stands before the step back is its first, what follows
     # its second.
     is_second = np.cumsum(np.diff(us, prepend=np.nan) < 0.0) > 0
     # Clocks are set at whole minutes.
     minutes, place = np.unique(us // _MINUTE_US, return_inverse=True)
     first, second = (
-        np.array([_zone_offsets_us(minute, ZoneInfo(zone)) for minute in minutes.tolist()])
+        np.array([_find_zone_offsets_us(minute, ZoneInfo(zone)) for minute in minutes.tolist()])
         .reshape(-1, 2)[place]
         .T
     )
     return FileClock(us - np.where(is_second, second, first), "utc")
 
 
-def _zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
+def _find_zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
     """Returns offsets, us, from UTC to a local minute since 1970, for the first and the second
     time that the zone's clocks show it; NaN where they never do."""
     try:
@@ -282,9 +290,9 @@ def _zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
 
 
 # Refuses times of which most cannot be read. Raises ImportTrouble.
-def _check(table: RawTable, times: Times, us: Floats) -> None:
+def _check_read_times(table: RawTable, times: Times, us: Floats) -> None:
     unknown = np.isnan(us)
-    if (~unknown).sum() > _GOOD * us.size:
+    if (~unknown).sum() > _MIN_GOOD_SHARE * us.size:
         return
     assert times.column is not None
     row = int(np.flatnonzero(unknown)[0])
@@ -294,7 +302,7 @@ def _check(table: RawTable, times: Times, us: Floats) -> None:
         "ISO 8601, e.g. 2026-03-20T08:00:00Z" if times.counts == "text" else "a number"
     )
     said = " (time.format says so)" if times.format else ""
-    raise ImportTrouble(
+    raise LogImportError(
         table.path,
         f"row {table.first_row + row}: column {times.column}: value {cell}: allowed {form}{said}",
     )

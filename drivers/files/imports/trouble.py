@@ -30,16 +30,16 @@ class TableError(ValueError):
         return cls(str(error.where), f"{error.reason}{error.hint}")
 
 
-class ImportTrouble(TableError):
+class LogImportError(TableError):
     """The file, with its import file, cannot be imported."""
 
 
-class Unsure(ImportTrouble):
+class UnsureImportError(LogImportError):
     """The meaning of the columns is not sure. The reasons are the open questions, the last of
     them how to answer."""
 
 
-def listed(names: Iterable[object], most: int = 12) -> str:
+def format_list(names: Iterable[object], most: int = 12) -> str:
     """Returns names as `a, b, c, ...`."""
     words = [str(name) for name in names]
     return ", ".join(words[:most]) + (", ..." if len(words) > most else "")

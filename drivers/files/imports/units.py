@@ -14,7 +14,7 @@ from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MIL
 from topdress.drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
 
 # 100 m up in 100 m along: no factor but an arc tangent.
-SLOPE = "slope %"
+SLOPE_PERCENT = "slope %"
 
 
 class ColumnUnit(NamedTuple):
@@ -33,7 +33,7 @@ _POUND_KG = 0.45359237
 _FOOT_M, _INCH_MM = 0.3048, 25.4
 
 # All known units by quantity, with the words that machines' logs use.
-UNITS = (
+KNOWN_UNITS = (
     ColumnUnit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
     ColumnUnit(
         "km/h",
@@ -107,7 +107,7 @@ UNITS = (
     *(ColumnUnit(name, "count", 1.0) for name in ("seeds/ha", "seeds/ac", "seeds/m2")),
     ColumnUnit("deg", "angle", 1.0, ("°", "degree", "degrees", "grad", "度", "degrés")),
     ColumnUnit("rad", "angle", 180.0 / math.pi, ("radian", "radians", "弧度")),
-    ColumnUnit(SLOPE, "angle", math.nan, ("% slope", "%坡度")),
+    ColumnUnit(SLOPE_PERCENT, "angle", math.nan, ("% slope", "%坡度")),
     ColumnUnit("V", "voltage", 1.0, ("volt", "volts", "伏")),
     ColumnUnit("mV", "voltage", 0.001, ("millivolt",)),
     ColumnUnit("%", "share", 1.0, ("percent", "pct", "prozent", "百分比")),
@@ -153,7 +153,7 @@ UNITS = (
 )
 
 # Words for what is spread; a unit of a rate is any of them over any ground.
-_AMOUNTS = {
+_AMOUNT_WORDS = {
     spelling: name
     for name, spellings in {
         "kg": "kg kgs kilo kilos kilogram kilograms kilogramm 公斤 千克",
@@ -172,7 +172,7 @@ _AMOUNTS = {
     for spelling in spellings.split()
 }
 # Words for the ground.
-_GROUNDS = {
+_GROUND_WORDS = {
     spelling: name
     for name, spellings in {
         "ha": "ha hectare hectares hektar hm2 公顷",
@@ -182,21 +182,23 @@ _GROUNDS = {
     }.items()
     for spelling in spellings.split()
 }
-_RATIO = re.compile(
-    rf"({'|'.join(sorted(_AMOUNTS, key=len, reverse=True))})(?:/|_|·|⋅| |p(?=ha|ac))"
-    rf"({'|'.join(sorted(_GROUNDS, key=len, reverse=True))})(?:-1)?"
+_RATE_RATIO = re.compile(
+    rf"({'|'.join(sorted(_AMOUNT_WORDS, key=len, reverse=True))})(?:/|_|·|⋅| |p(?=ha|ac))"
+    rf"({'|'.join(sorted(_GROUND_WORDS, key=len, reverse=True))})(?:-1)?"
 )
 # Quantities of what is spread on ground.
-OF_A_RATE = ("rate", "volume", "nitrogen", "count")
+RATE_QUANTITIES = ("rate", "volume", "nitrogen", "count")
 
-_BY_NAME = {unit.name: unit for unit in UNITS}
-_SPELLINGS = {unit.name: unit for unit in UNITS} | {
-    spelling: unit for unit in reversed(UNITS) for spelling in (unit.name.lower(), *unit.other)
+_UNIT_BY_NAME = {unit.name: unit for unit in KNOWN_UNITS}
+_SPELLINGS = {unit.name: unit for unit in KNOWN_UNITS} | {
+    spelling: unit
+    for unit in reversed(KNOWN_UNITS)
+    for spelling in (unit.name.lower(), *unit.other)
 }
 
 # Unit of a log column by the ending of its name (docs/format-run-log.md); the longest ending
 # counts.
-ENDINGS = {
+UNIT_OF_ENDING = {
     "_kg_ha": "kg/ha",
     "_mps": "m/s",
     "_kmh": "km/h",
@@ -213,71 +215,83 @@ ENDINGS = {
     "_min": "min",
 }
 # Units as names of columns write them.
-_IN_NAMES = {"r/min": "rpm", "m/s": "mps", "km/h": "kmh", "%": "percent", SLOPE: "slope_percent"}
+_UNIT_IN_NAMES = {
+    "r/min": "rpm",
+    "m/s": "mps",
+    "km/h": "kmh",
+    "%": "percent",
+    SLOPE_PERCENT: "slope_percent",
+}
 
 
-def unit_named(text: str) -> ColumnUnit | None:
+def find_named_unit(text: str) -> ColumnUnit | None:
     """Returns the unit that a text names in any known spelling; None: no unit."""
-    plain = _plain(text)
+    plain = _normalise_text(text)
     return (
-        _BY_NAME.get(plain)
+        _UNIT_BY_NAME.get(plain)
         or _SPELLINGS.get(plain)
         or _SPELLINGS.get(plain.lower())
-        or _ratio(plain.lower())
+        or _find_ratio_unit(plain.lower())
     )
 
 
-def _ratio(plain: str) -> ColumnUnit | None:
+def _find_ratio_unit(plain: str) -> ColumnUnit | None:
     """Returns the unit of an amount over a ground: `pounds per acre`, `l ha-1`, `kg N/ha`."""
-    found = _RATIO.fullmatch(
+    found = _RATE_RATIO.fullmatch(
         re.sub(r"(?<=[a-z]) n(?=\W)|-n(?=\W)", "n", plain.replace("us gal", "usgal"))
     )
-    return None if found is None else _BY_NAME.get(f"{_AMOUNTS[found[1]]}/{_GROUNDS[found[2]]}")
+    return (
+        None
+        if found is None
+        else _UNIT_BY_NAME.get(f"{_AMOUNT_WORDS[found[1]]}/{_GROUND_WORDS[found[2]]}")
+    )
 
 
-def of_a_rate(text: str) -> bool:
+def is_rate_unit(text: str) -> bool:
     """Tells whether a text names a unit of what is spread on ground."""
-    found = unit_named(text)
-    return found is not None and found.quantity in OF_A_RATE
+    found = find_named_unit(text)
+    return found is not None and found.quantity in RATE_QUANTITIES
 
 
-def quantity_of(column: str) -> str | None:
+def find_quantity(column: str) -> str | None:
     """Returns the quantity of a column of the run log; None for plain numbers, texts and extra
     columns."""
     if column not in COLUMNS or column in TEXT_COLUMNS or column in WHOLE_COLUMNS:
         return None
-    unit = unit_of(column)
+    unit = find_column_unit(column)
     return None if unit is None else unit.quantity
 
 
-def unit_of(column: str) -> ColumnUnit | None:
+def find_column_unit(column: str) -> ColumnUnit | None:
     """Returns the unit by the ending of a column's name; None: it has none."""
-    ending = max((one for one in ENDINGS if column.endswith(one)), key=len, default=None)
-    return None if ending is None else _BY_NAME[ENDINGS[ending]]
+    ending = max((one for one in UNIT_OF_ENDING if column.endswith(one)), key=len, default=None)
+    return None if ending is None else _UNIT_BY_NAME[UNIT_OF_ENDING[ending]]
 
 
-def in_log_unit(values: NDArray[np.float64], unit: ColumnUnit, column: str) -> NDArray[np.float64]:
+def convert_to_log_unit(
+    values: NDArray[np.float64], unit: ColumnUnit, column: str
+) -> NDArray[np.float64]:
     """Returns numbers (n,) in `unit` as the log column holds them. The unit's quantity must be
     the column's."""
-    if unit.name == SLOPE:
+    if unit.name == SLOPE_PERCENT:
         return np.degrees(np.arctan(values / 100.0))
-    own = unit_of(column)
+    own = find_column_unit(column)
     return values * (unit.factor / (1.0 if own is None else own.factor))
 
 
-def slug(text: str) -> str:
+def make_name_slug(text: str) -> str:
     """Returns a name or a unit in small letters, digits and underscores, as columns are named:
     `N m` is `nm`."""
-    unit = unit_named(text)
+    unit = find_named_unit(text)
     plain = unit.name if unit is not None else text
-    if plain in _IN_NAMES:
-        return _IN_NAMES[plain]
+    if plain in _UNIT_IN_NAMES:
+        return _UNIT_IN_NAMES[plain]
     folded = unicodedata.normalize("NFKC", plain)
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", folded) if unit is None else folded
     return re.sub(r"[^\w]+", "_", spaced.casefold()).strip("_")
 
 
-def _plain(text: str) -> str:
+def _normalise_text(text: str) -> str:
     """Returns a text in a single spelling: superscripts as digits, no blanks about a slash."""
     folded = (
         unicodedata.normalize("NFKC", text).replace("−", "-").replace("⋅", "·").replace("^", "")

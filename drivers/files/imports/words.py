@@ -14,14 +14,14 @@ from collections.abc import Collection, Iterable
 from functools import cache
 from typing import NamedTuple
 
-from topdress.drivers.files.imports.units import quantity_of
+from topdress.drivers.files.imports.units import find_quantity
 
 # Letters that a shapefile keeps of a name.
-SHAPEFILE_NAME = 10
-Words = tuple[str, ...]
+SHAPEFILE_NAME_LENGTH = 10
+WordList = tuple[str, ...]
 
 
-class Subject(NamedTuple):
+class ColumnSubject(NamedTuple):
     """Describes a kind of column. `needs`: groups of words, one of each must be there; `never`:
     none of these may be.
 
@@ -30,97 +30,107 @@ class Subject(NamedTuple):
     """
 
     id: str
-    needs: tuple[Words, ...]
+    needs: tuple[WordList, ...]
     reading: str = ""
     command: str = ""
-    never: Words = ()
-    quantities: Words = ()
+    never: WordList = ()
+    quantities: WordList = ()
 
 
-def _words(text: str) -> Words:
+def _split_words(text: str) -> WordList:
     return tuple(text.split())
 
 
 # Words of drives that meter nothing.
-_OTHER_DRIVES = _words(
+_OTHER_DRIVES = _split_words(
     "engine =eng =pto zapfwelle =fan geblase turbin ^motordreh 发动机 风机 =wind windgesch"
 )
 
 # In order: the first that fits is taken, so that the special stands before the general.
-SUBJECTS = (
-    Subject(
+COLUMN_SUBJECTS = (
+    ColumnSubject(
         "wheel speed",
         (
-            _words("wheel =rad ^rad 轮速 radar roue odometer"),
-            _words("speed =spd ^spd velocity geschw 速 vitesse"),
+            _split_words("wheel =rad ^rad 轮速 radar roue odometer"),
+            _split_words("speed =spd ^spd velocity geschw 速 vitesse"),
         ),
         "wheel_speed_mps",
     ),
-    Subject(
+    ColumnSubject(
         "working width",
         (
-            _words("width breite 幅宽 largeur wdth swath"),
-            _words("work arbeit implement 工作 作业 swath swth"),
+            _split_words("width breite 幅宽 largeur wdth swath"),
+            _split_words("work arbeit implement 工作 作业 swath swth"),
         ),
     ),
-    Subject("altitude", (_words("altitude =alt elevation hohe 海拔 高程"),)),
-    Subject(
-        "latitude", (_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),), "lat_deg"
+    ColumnSubject("altitude", (_split_words("altitude =alt elevation hohe 海拔 高程"),)),
+    ColumnSubject(
+        "latitude",
+        (_split_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),),
+        "lat_deg",
     ),
-    Subject(
+    ColumnSubject(
         "longitude",
-        (_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),),
+        (_split_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),),
         "lon_deg",
     ),
-    Subject("ndvi", (_words("ndvi"),), "ndvi"),
-    Subject("hdop", (_words("hdop"),), "hdop"),
-    Subject("satellites", (_words("satellite satellit =sats =nsat 卫星"),), "satellites"),
-    Subject(
+    ColumnSubject("ndvi", (_split_words("ndvi"),), "ndvi"),
+    ColumnSubject("hdop", (_split_words("hdop"),), "hdop"),
+    ColumnSubject(
+        "satellites", (_split_words("satellite satellit =sats =nsat 卫星"),), "satellites"
+    ),
+    ColumnSubject(
         "fix",
-        (_words("fix_quality fix_type =fix gps_quality gnss_quality 定位状态 定位质量"),),
+        (_split_words("fix_quality fix_type =fix gps_quality gnss_quality 定位状态 定位质量"),),
         "fix_quality",
     ),
-    Subject(
+    ColumnSubject(
         "heading",
-        (_words("heading =course =cog bearing =kurs fahrtrichtung 航向 azimut =cap"),),
+        (_split_words("heading =course =cog bearing =kurs fahrtrichtung 航向 azimut =cap"),),
         "heading_deg",
-        never=_words("error target soll"),
+        never=_split_words("error target soll"),
     ),
-    Subject("pitch", (_words("=pitch langsneigung steigung 俯仰 纵坡 坡度"),), "pitch_deg"),
-    Subject("roll", (_words("=roll querneigung 横滚 侧倾 横坡"),), "roll_deg"),
-    Subject(
+    ColumnSubject(
+        "pitch", (_split_words("=pitch langsneigung steigung 俯仰 纵坡 坡度"),), "pitch_deg"
+    ),
+    ColumnSubject("roll", (_split_words("=roll querneigung 横滚 侧倾 横坡"),), "roll_deg"),
+    ColumnSubject(
         "supply",
-        (_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),),
+        (_split_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),),
         "supply_v",
         quantities=("voltage",),
     ),
-    Subject(
+    ColumnSubject(
         "hopper",
         (
-            _words(
+            _split_words(
                 "hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 "
                 "waage fullstand poids "
                 "tremie"
             ),
         ),
         "hopper_kg",
-        never=_words(
+        never=_split_words(
             "temp pressure druck applied target yield ertrag crop total =n =rate ^rate "
             "apprate accel =acc ^beschl 加速"
         ),
         quantities=("mass",),
     ),  # the g of an acceleration is no gram
-    Subject(
+    ColumnSubject(
         "gate",
-        (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
+        (
+            _split_words(
+                "opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"
+            ),
+        ),
         "opening_mm",
         "opening_mm_cmd",
-        never=_words("time zeit =current strom =amps 电流 torque 扭矩 effort"),
+        never=_split_words("time zeit =current strom =amps 电流 torque 扭矩 effort"),
     ),
-    Subject(
+    ColumnSubject(
         "rate",
         (
-            _words(
+            _split_words(
                 "=rate ^rate targetrat tgtrat controlrat appliedrat applrat =apprate =rt "
                 "ausbring =dose "
                 "dosis =dosi =dosagem aufwand =menge ^istmenge sollmenge zielmenge "
@@ -132,15 +142,15 @@ SUBJECTS = (
         ),
         "applied_rate_kg_ha",
         "target_rate_kg_ha",
-        never=_words(
+        never=_split_words(
             "sample baud yaw turn update frame area total fuel crop grain yield ertrag 产量 =kg =n"
         ),
         quantities=("rate",),
     ),
-    Subject(
+    ColumnSubject(
         "shaft",
         (
-            _words(
+            _split_words(
                 "shaft dosierwelle metering dosier 排肥轴 排肥 auger schnecke "
                 "drehzahl 转速 =rpm motor "
                 "=drive antrieb 电机 roller spindle revolution"
@@ -148,41 +158,43 @@ SUBJECTS = (
         ),
         "shaft_rpm",
         "shaft_rpm_cmd",
-        never=(*_OTHER_DRIVES, *_words("temp torque moment 扭矩 current strom wheel")),
+        never=(*_OTHER_DRIVES, *_split_words("temp torque moment 扭矩 current strom wheel")),
         quantities=("rotation",),
     ),
-    Subject(
+    ColumnSubject(
         "flow",
-        (_words("=flow massflow durchfluss massenstrom 流量"),),
+        (_split_words("=flow massflow durchfluss massenstrom 流量"),),
         "applied_rate_kg_ha",
         "target_rate_kg_ha",
-        never=_words("crop grain yield ertrag korn 产量 fuel oil hydraul"),
+        never=_split_words("crop grain yield ertrag korn 产量 fuel oil hydraul"),
         quantities=("flow",),
     ),
-    Subject(
+    ColumnSubject(
         "speed",
-        (_words("speed =spd velocity geschw 车速 速度 vitesse velocidad =sog"),),
+        (_split_words("speed =spd velocity geschw 车速 速度 vitesse velocidad =sog"),),
         "speed_mps",
-        never=(*_OTHER_DRIVES, *_words("limit angular")),
+        never=(*_OTHER_DRIVES, *_split_words("limit angular")),
         quantities=("speed",),
     ),
-    Subject(
+    ColumnSubject(
         "work",
         (
-            _words(
+            _split_words(
                 "=work working arbeit 作业 工作 =lift hubwerk =switch schalter implement "
                 "section spreading "
                 "=state status travail"
             ),
         ),
         "work_switch",
-        never=_words("width breite 幅宽 pressure druck time zeit hours stunden area flache temp"),
+        never=_split_words(
+            "width breite 幅宽 pressure druck time zeit hours stunden area flache temp"
+        ),
     ),
     *(
-        Subject(
+        ColumnSubject(
             "effort",
             (
-                _words(
+                _split_words(
                     "current =curr strom =amps 电流 courant corriente torque "
                     "=moment drehmoment 扭矩 "
                     "couple effort"
@@ -192,16 +204,16 @@ SUBJECTS = (
             effort,
             never=(
                 *_OTHER_DRIVES,
-                *_words(
+                *_split_words(
                     "speed =spd rate temp pos limit max total ^session =position wheel =rad "
                     "section pass target soll set"
                 ),
             ),
         )
         for of, effort in (
-            (_words("opening =gate schieber 开度 闸门 =flap klappe slide"), "gate_effort"),
+            (_split_words("opening =gate schieber 开度 闸门 =flap klappe slide"), "gate_effort"),
             (
-                _words(
+                _split_words(
                     "shaft dosier metering 排肥 auger schnecke motor =drive antrieb 电机 roller "
                     "spindle "
                     "=current =torque =curr 电流 扭矩"
@@ -211,56 +223,59 @@ SUBJECTS = (
         )
     ),
 )
-# Words of targets and, below, of what was done: of rates in logs and maps alike (`wanted_or_done`),
+# Words of targets and, below, of what was done: of rates in logs and maps alike (`find_rate_role`),
 # and of drives. English, German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian,
 # Chinese; Ag Leader's Rt_Tgt and Rt_Apd, Deere's ControlRate.
-WANTED = _words(
+TARGET_WORDS = _split_words(
     "target =tgt ^tgt trgt =targ soll ziel desired demand wanted setpoint set_point =set "
     "prescri recomm "
     "=recom =rx =rx1 control_rat controlrat vorgabe consign cible =cibl objecti objetiv "
     "=obj prevu previst "
     "alvo obiettiv =doel gewenst ingesteld zadan задан целев 指令 设定 目标 给定 处方 推荐"
 )
-DONE = _words(
+APPLIED_WORDS = _split_words(
     "actual =act =ist ^ist measured =meas applied =apd ^apd gemessen ausgebracht "
     "tatsachlich reel =real "
     "realis mesure appliqu =appli aplicad =aplic applicata applicato erogat effettiv "
     "effectif effectiv "
     "werkelijk rzeczywist wykonan факт 实际 测量 已施"
 )
-COMMAND = (*WANTED, *_words("=cmd command =ref request =pwm =duty =esc =sp stellwert"))
+COMMAND_WORDS = (
+    *TARGET_WORDS,
+    *_split_words("=cmd command =ref request =pwm =duty =esc =sp stellwert"),
+)
 # Words of a command even next to a word of reading.
-RAW_COMMAND = _words("=pwm =duty =esc")
-READING = (*DONE, *_words("feedback =fb 反馈 sensor"))
+RAW_COMMAND_WORDS = _split_words("=pwm =duty =esc")
+READING_WORDS = (*APPLIED_WORDS, *_split_words("feedback =fb 反馈 sensor"))
 # A command with such a word counts no steps.
-QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")
+QUANTITY_WORDS = _split_words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")
 # Words of a reading even next to a word of command.
-PLAINLY_READING = _words("actual =act =ist")
+PLAIN_READING_WORDS = _split_words("actual =act =ist")
 
 # Words of times, the plain ones first.
-TIME = _words(
+TIME_WORDS = _split_words(
     "=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed "
     "time millis "
     "=tiempo =tempo =temps =tijd =czas =время"
 )
-PLAINLY_TIME = TIME[:6]
+PLAIN_TIME_WORDS = TIME_WORDS[:6]
 # Words next to which a word of time is none.
-NO_TIME = _words("lag zeitzone timezone")
-DATE = _words("=date =datum 日期 =fecha =tag =day")
-UTC = _words("utc gmt zulu")
+NO_TIME_WORDS = _split_words("lag zeitzone timezone")
+DATE_WORDS = _split_words("=date =datum 日期 =fecha =tag =day")
+UTC_WORDS = _split_words("utc gmt zulu")
 # Words of switches that may be on when raised, or on when lowered.
-EITHER_WAY = _words("=lift hubwerk raised gehoben stop aus")
+EITHER_WAY_WORDS = _split_words("=lift hubwerk raised gehoben stop aus")
 # Words of a switch that is on.
-ON = _words(
+ON_WORDS = _split_words(
     "1 on true yes working work active down ein an ja arbeit 作业 工作 是 开 spreading engaged"
 )
 
 
 # Words of a harvester's log; the first word found is shown.
-HARVEST = _words("yield ertrag 产量 crop_flow grain")
+HARVEST_WORDS = _split_words("yield ertrag 产量 crop_flow grain")
 
 # Names that need no guess: a log with them is read as it stands. A unit may follow.
-WHOLE_NAMES = {
+COLUMN_OF_WHOLE_NAME = {
     name: column
     for column, names in {
         "time_s": "time t t_s timestamp_s seconds elapsed_s",
@@ -275,14 +290,14 @@ WHOLE_NAMES = {
     for name in names.split()
 }
 # Names of columns with seconds, dates or texts of dates.
-WHOLE_DATES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")
+DATE_NAMES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")
 
 # Kinds of columns of a map by a word: the first that fits is taken. A rate is named by a word of
 # its own, unless another word, or the last, names something else.
-KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
+MAP_COLUMN_KINDS: tuple[tuple[str, WordList], ...] = (
     (
         "a measurement",
-        _words(
+        _split_words(
             "=ec =eca =ecsh =ecdp =conductivity =cond =leitfähigkeit =ph =om =soc =cec "
             "=clay =sand =silt =elev =elevation "
             "=alt =altitude =height =slope =aspect =ndvi =ndre =ndmi =evi =lai =yield "
@@ -296,7 +311,7 @@ KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
     ),
     (
         "",
-        _words(
+        _split_words(
             "=nitrate =substrate =moderate =separate =corporate =accurate =calibrate "
             "=operate =carbonate "
             "=elaborate =regenmenge"
@@ -304,7 +319,7 @@ KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
     ),
     (
         "rate",
-        _words(
+        _split_words(
             "=rate =rates =rx =rx1 =dose =doses =dosis =dosen =dosage =dosierung =tgt "
             "=target =targetrate =tgtrate "
             "=targetrat =tgtrat =applrate =apprate =applicationrate =appliedrate "
@@ -320,7 +335,7 @@ KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
     ),
     (
         "a number or a class",
-        _words(
+        _split_words(
             "=id =fid =oid =objectid =gid =uid =pk =key =idx =index =nr =no =num =number "
             "=nummer =numero =seq =row =col "
             "=column =code =gridcode =zone =zones =zona =zonen =class =classes =klasse "
@@ -330,7 +345,7 @@ KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
     ),
     (
         "a size",
-        _words(
+        _split_words(
             "=area =areas =flaeche =fläche =surface =superficie =acres =acre =hectare "
             "=hectares =hektar =ha =ac =m2 "
             "=perimeter =length =leng =len =shape =total =sum =kg =mass =weight =amount "
@@ -341,7 +356,7 @@ KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
 
 
 @cache
-def folded(name: str) -> str:
+def fold_column_name(name: str) -> str:
     """Returns a name in small letters without accents, parts joined by `_`: `targetRate` and
     `Target-Rate` are `target_rate`."""
     plain = unicodedata.normalize("NFKC", name).replace("ß", "ss")
@@ -352,7 +367,7 @@ def folded(name: str) -> str:
     return re.sub(r"[\W_]+", "_", letters).strip("_")
 
 
-def says(name: str, words: Words) -> bool:
+def has_any_word(name: str, words: WordList) -> bool:
     """Tells whether a folded name has one of the words."""
     parts = name.split("_")
     for word in words:
@@ -370,51 +385,58 @@ def says(name: str, words: Words) -> bool:
     return False
 
 
-def wanted_or_done(name: str) -> str:
+def find_rate_role(name: str) -> str:
     """Returns which rate a column's name, as the file has it, means: `wanted`, `done`, or empty
     where no word says it."""
-    plain = folded(name)
-    if says(plain, WANTED):
-        return "done" if says(plain, PLAINLY_READING) else "wanted"
-    return "done" if says(plain, DONE) else ""
+    plain = fold_column_name(name)
+    if has_any_word(plain, TARGET_WORDS):
+        return "done" if has_any_word(plain, PLAIN_READING_WORDS) else "wanted"
+    return "done" if has_any_word(plain, APPLIED_WORDS) else ""
 
 
-def subject_of(name: str, quantity: str | None) -> Subject | None:
+def find_subject(name: str, quantity: str | None) -> ColumnSubject | None:
     """Returns the subject of a folded name. A unit of `quantity`, where given, outweighs words
     that do not go with it: a speed in r/min is no ground speed."""
     worded = [
         subject
-        for subject in SUBJECTS
-        if all(says(name, group) for group in subject.needs) and not says(name, subject.never)
+        for subject in COLUMN_SUBJECTS
+        if all(has_any_word(name, group) for group in subject.needs)
+        and not has_any_word(name, subject.never)
     ]
     if quantity is None or quantity == "share" or (worded and not worded[0].reading):
         return worded[0] if worded else None
-    fitting = [subject for subject in worded if goes_with(subject.reading, quantity)]
+    fitting = [subject for subject in worded if is_unit_fitting(subject.reading, quantity)]
     by_unit = [
         subject
-        for subject in SUBJECTS
-        if quantity in subject.quantities and not says(name, subject.never)
+        for subject in COLUMN_SUBJECTS
+        if quantity in subject.quantities and not has_any_word(name, subject.never)
     ]
     return next(iter([*fitting, *by_unit]), None)
 
 
-def tells_time(names: Iterable[str]) -> bool:
+def has_time_column(names: Iterable[str]) -> bool:
     """Tells whether one of a table's columns, as the file names them, is a time."""
-    return any(says(folded(name), TIME) and not says(folded(name), NO_TIME) for name in names)
+    return any(
+        has_any_word(fold_column_name(name), TIME_WORDS)
+        and not has_any_word(fold_column_name(name), NO_TIME_WORDS)
+        for name in names
+    )
 
 
-def places_without_time(names: Collection[str]) -> bool:
+def has_places_without_time(names: Collection[str]) -> bool:
     """Tells whether columns hold places and no time: points of a map, not of a log."""
     subjects = {
-        subject.reading for name in names if (subject := subject_of(folded(name), None)) is not None
+        subject.reading
+        for name in names
+        if (subject := find_subject(fold_column_name(name), None)) is not None
     }
-    return {"lat_deg", "lon_deg"} <= subjects and not tells_time(names)
+    return {"lat_deg", "lon_deg"} <= subjects and not has_time_column(names)
 
 
-def goes_with(column: str, quantity: str) -> bool:
+def is_unit_fitting(column: str, quantity: str) -> bool:
     """Tells whether a log column can be given in a unit of this quantity: a rate also as a flow
     over the ground covered, or as a volume of known density."""
-    own = quantity_of(column)
+    own = find_quantity(column)
     return (
         own is None or own == quantity or (own, quantity) in (("rate", "flow"), ("rate", "volume"))
     )

@@ -9,9 +9,14 @@ import unicodedata
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
-from topdress.drivers.files.imports.header import NOTHING, named
-from topdress.drivers.files.imports.units import of_a_rate, unit_named
-from topdress.drivers.files.imports.words import KINDS_IN_MAPS, SHAPEFILE_NAME, folded, says
+from topdress.drivers.files.imports.header import EMPTY_CELLS, split_unit_name
+from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
+from topdress.drivers.files.imports.words import (
+    MAP_COLUMN_KINDS,
+    SHAPEFILE_NAME_LENGTH,
+    fold_column_name,
+    has_any_word,
+)
 from topdress.drivers.files.stated_units import ANY, Stated, StatedUnit, names_unit
 
 _NUMBER = re.compile(
@@ -39,7 +44,7 @@ def parse_cell(value: Any) -> Cell | None:
     if not isinstance(value, str):
         return None
     text = value.strip()
-    if text.casefold() in NOTHING:
+    if text.casefold() in EMPTY_CELLS:
         return Cell(math.nan)
     found = _NUMBER.match(text)
     number = None if found is None else _parse_number(re.sub(r"['’\s]", "", found["number"]))
@@ -63,7 +68,7 @@ def _parse_number(text: str) -> float | None:
 # Words of columns that hold no rate to be spread.
 BOUND_WORDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())
 # Whole words that name a rate, to complete a name that a shapefile has cut.
-RATE_WORDS = sorted(word[1:] for word in dict(KINDS_IN_MAPS)["rate"] if word[0] == "=")
+RATE_WORDS = sorted(word[1:] for word in dict(MAP_COLUMN_KINDS)["rate"] if word[0] == "=")
 # Words of nutrients and how a message names them.
 NUTRIENT_NAMES = {
     "n": "nitrogen",
@@ -90,14 +95,14 @@ _SINGLE_LETTER_QUANTITIES = ("mass", "share")
 def split_own_unit(name: str) -> tuple[str, str | None]:
     """Returns a column's name without its unit, and that unit as written, known or not; None
     without a unit."""
-    plain, text = named(name)
-    if text is None and of_a_rate(name):
+    plain, text = split_unit_name(name)
+    if text is None and is_rate_unit(name):
         return "", name  # `l/ha` is all its name
-    if text is None or not of_a_rate(text):
+    if text is None or not is_rate_unit(text):
         unread = _UNKNOWN_UNIT.search(name)
         if unread is not None:
             return name[: unread.start()], unread[1] or unread[2]
-    found = None if text is None else unit_named(text)
+    found = None if text is None else find_named_unit(text)
     if (
         text is None
         or found is None
@@ -114,7 +119,7 @@ def split_own_unit(name: str) -> tuple[str, str | None]:
 
 def find_word_kind(word: str) -> str:
     """Returns what a word of a name says that the column is; empty: nothing."""
-    return next((kind for kind, words in KINDS_IN_MAPS if says(word, words)), "")
+    return next((kind for kind, words in MAP_COLUMN_KINDS if has_any_word(word, words)), "")
 
 
 def split_name_words(name: str) -> list[str]:
@@ -134,7 +139,7 @@ def split_name_words(name: str) -> list[str]:
     ]
     # A shapefile cuts names after ten letters.
     if (
-        len(name) == SHAPEFILE_NAME
+        len(name) == SHAPEFILE_NAME_LENGTH
         and words
         and len(words[-1]) > 1
         and not find_word_kind(words[-1])
@@ -168,11 +173,11 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
             continue
         of = [word for word in split_name_words(name) if not names_unit(word)]
         said = names_unit(name) and (
-            any(map(of_a_rate, cells))
+            any(map(is_rate_unit, cells))
             or (len(cells) == 1 and not of)
-            or all(map(unit_named, cells))
+            or all(map(find_named_unit, cells))
         )
-        if not said and not all(map(of_a_rate, cells)):
+        if not said and not all(map(is_rate_unit, cells)):
             continue
         column = next(
             (other for other in texts if other != name and _is_unit_column_of(other, name)), ANY
@@ -187,9 +192,9 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
 def _is_unit_column_of(column: str, unit_column: str) -> bool:
     """Tells whether a column of units belongs to a column: `Rate_Unit` and `rateUnit` to `Rate`,
     `Unit2` to `Rate2`."""
-    parts = re.sub(r"(?<=\D)(?=\d+$)", "_", folded(unit_column)).split("_")
+    parts = re.sub(r"(?<=\D)(?=\d+$)", "_", fold_column_name(unit_column)).split("_")
     left = "_".join(part for part in parts if not names_unit(part))
-    plain = folded(column)
+    plain = fold_column_name(column)
     return bool(left) and (
         plain == left or (left.isdigit() and re.search(rf"\D{left}$", plain) is not None)
     )

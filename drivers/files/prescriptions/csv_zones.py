@@ -10,7 +10,7 @@ from pathlib import Path
 import shapely
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.imports.dialect import encoding_of
+from topdress.drivers.files.imports.dialect import find_encoding
 from topdress.drivers.files.imports.header import is_unit_row
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.prescriptions.features import (
@@ -42,7 +42,7 @@ def has_polygon_text(path: Path) -> bool:
 def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a CSV of polygons. Raises PrescriptionError, OSError."""
     data = path.read_bytes()
-    text = data.decode(encoding_of(data), errors="replace").lstrip("\ufeff")
+    text = data.decode(find_encoding(data), errors="replace").lstrip("\ufeff")
     header = text.partition("\n")[0]
     # The sign that the header has most often separates cells.
     sign = max(";\t|,", key=lambda one: header.count(one))

@@ -13,9 +13,9 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import Folder
-from topdress.drivers.files.imports.trouble import listed
-from topdress.drivers.files.imports.units import unit_named
-from topdress.drivers.files.imports.words import wanted_or_done
+from topdress.drivers.files.imports.trouble import format_list
+from topdress.drivers.files.imports.units import find_named_unit
+from topdress.drivers.files.imports.words import find_rate_role
 from topdress.drivers.files.prescriptions.column_words import (
     BOUND_WORDS,
     NUTRIENT_NAMES,
@@ -218,9 +218,9 @@ def _find_only_rate(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
     if any(one.doubt for one in rates):
         return None
     no_target = [
-        one for one in rates if one.words & BOUND_WORDS or wanted_or_done(one.name) == "done"
+        one for one in rates if one.words & BOUND_WORDS or find_rate_role(one.name) == "done"
     ]
-    wanted = [one for one in rates if one not in no_target and wanted_or_done(one.name) == "wanted"]
+    wanted = [one for one in rates if one not in no_target and find_rate_role(one.name) == "wanted"]
     left = wanted if len(wanted) == 1 and len(no_target) == len(rates) - 1 else rates
     return left[0] if len(left) == 1 else None
 
@@ -264,7 +264,7 @@ def _classify_column(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
 
 def _find_rate_unit(text: str) -> str | None:
     """Returns the unit of a rate that a text names; None: no such unit."""
-    found = unit_named(text)
+    found = find_named_unit(text)
     return found.name if found is not None and found.name in RATE_UNITS else None
 
 
@@ -427,7 +427,9 @@ def build_imported_map(
     ]
     if unused:
         findings.append(
-            Finding("unused_columns", f"{many(len(unused), 'column')} not used: {listed(unused)}")
+            Finding(
+                "unused_columns", f"{many(len(unused), 'column')} not used: {format_list(unused)}"
+            )
         )
     if empty:
         findings.append(

@@ -11,7 +11,7 @@ import numpy as np
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.prescriptions.data_dictionary import describe_ddi
 from topdress.drivers.files.prescriptions.task_files import TaskSet, read_task_tree
 from topdress.drivers.files.prescriptions.words import (
@@ -169,7 +169,7 @@ def _find_number_meaning(
         if (one := layer.find_process_data(zone)) is not None
     }
     for presentation in (one for one in root.findall("VPN") if one.get("A") in named):
-        shown = unit_named(presentation.get("E", ""))
+        shown = find_named_unit(presentation.get("E", ""))
         if shown is None or shown.name not in RATE_UNITS:
             continue
         scale = _parse_attribute(presentation, "C", where)

@@ -20,11 +20,16 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.columns import known_or_none
 from topdress.drivers.files.imports.mapping import Source
-from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
-from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.imports.trouble import TableError
-from topdress.drivers.files.imports.words import folded, places_without_time, subject_of, tells_time
+from topdress.drivers.files.imports.words import (
+    find_subject,
+    fold_column_name,
+    has_places_without_time,
+    has_time_column,
+)
 from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
 from topdress.drivers.files.prescriptions.projected import TransverseMercator
 from topdress.drivers.files.prescriptions.words import (
@@ -92,11 +97,11 @@ class NoGridError(ValueError):
 def read_point_grid(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of points. Raises PrescriptionError, OSError."""
     try:
-        raw = read_raw(path, Source(inside=choice.inside))
+        raw = read_raw_table(path, Source(inside=choice.inside))
     except TableError as trouble:
         raise PrescriptionError(trouble.where, "{why}", why=trouble.reasons[0]) from None
     metres = find_metre_columns(raw.names)
-    if metres is None and not places_without_time(raw.names):
+    if metres is None and not has_places_without_time(raw.names):
         raise NotAMapError(
             path,
             "columns {columns_there}: allowed are latitude, longitude and a rate without times, or "
@@ -152,18 +157,19 @@ def _read_place_column(raw: RawTable, column: str) -> Floats:
     name = next(
         name
         for name in raw.names
-        if (subject := subject_of(folded(name), None)) is not None and subject.reading == column
+        if (subject := find_subject(fold_column_name(name), None)) is not None
+        and subject.reading == column
     )
-    return numbers(raw.columns[name], raw.decimal_comma).values
+    return parse_number_column(raw.columns[name], raw.decimal_comma).values
 
 
 def find_metre_columns(names: Collection[str]) -> tuple[str, str] | None:
     """Returns the columns of places in metres, east and north, of a table without degrees and
     without times; None where there are none."""
-    if places_without_time(names) or tells_time(names):
+    if has_places_without_time(names) or has_time_column(names):
         return None
     found = [
-        next((name for name in names if folded(name) in words), None)
+        next((name for name in names if fold_column_name(name) in words), None)
         for words in (EAST_NAMES, NORTH_NAMES)
     ]
     east, north = found
@@ -199,7 +205,9 @@ def _convert_utm_places(
         false_east=500_000.0,
         false_north=0.0 if found[2].upper() == "N" else 10_000_000.0,
     )
-    east, north = (numbers(raw.columns[name], raw.decimal_comma).values for name in metres)
+    east, north = (
+        parse_number_column(raw.columns[name], raw.decimal_comma).values for name in metres
+    )
     return utm.to_deg(east, north)
 
 
@@ -210,7 +218,7 @@ def _read_attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, o
         for name, column in raw.columns.items()
         if name not in places
         and (
-            (subject := subject_of(folded(name), None)) is None
+            (subject := find_subject(fold_column_name(name), None)) is None
             or subject.reading not in ("lat_deg", "lon_deg")
         )
     }

@@ -11,7 +11,7 @@ from topdress.control.agronomy.noa import Rule
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import MapData, merged
 from topdress.drivers.files.archives import chosen, files_at
-from topdress.drivers.files.imports.trouble import listed
+from topdress.drivers.files.imports.trouble import format_list
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.outlines import check_zones
 from topdress.drivers.files.prescriptions.task_files import choose_task_set
@@ -141,11 +141,11 @@ def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
             "{count} shapefiles: allowed is one of {names}",
             " (--inside says which)",
             count=len(shapes),
-            names=listed(one.name for one in shapes),
+            names=format_list(one.name for one in shapes),
         )
     if not shapes:
         packed = (
-            listed(name for name in files_at(path).names if name.lower().endswith(".zip"))
+            format_list(name for name in files_at(path).names if name.lower().endswith(".zip"))
             if path.suffix.lower() == ".zip"
             else ""
         )
@@ -185,7 +185,7 @@ def _read_areas_or_points(
 def _report_unused_shapes(read: ImportedMap, shapes: list[ShapeSet]) -> ImportedMap:
     if not shapes:
         return read
-    names = listed(one.name for one in shapes)
+    names = format_list(one.name for one in shapes)
     unused = Finding(
         "shapefiles_beside", f"not used next to the task set: {names} (--inside takes one)"
     )
