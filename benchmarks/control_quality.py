@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from manoeuvres import GO_HELD, MANOEUVRES, Manoeuvre, driven, judge, sim_of, the_setup
 from topdress.control.orders import Strategy
-from topdress.control.simulation.error_metrics import landing, needs
-from topdress.control.simulation.figures import moves
+from topdress.control.simulation.error_metrics import find_crop_needs, find_landing
+from topdress.control.simulation.figures import count_moves
 from verdict import exit_code
 
 KNOWN = ("none", "set", "plan", "drive")
@@ -83,11 +83,11 @@ def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree
     started = time.process_time()
     for seed in range(1, seeds + 1):
         record = driven(setup, strategy, seed, what.end_s + 4.0, sim, orders)
-        ticks += len(record.columns()["time_s"])
+        ticks += len(record.make_columns()["time_s"])
         judged = judge(record, what, width_m)
         each.append(judged)
         places += judged.places_m.tolist()
-        gate.append(moves(record.columns(), record.fired, width_m).gate_moves_per_h)
+        gate.append(count_moves(record.make_columns(), record.fired, width_m).gate_moves_per_h)
         needed.append(_against_needs(record, what, width_m, setup.rule))
     took_us = 1e6 * (time.process_time() - started) / max(1, ticks)
     rates = [one.rate_percent for one in each]
@@ -116,13 +116,13 @@ def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree
 
 def _against_needs(record: Any, what: Manoeuvre, width_m: float, rule: Any) -> tuple[float, float]:
     """Rate errors against the graded and the smooth need, %."""
-    columns = record.columns()
-    land = landing(columns, width_m)
+    columns = record.make_columns()
+    land = find_landing(columns, width_m)
     rows = (columns["time_s"] >= what.begin_s) & (columns["time_s"] <= what.end_s)
-    way, centres = columns["driven_m"][rows], land.ground.centres_m()
+    way, centres = columns["driven_m"][rows], land.ground.calc_centres_m()
     inside = (land.inside > 0.0) & (centres >= way.min()) & (centres <= way.max())
     got = land.landed_kg_ha[inside]
-    graded, smooth = needs(rule, land.ndvi[inside])
+    graded, smooth = find_crop_needs(rule, land.ndvi[inside])
     return tuple(
         100.0 * float(np.abs(got - need).sum() / max(1e-9, need.sum())) for need in (graded, smooth)
     )

@@ -22,15 +22,15 @@ from typing import NamedTuple
 from rig import DAY, DT_S, Rig
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import simulated_run
-from topdress.control.simulation.compiled_steps import STEPS
+from topdress.control.simulation.closed_loop import simulate_run
+from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
+from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, DriveRunaway
 from verdict import exit_code
 
 LASTS_S = 30.0
@@ -129,7 +129,7 @@ class Found(NamedTuple):
 
 def lied_to(
     begin: Callable[[Rig], None],
-    runaway: Runaway,
+    runaway: DriveRunaway,
     alarm: str,
     machine: str = "huanghai",
     job: str = "demo",
@@ -149,14 +149,14 @@ def lied_to(
         it.plant.valves.stuck = stuck
     it.runaway = runaway
     holds = (
-        (lambda: it.loop.order(Order(Do.CALIBRATE)))
+        (lambda: it.loop.handle_order(Order(Do.CALIBRATE)))
         if begin is STATES[CALIBRATING]
         else (lambda: None)
     )
     tick = it.run(LASTS_S, holds)
     zeros_hz = (it.virtual.board.counts.accepted - frames) / LASTS_S
     state = str(tick.row.state)
-    it.runaway = Runaway()
+    it.runaway = DriveRunaway()
     it.run(SETTLED_S)
     said = [k for k, one in enumerate(it.ticks[first:]) if alarm in {a.id for a in one.alarms}]
     entered = sum(
@@ -263,8 +263,8 @@ def lied(lie: Lie) -> tuple[float, float, dict[str, float]]:
         if tick.row.state in ("held", "fault"):
             it.order(Do.ACKNOWLEDGE, "")
             if tick.row.state == "fault":
-                it.loop.order(Order(Do.READY))
-            it.loop.order(Order(Do.START))
+                it.loop.handle_order(Order(Do.READY))
+            it.loop.handle_order(Order(Do.START))
     return given_kg / max(1e-9, wanted_kg), given_kg - wanted_kg, said
 
 
@@ -299,7 +299,7 @@ def scale() -> dict[str, object]:
         "ready": STATES["ready"],
         "held": STATES["held, later"],
     }.items():
-        found = lied_to(begin, Runaway(shaft_rpm=RUNAWAY_RPM), "flow_unordered")
+        found = lied_to(begin, DriveRunaway(shaft_rpm=RUNAWAY_RPM), "flow_unordered")
         after = "never" if found.said_s is None else f"{found.said_s:.1f}"
         print(
             f"| {name} | {found.plant_kg:.2f} | {found.counted_kg:.2f} | "
@@ -323,12 +323,14 @@ def healthy(seed: int, hours: float) -> dict[str, object]:
             )
         }
     )
-    job = with_simulated_field(job, setup.machine)
-    plant = simulated_machine(setup.machine, job, seed, DT_S, steps=STEPS)
+    job = add_simulated_field(job, setup.machine)
+    plant = make_plant(setup.machine, job, seed, DT_S, steps=COMPILED_STEPS)
     said: dict[str, int] = {}
     most, before = 0.0, frozenset[str]()
-    for step in simulated_run(
-        plant, control_loop(setup.machine, setup.crop, setup.rule, job, steps=STEPS), 3600.0 * hours
+    for step in simulate_run(
+        plant,
+        make_control_loop(setup.machine, setup.crop, setup.rule, job, steps=COMPILED_STEPS),
+        3600.0 * hours,
     ):
         now = frozenset(alarm.id for alarm in step.tick.alarms)
         for new in now - before:
@@ -370,7 +372,7 @@ def main() -> int:
         show(
             "shaft turns",
             name,
-            lied_to(begin, Runaway(shaft_rpm=RUNAWAY_RPM), "shaft_turns"),
+            lied_to(begin, DriveRunaway(shaft_rpm=RUNAWAY_RPM), "shaft_turns"),
             SHAFT_SAID_S,
         )
     for name in (
@@ -383,7 +385,7 @@ def main() -> int:
         show(
             "gate opens",
             name,
-            lied_to(STATES[name], Runaway(opening_mm=RUNAWAY_MM), "gate_opens"),
+            lied_to(STATES[name], DriveRunaway(opening_mm=RUNAWAY_MM), "gate_opens"),
             GATE_SAID_S,
         )
     for name in ("off, from the start", "ready", "held, from the order on", "working, switch up"):
@@ -392,7 +394,7 @@ def main() -> int:
             name,
             lied_to(
                 STATES[name],
-                Runaway(),
+                DriveRunaway(),
                 "valve_open",
                 "huanghai_sections",
                 "sections_demo",

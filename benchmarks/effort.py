@@ -31,11 +31,11 @@ from topdress.control.loop.tick import Tick  # noqa: E402
 from topdress.control.machine.fault_injection import parse_planted  # noqa: E402
 from topdress.control.readings import Measurements, Reading  # noqa: E402
 from topdress.control.simulation.assembly import (  # noqa: E402
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import simulated_run  # noqa: E402
+from topdress.control.simulation.closed_loop import simulate_run  # noqa: E402
 from topdress.drivers.files.setup import load_setup  # noqa: E402
 
 SETUP = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
@@ -58,8 +58,8 @@ class OtherwiseSensed:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._loop, name)
 
-    def tick(self, m: Measurements) -> Tick:
-        tick: Tick = self._loop.tick(self._change(m))
+    def run_tick(self, m: Measurements) -> Tick:
+        tick: Tick = self._loop.run_tick(self._change(m))
         return tick
 
 
@@ -72,14 +72,14 @@ def alarms_of(
 ) -> list[tuple[float, float, str, float]]:
     """Alarms of effort: from, to (s), id, the most per cent that it said. rows: takes the log's
     rows."""
-    job = with_simulated_field(SETUP.job, SETUP.machine)
-    plant = simulated_machine(
-        SETUP.machine, job, seed, DT_S, [parse_planted(text) for text in effects]
+    job = add_simulated_field(SETUP.job, SETUP.machine)
+    plant = make_plant(SETUP.machine, job, seed, DT_S, [parse_planted(text) for text in effects])
+    loop: Any = OtherwiseSensed(
+        make_control_loop(SETUP.machine, SETUP.crop, SETUP.rule, job), change
     )
-    loop: Any = OtherwiseSensed(control_loop(SETUP.machine, SETUP.crop, SETUP.rule, job), change)
     found: dict[str, tuple[float, float, str, float]] = {}
     over: list[tuple[float, float, str, float]] = []
-    for step in simulated_run(plant, loop, seconds):
+    for step in simulate_run(plant, loop, seconds):
         at, now = step.tick.row.time_s, set()
         for alarm in step.tick.alarms:
             if alarm.id.startswith("effort") and alarm.gone_s is None:

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from topdress.control.readings import DriveCommand, GnssFix, SpeedPlan
-from topdress.drivers.board.framing import Receiver, seal
+from topdress.drivers.board.framing import Receiver, seal_frame
 from topdress.drivers.devices import (
     agopengps,
     board_frames,
@@ -34,7 +34,7 @@ from topdress.drivers.devices.board_frames import CommandFrame, encode_command
 from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.lines import Ignored, Rejected
-from topdress.drivers.devices.nmea import parse
+from topdress.drivers.devices.nmea import parse_sentence
 from topdress.drivers.devices.rate_module_frames import (
     FlowTarget,
     Relays,
@@ -45,12 +45,12 @@ from topdress.drivers.devices.rate_module_frames import (
 from topdress.drivers.devices.rate_module_frames import encode_status as encode_module
 from topdress.drivers.devices.slave_board import SlaveBoard
 from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
-from topdress.drivers.devices.tractor_speed import sentence as plan_sentence
-from topdress.drivers.ports import memory_pair
+from topdress.drivers.devices.tractor_speed import make_sentence as plan_sentence
+from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
-from topdress.drivers.virtual.extras import agopengps_frames
+from topdress.drivers.virtual.extras import make_agopengps_frames
 from topdress.drivers.virtual.gpsd import VirtualGpsd
-from topdress.drivers.virtual.machine import gnss_sentences, head_line
+from topdress.drivers.virtual.machine import make_gnss_sentences, make_head_line
 from verdict import exit_code
 
 Said = tuple[Any, ...]
@@ -84,7 +84,7 @@ def fix(chance: random.Random) -> GnssFix:
 
 
 def nmea_frame(chance: random.Random) -> bytes:
-    sentences = gnss_sentences(fix(chance)).splitlines(keepends=True)
+    sentences = make_gnss_sentences(fix(chance)).splitlines(keepends=True)
     return sentences[chance.randrange(3)]
 
 
@@ -93,14 +93,14 @@ def nmea_said(data: bytes) -> list[Said]:
     for line in data.replace(b"\r", b"\n").split(b"\n"):
         for sentence in line.split(b"$")[1:]:
             try:
-                found.append(parse(sentence))
+                found.append(parse_sentence(sentence))
             except (Rejected, Ignored):
                 continue
     return found
 
 
 def head_frame(layout: HeadFields, multiplexed: bool, chance: random.Random) -> bytes:
-    return head_line(
+    return make_head_line(
         chance.uniform(-0.2, 0.95), layout, chance.randrange(1, 7) if multiplexed else None
     )
 
@@ -135,7 +135,7 @@ def board_status(chance: random.Random) -> bytes:
         f"{chance.uniform(*ends):.3f}"
         for ends in ((0, 100), (0, 60), (0, 300), (9, 15), (-9, 9), (-9, 9))
     )
-    return seal(f"S1,{counts},{read},{chance.choice(('', '1', '0'))},1")
+    return seal_frame(f"S1,{counts},{read},{chance.choice(('', '1', '0'))},1")
 
 
 def board_command(chance: random.Random) -> bytes:
@@ -152,7 +152,7 @@ def board_command(chance: random.Random) -> bytes:
 
 def lag_line(chance: random.Random) -> bytes:
     start = chance.randrange(2**32)
-    return seal(
+    return seal_frame(
         f"L1,{whole(chance)},{whole(chance)},3,{start + 1700000},{chance.uniform(0, 100):.3f},"
         f"{chance.randrange(4096)},{start},{start + chance.randrange(2000000)},0"
     )
@@ -160,7 +160,7 @@ def lag_line(chance: random.Random) -> bytes:
 
 def dose_report(chance: random.Random) -> bytes:
     begin = chance.randrange(2**31)
-    return seal(
+    return seal_frame(
         f"E1,{whole(chance)},{whole(chance)},{chance.randrange(1, 5)},"
         f"{chance.uniform(0, 360):.3f},{begin},"
         f"{begin + chance.randrange(500000)}"
@@ -220,21 +220,21 @@ def datagrams(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]:
 
 
 def gpsd_frame(chance: random.Random) -> bytes:
-    client, line = memory_pair("gpsd", lambda: 0.0)
+    client, line = make_memory_pair("gpsd", lambda: 0.0)
     virtual = VirtualGpsd(line)
     client.write(b'?WATCH={"enable":true,"json":true}\n')
-    virtual.before(0.0, DriveCommand(0.0, 0.0), False)
+    virtual.alter_command(0.0, DriveCommand(0.0, 0.0), False)
     client.read()
 
     class Sensed:
         gnss = fix(chance)
 
-    virtual.after(Sensed(), 0.0)  # type: ignore[arg-type]
+    virtual.take_readings(Sensed(), 0.0)  # type: ignore[arg-type]
     return client.read().splitlines(keepends=True)[-1]  # TPV; SKY before it
 
 
 def aog_frame(chance: random.Random) -> bytes:
-    return agopengps_frames(fix(chance))[1]
+    return make_agopengps_frames(fix(chance))[1]
 
 
 NO_SUM_TCP = "JSON carries no checksum; the TCP connection that it comes on does"
@@ -295,15 +295,15 @@ SUBJECTS: dict[str, Subject] = {
     ),
     "board command": Subject(
         board_command,
-        lambda data: [tuple(fields) for fields in Receiver().feed(data)],
+        lambda data: [tuple(fields) for fields in Receiver().feed_bytes(data)],
         lambda: _fed(VirtualBoard()),
         CRC16,
     ),
     "dose report": Subject(
-        dose_report, crc_frames(point_dose.decode_report), lambda: _fed(SlaveBoard()), CRC16
+        dose_report, crc_frames(point_dose.decode_dose_report), lambda: _fed(SlaveBoard()), CRC16
     ),
     "lag rig": Subject(
-        lag_line, crc_frames(lag_rig.decode_status), lambda: _fed(lag_rig.LagRig()), CRC16
+        lag_line, crc_frames(lag_rig.decode_rig_status), lambda: _fed(lag_rig.LagRig()), CRC16
     ),
     "rate module": Subject(module_status, datagrams(rate_module_frames.decode_heard), _module, SUM),
     "rate module, commands": Subject(

@@ -24,11 +24,11 @@ from topdress.control.loop import ControlLoop, Tick
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.orders import Do, Order, Severity, State
 from topdress.control.readings import DriveCommand, Measurements
-from topdress.control.simulation.assembly import control_loop, with_simulated_field
-from topdress.control.simulation.closed_loop import simulated_run
-from topdress.control.simulation.compiled_steps import STEPS
+from topdress.control.simulation.assembly import add_simulated_field, make_control_loop
+from topdress.control.simulation.closed_loop import simulate_run
+from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 from topdress.control.simulation.plant import Plant, SensorReadings
-from topdress.control.simulation.tractor import Leg, Path, field_path
+from topdress.control.simulation.tractor import PathLeg, TractorPath, make_field_path
 from topdress.drivers.files.setup import load_setup
 from verdict import exit_code
 
@@ -80,8 +80,8 @@ class Sensed:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._plant, name)
 
-    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
-        return self._sensors(self._plant.step(command, enabled))
+    def advance_plant(self, command: DriveCommand, enabled: bool) -> SensorReadings:
+        return self._sensors(self._plant.advance_plant(command, enabled))
 
 
 class Operated:
@@ -93,14 +93,14 @@ class Operated:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._loop, name)
 
-    def tick(self, m: Measurements) -> Tick:
+    def run_tick(self, m: Measurements) -> Tick:
         self._now_s = m.time_s
-        return self._loop.tick(m)
+        return self._loop.run_tick(m)
 
-    def order(self, order: Order) -> object:
+    def handle_order(self, order: Order) -> object:
         if order.do is Do.START and self._now_s < self._from_s:
             return None
-        return self._loop.order(order)
+        return self._loop.handle_order(order)
 
 
 class Heard(NamedTuple):
@@ -132,13 +132,13 @@ def _speeds(seconds: float) -> list[dict[str, float]]:
     return changes
 
 
-def _way(sim: Simulated, width_m: float, heading_deg: float) -> Path:
+def _way(sim: Simulated, width_m: float, heading_deg: float) -> TractorPath:
     """The road, straight on into the first pass."""
-    field = field_path(sim, width_m, heading_deg)
-    first = field.at(0.0)
-    behind = field.at(-ROAD_M)
-    road = Leg(behind.east_m, behind.north_m, first.heading_deg, ROAD_M, 0.0)
-    return Path([road, *field._legs])
+    field = make_field_path(sim, width_m, heading_deg)
+    first = field.find_pose(0.0)
+    behind = field.find_pose(-ROAD_M)
+    road = PathLeg(behind.east_m, behind.north_m, first.heading_deg, ROAD_M, 0.0)
+    return TractorPath([road, *field._legs])
 
 
 def driven(ground: Ground, seconds: float, seed: int) -> Found:
@@ -147,7 +147,7 @@ def driven(ground: Ground, seconds: float, seed: int) -> Found:
     values = setup.job.simulated.model_dump() | SIM
     values |= {"slope_deg": ground.slope_deg, "speed_changes": _speeds(seconds)}
     sim = Simulated.model_validate(values)
-    job = with_simulated_field(setup.job.model_copy(update={"simulated": sim}), setup.machine)
+    job = add_simulated_field(setup.job.model_copy(update={"simulated": sim}), setup.machine)
     scale = setup.machine.scale._replace(
         tilt_percent_per_deg=ground.tilt_percent_per_deg, cosine_share=1.0
     )
@@ -159,16 +159,16 @@ def driven(ground: Ground, seconds: float, seed: int) -> Found:
         DT_S,
         [parse_planted(f"effort.drag={percent:g}@{at_s:g}") for at_s, percent in GREASE],
         path=_way(sim, width_m, heading_deg),
-        steps=STEPS,
+        steps=COMPILED_STEPS,
     )
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job, steps=STEPS)
+    loop = make_control_loop(setup.machine, setup.crop, setup.rule, job, steps=COMPILED_STEPS)
     heard: dict[str, Heard] = {}
     stops: list[str] = []
     before: set[str] = set()
     state, flowing, trimmed = str(State.OFF), 0, 0.0
     sensed: Any = Sensed(plant, Sensors(plain=True, seed=seed))
     operated: Any = Operated(loop, WORK_FROM_S + SLOWED_S)
-    for step in simulated_run(sensed, operated, seconds):
+    for step in simulate_run(sensed, operated, seconds):
         tick, minute = step.tick, step.truth.time_s / 60.0
         for alarm in tick.alarms:
             was = heard.get(alarm.id) or Heard(

@@ -314,7 +314,7 @@ def host_silent(rig: Hosted) -> Found:
     started_s, off_s, stands_s = rig.now_s, float("inf"), float("inf")
     while rig.now_s - started_s < 2.0:
         rig.now_s += DT_S
-        rig.virtual.advance(rig.now_s)
+        rig.virtual.advance_to(rig.now_s)
         if not rig.virtual.board.set_points(rig.now_s)[1]:
             off_s = min(off_s, rig.now_s - started_s)
         if rig.rpm < 1.0:

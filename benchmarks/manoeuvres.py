@@ -18,12 +18,12 @@ from topdress.control.field.job import Simulated
 from topdress.control.machine.elements import Array
 from topdress.control.orders import Do, Order, Strategy
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import Record, simulated_run
-from topdress.control.simulation.error_metrics import BIN_M, landing, place_errors
+from topdress.control.simulation.closed_loop import RunRecord, simulate_run
+from topdress.control.simulation.error_metrics import RATE_BIN_M, find_landing, find_place_errors
 from topdress.drivers.files.setup import Setup, load_setup
 
 DT_S = 0.05
@@ -108,7 +108,7 @@ def driven(
     sim: dict[str, Any],
     orders: Sequence[tuple[float, Order]] | None,
     look_ahead: bool = True,
-) -> Record:
+) -> RunRecord:
     """The record of one run."""
     values = setup.job.simulated.model_dump() | sim
     job = setup.job.model_copy(
@@ -118,22 +118,22 @@ def driven(
             "simulated": Simulated.model_validate(values),
         }
     )
-    job = with_simulated_field(job, setup.machine)
-    plant = simulated_machine(setup.machine, job, seed, DT_S)
-    record = Record()
-    for step in simulated_run(
-        plant, control_loop(setup.machine, setup.crop, setup.rule, job), seconds, orders
+    job = add_simulated_field(job, setup.machine)
+    plant = make_plant(setup.machine, job, seed, DT_S)
+    record = RunRecord()
+    for step in simulate_run(
+        plant, make_control_loop(setup.machine, setup.crop, setup.rule, job), seconds, orders
     ):
-        record.add(step)
+        record.add_tick(step)
     return record
 
 
-def judge(record: Record, what: Manoeuvre, width_m: float) -> Judged:
-    columns = record.columns()
-    land = landing(columns, width_m)
+def judge(record: RunRecord, what: Manoeuvre, width_m: float) -> Judged:
+    columns = record.make_columns()
+    land = find_landing(columns, width_m)
     time, way = columns["time_s"], columns["driven_m"]
     rows = (time >= what.begin_s) & (time <= what.end_s)
-    centres = land.ground.centres_m()
+    centres = land.ground.calc_centres_m()
     inside = (land.inside > 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
     begins = np.flatnonzero(
         np.diff(np.concatenate(([0.0], (land.target_kg_ha > 0.0).astype(float)))) > 0.0
@@ -147,12 +147,12 @@ def judge(record: Record, what: Manoeuvre, width_m: float) -> Judged:
     fired = [f for f in record.fired if what.begin_s <= f.time_s <= what.end_s]
     if what.edges:
         fired = [f for f in fired if f.before.rate_kg_ha <= 0.0]
-    places, lost = place_errors(columns, fired, land, width_m)
+    places, lost = find_place_errors(columns, fired, land, width_m)
     beyond = (
         land.landed_kg_ha[
             (land.target_kg_ha <= 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
         ].sum()
-        * BIN_M
+        * RATE_BIN_M
     )
     target = land.target_kg_ha[inside]
     crossings = int(

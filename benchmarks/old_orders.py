@@ -75,7 +75,7 @@ def console_again(it: Rig, tape: Tape) -> None:
     lines = list(tape.lines)
     for _ in range(40):  # two seconds without a console
         it.now_s += DT_S
-        it.virtual.advance(it.now_s)
+        it.virtual.advance_to(it.now_s)
     it.cab = it.fresh_cab()
     it.run(2.0)
     tape.again(lines)

@@ -32,22 +32,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from manoeuvres import DT_S, GO, GO_HELD, MANOEUVRES, Manoeuvre, sim_of, the_setup
 from topdress.control.field.job import Simulated
-from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.fault_injection import PlantedEffect
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Do, Order, Strategy, TargetSource
 from topdress.control.readings import DriveCommand
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import Record, simulated_run
-from topdress.control.simulation.error_metrics import landing, place_errors
-from topdress.control.simulation.figures import moves
+from topdress.control.simulation.closed_loop import RunRecord, simulate_run
+from topdress.control.simulation.error_metrics import find_landing, find_place_errors
+from topdress.control.simulation.figures import count_moves
 from topdress.control.simulation.plant import Plant, SensorReadings, Truth
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import Fallbacks, Prescription
-from topdress.control.targets.rate_map import GridMap, frame_m
+from topdress.control.targets.rate_map import GridMap, make_frame_m
 from topdress.drivers.files.setup import Setup
 from verdict import exit_code
 
@@ -115,7 +115,7 @@ LATE_S = 0.4
 def any_machine(machine: Machine, name: str) -> Machine:
     """A plausible one, or one whose senses of speed are worse (`NOISY`, `SPEEDS`)."""
     from topdress.control.machine.machine import add_effect
-    from topdress.control.machine.parameter_uncertainty import plausible
+    from topdress.control.machine.parameter_uncertainty import make_plausible_machine
 
     if name.startswith("wheel_"):
         return machine.model_copy(
@@ -126,7 +126,7 @@ def any_machine(machine: Machine, name: str) -> Machine:
     return (
         machine
         if name in TEETH_PERCENT or name in (*PLANTED, *OUTAGES, STANDING_FREE)
-        else plausible(machine, name)
+        else make_plausible_machine(machine, name)
     )
 
 
@@ -141,7 +141,7 @@ class Drive(NamedTuple):
     drives: str  # name of what differs in drives and flow
     # the tube as control's machine file has it, and how sure that is; none: as shipped
     known: dict[str, Any]
-    planted: list[Any] = []  # `Planted`: effects that come and go
+    planted: list[Any] = []  # `PlantedEffect`: effects that come and go
     teeth_percent: float = 0.0  # 1 s.d. by which the wheel's teeth are uneven
 
 
@@ -202,8 +202,8 @@ class OtherSenses:
     def truth(self) -> Truth | None:
         return self.plant.truth
 
-    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
-        s = self.plant.step(command, enabled)
+    def advance_plant(self, command: DriveCommand, enabled: bool) -> SensorReadings:
+        s = self.plant.advance_plant(command, enabled)
         assert self.truth is not None
         tooth = int(self.truth.driven_m / self._tooth_m) % len(self._errors)
         wheel_mps = 0.0 if s.time_s >= self._dead_s else s.wheel_mps * (1.0 + self._errors[tooth])
@@ -229,11 +229,11 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
         update["target"] = setup.job.target.model_copy(
             update={"source": TargetSource.MAP, "map": "made here"}
         )
-    job = with_simulated_field(setup.job.model_copy(update=update), setup.machine)
+    job = add_simulated_field(setup.job.model_copy(update=update), setup.machine)
     if what.manoeuvre in BY_MAP:
-        setup_plane = control_loop(setup.machine, setup.crop, setup.rule, setup.job).plane
+        setup_plane = make_control_loop(setup.machine, setup.crop, setup.rule, setup.job).plane
         rates = np.resize(ZONES_KG_HA, (24, 1))
-        grid = GridMap(frame_m((-50.0, -ZONE_M), 600.0, ZONE_M), rates)
+        grid = GridMap(make_frame_m((-50.0, -ZONE_M), 600.0, ZONE_M), rates)
         from topdress.control.geodesy import TangentPlane
 
         profile = MapProfile(
@@ -241,25 +241,25 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
             setup_plane or TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg),
         )
     plant: Any = OtherSenses(
-        simulated_machine(
+        make_plant(
             _of_this_tree(what.machine),
             job,
             what.seed,
             DT_S,
-            [Planted(*one) for one in what.planted],
+            [PlantedEffect(*one) for one in what.planted],
         ),
         what,
     )
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
-    record = Record()
+    loop = make_control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
+    record = RunRecord()
     orders = GO_HELD if manoeuvre.speeds and manoeuvre.speeds[0][1] == 0 else None
     if what.drives == "dead_wheel":
         orders = (*GO, (DEAD_FROM_S + 3.0, Order(Do.ACKNOWLEDGE, "")))
         if hasattr(Do, "ALLOW_NO_WHEEL"):
             orders += ((DEAD_FROM_S + 3.0, Order(Do.ALLOW_NO_WHEEL, True)),)
-    for step in simulated_run(plant, loop, manoeuvre.end_s + 4.0, orders):
-        record.add(step)
-    return record.columns(), record.fired
+    for step in simulate_run(plant, loop, manoeuvre.end_s + 4.0, orders):
+        record.add_tick(step)
+    return record.make_columns(), record.fired
 
 
 def _of_this_tree(published: dict[str, Any]) -> Machine:
@@ -294,13 +294,13 @@ def _knowing(known: dict[str, Any]) -> Setup:
 def relanded(columns: dict[str, Any], machine: Machine, free: bool = False) -> dict[str, Any]:
     """The same run, fallen through another tube. free: from the command to stop on the pace
     stays."""
-    from topdress.control.machine.fall import drop_s
+    from topdress.control.machine.fall import calc_drop_s
 
     rpm = columns["shaft_rpm"]
     if free:
         commanded = columns["shaft_rpm_cmd"] > 0.0
         rpm = rpm[np.maximum.accumulate(np.where(commanded, np.arange(len(rpm)), 0))]
-    settled = np.array([drop_s(machine.fall, n) for n in rpm.tolist()])
+    settled = np.array([calc_drop_s(machine.fall, n) for n in rpm.tolist()])
     return columns | {
         "settled_drop_s": settled,
         "drop_s": settled + machine.fall.latency_s,
@@ -325,8 +325,8 @@ def judge(columns: dict[str, Any], fired: Sequence[Any], what: Manoeuvre, width_
     rows = (time_s >= what.begin_s) & (time_s <= what.end_s)
 
     def of(shift_m: float) -> tuple[float, float, float, float]:
-        land = landing(columns, width_m, shift_m)
-        centres = land.ground.centres_m()
+        land = find_landing(columns, width_m, shift_m)
+        centres = land.ground.calc_centres_m()
         inside = (land.inside > 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
         if what.edges:
             ends = centres[:-1][np.diff(land.inside) < 0.0]
@@ -341,8 +341,8 @@ def judge(columns: dict[str, Any], fired: Sequence[Any], what: Manoeuvre, width_
 
     held, worst, bare, bias = of(0.0)
     chosen = [f for f in fired if what.begin_s <= f.time_s <= what.end_s]
-    places, lost = place_errors(columns, chosen, landing(columns, width_m), width_m)
-    moved = moves({name: column[rows] for name, column in columns.items()}, [], width_m)
+    places, lost = find_place_errors(columns, chosen, find_landing(columns, width_m), width_m)
+    moved = count_moves({name: column[rows] for name, column in columns.items()}, [], width_m)
     each = [of(shift) for shift in SHIFTS_M]
     return Judged(
         held,
@@ -539,7 +539,7 @@ PROMISED_M = {(ZONES, "opening_first"): 0.06, (ZONES, "speed_first"): 0.15}
 
 
 def run() -> int:
-    from topdress.control.machine.parameter_uncertainty import PLAUSIBLE
+    from topdress.control.machine.parameter_uncertainty import PLAUSIBLE_MACHINES
 
     parser = argparse.ArgumentParser(
         description="Rate and place error where the machine is not its model."
@@ -551,7 +551,7 @@ def run() -> int:
     parser.add_argument("--strategies", default="opening_first,speed_first")
     parser.add_argument(
         "--machines",
-        default=",".join((*PLAUSIBLE, STANDING_FREE)),
+        default=",".join((*PLAUSIBLE_MACHINES, STANDING_FREE)),
         help=f"also noisy ({', '.join(NOISY)}), speeds ({', '.join(SPEEDS)}) and drives "
         f"({', '.join(DRIVES)})",
     )

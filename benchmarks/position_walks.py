@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.geodesy import TangentPlane
-from topdress.control.readings import Doubted, GnssFix, Measurements, Reading
+from topdress.control.readings import GnssFix, Measurements, Reading, RefusedSpeed
 from topdress.control.safety import SafetyLimits
 from topdress.control.sensing import Sensed, Sensing
 from topdress.drivers.devices.gnss import GnssDecoder
@@ -182,7 +182,7 @@ class Reports:
             return None
         self._next_s += 1.0 / r.hz
         noise = r.white_m * normal(2) + self._slow
-        lat, lon = PLANE.to_deg(at.east_m + drift_m + noise[0], at.north_m + noise[1])
+        lat, lon = PLANE.convert_to_deg(at.east_m + drift_m + noise[0], at.north_m + noise[1])
         east_mps, north_mps = (
             v + r.speed_mps * n for v, n in zip(self._velocities[0], normal(2), strict=True)
         )
@@ -207,7 +207,7 @@ def held_by(sensed: Sensed) -> bool:
     doubt = sensed.doubt
     return (
         doubt is not None
-        and doubt.refused is Doubted.EITHER
+        and doubt.refused is RefusedSpeed.EITHER
         and doubt.differed_s - doubt.since_s >= SafetyLimits().speeds_differ_s
     )
 
@@ -222,7 +222,7 @@ def drifting(receiver: Receiver, drift_mps: float, with_it: bool, seed: int = 1)
             now_s, at, drift_mps * since_s, drift_mps if with_it and since_s > 0.0 else 0.0
         )
         fix = new or fix
-        sensed = sensing.update(
+        sensed = sensing.sense_motion(
             Measurements(now_s, gnss=fix, wheel_speed_mps=Reading(at.wheel_mps, now_s))
         )
         if since_s <= 0.0 or sensed.east_m is None or sensed.north_m is None:
@@ -240,10 +240,10 @@ class Heard(NamedTuple):
     refused: int  # by one epoch, as before
     walks: int  # spells
     walk_epochs: int
-    doubts: frozenset[tuple[Doubted, float]]  # which speed was not believed, from when on
+    doubts: frozenset[tuple[RefusedSpeed, float]]  # which speed was not believed, from when on
     spun_s: tuple[float, ...] = ()  # when the wheel spun
 
-    def doubted(self, refused: Doubted) -> list[float]:
+    def doubted(self, refused: RefusedSpeed) -> list[float]:
         return [from_s for one, from_s in self.doubts if one is refused]
 
     @property
@@ -252,7 +252,7 @@ class Heard(NamedTuple):
         before."""
         return sum(
             not any(from_s - 5.0 < at_s <= from_s for at_s in self.spun_s)
-            for from_s in self.doubted(Doubted.WHEEL)
+            for from_s in self.doubted(RefusedSpeed.WHEEL)
         )
 
 
@@ -262,9 +262,9 @@ def heard(fixes: Iterator[tuple[float, GnssFix, Reading | None]]) -> Heard:
     epochs = refused = walks = walk_epochs = 0
     before, seen_s, doubts = False, None, set()
     for now_s, fix, wheel in fixes:
-        sensed = sensing.update(Measurements(now_s, gnss=fix, wheel_speed_mps=wheel))
+        sensed = sensing.sense_motion(Measurements(now_s, gnss=fix, wheel_speed_mps=wheel))
         if sensed.doubt is not None and (
-            sensed.doubt.refused is not Doubted.EITHER or held_by(sensed)
+            sensed.doubt.refused is not RefusedSpeed.EITHER or held_by(sensed)
         ):
             doubts.add((sensed.doubt.refused, sensed.doubt.since_s))
         if fix.time_s == seen_s:
@@ -354,17 +354,17 @@ def main() -> int:
             f"{receiver.name}: {seconds / 3600.0:.2f} h, {was.epochs} epochs, {was.refused} "
             f"refused, {was.walks} "
             f"walks ({was.walk_epochs} epochs); not believed: the wheel "
-            f"{len(was.doubted(Doubted.WHEEL))} times, "
+            f"{len(was.doubted(RefusedSpeed.WHEEL))} times, "
             f"{was.wheel_unspun} of them though it did not spin; GNSS's speed "
-            f"{len(was.doubted(Doubted.GNSS))}; open "
-            f"{len(was.doubted(Doubted.EITHER))}",
+            f"{len(was.doubted(RefusedSpeed.GNSS))}; open "
+            f"{len(was.doubted(RefusedSpeed.EITHER))}",
             flush=True,
         )
         promises[f"{receiver.name}: {was.walks} walks: none"] = was.walks == 0
         promises[
             f"{receiver.name}: a wheel that did not spin, or GNSS's speed, accused, or work "
             "held: never"
-        ] = not was.wheel_unspun and {one for one, _ in was.doubts} <= {Doubted.WHEEL}
+        ] = not was.wheel_unspun and {one for one, _ in was.doubts} <= {RefusedSpeed.WHEEL}
     return exit_code(promises)
 
 

@@ -17,16 +17,16 @@ from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.orders import Do, Order, State
 from topdress.control.readings import DriveCommand
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
 from topdress.control.simulation.plant import Plant, SensorReadings, Truth
 from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from topdress.drivers.files.prescriptions.for_job import read_job_map
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.ports import memory_pair
-from topdress.drivers.virtual.faults import Runaway, VirtualRunaway
+from topdress.drivers.ports import make_memory_pair
+from topdress.drivers.virtual.faults import DriveRunaway, VirtualRunaway
 from topdress.drivers.virtual.machine import VirtualMachine
 
 DAY = dt.date(2026, 4, 1)
@@ -46,10 +46,12 @@ class Lying:
         self.dt_s = plant.dt_s
         self._plant, self._lie, self._turns = plant, lie, turns
 
-    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
+    def advance_plant(self, command: DriveCommand, enabled: bool) -> SensorReadings:
         turns = self._turns(self._plant.time_s)
         return self._lie(
-            self._plant.step(command._replace(shaft_rpm=turns * command.shaft_rpm), enabled)
+            self._plant.advance_plant(
+                command._replace(shaft_rpm=turns * command.shaft_rpm), enabled
+            )
         )
 
 
@@ -78,15 +80,17 @@ class Rig:
     ) -> None:
         self.setup = setup = load_setup(machine, job, DAY)
         simulated = Simulated.model_validate(setup.job.simulated.model_dump() | sim)
-        self.job = with_simulated_field(
+        self.job = add_simulated_field(
             setup.job.model_copy(update={"simulated": simulated}), setup.machine
         )
-        self.now_s, self.runaway, self.switch_up, self._parks = 0.0, Runaway(), False, parks
-        self.plant = simulated_machine(
+        self.now_s, self.runaway, self.switch_up, self._parks = 0.0, DriveRunaway(), False, parks
+        self.plant = make_plant(
             setup.machine, self.job, seed, dt_s, [parse_planted(text) for text in effects]
         )
         self.heads = [f"head_{k}" for k in range(1, 1 + setup.machine.geometry.heads)]
-        pairs = {name: memory_pair(name, self.clock) for name in ("gnss", *self.heads, "board")}
+        pairs = {
+            name: make_memory_pair(name, self.clock) for name in ("gnss", *self.heads, "board")
+        }
         self.ports = {name: pair[0] for name, pair in pairs.items()}
         self.board_line = pairs["board"][1]
         self.cab = self.fresh_cab()
@@ -99,7 +103,7 @@ class Rig:
             opening_mm=setup.machine.set_points.opening_mm,
             extras=[VirtualRunaway(lambda at_s: self.runaway, 0.0)],
         )
-        self.loop = control_loop(
+        self.loop = make_control_loop(
             setup.machine,
             setup.crop,
             setup.rule,
@@ -131,11 +135,11 @@ class Rig:
                 State.READY,
                 State.CALIBRATING,
             )
-        self.virtual.advance(self.now_s)
+        self.virtual.advance_to(self.now_s)
         each()
         m = self.cab.read_measurements(self.now_s)
-        tick = self.loop.tick(m._replace(work_switch=False) if self.switch_up else m, 0.0, True)
-        self.cab.send_command(self.now_s, tick.command, tick.enabled)
+        tick = self.loop.run_tick(m._replace(work_switch=False) if self.switch_up else m, 0.0, True)
+        self.cab.send_command(self.now_s, tick.command, tick.is_enabled)
         self.ticks.append(tick)
 
     def run(self, seconds: float, each: Callable[[], object] = lambda: None) -> Tick:
@@ -144,7 +148,7 @@ class Rig:
         return self.ticks[-1]
 
     def order(self, do: Do, value: Any = None) -> None:
-        answer = self.loop.order(Order(do, value))
+        answer = self.loop.handle_order(Order(do, value))
         assert answer.accepted, (do, answer)
 
     def work(self, seconds: float = 15.0) -> None:

@@ -25,7 +25,7 @@ from rig import DT_S, Rig
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import Do, Order, State, TargetSource
 from topdress.control.simulation.plant import SensorReadings
-from topdress.drivers.virtual.faults import Runaway
+from topdress.drivers.virtual.faults import DriveRunaway
 from verdict import exit_code
 
 ONSET_S, LASTS_S = 40.0, 30.0
@@ -81,9 +81,9 @@ class Sensors:
             return None
         self._next_s = now_s + 1.0
         self._plane = self._plane or TangentPlane(fix.lat_deg, fix.lon_deg)
-        east, north = self._plane.to_m(fix.lat_deg, fix.lon_deg)
+        east, north = self._plane.project_to_m(fix.lat_deg, fix.lon_deg)
         off = self._slow + PLAIN_WHITE_M * self._rng.standard_normal(2)
-        lat, lon = self._plane.to_deg(east + float(off[0]), north + float(off[1]))
+        lat, lon = self._plane.convert_to_deg(east + float(off[0]), north + float(off[1]))
         return fix._replace(lat_deg=lat, lon_deg=lon, fix_quality=1)
 
 
@@ -94,7 +94,7 @@ class Case(NamedTuple):
     name: str
     wheel: Callable[[float], float] | None = None
     gnss: Callable[[float], float] | None = None
-    drives: Callable[[Rig], Runaway] | None = None
+    drives: Callable[[Rig], DriveRunaway] | None = None
     effect: str = ""
     speeds: tuple[tuple[float, float], ...] = ()  # at s, m/s
     rate_kg_ha: float = RATE_KG_HA
@@ -107,8 +107,8 @@ def _times(factor: float) -> Callable[[float], float]:
     return lambda mps: factor * mps
 
 
-def _gate_off(it: Rig) -> Runaway:
-    return Runaway(opening_mm=it.ticks[-1].command.opening_mm + 3.0)
+def _gate_off(it: Rig) -> DriveRunaway:
+    return DriveRunaway(opening_mm=it.ticks[-1].command.opening_mm + 3.0)
 
 
 CASES = (
@@ -152,7 +152,7 @@ CASES = (
     ),
     Case(
         "shaft runs away, 95 r/min",
-        drives=lambda it: Runaway(shaft_rpm=RUNAWAY_RPM),
+        drives=lambda it: DriveRunaway(shaft_rpm=RUNAWAY_RPM),
         alarm="shaft_far_off",
         by_s=(3.0, 3.0),
     ),
@@ -308,8 +308,8 @@ def healthy(name: str, seconds: float) -> tuple[dict[str, int], float]:
         if state == State.OFF:
             it.order(Do.READY)
         elif state == State.READY or (state == State.HELD and (tick.sensed.speed_mps or 0.0) > 0.6):
-            it.loop.order(Order(Do.ACKNOWLEDGE, ""))
-            it.loop.order(Order(Do.START))
+            it.loop.handle_order(Order(Do.ACKNOWLEDGE, ""))
+            it.loop.handle_order(Order(Do.START))
         flowing += not tick.why_no_flow
         now = {alarm.id for alarm in tick.alarms} & HEARD_OF
         for alarm in now - before:

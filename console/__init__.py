@@ -26,5 +26,5 @@ import time
 from topdress.drivers import day_clock
 
 # libraries ask it while they are loaded (logging), where it raises
-if not day_clock.is_set():
-    time.time = day_clock.epoch_s
+if not day_clock.is_clock_set():
+    time.time = day_clock.read_epoch_s

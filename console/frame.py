@@ -16,7 +16,7 @@ from topdress.control.agronomy.strips import Strips
 from topdress.control.field.totals import Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, SectionState
-from topdress.control.readings import NO_EFFORT, EffortSays
+from topdress.control.readings import NO_EFFORT_FINDING, EffortFinding
 from topdress.control.safety import Allowances, BenchRun
 from topdress.drivers.device_status import DeviceStatus
 
@@ -145,7 +145,7 @@ class Frame:
     # the latest orders that were followed, the newest last
     ordered: tuple[Ordered, ...] = ()
     # of the metering drive, and where its alarms begin
-    effort: EffortSays = NO_EFFORT
+    effort: EffortFinding = NO_EFFORT_FINDING
 
     @property
     def mean_rate_kg_ha(self) -> float | None:

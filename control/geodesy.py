@@ -45,7 +45,7 @@ class TangentPlane:
             )
 
     @cached_property
-    def _trig(self) -> tuple[float, float, float]:
+    def _trigonometry(self) -> tuple[float, float, float]:
         lat = math.radians(self.lat_deg)
         return (
             math.sin(lat),
@@ -53,9 +53,9 @@ class TangentPlane:
             math.sqrt(1.0 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2),
         )
 
-    def to_m(self, lat_deg: float, lon_deg: float) -> Place:
+    def project_to_m(self, lat_deg: float, lon_deg: float) -> Place:
         """Returns east and north of a place, m."""
-        sin0, cos0, root0 = self._trig
+        sin0, cos0, root0 = self._trigonometry
         lat, turn = math.radians(lat_deg), math.radians(lon_deg - self.lon_deg)
         sin1, cos1 = math.sin(lat), math.cos(lat)
         normal0 = SEMI_MAJOR_M / root0
@@ -64,10 +64,10 @@ class TangentPlane:
         upward = (1.0 - ECCENTRICITY_SQUARED) * (normal1 * sin1 - normal0 * sin0)
         return normal1 * cos1 * math.sin(turn), cos0 * upward - sin0 * outward
 
-    def many_to_m(self, lat_deg: npt.ArrayLike, lon_deg: npt.ArrayLike) -> Floats:
+    def project_many_to_m(self, lat_deg: npt.ArrayLike, lon_deg: npt.ArrayLike) -> Floats:
         """Projects the places of a whole log: (n,), (n,) degrees -> (n, 2) east and north, m.
         NaN stays NaN."""
-        sin0, cos0, root0 = self._trig
+        sin0, cos0, root0 = self._trigonometry
         lat = np.radians(np.asarray(lat_deg, dtype=np.float64))
         turn = np.radians(np.asarray(lon_deg, dtype=np.float64) - self.lon_deg)
         normal0 = SEMI_MAJOR_M / root0
@@ -78,9 +78,9 @@ class TangentPlane:
             (normal1 * np.cos(lat) * np.sin(turn), cos0 * upward - sin0 * outward)
         )
 
-    def to_deg(self, east_m: float, north_m: float) -> tuple[float, float]:
-        """Returns latitude and longitude of a place on the plane, degrees. The inverse of `to_m`
-        to better than 1 um in 20 km.
+    def convert_to_deg(self, east_m: float, north_m: float) -> tuple[float, float]:
+        """Returns latitude and longitude of a place on the plane, degrees. The inverse of
+        `project_to_m` to better than 1 um in 20 km.
 
         Raises
         ------
@@ -92,20 +92,22 @@ class TangentPlane:
         meridian, parallel = self._metres_per_degree
         lat, lon = self.lat_deg, self.lon_deg
         for _ in range(6):
-            east, north = self.to_m(lat, lon)
+            east, north = self.project_to_m(lat, lon)
             lat += (north_m - north) / meridian
             lon += (east_m - east) / parallel
         return lat, math.remainder(lon, 360.0)
 
     @cached_property
     def _metres_per_degree(self) -> tuple[float, float]:
-        _, cos0, root0 = self._trig
+        _, cos0, root0 = self._trigonometry
         meridian = SEMI_MAJOR_M * (1.0 - ECCENTRICITY_SQUARED) / root0**3
         parallel = SEMI_MAJOR_M / root0 * max(cos0, 1e-6)
         return math.radians(meridian), math.radians(parallel)
 
 
-def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
+def calc_ellipsoid_distance_m(
+    lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float
+) -> float:
     """Returns the distance of two places on the WGS84 ellipsoid, m: the straight chord,
     lengthened to its arc.
 
@@ -113,7 +115,9 @@ def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: floa
     dx, dy, dz = (
         b - a
         for a, b in zip(
-            _earth_centred(lat1_deg, lon1_deg), _earth_centred(lat2_deg, lon2_deg), strict=True
+            _convert_to_earth_centred(lat1_deg, lon1_deg),
+            _convert_to_earth_centred(lat2_deg, lon2_deg),
+            strict=True,
         )
     )
     chord = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -126,7 +130,9 @@ def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: floa
     return 2.0 * radius * math.asin(min(1.0, 0.5 * chord / radius))
 
 
-def paper_distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
+def calc_paper_distance_m(
+    lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float
+) -> float:
     """Returns the distance by paper B, eq 3, as printed: R arccos(sinY1 sinY2 cos(X1 - X2) +
     cosY1 cosY2). For reproduction only.
 
@@ -140,7 +146,7 @@ def paper_distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg
     return PAPER_RADIUS_M * math.acos(max(-1.0, min(1.0, cosine)))
 
 
-def paper_distance_corrected_m(
+def calc_corrected_paper_distance_m(
     lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float
 ) -> float:
     """Returns the distance by paper B, eq 3, with its products corrected, on the paper's own
@@ -153,35 +159,35 @@ def paper_distance_corrected_m(
     return PAPER_RADIUS_M * math.acos(max(-1.0, min(1.0, cosine)))
 
 
-def turn_deg(from_deg: float, to_deg: float) -> float:
+def calc_turn_deg(from_deg: float, to_deg: float) -> float:
     """Returns the shorter turn from one heading to another, above -180 to 180 degrees; clockwise
     is positive."""
     turn = math.remainder(to_deg - from_deg, 360.0)
     return 180.0 if turn == -180.0 else turn
 
 
-def direction(heading: float) -> Place:
+def find_unit_vector(heading: float) -> Place:
     """Returns the unit vector (east, north) of a heading in degrees."""
     angle = math.radians(heading)
     return math.sin(angle), math.cos(angle)
 
 
-def offset(place: Place, heading: float, forward_m: float, right_m: float = 0.0) -> Place:
+def offset_place(place: Place, heading: float, forward_m: float, right_m: float = 0.0) -> Place:
     """Returns the place so far ahead and to the right of another along a heading in degrees
     (lever arms)."""
-    east, north = direction(heading)
+    east, north = find_unit_vector(heading)
     return (
         place[0] + forward_m * east + right_m * north,
         place[1] + forward_m * north - right_m * east,
     )
 
 
-def apart_m(one: Place, other: Place) -> float:
+def calc_plane_distance_m(one: Place, other: Place) -> float:
     """Returns the distance of two places on the plane, m."""
     return math.hypot(other[0] - one[0], other[1] - one[1])
 
 
-def _earth_centred(lat_deg: float, lon_deg: float) -> tuple[float, float, float]:
+def _convert_to_earth_centred(lat_deg: float, lon_deg: float) -> tuple[float, float, float]:
     lat, lon = math.radians(lat_deg), math.radians(lon_deg)
     normal = SEMI_MAJOR_M / math.sqrt(1.0 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2)
     return (

@@ -50,7 +50,7 @@ class LogRow(NamedTuple):
     # Alarm ids and events are separated by semicolons.
     alarms: str | None = None
     events: str | None = None
-    # A speed that was announced in this row (`control.readings.announced_text`).
+    # A speed that was announced in this row (`control.readings.describe_announcement`).
     speed_told: str | None = None
     # These columns replace ndvi_1 to ndvi where the heads measure NDRE.
     ndre_1: float | None = None
@@ -74,7 +74,7 @@ COLUMNS: tuple[str, ...] = ALL_COLUMNS[: -len(SECTION_COLUMNS)]
 HEAD_COLUMNS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
 NDRE_COLUMNS = ("ndre_1", "ndre_2", "ndre_3", "ndre_4", "ndre_5", "ndre_6")
 # Time for which a row keeps the last value of a column, s; after it the cell is empty.
-HOLDS_S = MappingProxyType(
+VALID_FOR_S = MappingProxyType(
     {
         "wheel_speed_mps": 1.0,
         "shaft_rpm": 0.5,
@@ -89,7 +89,7 @@ HOLDS_S = MappingProxyType(
     }
 )
 # Time for which a row keeps all values of a GNSS epoch, s.
-GNSS_HOLDS_S = 1.0
+GNSS_VALID_FOR_S = 1.0
 # This event says that from here on each command is in force until the next row.
 COMMANDS_HELD = "commands_held"
 # These events, followed by a name, mark the first row of each file of a joined log.
@@ -100,11 +100,11 @@ TEXT_COLUMNS = frozenset(
 )
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})
 
-EFFORTS = ("shaft_effort", "gate_effort")
-SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
+EFFORT_COLUMNS = ("shaft_effort", "gate_effort")
+SPEED_COLUMNS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
 
 # Range of each quantity on any machine of this kind; wide on purpose.
-PLAUSIBLE = {
+PLAUSIBLE_RANGES = {
     "lat_deg": (-90.0, 90.0),
     "lon_deg": (-180.0, 180.0),
     "fix_quality": (0, 9),
@@ -113,7 +113,7 @@ PLAUSIBLE = {
     "heading_deg": (-180.0, 360.0),
     "pitch_deg": (-60.0, 60.0),
     "roll_deg": (-60.0, 60.0),
-    **dict.fromkeys(SPEEDS, (-15.0, 30.0)),
+    **dict.fromkeys(SPEED_COLUMNS, (-15.0, 30.0)),
     **dict.fromkeys((*HEAD_COLUMNS, "ndvi", *NDRE_COLUMNS, "ndre"), (-1.0, 1.0)),
     "target_rate_kg_ha": (0.0, 5000.0),
     "nudge_percent": (-100.0, 100.0),
@@ -127,7 +127,7 @@ PLAUSIBLE = {
     "applied_rate_kg_ha": (0.0, 20_000.0),
     "lag_s": (0.0, 60.0),
     "lag_m": (-100.0, 500.0),
-    **dict.fromkeys(EFFORTS, (-1000.0, 1000.0)),
+    **dict.fromkeys(EFFORT_COLUMNS, (-1000.0, 1000.0)),
 }
 
 # Sent or decided values are written as the shortest text that reads back as the same number.
@@ -157,5 +157,5 @@ DECIMALS = {
     "applied_rate_kg_ha": 3,
     "lag_s": 4,
     "lag_m": 4,
-    **dict.fromkeys(EFFORTS, 3),
+    **dict.fromkeys(EFFORT_COLUMNS, 3),
 }

@@ -54,9 +54,9 @@ class TargetSource(StrEnum):
 
 
 # These sources need the heads, the map, or a place.
-BY_CANOPY = (TargetSource.CANOPY, TargetSource.MAP_AND_CANOPY)
-BY_MAP = (TargetSource.MAP, TargetSource.MAP_AND_CANOPY)
-BY_PLACE = (*BY_MAP, TargetSource.POINT)
+CANOPY_SOURCES = (TargetSource.CANOPY, TargetSource.MAP_AND_CANOPY)
+MAP_SOURCES = (TargetSource.MAP, TargetSource.MAP_AND_CANOPY)
+PLACE_SOURCES = (*MAP_SOURCES, TargetSource.POINT)
 
 
 class Severity(StrEnum):
@@ -105,7 +105,7 @@ class Do(StrEnum):
     NO_DOUBLE = "no_double"
     # value: "2 off", "2 auto" or "all auto"; sections count from 1, left to right
     SECTION = "section"
-    # value: a strip as measured, as `agronomy.strips.StripValue.text` says it; `none`
+    # value: a strip as measured, as `agronomy.strips.StripValue.event_text` says it; `none`
     STRIP = "strip"
     # value: m, measured behind the machine on the newest doses; late is positive
     DOSE_ERROR = "dose_error"

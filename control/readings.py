@@ -8,11 +8,11 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 # Greatest number of points of a speed plan.
-MOST_ANNOUNCED = 200
+MAX_ANNOUNCED_POINTS = 200
 # Highest speed that may be announced, m/s.
-FASTEST_ANNOUNCED_MPS = 30.0
+MAX_ANNOUNCED_MPS = 30.0
 # A reading may be this much newer than the tick that uses it, s.
-AHEAD_S = 0.1
+MAX_AHEAD_S = 0.1
 
 
 class Reading(NamedTuple):
@@ -115,7 +115,7 @@ class SpeedPlan(NamedTuple):
     acceleration_mps2: float = 0.5
 
 
-def announced_text(announced: SpeedPlan, now_s: float) -> str:
+def describe_announcement(announced: SpeedPlan, now_s: float) -> str:
     """Returns the words of a log's row: age in s, acceleration in m/s2, then pairs of seconds
     after the announcement and m/s. A point with the speed of the one before is left out."""
     points = [
@@ -135,9 +135,9 @@ def announced_text(announced: SpeedPlan, now_s: float) -> str:
     )
 
 
-def announced_of(text: str, now_s: float) -> SpeedPlan | None:
-    """Reads what `announced_text` writes, in a row of the time `now_s`; None where the text is
-    malformed."""
+def parse_announcement(text: str, now_s: float) -> SpeedPlan | None:
+    """Reads what `describe_announcement` writes, in a row of the time `now_s`; None where the text
+    is malformed."""
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError:
@@ -147,7 +147,7 @@ def announced_of(text: str, now_s: float) -> SpeedPlan | None:
     announced = SpeedPlan(
         now_s - numbers[0], tuple(zip(numbers[2::2], numbers[3::2], strict=True)), numbers[1]
     )
-    return announced if can_be_announced(announced) else None
+    return announced if is_announceable(announced) else None
 
 
 class DoseOrder(NamedTuple):
@@ -169,24 +169,24 @@ class DriveCommand(NamedTuple):
     valves: tuple[bool, ...] = ()
 
 
-def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
+def is_reading_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
     """Returns whether a sample of `time_s` is still valid at `now_s`: it is neither too old nor
     from the future, which means a wrong clock. False where a time is not a number."""
-    return -AHEAD_S <= now_s - time_s <= holds_s
+    return -MAX_AHEAD_S <= now_s - time_s <= holds_s
 
 
-def held(reading: Reading | None, now_s: float, holds_s: float) -> float | None:
+def find_valid_value(reading: Reading | None, now_s: float, holds_s: float) -> float | None:
     """Returns the value of a reading while it is valid; None where it was never received, is too
     old or is not a number."""
     if reading is None:
         return None
     value, time_s = reading
-    return value if is_fresh(time_s, now_s, holds_s) and isfinite(value) else None
+    return value if is_reading_fresh(time_s, now_s, holds_s) and isfinite(value) else None
 
 
 # Range of each reading on any spreader: far wider than a sensor's own range, which its driver
 # checks.
-POSSIBLE: dict[str, tuple[float, float]] = {
+POSSIBLE_RANGES: dict[str, tuple[float, float]] = {
     "wheel_speed_mps": (-100.0, 100.0),
     "shaft_rpm": (-10_000.0, 10_000.0),
     "opening_mm": (-1_000.0, 10_000.0),
@@ -199,22 +199,22 @@ POSSIBLE: dict[str, tuple[float, float]] = {
     "rate_asked": (0.0, 2_000.0),
     "rate_applied": (0.0, 2_000.0),
 }
-POSSIBLE_NDVI = (-100.0, 100.0)
-_OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
+POSSIBLE_NDVI_RANGE = (-100.0, 100.0)
+_FIX_NUMBERS = ("hdop", "speed_mps", "heading_deg")
 
 
-def possible(m: Measurements) -> Measurements:
+def drop_impossible(m: Measurements) -> Measurements:
     """Returns the measurements without impossible readings.
 
-    A reading that is not a number, outside `POSSIBLE` or without a time counts as never
+    A reading that is not a number, outside `POSSIBLE_RANGES` or without a time counts as never
     received; so does a fix without a place on earth. Of other fixes only the numbers that are
     not finite are dropped."""
     unknown: dict[str, Any] = {}
-    for name, (low, high) in POSSIBLE.items():
+    for name, (low, high) in POSSIBLE_RANGES.items():
         reading = getattr(m, name)
         if reading is not None and not (low <= reading.value <= high and isfinite(reading.time_s)):
             unknown[name] = None
-    low, high = POSSIBLE_NDVI
+    low, high = POSSIBLE_NDVI_RANGE
     ndvi = tuple(
         [
             reading
@@ -229,35 +229,33 @@ def possible(m: Measurements) -> Measurements:
     if fix is not None:
         odd: dict[str, Any] = {
             name: None
-            for name in _OF_A_FIX
+            for name in _FIX_NUMBERS
             if (value := getattr(fix, name)) is not None and not isfinite(value)
         }
         if not (isfinite(fix.time_s) and abs(fix.lat_deg) <= 90.0 and abs(fix.lon_deg) <= 180.0):
             unknown["gnss"] = None
         elif odd:
             unknown["gnss"] = fix._replace(**odd)
-    if m.speed_told is not None and not can_be_announced(m.speed_told):
+    if m.speed_told is not None and not is_announceable(m.speed_told):
         unknown["speed_told"] = None
     return m._replace(**unknown) if unknown else m
 
 
-def can_be_announced(announced: SpeedPlan) -> bool:
+def is_announceable(announced: SpeedPlan) -> bool:
     """Returns whether these are speeds of a spreader at times that rise from now on."""
     times = [in_s for in_s, _ in announced.points]
     return (
         isfinite(announced.time_s)
         and 0.0 < announced.acceleration_mps2 <= 10.0
-        and 0 < len(times) <= MOST_ANNOUNCED
+        and 0 < len(times) <= MAX_ANNOUNCED_POINTS
         and times[0] == 0.0
         and all(a < b for a, b in pairwise(times))
         and times[-1] <= 60.0
-        and all(
-            -FASTEST_ANNOUNCED_MPS <= mps <= FASTEST_ANNOUNCED_MPS for _, mps in announced.points
-        )
+        and all(-MAX_ANNOUNCED_MPS <= mps <= MAX_ANNOUNCED_MPS for _, mps in announced.points)
     )
 
 
-class ScaleSays(NamedTuple):
+class ScaleFinding(NamedTuple):
     """Holds the findings of the scale that no trim corrects; neutral values mean none."""
 
     # Mass that left while nothing turned, kg.
@@ -279,7 +277,7 @@ class ScaleSays(NamedTuple):
     refill_percent: float | None = None
 
     @property
-    def agrees(self) -> bool:
+    def is_agreeing(self) -> bool:
         """Returns whether the scale contradicts neither shaft nor gate."""
         return (
             self.off_kg == 0.0
@@ -289,12 +287,12 @@ class ScaleSays(NamedTuple):
         )
 
     @property
-    def fell(self) -> bool:
+    def has_fallen(self) -> bool:
         """Returns whether the flow fell at once by more than is trimmed."""
         return self.outlets > 0 or self.below_percent is not None
 
 
-NOTHING_SAID = ScaleSays()
+NO_SCALE_FINDING = ScaleFinding()
 
 
 class RangeBreach(NamedTuple):
@@ -309,7 +307,7 @@ class RangeBreach(NamedTuple):
     usable_mps: float
 
 
-class EffortSays(NamedTuple):
+class EffortFinding(NamedTuple):
     """Holds the findings about the metering drive's effort; neutral values mean none. Efforts
     are in `unit`."""
 
@@ -328,10 +326,10 @@ class EffortSays(NamedTuple):
     unit: str = ""
 
 
-NO_EFFORT = EffortSays()
+NO_EFFORT_FINDING = EffortFinding()
 
 
-class Doubted(Enum):
+class RefusedSpeed(Enum):
     """Names the speed that is not trusted."""
 
     WHEEL = "wheel"
@@ -347,7 +345,7 @@ class SpeedDoubt(NamedTuple):
     first (at a single moment a late receiver may show the opposite). `ratio`: GNSS's speed over
     the wheel's before they differed."""
 
-    refused: Doubted
+    refused: RefusedSpeed
     since_s: float
     differed_s: float
     wheel_mps: float

@@ -17,7 +17,7 @@ from topdress.control.readings import (
     ValvesSeen,
 )
 from topdress.drivers.cab_config import (
-    MODULE_STOPS_S,
+    MODULE_TIMEOUT_S,
     BoardConfig,
     CabConfig,
     GnssConfig,
@@ -56,7 +56,7 @@ __all__ = [
     "RateModuleConfig",
 ]
 
-Opener = Callable[[str, int, Clock], Port]
+PortOpener = Callable[[str, int, Clock], Port]
 DatagramOpener = Callable[[str, Clock], Datagrams]
 
 
@@ -71,15 +71,15 @@ class FixDecoder(Protocol):
 class Cab:
     """Owns the ports and drivers of one machine.
 
-    `measure` and `command` are called once a tick by one thread; they never wait for a device.
-    `refused_commands` counts the set-points that were not finite: in their place a stop was
+    `read_measurements` and `command` are called once a tick by one thread; they never wait for a
+    device. `refused_commands` counts the set-points that were not finite: in their place a stop was
     sent; `dropped_doses` those that came while the board was still giving the one before."""
 
     def __init__(
         self,
         config: CabConfig,
         clock: Clock,
-        opener: Opener = open_line,
+        opener: PortOpener = open_line,
         datagram_opener: DatagramOpener = UdpPort,
     ) -> None:
         self._record_only = config.record_only
@@ -99,11 +99,13 @@ class Cab:
         self._work_switch: bool | None = None
         self._work_switch_s = 0.0
         self._switch_fitted = config.has_work_switch
-        self._gnss = _Gnss(config.gnss, clock, opener) if config.gnss else None
+        self._gnss = _GnssSource(config.gnss, clock, opener) if config.gnss else None
         self._heads: list[tuple[DeviceLine, HeadDecoder]] = []
         self._drives: tuple[DeviceLine, SlaveBoard] | None = None
         self._module = (
-            _Module(config.rate_module, clock, datagram_opener) if config.rate_module else None
+            _RateModuleLine(config.rate_module, clock, datagram_opener)
+            if config.rate_module
+            else None
         )
         self._index = "ndvi" if config.heads is None else config.heads.index
         if config.heads is not None:
@@ -119,7 +121,7 @@ class Cab:
                 ),
             )
             self._drives = (
-                _opened(
+                _make_device_line(
                     "board",
                     "slave-board/1",
                     config.board.port,
@@ -134,7 +136,7 @@ class Cab:
         if config.lag_rig is not None:
             rig = LagRig()
             self._rig = (
-                _opened(
+                _make_device_line(
                     "lag_rig",
                     "lag-rig/1",
                     config.lag_rig.port,
@@ -150,7 +152,7 @@ class Cab:
         if config.tractor is not None:
             decoder = TractorSpeedDecoder()
             self._tractor = (
-                _opened(
+                _make_device_line(
                     "tractor",
                     "tractor-speed/1",
                     config.tractor.port,
@@ -167,7 +169,7 @@ class Cab:
         if config.rate_line is not None:
             said = RateLineDecoder(config.rate_line.unit_kg_ha)
             self._rate_line = (
-                _opened(
+                _make_device_line(
                     "rate_line",
                     "rate-line/1",
                     config.rate_line.port,
@@ -178,7 +180,7 @@ class Cab:
                 ),
                 said,
             )
-        self._listening = self._listeners()
+        self._listening = self._list_listeners()
 
     def read_measurements(self, now_s: float) -> Measurements:
         """Read what has arrived and give the newest accepted value of everything, however old.
@@ -199,9 +201,9 @@ class Cab:
             gnss=self._fix,
             ndvi=tuple(self._ndvi),
             **self._readings,
-            work_switch=self._switch(now_s),
-            drive_fault=self._drive_fault(),
-            drive_stopped=self._drive_stopped(),
+            work_switch=self._find_work_switch(now_s),
+            drive_fault=self._has_drive_fault(),
+            drive_stopped=self._has_drive_stopped(),
             old_orders=self.board is not None and self.board.old_order,
             speed_told=self._speed_told,
             rate_asked=self._rate_asked,
@@ -222,13 +224,13 @@ class Cab:
         if self._record_only:
             return
         try:
-            self._send(now_s, command, enabled)
-            self._give_ordered(now_s, command if enabled else None)
+            self._send_to_drives(now_s, command, enabled)
+            self._give_ordered_dose(now_s, command if enabled else None)
         except ValueError:
             self.refused_commands += 1
-            self._send(now_s, None, False)
+            self._send_to_drives(now_s, None, False)
 
-    def _give_ordered(self, now_s: float, command: DriveCommand | None) -> None:
+    def _give_ordered_dose(self, now_s: float, command: DriveCommand | None) -> None:
         """Sends the dose of this tick's command. While the board is busy with the dose before it
         waits a tick or two; then it is dropped and counted."""
         if command is None or self._drives is None:
@@ -240,69 +242,69 @@ class Cab:
         if self._dose_waits is None:
             return
         since_s, dose = self._dose_waits
-        if self._drives[1].dose.ready:
+        if self._drives[1].dose.is_ready:
             self._dose_waits = None
             self.give_dose(now_s, *dose)
-        elif now_s - since_s > DOSE_WAITS_S:
+        elif now_s - since_s > DOSE_WAIT_S:
             self._dose_waits = None
             self.dropped_doses += 1
 
     def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> GivenDose | None:
         """Sends one dose of a point applicator; None without a board. Raises ValueError as
-        `PointDose.give` does.
+        `PointDose.give_dose` does.
 
         What became of it is in `dose` at every later tick."""
         if self._drives is None or self._record_only:
             return None
         line, board = self._drives
-        line.write(now_s, board.give_dose(angle_deg, shaft_rpm, now_s))
+        line.write_bytes(now_s, board.give_dose(angle_deg, shaft_rpm, now_s))
         return board.dose.newest
 
     @property
-    def dose(self) -> GivenDose | None:
+    def newest_dose(self) -> GivenDose | None:
         """Returns what is known of the newest dose."""
         return self._drives[1].dose.newest if self._drives else None
 
-    def ask_turned(self) -> ShaftTurned | None:
+    def request_turned(self) -> ShaftTurned | None:
         """Requests how far the board's shaft turned, and returns its last answer. It moves
         nothing."""
         if self._drives is None:
             return None
         line, board = self._drives
         if not self._record_only:
-            line.write(self._clock(), ASK_TURNED)
+            line.write_bytes(self._clock(), ASK_TURNED)
         return board.turned
 
     def send_rig_order(self, run: int, arm: bool) -> None:
         """Arm the lag rig for a run, or let it idle; without a rig nothing happens."""
         if self._rig is not None:
             line, rig = self._rig
-            line.write(self._clock(), rig.order(run, arm))
+            line.write_bytes(self._clock(), rig.make_order(run, arm))
 
     def list_device_status(self, now_s: float) -> tuple[DeviceStatus, ...]:
         """Every device, in the order gnss, heads, board, rate module, lag rig, tractor, rate
         line."""
-        return tuple(line.status(now_s) for line in self._lines())
+        return tuple(line.make_status(now_s) for line in self._list_lines())
 
     def find_device_line(self, name: str) -> DeviceLine | None:
         """The line of a device by the name that `status` gives it."""
-        return next((line for line in self._lines() if line.name == name), None)
+        return next((line for line in self._list_lines() if line.name == name), None)
 
     def close_devices(self) -> None:
         """Stop the drives and give the ports back."""
         self.send_command(self._clock(), None, False)
-        for line in self._lines():
+        for line in self._list_lines():
             line.port.close()
         if self._gnss is not None:
             self._gnss.close()
 
-    def _send(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
+    def _send_to_drives(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
         """Makes both drives' bytes before any is sent: a number that one refuses reaches
         neither."""
         datagrams: list[bytes] = []
         if self._module is not None:
             valves = command.valves if command is not None and self._module.has_valves else ()
-            datagrams = self._module.driver.command(
+            datagrams = self._module.driver.make_datagrams(
                 None if command is None else command.shaft_rpm, enabled, now_s, valves
             )
             command = (
@@ -314,19 +316,19 @@ class Cab:
             )
         if self._drives is not None:
             line, board = self._drives
-            line.write(now_s, board.command(command, enabled))
+            line.write_bytes(now_s, board.make_command_line(command, enabled))
             if not enabled or command is None:
                 self._enabled_since_s = None
             elif self._enabled_since_s is None:
                 self._enabled_since_s = now_s
         for data in datagrams:
             assert self._module is not None
-            self._module.line.write(now_s, data)
+            self._module.line.write_bytes(now_s, data)
 
-    def _lines(self) -> list[DeviceLine]:
+    def _list_lines(self) -> list[DeviceLine]:
         return [line for line, _ in self._listening]
 
-    def _listeners(self) -> list[tuple[DeviceLine, Callable[[float], None]]]:
+    def _list_listeners(self) -> list[tuple[DeviceLine, Callable[[float], None]]]:
         """Returns every device with the function that reads it at a tick."""
         found: list[tuple[DeviceLine, Callable[[float], None]]] = []
         if self._gnss is not None:
@@ -345,35 +347,35 @@ class Cab:
         return found
 
     def _read_rate_line(self, line: DeviceLine, decoder: RateLineDecoder, now_s: float) -> None:
-        data = line.read(now_s)
+        data = line.read_bytes(now_s)
         said = decoder.feed(data, now_s) if data else []
         for one in said:
             if one.is_target:
                 self._rate_asked = Reading(one.rate_kg_ha, one.time_s)
             else:
                 self._rate_applied = Reading(one.rate_kg_ha, one.time_s)
-        line.note(one.time_s for one in said)
+        line.note_accepted(one.time_s for one in said)
 
     def _read_tractor(self, line: DeviceLine, decoder: TractorSpeedDecoder, now_s: float) -> None:
-        data = line.read(now_s)
+        data = line.read_bytes(now_s)
         announced = decoder.feed(data, now_s) if data else []
         self._speed_told = announced[-1] if announced else self._speed_told
-        line.note(one.time_s for one in announced)
+        line.note_accepted(one.time_s for one in announced)
 
     def _read_gnss(self, now_s: float) -> None:
         assert self._gnss is not None
-        self._fix = self._gnss.read(now_s) or self._fix
+        self._fix = self._gnss.read_fix(now_s) or self._fix
 
     def _read_module(self, now_s: float) -> None:
         assert self._module is not None
-        self._readings.update(self._module.read(now_s))
+        self._readings.update(self._module.read_module(now_s))
         if self._module.work_switch is not None:
             self._note_work_switch(*self._module.work_switch)
 
-    def _drive_fault(self) -> bool:
+    def _has_drive_fault(self) -> bool:
         return self.board is not None and self.board.driver_fault
 
-    def _drive_stopped(self) -> bool:
+    def _has_drive_stopped(self) -> bool:
         """Returns whether the board has not followed for as long as a command and its echo may
         take: it lost the heartbeat or its power, and waits for an enable 0. (A driver's fault is
         reported separately.)"""
@@ -383,13 +385,13 @@ class Cab:
             and since_s is not None
             and not board.enabled
             and not board.driver_fault
-            and board.time_s - since_s > FOLLOWS_WITHIN_S
+            and board.time_s - since_s > ENABLE_ECHO_S
         )
 
-    def _switch(self, now_s: float) -> bool | None:
+    def _find_work_switch(self, now_s: float) -> bool | None:
         """Returns the newest state of the work switch; a fitted one is unknown when it falls
         silent."""
-        if self._switch_fitted and now_s - self._work_switch_s > SWITCH_SILENT_S:
+        if self._switch_fitted and now_s - self._work_switch_s > SWITCH_VALID_S:
             return None
         return self._work_switch
 
@@ -397,20 +399,20 @@ class Cab:
         self._work_switch, self._work_switch_s = down, time_s
 
     def _read_head(self, line: DeviceLine, decoder: HeadDecoder, now_s: float) -> None:
-        data = line.read(now_s)
+        data = line.read_bytes(now_s)
         samples = decoder.feed(data, now_s) if data else []
         for sample in samples:
             value = sample.ndvi if self._index == "ndvi" else sample.index_2
             if value is not None and abs(value) <= 1.0:
                 self._ndvi[sample.head - 1] = Reading(value, sample.time_s)
-        line.note(sample.time_s for sample in samples)
+        line.note_accepted(sample.time_s for sample in samples)
 
     def _read_board(self, line: DeviceLine, board: SlaveBoard, now_s: float) -> None:
         connects = line.port.state().connects
         if connects != self._board_connects:
             self._board_connects = connects
-            board.opened_anew()
-        data = line.read(now_s)
+            board.forget_board()
+        data = line.read_bytes(now_s)
         accepted = board.feed(data, now_s) if data else []
         for readings in accepted:
             self.board = readings
@@ -423,14 +425,14 @@ class Cab:
                     name in ("shaft_rpm", "shaft_effort") and self._module is not None
                 ):
                     self._readings[name] = value
-        board.dose.look(now_s)
-        line.note(readings.time_s for readings in accepted)
+        board.dose.check_overdue(now_s)
+        line.note_accepted(readings.time_s for readings in accepted)
 
     def _read_rig(self, line: DeviceLine, rig: LagRig, now_s: float) -> None:
-        data = line.read(now_s)
+        data = line.read_bytes(now_s)
         accepted = rig.feed(data, now_s) if data else []
         self.rig_readings = accepted[-1] if accepted else self.rig_readings
-        line.note(readings.time_s for readings in accepted)
+        line.note_accepted(readings.time_s for readings in accepted)
 
 
 BOARD_READINGS = (
@@ -444,17 +446,17 @@ BOARD_READINGS = (
     "shaft_effort",
     "gate_effort",
 )
-SWITCH_SILENT_S = 0.5
+SWITCH_VALID_S = 0.5
 # Time for which a dose waits for the board to finish the one before, s.
-DOSE_WAITS_S = 0.1
+DOSE_WAIT_S = 0.1
 # Time from the first enable 1 to a status line that confirms it, s.
-FOLLOWS_WITHIN_S = 0.3
+ENABLE_ECHO_S = 0.3
 
 
-class _Gnss:
+class _GnssSource:
     """Reads the source of fixes on its line; gpsd is asked to report at every connect."""
 
-    def __init__(self, config: GnssConfig, clock: Clock, opener: Opener) -> None:
+    def __init__(self, config: GnssConfig, clock: Clock, opener: PortOpener) -> None:
         makers: dict[str, Callable[[], FixDecoder]] = {
             "nmea0183": GnssDecoder,
             "gpsd": GpsdDecoder,
@@ -464,27 +466,27 @@ class _Gnss:
         self._plugin: PluginReceiver | None = None
         self._decoder: FixDecoder
         if maker is None:
-            self._decoder = self._plugin = _plugin_receiver(config.protocol)
+            self._decoder = self._plugin = _make_plugin_receiver(config.protocol)
         else:
             self._decoder = maker()
-        self.line = _opened(
+        self.line = _make_device_line(
             "gnss", config.protocol, config.port, config.baud, self._decoder, clock, opener
         )
         self._hello = WATCH if config.protocol == "gpsd" else b""
         self._greeted = 0
 
-    def read(self, now_s: float) -> GnssFix | None:
+    def read_fix(self, now_s: float) -> GnssFix | None:
         """Returns the newest fix that has arrived."""
         port = self.line.port
         if self._hello:
             state = port.state()
             if state.connected and state.connects != self._greeted:
                 self._greeted = state.connects
-                self.line.write(now_s, self._hello)
-        data = self.line.read(now_s)
+                self.line.write_bytes(now_s, self._hello)
+        data = self.line.read_bytes(now_s)
         # a plug-in is asked at every tick: it answers later
         fixes = self._decoder.feed(data, now_s) if data or self._plugin is not None else []
-        self.line.note(fix.time_s for fix in fixes)
+        self.line.note_accepted(fix.time_s for fix in fixes)
         return fixes[-1] if fixes else None
 
     def close(self) -> None:
@@ -493,13 +495,13 @@ class _Gnss:
             self._plugin.close()
 
 
-def _plugin_receiver(protocol: str) -> PluginReceiver:
+def _make_plugin_receiver(protocol: str) -> PluginReceiver:
     from topdress.drivers.plugin_process import PluginReceiver
 
     return PluginReceiver(protocol)
 
 
-class _Module:
+class _RateModuleLine:
     """Reads a rate module on its datagram line. A gate set by hand is as fresh as the module's
     own readings."""
 
@@ -512,7 +514,7 @@ class _Module:
         )
         self.line = DatagramLine(
             "rate_module",
-            f"rate-module/udp (stops by itself after {MODULE_STOPS_S:g} s)",
+            f"rate-module/udp (stops by itself after {MODULE_TIMEOUT_S:g} s)",
             opener(config.url, clock),
             self.driver.counts,
         )
@@ -530,10 +532,10 @@ class _Module:
             else None
         )
 
-    def read(self, now_s: float) -> dict[str, Reading | None]:
+    def read_module(self, now_s: float) -> dict[str, Reading | None]:
         """Returns the new readings."""
         found: dict[str, Reading | None] = {}
-        accepted = self.driver.feed(self.line.read_each(now_s), now_s)
+        accepted = self.driver.feed(self.line.read_datagrams(now_s), now_s)
         for readings in accepted:
             if readings.shaft_rpm is not None:
                 found["shaft_rpm"] = readings.shaft_rpm
@@ -542,39 +544,45 @@ class _Module:
                 )
                 if self._fixed_opening_mm is not None:
                     found["opening_mm"] = Reading(self._fixed_opening_mm, readings.time_s)
-        self.line.note(readings.time_s for readings in accepted)
+        self.line.note_accepted(readings.time_s for readings in accepted)
         return found
 
 
 def _open_heads(
-    config: HeadsConfig, place: int, clock: Clock, opener: Opener
+    config: HeadsConfig, place: int, clock: Clock, opener: PortOpener
 ) -> tuple[DeviceLine, HeadDecoder]:
     head = None if config.multiplexed else place + 1
     decoder = HeadDecoder(config.field_map, head=head, heads=config.count)
     baud = config.baud or config.field_map.baud
     name = "heads" if config.multiplexed else f"head_{place + 1}"
-    return _opened(
+    return _make_device_line(
         name, config.protocol, config.ports[place], baud, decoder, clock, opener
     ), decoder
 
 
-class _Counting(Protocol):
+class _CountingDriver(Protocol):
     """Defines a driver or decoder that counts what it takes."""
 
     @property
     def counts(self) -> Counts: ...
 
 
-def _opened(
-    name: str, protocol: str, url: str, baud: int, driver: _Counting, clock: Clock, opener: Opener
+def _make_device_line(
+    name: str,
+    protocol: str,
+    url: str,
+    baud: int,
+    driver: _CountingDriver,
+    clock: Clock,
+    opener: PortOpener,
 ) -> DeviceLine:
     """Returns the line of one device, with its baud rate."""
     return DeviceLine(
-        name, protocol, opener(url, baud, clock), driver.counts, serial_baud(url, baud)
+        name, protocol, opener(url, baud, clock), driver.counts, find_serial_baud(url, baud)
     )
 
 
-def serial_baud(url: str, baud: int) -> int | None:
+def find_serial_baud(url: str, baud: int) -> int | None:
     """Returns the baud rate of a serial line; None for a socket, a datagram port or a line in
     memory."""
     return None if url.startswith(("socket://", "udp://", "memory:")) else baud

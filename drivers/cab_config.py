@@ -7,17 +7,17 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 from topdress.control.frozen_model import FrozenModel
-from topdress.drivers.datagrams import is_loopback, line_url, udp_address
-from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields, head_fields
-from topdress.drivers.plugins import CALLABLE, names, plugged
+from topdress.drivers.datagrams import is_loopback, parse_udp_address, validate_line_url
+from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields, find_head_fields
+from topdress.drivers.plugins import CALLABLE, find_entry_points, find_plugin
 
-MOST_HEADS = 12
+MAX_HEADS = 12
 # where rate modules listen, and where they answer
 MODULE_PORT, CONSOLE_PORT = 28888, 29999
 # a rate module stops its own motor after this much silence
-MODULE_STOPS_S = 4.0
+MODULE_TIMEOUT_S = 4.0
 
-LineUrl = Annotated[str, AfterValidator(line_url)]
+LineUrl = Annotated[str, AfterValidator(validate_line_url)]
 Baud = Annotated[int, Field(ge=300, le=4_000_000)]
 UdpPort = Annotated[int, Field(ge=1, le=65535)]
 ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
@@ -26,16 +26,17 @@ ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "
 RECEIVERS = ("nmea0183", "gpsd", "agopengps")
 
 
-def _receiver(name: str) -> str:
-    found = None if name in RECEIVERS else plugged("devices", name)
+def _validate_receiver(name: str) -> str:
+    found = None if name in RECEIVERS else find_plugin("devices", name)
     if name not in RECEIVERS and (found is None or found.is_a != CALLABLE):
         raise ValueError(
-            f"protocol {name!r}: allowed is one of {', '.join((*RECEIVERS, *names('devices')))}"
+            f"protocol {name!r}: allowed is one of "
+            f"{', '.join((*RECEIVERS, *find_entry_points('devices')))}"
         )
     return name
 
 
-Receiver = Annotated[str, AfterValidator(_receiver), Field(examples=list(RECEIVERS))]
+Receiver = Annotated[str, AfterValidator(_validate_receiver), Field(examples=list(RECEIVERS))]
 
 
 class GnssConfig(FrozenModel):
@@ -59,7 +60,7 @@ class GnssConfig(FrozenModel):
                 else "a serial port or socket://HOST:PORT"
             )
             raise ValueError(f"port {self.port}: allowed with {self.protocol} is {wanted}")
-        if self.port.startswith("udp://") and udp_address(self.port).senders is None:
+        if self.port.startswith("udp://") and parse_udp_address(self.port).senders is None:
             raise ValueError(
                 f"port {self.port}: anybody on that network could say where the machine is: "
                 "allowed is "
@@ -88,17 +89,17 @@ class HeadsConfig(FrozenModel):
     """The canopy heads: one port each, left to right, or all on one multiplexed line."""
 
     protocol: str = "greenseeker"
-    ports: Annotated[tuple[LineUrl, ...], Field(min_length=1, max_length=MOST_HEADS)]
+    ports: Annotated[tuple[LineUrl, ...], Field(min_length=1, max_length=MAX_HEADS)]
     baud: Baud | None = None  # None: the protocol's own
     multiplexed: bool = False
-    heads: Annotated[int, Field(ge=1, le=MOST_HEADS)] = 6  # how many, where multiplexed
+    heads: Annotated[int, Field(ge=1, le=MAX_HEADS)] = 6  # how many, where multiplexed
     layout: HeadLayout | None = None  # None: the protocol's own
     # which of the heads' indices counts; ndre: the second one
     index: Literal["ndvi", "ndre"] = "ndvi"
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if head_fields(self.protocol) is None and self.layout is None:
+        if find_head_fields(self.protocol) is None and self.layout is None:
             raise ValueError(
                 f"protocol {self.protocol!r}: allowed is one of {', '.join(PROTOCOLS)}, "
                 "or any name together with a layout"
@@ -126,7 +127,7 @@ class HeadsConfig(FrozenModel):
     def field_map(self) -> HeadFields:
         if self.layout is not None:
             return HeadFields(self.layout.fields, self.layout.ndvi, self.layout.index_2)
-        found = head_fields(self.protocol)
+        found = find_head_fields(self.protocol)
         assert found is not None, "_fits refuses it"
         return found
 
@@ -173,24 +174,29 @@ class RateModuleConfig(FrozenModel):
     def url(self) -> str:
         """Both ends, and who is believed: `udp://LISTEN:PORT?to=ADDRESS:PORT&from=NETWORK`."""
         senders = "" if self.subnet is None else f"&from={self.subnet}"
-        return f"udp://{self.listen}:{self.listen_port}?to={self.at}:{self.port}{senders}"
+        return (
+            f"udp://{self.listen}:{self.listen_port}?to={self.module_address}:{self.port}{senders}"
+        )
 
     @property
-    def at(self) -> str:
+    def module_address(self) -> str:
         """The address that is sent to."""
         return self.address or f"192.168.1.{50 + self.module}"
 
     @model_validator(mode="after")
-    def _hears_its_module_only(self) -> Self:
-        if is_loopback(self.listen) != is_loopback(self.at):
+    def _check_senders(self) -> Self:
+        if is_loopback(self.listen) != is_loopback(self.module_address):
             raise ValueError(
-                f"listen {self.listen}: a module at {self.at} cannot be heard there: "
+                f"listen {self.listen}: a module at {self.module_address} cannot be heard there: "
                 "allowed is this "
                 "computer's own address on the module's network, or 0.0.0.0"
             )
-        if self.subnet is None and (self.at.endswith(".255") or not _is_address(self.at)):
+        if self.subnet is None and (
+            self.module_address.endswith(".255") or not _is_address(self.module_address)
+        ):
             raise ValueError(
-                f"address {self.at} is not one module's: subnet is missing, from where answers are "
+                f"address {self.module_address} is not one module's: "
+                "subnet is missing, from where answers are "
                 "believed: allowed is a network, as 192.168.1.0/24"
             )
         if self.subnet is not None and not _is_network(self.subnet):
@@ -242,8 +248,8 @@ class RateLineConfig(FrozenModel):
     unit_kg_ha: Annotated[float, Field(gt=0, le=100)] = 0.1
 
     @model_validator(mode="after")
-    def _heard_from_one(self) -> Self:
-        if self.port.startswith("udp://") and udp_address(self.port).senders is None:
+    def _check_senders(self) -> Self:
+        if self.port.startswith("udp://") and parse_udp_address(self.port).senders is None:
             raise ValueError(
                 f"port {self.port}: anybody on that network could say how much is spread: "
                 "allowed is "
@@ -274,7 +280,7 @@ class CabConfig(FrozenModel):
     rate_line: RateLineConfig | None = None
 
     @model_validator(mode="after")
-    def _can_meter(self) -> Self:
+    def _check_metering(self) -> Self:
         module = self.rate_module
         if module is not None and (self.board is None) == (module.fixed_opening_mm is None):
             what = (
@@ -296,7 +302,7 @@ class CabConfig(FrozenModel):
         if self.rate_module is not None:
             found.append(
                 "rate_module: the module stops its motor by itself only after "
-                f"{MODULE_STOPS_S:g} s without "
+                f"{MODULE_TIMEOUT_S:g} s without "
                 "the console (a slave board after 1 s): have the hard-wired stop within reach"
             )
         if self.record_only:

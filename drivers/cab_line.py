@@ -14,8 +14,8 @@ from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import Port
 
 # Span of the message rate, s; a device silent for this long has rate 0.
-RATE_OVER_S = 2.0
-ASIDE_CHARACTERS = 200
+RATE_SPAN_S = 2.0
+MAX_ASIDE_CHARACTERS = 200
 
 Direction = Literal["<", ">"]  # received, sent
 # Is called for all bytes; it must return at once, because the control loop calls it.
@@ -42,28 +42,28 @@ class DeviceLine:
         self._taps: list[Tap] = []
         self._times_s: deque[float] = deque(maxlen=64)
 
-    def read(self, now_s: float) -> bytes:
+    def read_bytes(self, now_s: float) -> bytes:
         """Returns the bytes that have arrived since the last call."""
         data = self.port.read()
         if data:
-            self._tell(now_s, "<", data)
+            self._inform_taps(now_s, "<", data)
         return data
 
-    def write(self, now_s: float, data: bytes) -> None:
+    def write_bytes(self, now_s: float, data: bytes) -> None:
         """Queues bytes for sending."""
         self.port.write(data)
-        self._tell(now_s, ">", data)
+        self._inform_taps(now_s, ">", data)
 
-    def note(self, times_s: Iterable[float]) -> None:
+    def note_accepted(self, times_s: Iterable[float]) -> None:
         """Records the times of accepted messages."""
         self._times_s.extend(times_s)
 
-    def listen_in(self, tap: Tap) -> None:
+    def add_tap(self, tap: Tap) -> None:
         """Passes all received and sent bytes to `tap` from now on, unchanged (each datagram
         separately)."""
         self._taps.append(tap)
 
-    def leave(self, tap: Tap) -> None:
+    def remove_tap(self, tap: Tap) -> None:
         if tap in self._taps:
             self._taps.remove(tap)
 
@@ -72,21 +72,21 @@ class DeviceLine:
         Sending continues, so that a drive can be stopped."""
         by_plugin = isinstance(error, PluginFault)
         why = str(error) if by_plugin else f"{type(error).__name__}: {error}"
-        self.aside = f"put aside: {why}"[:ASIDE_CHARACTERS]
+        self.aside = f"put aside: {why}"[:MAX_ASIDE_CHARACTERS]
         self.blamed = f"{self.name} (plug-in {self._protocol})" if by_plugin else self.name
 
-    def plug(self, plugged: bool) -> None:
+    def set_plugged(self, plugged: bool) -> None:
         """Closes the port and leaves it alone (False) until True."""
         self.plugged, self.aside = plugged, ""
         self.port.plug(plugged)
 
-    def status(self, now_s: float) -> DeviceStatus:
+    def make_status(self, now_s: float) -> DeviceStatus:
         state = self.port.state()
         times_s = self._times_s
         age_s = now_s - times_s[-1] if times_s else None
         span_s = times_s[-1] - times_s[0] if times_s else 0.0
-        lively = age_s is not None and age_s < RATE_OVER_S and span_s > 0.0
-        last = state.last_lines()
+        lively = age_s is not None and age_s < RATE_SPAN_S and span_s > 0.0
+        last = state.format_last_lines()
         return DeviceStatus(
             self.name,
             self.port.name,
@@ -104,7 +104,7 @@ class DeviceLine:
             tuple(sorted(self._counts.rejected.items())),
         )
 
-    def _tell(self, now_s: float, direction: Direction, data: bytes) -> None:
+    def _inform_taps(self, now_s: float, direction: Direction, data: bytes) -> None:
         for tap in list(self._taps):
             try:
                 tap(now_s, direction, data)
@@ -120,9 +120,9 @@ class DatagramLine(DeviceLine):
         super().__init__(name, protocol, port, counts)
         self._datagrams = port
 
-    def read_each(self, now_s: float) -> list[bytes]:
+    def read_datagrams(self, now_s: float) -> list[bytes]:
         """Returns the datagrams that have arrived since the last call, oldest first."""
         found = self._datagrams.read_each()
         for data in found:
-            self._tell(now_s, "<", data)
+            self._inform_taps(now_s, "<", data)
         return found

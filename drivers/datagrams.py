@@ -11,25 +11,25 @@ from typing import NamedTuple, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from topdress.drivers.ports import (
-    TAIL_BYTES,
+    RAW_TAIL_BYTES,
     UNPLUGGED,
     Clock,
     Port,
     PortState,
     open_port,
-    scheme_of,
+    parse_scheme,
 )
 
-LONGEST_DATAGRAM = 2048
+MAX_DATAGRAM_BYTES = 2048
 # Datagrams returned by one read; in a flood older ones are dropped.
-MOST_WAITING = 64
+MAX_WAITING = 64
 # Datagrams taken from the system in one read, strangers' included; the system may drop the rest.
-MOST_TAKEN = 512
+MAX_TAKEN = 512
 LOOPBACK = ipaddress.ip_network("127.0.0.0/8")
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
-TRY_AGAIN_S = 1.0
+RETRY_S = 1.0
 # UDP has no plug: "connected" means that a datagram arrived within this time, s.
-SILENT_S = 2.0
+SILENT_AFTER_S = 2.0
 
 
 class Datagrams(Port, Protocol):
@@ -50,7 +50,7 @@ class UdpAddress(NamedTuple):
     senders: Network | None = None
 
 
-def udp_address(url: str) -> UdpAddress:
+def parse_udp_address(url: str) -> UdpAddress:
     """Returns where to listen, where to send and whom to accept.
 
     Without `from`, a port on loopback accepts this computer only, any other one the address that
@@ -74,7 +74,7 @@ def udp_address(url: str) -> UdpAddress:
                 senders = (
                     ipaddress.ip_network(asked["from"][0])
                     if "from" in asked
-                    else _usual_senders(parts.hostname, there)
+                    else _find_default_senders(parts.hostname, there)
                 )
                 return UdpAddress(parts.hostname, parts.port, there, senders)
     except ValueError:
@@ -96,14 +96,14 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def _usual_senders(host: str, to: tuple[str, int] | None) -> Network | None:
+def _find_default_senders(host: str, to: tuple[str, int] | None) -> Network | None:
     """Returns the default senders. Raises ValueError where the destination is a name."""
     if is_loopback(host):
         return LOOPBACK
     return None if to is None else ipaddress.ip_network(to[0])
 
 
-class _Traffic:
+class _TrafficCounters:
     """Counts the bytes of both directions."""
 
     def __init__(self, clock: Clock) -> None:
@@ -113,13 +113,13 @@ class _Traffic:
         self._in = self.out = self.dropped_out = 0
         self.dropped_in = 0
 
-    def heard(self, data: bytes) -> None:
-        self._tail = (self._tail + data.hex(" ").encode() + b"\n")[-TAIL_BYTES:]
+    def count_received(self, data: bytes) -> None:
+        self._tail = (self._tail + data.hex(" ").encode() + b"\n")[-RAW_TAIL_BYTES:]
         self._last_s = self._clock()
         self._in += len(data)
 
     def state(self, connects: int, last_error: str) -> PortState:
-        connected = self._last_s is not None and self._clock() - self._last_s < SILENT_S
+        connected = self._last_s is not None and self._clock() - self._last_s < SILENT_AFTER_S
         return PortState(
             connected,
             connects,
@@ -141,9 +141,9 @@ class UdpPort:
 
     def __init__(self, url: str, clock: Clock) -> None:
         self._url = url
-        self._address = udp_address(url)
+        self._address = parse_udp_address(url)
         self._clock = clock
-        self._traffic = _Traffic(clock)
+        self._traffic = _TrafficCounters(clock)
         self._socket: socket.socket | None = None
         self._connects = 0
         self._last_error = ""
@@ -151,7 +151,7 @@ class UdpPort:
         self._closed = False
         self._plugged = True
         self._asked, self._believed = "", False  # the newest sender, and whether it is one
-        self._bind()
+        self._bind_socket()
 
     @property
     def name(self) -> str:
@@ -163,31 +163,31 @@ class UdpPort:
         return int(self._socket.getsockname()[1]) if self._socket else 0
 
     def read_each(self) -> list[bytes]:
-        self._bind()
-        found: deque[bytes] = deque(maxlen=MOST_WAITING)
-        for _ in range(MOST_TAKEN):
+        self._bind_socket()
+        found: deque[bytes] = deque(maxlen=MAX_WAITING)
+        for _ in range(MAX_TAKEN):
             if self._socket is None:
                 break
             try:
-                data, sender = self._socket.recvfrom(LONGEST_DATAGRAM)
+                data, sender = self._socket.recvfrom(MAX_DATAGRAM_BYTES)
             except BlockingIOError:
                 break
             # Windows tells here that nobody listened to an earlier datagram
             except OSError as error:
                 self._last_error = str(error)
                 break
-            if not self._believes(sender[0]):
+            if not self._is_believed(sender[0]):
                 self._traffic.dropped_in += len(data)
                 self._last_error = f"a datagram from {sender[0]} was refused"
                 continue
-            if len(found) == MOST_WAITING:
+            if len(found) == MAX_WAITING:
                 self._traffic.dropped_in += len(found[0])
             found.append(data)
         for data in found:
-            self._traffic.heard(data)
+            self._traffic.count_received(data)
         return list(found)
 
-    def _believes(self, host: str) -> bool:
+    def _is_believed(self, host: str) -> bool:
         """Returns whether a sender is accepted; the answer for the newest sender is cached,
         because every datagram needs it."""
         if host != self._asked:
@@ -202,7 +202,7 @@ class UdpPort:
         return b"".join(self.read_each())
 
     def write(self, data: bytes) -> None:
-        self._bind()
+        self._bind_socket()
         to = self._address.to
         if self._socket is None or to is None:
             self._traffic.dropped_out += 1
@@ -223,18 +223,18 @@ class UdpPort:
         self._plugged = plugged
         self._next_try_s = self._clock()
         if not plugged:
-            self._unbind()
+            self._close_socket()
 
     def close(self) -> None:
         self._closed = True
-        self._unbind()
+        self._close_socket()
 
-    def _unbind(self) -> None:
+    def _close_socket(self) -> None:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _bind(self) -> None:
+    def _bind_socket(self) -> None:
         now_s = self._clock()
         if (
             self._socket is not None
@@ -243,7 +243,7 @@ class UdpPort:
             or now_s < self._next_try_s
         ):
             return
-        self._next_try_s = now_s + TRY_AGAIN_S
+        self._next_try_s = now_s + RETRY_S
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             made.setblocking(False)
@@ -258,11 +258,11 @@ class UdpPort:
 
 
 class MemoryDatagrams:
-    """Holds one end of a datagram line in memory; see `datagram_pair`."""
+    """Holds one end of a datagram line in memory; see `make_datagram_pair`."""
 
     def __init__(self, name: str, clock: Clock) -> None:
         self._name = name
-        self._traffic = _Traffic(clock)
+        self._traffic = _TrafficCounters(clock)
         self._waiting: deque[bytes] = deque()
         self._other: MemoryDatagrams | None = None
         self._plugged = True
@@ -271,14 +271,14 @@ class MemoryDatagrams:
     def name(self) -> str:
         return self._name
 
-    def join(self, other: MemoryDatagrams) -> None:
+    def join_ends(self, other: MemoryDatagrams) -> None:
         self._other, other._other = other, self
 
     def read_each(self) -> list[bytes]:
         found = list(self._waiting)
         self._waiting.clear()
         for data in found:
-            self._traffic.heard(data)
+            self._traffic.count_received(data)
         return found
 
     def read(self) -> bytes:
@@ -303,10 +303,10 @@ class MemoryDatagrams:
             self._other = None
 
 
-def datagram_pair(name: str, clock: Clock) -> tuple[MemoryDatagrams, MemoryDatagrams]:
+def make_datagram_pair(name: str, clock: Clock) -> tuple[MemoryDatagrams, MemoryDatagrams]:
     """Returns two ends of one datagram line."""
     one, two = MemoryDatagrams(f"{name}:host", clock), MemoryDatagrams(f"{name}:device", clock)
-    one.join(two)
+    one.join_ends(two)
     return one, two
 
 
@@ -316,11 +316,11 @@ def open_line(url: str, baud: int, clock: Clock) -> Port:
     return UdpPort(url, clock) if url.startswith("udp://") else open_port(url, baud, clock)
 
 
-def line_url(url: str) -> str:
+def validate_line_url(url: str) -> str:
     """Returns the URL where `open_line` knows its kind; raises ValueError with one line where it
     does not."""
     if url.startswith("udp://"):
-        udp_address(url)
+        parse_udp_address(url)
     else:
-        scheme_of(url)
+        parse_scheme(url)
     return url

@@ -7,61 +7,61 @@ from __future__ import annotations
 import datetime as dt
 import time
 
-UNKNOWN = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)  # a clock that was never set says the same
-_NO_DATE = (OverflowError, OSError, ValueError)
-_epoch_s = time.time
+UNKNOWN_DATE = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)  # a clock that was never set says the same
+_DATE_ERRORS = (OverflowError, OSError, ValueError)
+_read_epoch_s = time.time
 
 
-def epoch_s() -> float:
+def read_epoch_s() -> float:
     """Returns the seconds since 1970."""
     try:
-        return _epoch_s()
-    except _NO_DATE:
+        return _read_epoch_s()
+    except _DATE_ERRORS:
         return 0.0
 
 
-def is_set() -> bool:
+def is_clock_set() -> bool:
     """Returns whether the clock gives a date."""
-    return epoch_s() != 0.0
+    return read_epoch_s() != 0.0
 
 
-def utc_now() -> dt.datetime:
+def read_utc_now() -> dt.datetime:
     """Returns the present UTC."""
-    return moment(epoch_s())
+    return convert_to_utc(read_epoch_s())
 
 
-def local_now() -> dt.datetime:
+def read_local_now() -> dt.datetime:
     """Returns the local time without its zone, as in file names and lists of files."""
     try:
-        return dt.datetime.fromtimestamp(epoch_s())
-    except _NO_DATE:
-        return UNKNOWN.replace(tzinfo=None)
+        return dt.datetime.fromtimestamp(read_epoch_s())
+    except _DATE_ERRORS:
+        return UNKNOWN_DATE.replace(tzinfo=None)
 
 
-def today() -> dt.date:
+def read_today() -> dt.date:
     """Returns the local date."""
-    return local_now().date()
+    return read_local_now().date()
 
 
-def offset_s() -> float:
+def read_utc_offset_s() -> float:
     """Returns the offset of local time from UTC, s."""
     try:
         return float(time.localtime().tm_gmtoff or 0)
-    except _NO_DATE:
+    except _DATE_ERRORS:
         return 0.0
 
 
-def moment(epoch_s: float) -> dt.datetime:
+def convert_to_utc(epoch_s: float) -> dt.datetime:
     """Converts seconds since 1970 to UTC."""
     try:
         return dt.datetime.fromtimestamp(epoch_s, dt.UTC)
-    except _NO_DATE:
-        return UNKNOWN
+    except _DATE_ERRORS:
+        return UNKNOWN_DATE
 
 
-def said_of_file(changed_s: float) -> str:
+def format_file_time(changed_s: float) -> str:
     """Returns local date and minute of seconds since 1970; empty where that is no date."""
     try:
         return dt.datetime.fromtimestamp(changed_s).strftime("%Y-%m-%d %H:%M")
-    except _NO_DATE:
+    except _DATE_ERRORS:
         return ""

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-STEERING = [
+STEERING_CODES = [
     *(code for code in range(32) if chr(code) not in "\n\t"),
     *range(127, 160),
     0x061C,
@@ -22,30 +22,32 @@ STEERING = [
     *range(0x202A, 0x202F),
     *range(0x2066, 0x206A),
 ]
-_WITHOUT = dict.fromkeys(STEERING)
+_REMOVE_STEERING = dict.fromkeys(STEERING_CODES)
 
 
-def plain(text: str) -> str:
+def remove_steering(text: str) -> str:
     """Returns the text without characters that control a terminal. Any other character is shown
     as itself."""
-    return text if text.isprintable() else text.translate(_WITHOUT)
+    return text if text.isprintable() else text.translate(_REMOVE_STEERING)
 
 
-def one_line(text: str) -> str:
+def join_lines(text: str) -> str:
     """Returns the text in one line: for a message that quotes a file with any content."""
     return " ".join(
-        part for part in map(str.strip, plain(text.replace("\r", "\n")).splitlines()) if part
+        part
+        for part in map(str.strip, remove_steering(text.replace("\r", "\n")).splitlines())
+        if part
     )
 
 
-class OneLine(ValueError):
+class OneLineError(ValueError):
     """Reports a refusal in one line, whatever the quoted file contains."""
 
     def __init__(self, text: str = "") -> None:
-        super().__init__(one_line(text))
+        super().__init__(join_lines(text))
 
     @classmethod
-    def of(cls, error: Refused) -> Self:
+    def of(cls, error: RefusedInput) -> Self:
         """Converts another reader's refusal to this kind."""
         return cls(str(error))
 
@@ -68,7 +70,7 @@ class PlaceInFile(NamedTuple):
     file: str
     inside: tuple[Reason, ...] = ()
 
-    def at(self, text: str, **values: object) -> PlaceInFile:
+    def go_down(self, text: str, **values: object) -> PlaceInFile:
         """Returns a place one step further down."""
         return self._replace(inside=(*self.inside, Reason(text, values)))
 
@@ -76,7 +78,7 @@ class PlaceInFile(NamedTuple):
         return ": ".join(part for part in (self.file, *map(str, self.inside)) if part)
 
 
-class Refused(OneLine):
+class RefusedInput(OneLineError):
     """Reports where and why a file was refused. Its one line is for a terminal; a screen says
     the same in its own language from `where` and `reason`. `hint`: what only the user of a
     command can do about it (an option, a program to run)."""
@@ -92,7 +94,7 @@ class Refused(OneLine):
 
     @classmethod
     def of(
-        cls, error: Refused, where: PlaceInFile | Path | str | None = None, hint: str = ""
+        cls, error: RefusedInput, where: PlaceInFile | Path | str | None = None, hint: str = ""
     ) -> Self:
         """Converts a refusal to this kind. where: replaces its place. hint: adds one."""
         return cls(

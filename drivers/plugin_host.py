@@ -37,26 +37,26 @@ class PluginHost:
         self._loaded: Any = None
         self._decoder: Any = None
         self._does: dict[str, Callable[[dict[str, Any]], Any]] = {
-            "load": self._load,
-            "make": self._make,
-            "feed": lambda asked: self._decoded(
+            "load": self._load_plugin,
+            "make": self._make_decoder,
+            "feed": lambda asked: self._describe_fixes(
                 self._decoder.feed(asked["data"].encode(ENCODING), asked["time_s"])
             ),
-            "flush": lambda asked: self._decoded(self._decoder.flush(asked["time_s"])),
+            "flush": lambda asked: self._describe_fixes(self._decoder.flush(asked["time_s"])),
             "read": lambda asked: self._loaded(Path(asked["path"])),
         }
 
-    def answer(self, request: bytes) -> bytes:
+    def answer_request(self, request: bytes) -> bytes:
         """Returns the line that answers a request. Whatever the plug-in raises becomes part of
         it."""
         try:
             asked = json.loads(request)
             given = {"gives": self._does[asked["do"]](asked)}
-            return json.dumps(given, default=_plain_value).encode() + b"\n"
+            return json.dumps(given, default=_convert_to_plain).encode() + b"\n"
         except BaseException as error:
-            return json.dumps({"raises": _describe(error)}).encode() + b"\n"
+            return json.dumps({"raises": _describe_error(error)}).encode() + b"\n"
 
-    def _load(self, _asked: dict[str, Any]) -> dict[str, Any]:
+    def _load_plugin(self, _asked: dict[str, Any]) -> dict[str, Any]:
         """Loads the plug-in. Raises whatever its import raises."""
         found = entry_points(group=self._group, name=self._name)
         self._loaded = next(iter(found)).load()
@@ -64,10 +64,10 @@ class PluginHost:
         kind = "callable" if callable(self._loaded) else type(self._loaded).__name__
         return {"is_a": kind, "values": self._loaded._asdict() if is_tuple else {}}
 
-    def _make(self, _asked: dict[str, Any]) -> None:
+    def _make_decoder(self, _asked: dict[str, Any]) -> None:
         self._decoder = self._loaded()
 
-    def _decoded(self, fixes: Any) -> dict[str, Any]:
+    def _describe_fixes(self, fixes: Any) -> dict[str, Any]:
         counts = self._decoder.counts
         return {
             "fixes": [list(fix) for fix in fixes],
@@ -80,14 +80,14 @@ class PluginHost:
         }
 
 
-def _plain_value(value: Any) -> Any:
+def _convert_to_plain(value: Any) -> Any:
     """Converts numbers and arrays of numpy to plain ones. Raises TypeError for anything else."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"gives a {type(value).__name__}, which is no plain data")
 
 
-def _describe(error: BaseException) -> str:
+def _describe_error(error: BaseException) -> str:
     """Returns what is wrong, in words; a ValueError's own text suffices."""
     text = ""
     with suppress(BaseException):
@@ -130,5 +130,5 @@ def main(group: str, name: str) -> None:
     threading.Thread(target=_queue_requests, args=(requests, queue), daemon=True).start()
     host = PluginHost(group, name)
     while True:
-        answers.write(host.answer(queue.get()))
+        answers.write(host.answer_request(queue.get()))
         answers.flush()

@@ -24,27 +24,27 @@ from typing import Any, get_args, get_type_hints
 
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.lines import Counts
-from topdress.drivers.plain_text import one_line
+from topdress.drivers.plain_text import join_lines
 from topdress.drivers.plugin_host import ENCODING
 from topdress.drivers.plugins import Group, Plugin, PluginFault
 
 # Time-out of loading, s: a large package takes some seconds to import on a small computer.
-LOAD_S = 20.0
+LOAD_TIMEOUT_S = 20.0
 # Time-out of a decoder, s, for the bytes of some milliseconds of a line.
-FEED_S = 2.0
+FEED_TIMEOUT_S = 2.0
 # Time-out of a format, s: our own readers take less for a map of 256 MB.
-FORMAT_S = 60.0
+FORMAT_TIMEOUT_S = 60.0
 # Greatest length of an answer, bytes: as for GeoJSON.
-MOST_BYTES = 256 << 20
+MAX_ANSWER_BYTES = 256 << 20
 # Bytes of a line that wait for the plug-in: five seconds at 115,200 baud.
-WAITING_BYTES = 64 << 10
+MAX_WAITING_BYTES = 64 << 10
 _UTC = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+Z", re.ASCII)
 # Time for a killed process to end, s.
-END_S = 1.0
+END_TIMEOUT_S = 1.0
 # Bytes of an answer in one read.
 PIECE_BYTES = 64 << 10
 # Greatest length of a message about a plug-in, characters.
-WHY_CHARACTERS = 200
+MAX_WHY_CHARACTERS = 200
 _COMMAND = (
     *(sys.executable, "-P", "-c"),
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -71,38 +71,38 @@ class PluginProcess:
                 start_new_session=True,
             )
         except OSError as error:
-            raise self._fault(f"its process does not start: {error.strerror}") from None
+            raise self._make_fault(f"its process does not start: {error.strerror}") from None
 
-    def ask(self, limit_s: float, do: str, **values: Any) -> Any:
+    def send_request(self, limit_s: float, do: str, **values: Any) -> Any:
         """Returns the plug-in's answer. Raises PluginFault, also where it takes longer than
         limit_s."""
-        watch = threading.Timer(limit_s, self._end_late)
+        watch = threading.Timer(limit_s, self._end_late_process)
         watch.daemon = True
         watch.start()
         try:
             with self._asks:
-                line = self._exchange(json.dumps({"do": do, **values}).encode() + b"\n")
+                line = self._exchange_lines(json.dumps({"do": do, **values}).encode() + b"\n")
         except (OSError, ValueError):  # it is gone, or was ended while it was asked
             line = b""
         finally:
             watch.cancel()
         if self._is_late:
-            raise self._fault(f"no answer to {do} within {limit_s:g} s")
+            raise self._make_fault(f"no answer to {do} within {limit_s:g} s")
         return self._read_answer(do, line)
 
-    def end(self) -> None:
+    def end_process(self) -> None:
         """Ends the process and its children."""
         with suppress(OSError):
-            self._kill()
+            self._kill_process()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(END_S)
+            self._process.wait(END_TIMEOUT_S)
         if self._asks.acquire(blocking=False):
             for pipe in (self._process.stdin, self._process.stdout):
                 if pipe is not None:
                     pipe.close()
             self._asks.release()
 
-    def _exchange(self, request: bytes) -> bytes:
+    def _exchange_lines(self, request: bytes) -> bytes:
         """Sends a line and waits for one. Raises OSError, ValueError, PluginFault."""
         assert self._process.stdin is not None and self._process.stdout is not None
         rest = memoryview(request)
@@ -112,8 +112,8 @@ class PluginProcess:
         while piece := os.read(self._process.stdout.fileno(), PIECE_BYTES):
             pieces.append(piece)
             count += len(piece)
-            if count > MOST_BYTES:
-                raise self._fault(f"gives more than {MOST_BYTES >> 20} MB")
+            if count > MAX_ANSWER_BYTES:
+                raise self._make_fault(f"gives more than {MAX_ANSWER_BYTES >> 20} MB")
             if piece.endswith(b"\n"):
                 break
         return b"".join(pieces)
@@ -125,42 +125,42 @@ class PluginProcess:
                 return answer["gives"]
             why = str(answer["raises"])
         except (ValueError, KeyError, TypeError, RecursionError):
-            raise self._fault("its process ended by itself") from None
-        raise self._fault(f"not loaded: {why}" if do in ("load", "make") else why)
+            raise self._make_fault("its process ended by itself") from None
+        raise self._make_fault(f"not loaded: {why}" if do in ("load", "make") else why)
 
-    def _end_late(self) -> None:
+    def _end_late_process(self) -> None:
         self._is_late = True
         with suppress(OSError):
-            self._kill()
+            self._kill_process()
 
-    def _kill(self) -> None:
+    def _kill_process(self) -> None:
         if os.name == "posix":
             os.killpg(self._process.pid, signal.SIGKILL)
         else:
             self._process.kill()
 
-    def _fault(self, why: str) -> PluginFault:
-        return PluginFault(self._group, self._name, one_line(why)[:WHY_CHARACTERS])
+    def _make_fault(self, why: str) -> PluginFault:
+        return PluginFault(self._group, self._name, join_lines(why)[:MAX_WHY_CHARACTERS])
 
 
 def describe_plugin(group: Group, name: str) -> Plugin:
     """Returns the kind of a plug-in. Raises PluginFault."""
     process = PluginProcess(group, name)
     try:
-        found = process.ask(LOAD_S, "load")
+        found = process.send_request(LOAD_TIMEOUT_S, "load")
         return Plugin(name, str(found["is_a"]), dict(found["values"]))
     finally:
-        process.end()
+        process.end_process()
 
 
 def read_format(name: str, path: Path) -> Any:
     """Returns a file as read by the plug-in of a format, as plain data. Raises PluginFault."""
     process = PluginProcess("formats", name)
     try:
-        process.ask(LOAD_S, "load")
-        return process.ask(FORMAT_S, "read", path=str(path))
+        process.send_request(LOAD_TIMEOUT_S, "load")
+        return process.send_request(FORMAT_TIMEOUT_S, "read", path=str(path))
     finally:
-        process.end()
+        process.end_process()
 
 
 class PluginDecoder:
@@ -172,41 +172,43 @@ class PluginDecoder:
         self._name = name
         self._process = PluginProcess("devices", name)
         for do in ("load", "make"):
-            self._ask(LOAD_S, do)
+            self._send_request(LOAD_TIMEOUT_S, do)
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Returns the fixes that these bytes complete. Raises PluginFault."""
-        return self._fixes_of(self._ask(FEED_S, "feed", data=data.decode(ENCODING), time_s=time_s))
+        return self._read_fixes(
+            self._send_request(FEED_TIMEOUT_S, "feed", data=data.decode(ENCODING), time_s=time_s)
+        )
 
     def flush(self, time_s: float) -> list[GnssFix]:
         """Returns the fixes that the end of a recording completes. Raises PluginFault."""
-        return self._fixes_of(self._ask(FEED_S, "flush", time_s=time_s))
+        return self._read_fixes(self._send_request(FEED_TIMEOUT_S, "flush", time_s=time_s))
 
     def close(self) -> None:
         """Ends the plug-in's process."""
-        self._process.end()
+        self._process.end_process()
 
-    def _ask(self, limit_s: float, do: str, **values: Any) -> Any:
+    def _send_request(self, limit_s: float, do: str, **values: Any) -> Any:
         try:
-            return self._process.ask(limit_s, do, **values)
+            return self._process.send_request(limit_s, do, **values)
         except PluginFault:
             self.close()
             raise
 
-    def _fixes_of(self, given: Any) -> list[GnssFix]:
+    def _read_fixes(self, given: Any) -> list[GnssFix]:
         try:
             counts = given["counts"]
             self.counts = Counts(
                 int(counts["read"]),
                 int(counts["accepted"]),
-                _times_by_kind(counts["rejected"]),
-                _times_by_kind(counts["ignored"]),
+                _read_kind_counts(counts["rejected"]),
+                _read_kind_counts(counts["ignored"]),
             )
-            return [_fix_of(values) for values in given["fixes"]]
+            return [_read_fix(values) for values in given["fixes"]]
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             self.close()
-            why = one_line(f"gives what is no list of GnssFix with counts: {error}")
-            raise PluginFault("devices", self._name, why[:WHY_CHARACTERS]) from None
+            why = join_lines(f"gives what is no list of GnssFix with counts: {error}")
+            raise PluginFault("devices", self._name, why[:MAX_WHY_CHARACTERS]) from None
 
 
 class PluginReceiver:
@@ -216,18 +218,18 @@ class PluginReceiver:
     def __init__(self, name: str) -> None:
         self.counts = Counts()
         self._name = name
-        self._session: _Session | None = None
+        self._session: _DecoderSession | None = None
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Returns the fixes that came since the last call; it is called at every tick.
 
         Raises PluginFault; the call after that begins anew, with a new process."""
         if self._session is None:
-            self._session = _Session(self._name)
+            self._session = _DecoderSession(self._name)
         session = self._session
         if data:
-            session.put(data, time_s)
-        fixes, counts = session.take()
+            session.put_bytes(data, time_s)
+        fixes, counts = session.take_fixes()
         if counts is not None:
             # the same object goes on: the device's line shows it
             self.counts.read, self.counts.accepted = counts.read, counts.accepted
@@ -241,10 +243,10 @@ class PluginReceiver:
         """Ends the plug-in's process."""
         session, self._session = self._session, None
         if session is not None:
-            session.end()
+            session.end_session()
 
 
-class _Session:
+class _DecoderSession:
     """Waits for a plug-in's decoder in a thread, with its input and output."""
 
     def __init__(self, name: str) -> None:
@@ -256,23 +258,23 @@ class _Session:
         self._changed = threading.Condition()
         self._is_ended = False
         self._decoder: PluginDecoder | None = None
-        threading.Thread(target=self._run, name=f"plug-in {name}", daemon=True).start()
+        threading.Thread(target=self._run_session, name=f"plug-in {name}", daemon=True).start()
 
-    def put(self, data: bytes, time_s: float) -> None:
+    def put_bytes(self, data: bytes, time_s: float) -> None:
         """Queues bytes; where the plug-in is too slow the oldest are lost."""
         with self._changed:
             self._pieces.append((data, time_s))
             self._waiting_bytes += len(data)
-            while self._waiting_bytes > WAITING_BYTES:
+            while self._waiting_bytes > MAX_WAITING_BYTES:
                 self._waiting_bytes -= len(self._pieces.popleft()[0])
             self._changed.notify()
 
-    def take(self) -> tuple[list[GnssFix], Counts | None]:
+    def take_fixes(self) -> tuple[list[GnssFix], Counts | None]:
         """Returns the fixes that came, and the newest counts; None where nothing came."""
         given = [self._given.popleft() for _ in range(len(self._given))]
         return [fix for fixes, _ in given for fix in fixes], given[-1][1] if given else None
 
-    def end(self) -> None:
+    def end_session(self) -> None:
         """Ends thread and process."""
         with self._changed:
             self._is_ended = True
@@ -280,17 +282,17 @@ class _Session:
         if self._decoder is not None:
             self._decoder.close()
 
-    def _run(self) -> None:
+    def _run_session(self) -> None:
         try:
             self._decoder = PluginDecoder(self._name)
-            while (piece := self._next_piece()) is not None:
+            while (piece := self._wait_for_piece()) is not None:
                 fixes = self._decoder.feed(*piece)
                 self._given.append((fixes, self._decoder.counts))
             self._decoder.close()
         except PluginFault as fault:
             self.fault = fault
 
-    def _next_piece(self) -> tuple[bytes, float] | None:
+    def _wait_for_piece(self) -> tuple[bytes, float] | None:
         """Waits for bytes; None: the session is to end."""
         with self._changed:
             while not self._pieces and not self._is_ended:
@@ -303,14 +305,16 @@ class _Session:
 
 
 @cache
-def _types_of_fix() -> tuple[tuple[type, ...], ...]:
+def _list_fix_types() -> tuple[tuple[type, ...], ...]:
     """Returns the allowed types of each value of a fix."""
     return tuple(get_args(hint) or (hint,) for hint in get_type_hints(GnssFix).values())
 
 
-def _fix_of(values: Any) -> GnssFix:
+def _read_fix(values: Any) -> GnssFix:
     """Returns a fix of plain values, each of its type. Raises ValueError, TypeError."""
-    read = [_typed(value, types) for value, types in zip(values, _types_of_fix(), strict=True)]
+    read = [
+        _convert_type(value, types) for value, types in zip(values, _list_fix_types(), strict=True)
+    ]
     fix = GnssFix(*read)
     if not isfinite(fix.time_s):
         raise ValueError(f"time_s {fix.time_s}")
@@ -321,7 +325,7 @@ def _fix_of(values: Any) -> GnssFix:
     return fix
 
 
-def _typed(value: Any, types: tuple[type, ...]) -> Any:
+def _convert_type(value: Any, types: tuple[type, ...]) -> Any:
     if value is None and NoneType in types:
         return None
     if types[0] is str and isinstance(value, str):
@@ -331,5 +335,5 @@ def _typed(value: Any, types: tuple[type, ...]) -> Any:
     raise TypeError(f"{value!r}, allowed is {types[0].__name__}")
 
 
-def _times_by_kind(given: Any) -> Counter[str]:
+def _read_kind_counts(given: Any) -> Counter[str]:
     return Counter({str(kind): int(times) for kind, times in given.items()})

@@ -40,7 +40,7 @@ class PluginFault(ValueError):
     why: without that."""
 
     def __init__(self, group: Group, name: str, why: str) -> None:
-        super().__init__(f"plug-in {name} of {package_of(group, name)}: {why}")
+        super().__init__(f"plug-in {name} of {find_package(group, name)}: {why}")
         self.name, self.why = name, why
 
 
@@ -53,32 +53,32 @@ class Plugin(NamedTuple):
 
 
 @cache
-def names(group: Group) -> dict[str, EntryPoint]:
+def find_entry_points(group: Group) -> dict[str, EntryPoint]:
     """Returns the entry points of a group by their names; loads none."""
     return {one.name: one for one in entry_points(group=f"topdress.{group}")}
 
 
-def package_of(group: Group, name: str) -> str:
+def find_package(group: Group, name: str) -> str:
     """Returns the package that adds a plug-in."""
-    point = names(group).get(name)
+    point = find_entry_points(group).get(name)
     if point is None:
         return "no package"
     return point.dist.name if point.dist is not None else point.value
 
 
-def plugged(group: Group, name: str) -> Plugin | None:
+def find_plugin(group: Group, name: str) -> Plugin | None:
     """Returns the plug-in of a name; None: there is none. Raises PluginFault where it cannot be
     loaded."""
-    if name not in names(group):
+    if name not in find_entry_points(group):
         return None
-    found = _described(group, name)
+    found = _describe_once(group, name)
     if isinstance(found, PluginFault):
         raise found
     return found
 
 
 @cache
-def _described(group: Group, name: str) -> Plugin | PluginFault:
+def _describe_once(group: Group, name: str) -> Plugin | PluginFault:
     """Returns a plug-in's description once: one that hangs costs its time only once."""
     from topdress.drivers.plugin_process import describe_plugin
 
@@ -88,9 +88,9 @@ def _described(group: Group, name: str) -> Plugin | PluginFault:
         return fault
 
 
-def effect(name: str) -> EffectPlugin | None:
+def find_effect(name: str) -> EffectPlugin | None:
     """Returns the effect of a plug-in; None: there is none. Raises PluginFault."""
-    found = plugged("effects", name)
+    found = find_plugin("effects", name)
     if found is None:
         return None
     try:
@@ -102,17 +102,17 @@ def effect(name: str) -> EffectPlugin | None:
     raise PluginFault("effects", name, f"is a {found.is_a}: allowed is an EffectPlugin of texts")
 
 
-def effects() -> dict[str, EffectPlugin]:
+def list_effects() -> dict[str, EffectPlugin]:
     """Returns all effects that can be loaded."""
     found: dict[str, EffectPlugin] = {}
-    for name in names("effects"):
+    for name in find_entry_points("effects"):
         with suppress(PluginFault):
-            made = effect(name)
+            made = find_effect(name)
             if made is not None:
                 found[name] = made
     return found
 
 
-def has_format(suffix: str) -> bool:
+def has_format_plugin(suffix: str) -> bool:
     """Returns whether a plug-in reads files of this suffix, with its point and in lower case."""
-    return suffix[1:] in names("formats")
+    return suffix[1:] in find_entry_points("formats")

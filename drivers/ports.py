@@ -3,7 +3,7 @@
 `open_port` takes a serial device (`/dev/ttyUSB0`, `COM3`), `socket://HOST:PORT` or
 `rfc2217://HOST:PORT`, and nothing else: of pyserial's other URLs `spy://` writes what passes
 into any file that it names. A reader and a writer thread do what blocks; the loop only takes
-bytes from, and puts bytes into, bounded queues. `memory_pair` gives two ends of one line
+bytes from, and puts bytes into, bounded queues. `make_memory_pair` gives two ends of one line
 without any thread."""
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ MAX_BUFFERED_BYTES = 16384
 # matters.
 MAX_QUEUED_WRITES = 64
 # Interval at which a reader thread checks its stop flag, s.
-READ_TIMEOUT_S = 0.05
+READ_WAIT_S = 0.05
 WRITE_TIMEOUT_S = 0.5
 CONNECT_TIMEOUT_S = 3.0
 FIRST_BACK_OFF_S = 0.25
-LONGEST_BACK_OFF_S = 2.0
+MAX_BACK_OFF_S = 2.0
 # Kinds of URLs (docs/devices.md); datagrams (udp) have their own module.
 SCHEMES = ("socket", "rfc2217")
 UNPLUGGED = "unplugged"
 # Newest bytes that are kept to show the last raw lines.
-TAIL_BYTES = 512
+RAW_TAIL_BYTES = 512
 
 
 class PortState(NamedTuple):
@@ -54,12 +54,12 @@ class PortState(NamedTuple):
     last_byte_s: float | None
     raw_tail: bytes  # the newest bytes received
 
-    def last_lines(self, count: int = 1) -> list[str]:
+    def format_last_lines(self, count: int = 1) -> list[str]:
         """Returns the newest `count` whole lines received, oldest first; unprintable bytes as
         `\\xNN`."""
         whole, _, _ = self.raw_tail.rpartition(b"\n")
         lines = [line for line in whole.replace(b"\r", b"\n").split(b"\n") if line]
-        return [printable(line) for line in lines[-count:]]
+        return [escape_unprintable(line) for line in lines[-count:]]
 
 
 class Port(Protocol):
@@ -92,7 +92,7 @@ class Stream(Protocol):
     the line is lost."""
 
     def read(self) -> bytes:
-        """Waits `READ_TIMEOUT_S` at most for the first byte, then returns the available ones."""
+        """Waits `READ_WAIT_S` at most for the first byte, then returns the available ones."""
         ...
 
     def write(self, data: bytes) -> None: ...
@@ -100,7 +100,7 @@ class Stream(Protocol):
     def close(self) -> None: ...
 
 
-def printable(line: bytes) -> str:
+def escape_unprintable(line: bytes) -> str:
     """Returns ASCII text with every other byte as `\\xNN`, for screens and messages."""
     text = line.decode("latin-1")
     if text.isascii() and text.isprintable():  # nearly every line, and five times a second
@@ -123,7 +123,7 @@ class _Inbox:
         self.out = 0
         self.dropped_out = 0
 
-    def put(self, data: bytes) -> None:
+    def put_bytes(self, data: bytes) -> None:
         now_s = self._clock()
         with self._lock:
             self._pending += data
@@ -131,11 +131,11 @@ class _Inbox:
             if surplus > 0:
                 del self._pending[:surplus]
                 self._dropped_in += surplus
-            self._tail = (self._tail + data)[-TAIL_BYTES:]
+            self._tail = (self._tail + data)[-RAW_TAIL_BYTES:]
             self._in += len(data)
             self._last_byte_s = now_s
 
-    def take(self) -> bytes:
+    def take_bytes(self) -> bytes:
         if not self._pending:
             return b""
         with self._lock:
@@ -159,7 +159,7 @@ class _Inbox:
 
 
 class MemoryPort:
-    """Holds one end of a line in memory; see `memory_pair`."""
+    """Holds one end of a line in memory; see `make_memory_pair`."""
 
     def __init__(self, name: str, clock: Clock) -> None:
         self._name = name
@@ -173,16 +173,16 @@ class MemoryPort:
     def name(self) -> str:
         return self._name
 
-    def join(self, other: MemoryPort) -> None:
+    def join_ends(self, other: MemoryPort) -> None:
         """Joins two ends to one line."""
         self._other, other._other = other, self
 
     def read(self) -> bytes:
-        return self._inbox.take()
+        return self._inbox.take_bytes()
 
     def write(self, data: bytes) -> None:
         if self._connected and self._other is not None:
-            self._other._inbox.put(data)
+            self._other._inbox.put_bytes(data)
             self._inbox.out += len(data)
         else:
             self._inbox.dropped_out += 1
@@ -207,10 +207,12 @@ class MemoryPort:
         return self._open and self._plugged and other is not None and other._open and other._plugged
 
 
-def memory_pair(name: str = "memory", clock: Clock = lambda: 0.0) -> tuple[MemoryPort, MemoryPort]:
+def make_memory_pair(
+    name: str = "memory", clock: Clock = lambda: 0.0
+) -> tuple[MemoryPort, MemoryPort]:
     """Returns two ends of one line: what one writes the other reads, at once and in order."""
     one, two = MemoryPort(f"{name}:host", clock), MemoryPort(f"{name}:device", clock)
-    one.join(two)
+    one.join_ends(two)
     return one, two
 
 
@@ -220,13 +222,13 @@ class SerialStream:
 
     def __init__(self, url: str, baud: int) -> None:
         self._serial: serial.Serial | serial.rfc2217.Serial
-        if scheme_of(url) == "rfc2217":  # which knows no time-out of a write
-            self._serial = serial.rfc2217.Serial(url, baudrate=baud, timeout=READ_TIMEOUT_S)
+        if parse_scheme(url) == "rfc2217":  # which knows no time-out of a write
+            self._serial = serial.rfc2217.Serial(url, baudrate=baud, timeout=READ_WAIT_S)
         else:
             self._serial = serial.Serial(
                 url,
                 baudrate=baud,
-                timeout=READ_TIMEOUT_S,
+                timeout=READ_WAIT_S,
                 write_timeout=WRITE_TIMEOUT_S,
                 exclusive=True,
             )
@@ -255,7 +257,7 @@ class SocketStream:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def read(self) -> bytes:
-        if not select.select([self._socket], [], [], READ_TIMEOUT_S)[0]:
+        if not select.select([self._socket], [], [], READ_WAIT_S)[0]:
             return b""
         data = self._socket.recv(4096)
         if not data:
@@ -277,7 +279,7 @@ class ThreadedPort:
     `ValueError`. What was queued for sending when the line went down is dropped: a set-point
     must never arrive late.
 
-    A subclass may say in `let_go` what else ends while it is unplugged; the reader's thread
+    A subclass may say in `disconnect` what else ends while it is unplugged; the reader's thread
     calls it, again and again."""
 
     def __init__(
@@ -286,7 +288,7 @@ class ThreadedPort:
         opener: Callable[[], Stream],
         clock: Clock,
         first_back_off_s: float = FIRST_BACK_OFF_S,
-        longest_back_off_s: float = LONGEST_BACK_OFF_S,
+        longest_back_off_s: float = MAX_BACK_OFF_S,
     ) -> None:
         self._name = name
         self._opener = opener
@@ -316,7 +318,7 @@ class ThreadedPort:
         return self._name
 
     def read(self) -> bytes:
-        return self._inbox.take()
+        return self._inbox.take_bytes()
 
     def write(self, data: bytes) -> None:
         with self._to_send:
@@ -338,10 +340,10 @@ class ThreadedPort:
         self._plugged = plugged
         stream = self._stream
         if not plugged and stream is not None:
-            self._forget(stream)
+            self._forget_stream(stream)
         self._again.set()
 
-    def let_go(self) -> None:
+    def disconnect(self) -> None:
         """Ends, in subclasses, what else exists while unplugged."""
 
     def close(self) -> None:
@@ -358,26 +360,26 @@ class ThreadedPort:
         back_off_s = self._first_back_off_s
         while not self._stop.is_set():
             if not self._plugged:
-                self.let_go()
+                self.disconnect()
                 self._last_error = UNPLUGGED
-                self._pause(self._longest_back_off_s)
+                self._wait_before_retry(self._longest_back_off_s)
                 back_off_s = self._first_back_off_s
                 continue
             try:
                 stream = self._opener()
             except (OSError, ValueError) as error:
                 self._last_error = str(error)
-                self._pause(back_off_s)
+                self._wait_before_retry(back_off_s)
                 back_off_s = min(2.0 * back_off_s, self._longest_back_off_s)
                 continue
-            self._connect(stream)
+            self._store_stream(stream)
             if self._read_until_lost(stream):
                 back_off_s = self._first_back_off_s
-            self._disconnect(stream)
+            self._close_stream(stream)
             if self._plugged:
-                self._pause(back_off_s)
+                self._wait_before_retry(back_off_s)
 
-    def _pause(self, seconds: float) -> None:
+    def _wait_before_retry(self, seconds: float) -> None:
         self._again.wait(seconds)
         self._again.clear()
 
@@ -393,7 +395,7 @@ class ThreadedPort:
                 break
             if data:
                 received = True
-                self._inbox.put(data)
+                self._inbox.put_bytes(data)
         return received
 
     def _keep_writing(self) -> None:
@@ -412,9 +414,9 @@ class ThreadedPort:
             except (OSError, ValueError, TypeError) as error:
                 self._last_error = f"write: {error}"
                 self._inbox.dropped_out += 1
-                self._forget(stream)
+                self._forget_stream(stream)
 
-    def _connect(self, stream: Stream) -> None:
+    def _store_stream(self, stream: Stream) -> None:
         with self._to_send:
             if not self._plugged:  # pulled while it was being opened
                 return
@@ -422,11 +424,11 @@ class ThreadedPort:
             self._last_error = ""
             self._stream = stream
 
-    def _disconnect(self, stream: Stream) -> None:
-        self._forget(stream)
+    def _close_stream(self, stream: Stream) -> None:
+        self._forget_stream(stream)
         stream.close()
 
-    def _forget(self, stream: Stream) -> None:
+    def _forget_stream(self, stream: Stream) -> None:
         with self._to_send:
             if self._stream is stream:
                 self._stream = None
@@ -450,15 +452,15 @@ def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
         `state().last_error`."""
     if baud <= 0:
         raise ValueError(f"port {url}: baud {baud}, allowed is 1 or more")
-    if scheme_of(url) == "socket":
-        address = socket_address(url)
+    if parse_scheme(url) == "socket":
+        address = parse_socket_address(url)
         return ThreadedPort(
             url, lambda: SocketStream(socket.create_connection(address, CONNECT_TIMEOUT_S)), clock
         )
     return ThreadedPort(url, lambda: SerialStream(url, baud), clock)
 
 
-def scheme_of(url: str) -> str:
+def parse_scheme(url: str) -> str:
     """Returns `socket` or `rfc2217`, with a host and a port behind it; empty: a serial device.
     Raises ValueError with one line."""
     scheme, found, _ = url.partition("://")
@@ -469,11 +471,11 @@ def scheme_of(url: str) -> str:
             f"port {url}: allowed is a serial device (/dev/ttyUSB0, COM3), socket://HOST:PORT, "
             "rfc2217://HOST:PORT or udp://HOST:PORT"
         )
-    socket_address(url)
+    parse_socket_address(url)
     return scheme
 
 
-def socket_address(url: str) -> tuple[str, int]:
+def parse_socket_address(url: str) -> tuple[str, int]:
     """Returns host and port number of `socket://host:port`; raises ValueError with one line
     where either is missing."""
     try:

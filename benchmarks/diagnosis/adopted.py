@@ -178,22 +178,22 @@ def driven(setup: Any, known: Any, hidden: Hidden, seconds: float) -> Driven:
     from topdress.control.machine.terms import Term, parse_term
     from topdress.control.orders import Strategy
     from topdress.control.simulation.assembly import (
-        control_loop,
-        simulated_machine,
-        with_simulated_field,
+        add_simulated_field,
+        make_control_loop,
+        make_plant,
     )
-    from topdress.control.simulation.closed_loop import Record, simulated_run
-    from topdress.control.simulation.error_metrics import errors
+    from topdress.control.simulation.closed_loop import RunRecord, simulate_run
+    from topdress.control.simulation.error_metrics import judge_run
 
     machine = setup.machine
-    job = with_simulated_field(
+    job = add_simulated_field(
         setup.job.model_copy(
             update={"strategy": Strategy(STRATEGY), "flow_trim": hidden.trim == "on"}
         ),
         machine,
     )
-    record = Record()
-    plant = simulated_machine(
+    record = RunRecord()
+    plant = make_plant(
         machine,
         job,
         DRIVEN_SEED,
@@ -201,10 +201,13 @@ def driven(setup: Any, known: Any, hidden: Hidden, seconds: float) -> Driven:
         [parse_planted(text) for text in hidden.effects],
         terms=[parse_term(text, Term.model_validate) for text in hidden.terms],
     )
-    for step in simulated_run(plant, control_loop(known, setup.crop, setup.rule, job), seconds):
-        record.add(step)
-    off = errors(
-        record.columns(), record.fired, machine.geometry.working_width_m, machine.fall.lever_arm_m
+    for step in simulate_run(plant, make_control_loop(known, setup.crop, setup.rule, job), seconds):
+        record.add_tick(step)
+    off = judge_run(
+        record.make_columns(),
+        record.fired,
+        machine.geometry.working_width_m,
+        machine.fall.lever_arm_m,
     )
     return Driven(
         100.0 * off.bias_kg_ha / off.mean_target_kg_ha, off.rate_error_percent, off.place_error_m

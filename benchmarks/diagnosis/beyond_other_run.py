@@ -41,11 +41,11 @@ def seen(columns: dict[str, Any], machine: Machine) -> dict[str, Seen]:
     from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
     from topdress.control.diagnosis.runs.log import gate
     from topdress.control.diagnosis.runs.stages import run_data
-    from topdress.control.machine.stage_runner import MOST_STEP_S
+    from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
     plan = schedule(list_stages(machine), ())
     return {
-        name: Seen(c.grid.even_s, c.grid.step_s, c.measured, c.predict(plan, MOST_STEP_S))
+        name: Seen(c.grid.even_s, c.grid.step_s, c.measured, c.predict(plan, MAX_MODEL_STEP_S))
         for name, c in channels(run_data(gate(columns), machine), machine).items()
     }
 

@@ -534,7 +534,7 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
     from topdress.control.diagnosis.runs.drives import read_whole_drives
     from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
     from topdress.control.diagnosis.runs.log import gate
-    from topdress.control.machine.stage_runner import MOST_STEP_S
+    from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import MACHINE
     from topdress.drivers.files.read_log import read_rows
@@ -556,7 +556,9 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
         }
     clean = gate(columns)
     drive = read_whole_drives(clean, machine)[case.stage]
-    predicted = simulate_drive_rows(drive)(schedule(list_stages(machine), ()), MOST_STEP_S)[:, 1]
+    predicted = simulate_drive_rows(drive)(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)[
+        :, 1
+    ]
     off = clean.columns[COLUMNS_OF[case.stage][1]] - predicted
     off = off[1:rows] if case.settled else off
     return float(np.sqrt(np.nanmean(np.square(off))))

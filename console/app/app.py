@@ -145,7 +145,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
         self.units = METRIC
-        self.utc_offset_s = day_clock.offset_s() if utc_offset_s is None else utc_offset_s
+        self.utc_offset_s = day_clock.read_utc_offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = (
             limits_kg_ha,
             limits_kg_ha,

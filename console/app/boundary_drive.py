@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from topdress.control.geodesy import Place, TangentPlane, apart_m, offset
+from topdress.control.geodesy import Place, TangentPlane, calc_plane_distance_m, offset_place
 from topdress.control.log_row import LogRow
 
 # of two corners: finer than any edge of a field, and 20,000 of them are 40 km
@@ -48,7 +48,7 @@ class BoundaryDrive:
         if self._plane is None:
             self._plane = TangentPlane(corner.lat_deg, corner.lon_deg)
         if self.corners:
-            step_m = apart_m(self._at(self.corners[-1]), self._at(corner))
+            step_m = calc_plane_distance_m(self._at(self.corners[-1]), self._at(corner))
             if step_m < APART_M:
                 return
             self.way_m += step_m
@@ -56,13 +56,13 @@ class BoundaryDrive:
 
     def _at(self, corner: Corner) -> Place:
         assert self._plane is not None
-        return self._plane.to_m(corner.lat_deg, corner.lon_deg)
+        return self._plane.project_to_m(corner.lat_deg, corner.lon_deg)
 
     @property
     def open_m(self) -> float:
         """From the end back to the beginning."""
         return (
-            apart_m(self._at(self.corners[-1]), self._at(self.corners[0]))
+            calc_plane_distance_m(self._at(self.corners[-1]), self._at(self.corners[0]))
             if len(self.corners) > 1
             else 0.0
         )
@@ -77,6 +77,6 @@ class BoundaryDrive:
         if plane is None:
             return ()
         return tuple(
-            plane.to_deg(*offset(self._at(one), one.heading_deg, 0.0, self.right_m))
+            plane.convert_to_deg(*offset_place(self._at(one), one.heading_deg, 0.0, self.right_m))
             for one in self.corners
         )

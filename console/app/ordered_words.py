@@ -6,7 +6,7 @@ from topdress.console.app import words
 from topdress.console.app.typed_number import in_words
 from topdress.console.app.units import Unit, Units
 from topdress.console.locale import N_, _
-from topdress.control.agronomy.strips import read_strip
+from topdress.control.agronomy.strips import parse_strip
 from topdress.control.orders import Do
 
 ORDERS: dict[str, str] = {
@@ -43,7 +43,7 @@ STRIPS = {"nrich": N_("N-rich strip"), "check": N_("farmer check")}
 def format_order(do: str, value: str | float | bool | None, units: Units) -> str:
     """value: as the order has it, or as a frame tells it, in text."""
     word = _(ORDERS[do]) if do in ORDERS else do
-    strip = read_strip(value) if do == Do.STRIP else None
+    strip = parse_strip(value) if do == Do.STRIP else None
     if strip is not None:
         named = _(STRIPS[strip.which])
         return (

@@ -12,7 +12,7 @@ from topdress.console.app.typed_number import in_words
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _
-from topdress.control.agronomy.strips import StripValue, read_strip
+from topdress.control.agronomy.strips import StripValue, parse_strip
 from topdress.control.orders import Do, Order, TargetSource
 
 MOST = 20
@@ -114,11 +114,13 @@ def _sections(frame: Frame, order: Order) -> tuple[Order, ...]:
 
 
 def _strip(frame: Frame, order: Order) -> tuple[Order, ...]:
-    strip = read_strip(order.value)
+    strip = parse_strip(order.value)
     return (
         ()
         if strip is None
-        else (Order(Do.STRIP, StripValue(strip.which, getattr(frame.strips, strip.which)).text),)
+        else (
+            Order(Do.STRIP, StripValue(strip.which, getattr(frame.strips, strip.which)).event_text),
+        )
     )
 
 

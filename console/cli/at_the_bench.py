@@ -151,7 +151,7 @@ def make_host(
     from topdress.drivers.cab import Cab, CabConfig
     from topdress.drivers.files.setup import load_setup
 
-    setup = load_setup(machine, "demo", day_clock.today())
+    setup = load_setup(machine, "demo", day_clock.read_today())
     limits = setup.machine.limits
     devices: dict[str, dict[str, Any]] = {
         name: {"port": url} for name, url in urls.items() if url is not None

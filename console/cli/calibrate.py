@@ -93,7 +93,7 @@ def calibrate_catch(
 
 def _parse_date(text: str | None) -> dt.date:
     try:
-        return day_clock.today() if text is None else dt.date.fromisoformat(text)
+        return day_clock.read_today() if text is None else dt.date.fromisoformat(text)
     except ValueError:
         raise CommandError(f"--date {text}: allowed is a day such as 2026-03-18") from None
 
@@ -117,7 +117,7 @@ def _save_product_test(
         raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
     save(
         out,
-        read.model.with_test(make_catch_test(machine, flow, day, str(data), sha256_of(data))),
+        read.model.append_test(make_catch_test(machine, flow, day, str(data), sha256_of(data))),
         PRODUCT,
     )
     typer.echo(f"product file: {out}", err=as_json)
@@ -212,7 +212,7 @@ def calibrate_lag(
     _refuse_no_table(data, out, "calibrate lag")
     fitted, day = _load_first_machine(data, out, machine, force), _parse_date(date).isoformat()
     table = read_bench_table(data, "lag")
-    running = table.running()
+    running = table.find_running_rows()
     line, tube = None, None
     if not running.all():
         fitted, line = fit_lag(

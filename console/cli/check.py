@@ -184,14 +184,14 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     from topdress.drivers.files.kinds import CROP
     from topdress.drivers.files.prescriptions.for_job import find_map_check, read_job_plants
     from topdress.drivers.files.setup import product_of, year_n
-    from topdress.drivers.plain_text import Refused
+    from topdress.drivers.plain_text import RefusedInput
 
     folder = loaded.path.parent
 
     def check_job_map() -> None:
         crop = load(loaded.model.crop, CROP, base=folder).model
-        n_year = year_n(loaded, crop, day_clock.today())
-        limited = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
+        n_year = year_n(loaded, crop, day_clock.read_today())
+        limited = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
         if (found := find_map_check(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
             notes.extend(map_words(found, METRIC))
 
@@ -206,7 +206,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
             look()
         except ConfigError as error:
             wrong += error.lines
-        except (Refused, OSError) as error:
+        except (RefusedInput, OSError) as error:
             wrong.append(f"{loaded.path}: {error}")
         except ValueError as error:
             wrong.append(str(error))
@@ -215,11 +215,11 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
 
 def _find_job_notes(loaded: Any) -> list[str]:
     """Notes on a job before work: strips that are missing or doubtful, the crop's stage."""
-    from topdress.control.agronomy.strips import doubt, measured_index
+    from topdress.control.agronomy.strips import calc_measured_index, find_index_doubt
     from topdress.drivers.files.setup import growth_note, load_setup
 
     try:
-        setup = load_setup(SHIPPED_MACHINE, loaded.path, day_clock.today())
+        setup = load_setup(SHIPPED_MACHINE, loaded.path, day_clock.read_today())
     # reported with the crop, or when the job is started
     except ConfigError:
         return []
@@ -235,12 +235,12 @@ def _find_job_notes(loaded: Any) -> list[str]:
         f"{setup.crop.min_rate_kg_ha:g} kg/ha" if setup.crop.min_rate_kg_ha > 0.0 else "nothing"
     )
     if rule.response_rule == "field":
-        index = measured_index(rule.strips)
+        index = calc_measured_index(rule.strip_ndvi)
         said = {
             "below_1": f"response index {index or 0.0:.2f}: no response, {lowest} will be given",
             "above_3": f"response index {index or 0.0:.2f}: above 3 is not to be believed",
         }
-        found.append(said.get(doubt(rule.strips), ""))
+        found.append(said.get(find_index_doubt(rule.strip_ndvi), ""))
         if index is None:
             found.append(
                 "response index of the field: strips missing yet: mark both on the way; "
@@ -277,7 +277,7 @@ def _check_job_rates(job: Any, machine_file: str) -> list[str]:
 
     # What cannot be read is reported with the job.
     with suppress(ConfigError, ValueError, OSError):
-        setup = load_setup(machine_file, job.path, day_clock.today())
+        setup = load_setup(machine_file, job.path, day_clock.read_today())
         return [f"{job.path}: note: {line}" for line in find_range_notes(setup)]
     return []
 

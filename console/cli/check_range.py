@@ -6,7 +6,7 @@ from pathlib import Path
 
 from topdress.control.field.job import Job
 from topdress.control.metering.rate_range import find_rate_range, find_speed_range
-from topdress.control.orders import BY_CANOPY, BY_MAP, TargetSource
+from topdress.control.orders import CANOPY_SOURCES, MAP_SOURCES, TargetSource
 from topdress.drivers.files.prescriptions.for_job import find_map_rates
 from topdress.drivers.files.setup import Setup
 
@@ -56,13 +56,13 @@ def _find_extreme_rates(setup: Setup) -> list[tuple[str, float]]:
         rates.append(("manual rate", target.manual_rate_kg_ha))
     if target.source is TargetSource.EXTERNAL:
         rates.append(("rate without the other display", target.external_silent_kg_ha))
-    if target.source in BY_CANOPY:
+    if target.source in CANOPY_SOURCES:
         rates += [
             ("mean rate", target.hold_mean_kg_ha),
             ("the crop's lowest rate", crop.min_rate_kg_ha),
             ("the crop's fallback rate", crop.fallback_rate_kg_ha),
         ]
-    if target.source in BY_MAP and (of_map := find_map_rates(job, Path(setup.folder))):
+    if target.source in MAP_SOURCES and (of_map := find_map_rates(job, Path(setup.folder))):
         rates += [("the map's lowest rate", of_map[0]), ("the map's highest rate", of_map[-1])]
     return [
         (what, min(rate, crop.max_rate_kg_ha)) for what, rate in rates if rate is not None and rate

@@ -20,7 +20,7 @@ def decode_capture(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Read a raw capture of one device: a line for each accepted measurement, then the counts."""
-    from topdress.drivers.devices.decode import decode as through_driver
+    from topdress.drivers.devices.decode import decode_capture as through_driver
 
     refuse_other_kinds([file], CAPTURE_KINDS)
     records, counts = through_driver(protocol, file.read_bytes())

@@ -70,10 +70,10 @@ def list_devices(
 
 def _probe_port(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
     """Describes what speaks at a port; and whether it could be opened."""
-    from topdress.drivers.devices.probe import probe
+    from topdress.drivers.devices.probe import probe_port
     from topdress.drivers.ports import open_port
 
-    found = probe(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
+    found = probe_port(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
     if not found.protocol:
         return (
             f"{'nothing known speaks' if found.opened else 'cannot be opened'}: {found.said}",

@@ -103,7 +103,7 @@ def adopt_findings(
     if not kept and not taken.found.terms and taken.found.fitted is None:
         raise _make_empty_exit(found, out, bool(taken.refused))
     extended = extend(
-        machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.today().isoformat()
+        machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.read_today().isoformat()
     )
     save(out, extended, MACHINE, _format_pick_comment(kept, picked))
     typer.echo(
@@ -434,7 +434,7 @@ def _load_job_setup(machine: str, job: str) -> Setup:
     from topdress.control.orders import TargetSource
     from topdress.drivers.files.setup import load_setup
 
-    setup = load_setup(machine, job, day_clock.today())
+    setup = load_setup(machine, job, day_clock.read_today())
     if setup.job.target.source not in (TargetSource.CANOPY, TargetSource.MANUAL):
         raise CommandError(
             f"--job {job}: target {setup.job.target.source.value}: --closed-loop simulates jobs of "
@@ -512,6 +512,6 @@ def _write_result(
         from topdress.console.reports.diagnosis_html import make_diagnosis_page
 
         write_atomically(
-            report, make_diagnosis_page(found, tools | {"date": day_clock.today().isoformat()})
+            report, make_diagnosis_page(found, tools | {"date": day_clock.read_today().isoformat()})
         )
         typer.echo(f"report: {report}", err=True)

@@ -24,7 +24,7 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
     """Measure `runs` runs and write `out`; interrupted, the measured runs stay there. Raises
     CommandError."""
     from topdress.drivers.cab import Cab, CabConfig
-    from topdress.drivers.devices.lag_run import DropTest, drop_table
+    from topdress.drivers.devices.lag_run import DropTest, make_drop_table
     from topdress.drivers.files.atomic import write_atomically
 
     cab = Cab(CabConfig.model_validate({"lag_rig": {"port": rig}}), time.monotonic)
@@ -39,13 +39,13 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
                 raise CommandError(
                     f"lag test: lag_rig at {rig} is silent: {state.last_error or 'no byte'}"
                 )
-            wish = test.tick(now_s, cab.rig_readings)
+            wish = test.run_tick(now_s, cab.rig_readings)
             cab.send_rig_order(wish.run, wish.arm)
             if wish.said:
                 typer.echo(f"failed: {wish.said}")
             if len(test.runs) > kept:
                 kept = len(test.runs)
-                write_atomically(out, drop_table(test.runs))
+                write_atomically(out, make_drop_table(test.runs))
                 typer.echo(
                     f"{kept} of {runs}: {test.runs[-1].shaft_rpm:.1f} r/min, "
                     f"{test.runs[-1].drop_s:.3f} s"

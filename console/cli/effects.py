@@ -39,7 +39,7 @@ def list_effects(
 ) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its
     source."""
-    from topdress.control.machine.machine import CATALOGUE, bounds, unit_of
+    from topdress.control.machine.machine import CATALOGUE, describe_unit, find_size_bounds
 
     loaded = load_machine(machine)
     if as_page is not None:
@@ -59,9 +59,9 @@ def list_effects(
             [
                 {
                     "id": e.effect.id,
-                    "unit": unit_of(e.effect.id, loaded),
-                    "low": bounds(e.effect.id, loaded).low,
-                    "high": bounds(e.effect.id, loaded).high,
+                    "unit": describe_unit(e.effect.id, loaded),
+                    "low": find_size_bounds(e.effect.id, loaded).low,
+                    "high": find_size_bounds(e.effect.id, loaded).high,
                     "title": e.effect.title,
                     "physics": e.effect.physics,
                     "source": e.effect.source,
@@ -75,8 +75,8 @@ def list_effects(
         return
     for e in CATALOGUE.values():
         effect = e.effect
-        low, high = bounds(effect.id, loaded)
-        typer.echo(f"{effect.id}  ({unit_of(effect.id, loaded)}; {low:g} to {high:g})")
+        low, high = find_size_bounds(effect.id, loaded)
+        typer.echo(f"{effect.id}  ({describe_unit(effect.id, loaded)}; {low:g} to {high:g})")
         typer.echo(f"    {effect.title}. {effect.physics}")
         typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
         typer.echo(f"    do: {effect.advice}")
@@ -88,9 +88,9 @@ def list_effects(
 
 def _note_plugin_effects() -> None:
     """Print the effects that other packages add; one that cannot be loaded is a note on stderr."""
-    for name in plugins.names("effects"):
+    for name in plugins.find_entry_points("effects"):
         try:
-            plugin = plugins.effect(name)
+            plugin = plugins.find_effect(name)
         except plugins.PluginFault as fault:
             print_note_lines([fault])
             continue

@@ -27,7 +27,7 @@ from topdress.console.frame import Frame
 from topdress.control.orders import Do, Order, State
 from topdress.drivers import day_clock
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.devices.board_frames import COUNTERS, ShaftTurned
+from topdress.drivers.devices.board_frames import COUNTER_MODULUS, ShaftTurned
 from topdress.drivers.files.atomic import write_atomically
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def count_encoder(
         _print_setting(setting, fit_counts(runs, turns), believed)
         for setting, runs, believed in count.list_counts()
     ]
-    day = day_clock.today().isoformat()
+    day = day_clock.read_today().isoformat()
     write_atomically(
         out, f"# topdress calibrate encoder, {day}: {repeats} x {turns} turns\n" + "".join(lines)
     )
@@ -117,11 +117,11 @@ class MarkCounter:
 
     def follow_tick(self, cab: Cab, now_s: float, pressed: str, refusal: str = "") -> None:
         """Ask the board, take its answer and the keys, show the progress. Raises CommandError."""
-        turned, line = cab.ask_turned(), cab.find_device_line("board")
+        turned, line = cab.request_turned(), cab.find_device_line("board")
         assert line is not None
         state = line.port.state()
         if turned is None:
-            self._refuse_silence(now_s, line.status(now_s).accepted, state.last_error)
+            self._refuse_silence(now_s, line.make_status(now_s).accepted, state.last_error)
             return
         if self._marks and state.connects != self._connects:
             raise CommandError(
@@ -193,8 +193,8 @@ class MarkCounter:
 
 def _calc_counts(one: ShaftTurned, later: ShaftTurned, name: str) -> int:
     """Counts or steps between the two, over their wrap."""
-    way: int = (getattr(later, name) - getattr(one, name)) % COUNTERS
-    return way - COUNTERS if way >= COUNTERS // 2 else way
+    way: int = (getattr(later, name) - getattr(one, name)) % COUNTER_MODULUS
+    return way - COUNTER_MODULUS if way >= COUNTER_MODULUS // 2 else way
 
 
 def _count_by_hand(board: str, count: MarkCounter, keyboard: Keyboard) -> None:

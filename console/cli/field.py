@@ -150,7 +150,7 @@ def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, sou
     from topdress.drivers.files.kinds import JOB
 
     loaded = load(job, JOB)
-    model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
+    model = loaded.model.rename_files(lambda name: str((loaded.path.parent / name).resolve()))
     new = model.model_copy(update={"field": build_job_ground(data, model.field, line)})
     save(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
 
@@ -175,18 +175,18 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
         print_json({"done_ha": found.area_ha})
     else:
         typer.echo(f"done         {found.area_ha:.4f} ha, each place once: gets nothing more")
-    boundary = ground.boundary()
+    boundary = ground.make_boundary()
     if (
         plane is not None
         and boundary is not None
-        and (away_m := boundary.away_m(found.middle_m)) > FAR_GROUND_M
+        and (away_m := boundary.calc_distance_m(found.middle_m)) > FAR_GROUND_M
     ):
         print_note_lines(
             [f"lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}"], f"{source}: "
         )
     if out is None:
         return
-    model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
+    model = loaded.model.rename_files(lambda name: str((loaded.path.parent / name).resolve()))
     new = model.model_copy(
         update={"field": model.field.model_copy(update={"done": str(source.resolve())})}
     )

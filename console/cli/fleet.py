@@ -186,7 +186,7 @@ def _print_season(
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
     records = [apply_list_row(one, rows.get(one["path"], {})) for one in found.records]
-    whole = make_season(records, found.broken, day_clock.epoch_s() / 86_400.0)
+    whole = make_season(records, found.broken, day_clock.read_epoch_s() / 86_400.0)
     write_tables(out, whole, records)
     page = make_fleet_page(
         whole.machines,

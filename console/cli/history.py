@@ -32,7 +32,7 @@ def print_history(
     """List what diagnoses changed in a machine file: day, data, each effect before and after,
     each term."""
     from topdress.console.reports.term_words import compare_side_by_side
-    from topdress.control.machine.history import last_change, undone
+    from topdress.control.machine.history import find_last_change, undo_last_change
     from topdress.drivers.files.config import save
     from topdress.drivers.files.kinds import MACHINE
 
@@ -45,8 +45,8 @@ def print_history(
     loaded = load_machine(machine)
     if out is not None:
         refuse_collisions([find_machine_file(machine)], [Output((out,))], force)
-        last = last_change(loaded)
-        save(out, undone(loaded, date=day_clock.today().isoformat()), MACHINE)
+        last = find_last_change(loaded)
+        save(out, undo_last_change(loaded, date=day_clock.read_today().isoformat()), MACHINE)
         assert last is not None
         if as_json:
             print_json(last)

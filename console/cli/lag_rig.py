@@ -54,9 +54,9 @@ def measure_lag(
             "no keyboard "
             "here: allowed is --no-key, with somebody at the hard-wired stop"
         )
-    from topdress.drivers.devices.lag_run import Plan
+    from topdress.drivers.devices.lag_run import LagPlan
 
-    plan = Plan(shaft_rpm=tuple(speeds_rpm) or Plan().shaft_rpm, repeats=repeats)
+    plan = LagPlan(shaft_rpm=tuple(speeds_rpm) or LagPlan().shaft_rpm, repeats=repeats)
     with open_keyboard() as keyboard:
         attended = LagOperator(
             keyboard, out, plan, opening_mm=opening_mm, no_key=no_key, with_gnss=gnss is not None

@@ -15,7 +15,7 @@ from topdress.console.cli.outputs import Force, Output, list_log_files, refuse_c
 from topdress.console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
-    from topdress.control.calibration.first_machine import Suggested
+    from topdress.control.calibration.first_machine import MachineSuggestion
 
 # of a small drive, where neither the log nor anybody says
 USUAL_TIME_CONSTANT_S = 0.05
@@ -140,7 +140,7 @@ def make_machine_file(
     """Write a first machine file of one stage from a log, asking full speed, rows, direction
     and sensor noise, the time constant where the log does not show it, and in what its effort
     is where it has one."""
-    from topdress.control.calibration.first_machine import NoColumn, suggest_machine
+    from topdress.control.calibration.first_machine import MissingColumn, suggest_machine
     from topdress.drivers.files.any_log import open_log
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config import load
@@ -154,7 +154,7 @@ def make_machine_file(
     columns = dict(open_log(log).columns)
     try:
         found = suggest_machine(columns)
-    except NoColumn as error:
+    except MissingColumn as error:
         raise CommandError(
             f"{log}: {error}; topdress import {shlex.quote(str(log))} --guess writes an import "
             "file in which a line says which column it is"
@@ -177,14 +177,14 @@ def make_machine_file(
 
 
 def _ask_missing(
-    found: Suggested,
+    found: MachineSuggestion,
     answers: Questionnaire,
     full_speed: float | None,
     settled: bool | None,
     both_ways: bool | None,
     noise: float | None,
     time_constant: float | None,
-) -> Suggested:
+) -> MachineSuggestion:
     full = answers.ask_number(
         full_speed, "Speed at the full command, by its data sheet, r/min", found.full_rpm
     )
@@ -238,7 +238,7 @@ def _add_effort_reference(
     return text + f'effort_unit: "{unit.value}"\neffort: {{{parts}}}\n'
 
 
-def _describe_times(found: Suggested, made: Suggested) -> str:
+def _describe_times(found: MachineSuggestion, made: MachineSuggestion) -> str:
     """The source of its times, in words."""
     if made.settled or made.tau_s is None:
         return ""
@@ -254,7 +254,7 @@ def _describe_times(found: Suggested, made: Suggested) -> str:
     )
 
 
-def _describe_neutral(made: Suggested) -> str:
+def _describe_neutral(made: MachineSuggestion) -> str:
     """The command at which it stands, where that is not 0, in words."""
     if made.neutral is None:
         return ""
@@ -263,7 +263,7 @@ def _describe_neutral(made: Suggested) -> str:
     )
 
 
-def format_machine_file(made: Suggested, kind: DrivenPart, head: str) -> str:
+def format_machine_file(made: MachineSuggestion, kind: DrivenPart, head: str) -> str:
     """The text of the file: what it is, its parts, its limits, its sensors. Neutral figures are
     left out."""
     dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0

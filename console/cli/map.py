@@ -231,7 +231,7 @@ def _convert_prescription(
     else:
         from topdress.drivers.files.setup import load_setup
 
-        rule = load_setup("huanghai", job, day_clock.today()).rule
+        rule = load_setup("huanghai", job, day_clock.read_today()).rule
         read = apply_canopy_rule(
             read_prescription(source, choose_index_column(choice, rule, job)), rule
         )
@@ -266,10 +266,10 @@ def _print_prescription(read: ImportedMap, as_json: bool) -> None:
     from topdress.console.app.pages.job.map_words import map_words
     from topdress.console.app.units import METRIC
     from topdress.control.recordings.finding import many
-    from topdress.control.targets.map_check import map_check
-    from topdress.control.targets.prescription import statistics
+    from topdress.control.targets.map_check import check_map
+    from topdress.control.targets.prescription import calc_rate_shares
 
-    shares = statistics(read.data)
+    shares = calc_rate_shares(read.data)
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
     grid = read.data.grid
     if as_json:
@@ -288,7 +288,7 @@ def _print_prescription(read: ImportedMap, as_json: bool) -> None:
                 "fallbacks": read.data.fallbacks,
                 "area_ha": area,
                 "mass_kg": mass,
-                "check": map_check(read.data),
+                "check": check_map(read.data),
                 "rates": shares,
                 "findings": read.findings,
             }
@@ -321,7 +321,7 @@ def _print_prescription(read: ImportedMap, as_json: bool) -> None:
     )
     for text in (
         *(finding.text for finding in read.findings),
-        *map_words(map_check(read.data), METRIC),
+        *map_words(check_map(read.data), METRIC),
     ):
         typer.echo(f"note         {text}")
 

@@ -20,7 +20,7 @@ import typer
 from topdress.console.running import WorkerFailed
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.imports.trouble import TableError
-from topdress.drivers.plain_text import one_line
+from topdress.drivers.plain_text import join_lines
 
 CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
 
@@ -46,7 +46,7 @@ def guard_command(command: CommandFunction) -> CommandFunction:
                 typer.echo(line, err=True)
             raise typer.Exit(WRONG) from None
         except (CommandError, ValueError, WorkerFailed) as error:
-            typer.echo(one_line(str(error)) or type(error).__name__, err=True)
+            typer.echo(join_lines(str(error)) or type(error).__name__, err=True)
             raise typer.Exit(WRONG) from None
         except BrokenPipeError:  # `topdress decode ... | head` is no error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -79,7 +79,7 @@ def _describe_unforeseen(error: Exception) -> tuple[str, int]:
 
     if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")) is not None:
         return f"this needs the extra {extra}, not installed: {extra_line(extra)}", WRONG
-    said = one_line(str(error))[:200]
+    said = join_lines(str(error))[:200]
     return f"a fault of topdress: {type(error).__name__}: {said}; {_keep_trace()}", OUR_FAULT
 
 

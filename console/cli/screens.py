@@ -180,7 +180,7 @@ def _load_setup_files(config: tuple[str, ...]) -> SetupFiles:
     from topdress.drivers.files.setup import by_kind, setup_of
 
     found = by_kind(config)
-    return setup_of(found, day_clock.today()), found
+    return setup_of(found, day_clock.read_today()), found
 
 
 def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] = ()) -> Services:

@@ -70,20 +70,20 @@ def serve_virtual_machine(
     """The simulated machine behind every protocol, in real time. `topdress run --config
     virtual` connects to it."""
     from topdress.control.machine.fault_injection import parse_planted
-    from topdress.control.simulation.assembly import simulated_machine, with_simulated_field
+    from topdress.control.simulation.assembly import add_simulated_field, make_plant
     from topdress.drivers.cab_config import MODULE_PORT
     from topdress.drivers.files.setup import load_setup
     from topdress.drivers.virtual.faults import parse_fault
-    from topdress.drivers.virtual.served import Serve, ServedMachine
+    from topdress.drivers.virtual.served import ServedMachine, ServeOptions
 
-    setup = load_setup(machine, job, day_clock.today())
-    field = with_simulated_field(
+    setup = load_setup(machine, job, day_clock.read_today())
+    field = add_simulated_field(
         _make_standing_job(setup.job) if lag_rig else setup.job, setup.machine
     )
-    plant = simulated_machine(
+    plant = make_plant(
         setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()]
     )
-    plain = Serve(
+    plain = ServeOptions(
         host=host,
         first_port=port,
         heads=setup.machine.geometry.heads,
@@ -92,7 +92,7 @@ def serve_virtual_machine(
         rate_module=(host, MODULE_PORT) if rate_module else None,
         agopengps=("127.0.0.1", 17777) if agopengps else None,
     )
-    serve = plain.with_faults([parse_fault(text, plain.devices) for text in fault or ()])
+    serve = plain.replace_faults([parse_fault(text, plain.devices) for text in fault or ()])
     if pty is not None:
         names = [pty / device for device in plain.devices]
         refuse_collisions(setup.files, [Output((name,), name.is_symlink) for name in names], force)
@@ -110,7 +110,7 @@ def serve_virtual_machine(
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         while not seconds or time.monotonic() - started_s < seconds:
-            for change in served.advance():
+            for change in served.advance_plant():
                 typer.echo(f"{time.monotonic() - started_s:7.1f} s  {change}")
             time.sleep(PLANT_STEP_S / 4.0)
     except KeyboardInterrupt:

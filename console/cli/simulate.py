@@ -21,13 +21,13 @@ from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
     from topdress.control.field.job import Job
-    from topdress.control.machine.fault_injection import Planted
+    from topdress.control.machine.fault_injection import PlantedEffect
     from topdress.control.machine.machine import Machine
-    from topdress.control.machine.steps import Steps
+    from topdress.control.machine.steps import CompiledSteps
     from topdress.control.machine.terms import Term
-    from topdress.control.simulation.closed_loop import Record
+    from topdress.control.simulation.closed_loop import RunRecord
     from topdress.control.simulation.dose_watch import DoseWatch
-    from topdress.control.targets.point import Threshold
+    from topdress.control.targets.point import DoseThreshold
     from topdress.drivers.files.prescriptions.for_job import LoopTargets
     from topdress.drivers.files.run_log import PlainLogWriter
     from topdress.drivers.files.run_meta import RunMeta
@@ -107,14 +107,14 @@ def run_simulation(
     from topdress.console.app.pages.job.map_words import map_words
     from topdress.console.app.units import METRIC
     from topdress.control.machine.fault_injection import parse_planted
-    from topdress.control.machine.parameter_uncertainty import plausible
-    from topdress.control.simulation.assembly import with_simulated_field
+    from topdress.control.machine.parameter_uncertainty import make_plausible_machine
+    from topdress.control.simulation.assembly import add_simulated_field
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.prescriptions.for_job import find_map_check, read_loop_targets
     from topdress.drivers.files.setup import index_disagreements, load_setup
 
-    setup = load_setup(machine, job, day_clock.today())
+    setup = load_setup(machine, job, day_clock.read_today())
     given = {
         "strategy": strategy,
         "look_ahead": _parse_switch("--look-ahead", look_ahead),
@@ -124,12 +124,12 @@ def run_simulation(
     if out is not None:
         refuse_collisions(setup.files, [make_log_output(out, make_truth_path(out))], force)
         out.parent.mkdir(parents=True, exist_ok=True)
-    resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
+    resolved = add_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     if lines := index_disagreements(None, setup.crop, resolved):
         raise ConfigError(lines)
     by_plugin, own = split_terms(effect or ())
     planted = [parse_planted(text) for text in own]
-    true = setup.machine if plant is None else plausible(setup.machine, plant)
+    true = setup.machine if plant is None else make_plausible_machine(setup.machine, plant)
     terms = parse_terms([*(term or ()), *by_plugin])
     plants_shown = [
         *([] if plant is None else [f"machine {plant}"]),
@@ -190,12 +190,12 @@ def run_simulation(
 class _SimulatedRun(NamedTuple):
     """Holds the result of one simulated run."""
 
-    record: Record
+    record: RunRecord
     # what they read, each sample once, while something flowed
     heads: list[tuple[float, ...]]
     alarms: dict[str, int]  # ticks of each
     doses: DoseWatch | None  # of point mode
-    threshold: Threshold | None  # of point mode, as learned
+    threshold: DoseThreshold | None  # of point mode, as learned
     took_s: float
 
 
@@ -205,24 +205,24 @@ def _simulate_run(
     job: Job,
     *,
     seed: int,
-    planted: list[Planted],
+    planted: list[PlantedEffect],
     terms: list[Term],
     seconds: float,
     placed: LoopTargets,
     log: PlainLogWriter | None,
 ) -> _SimulatedRun:
     from topdress.control.orders import TargetSource
-    from topdress.control.simulation.assembly import control_loop, simulated_machine
-    from topdress.control.simulation.closed_loop import Record, simulated_run
+    from topdress.control.simulation.assembly import make_control_loop, make_plant
+    from topdress.control.simulation.closed_loop import RunRecord, simulate_run
     from topdress.control.simulation.dose_watch import DoseWatch
     from topdress.drivers.files.extras import is_there
 
-    compiled: Steps | None = None
+    compiled: CompiledSteps | None = None
     if seconds >= LONG_RUN_S and is_there("diagnosis"):
-        from topdress.control.simulation.compiled_steps import STEPS
+        from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 
-        compiled = STEPS
-    plant = simulated_machine(
+        compiled = COMPILED_STEPS
+    plant = make_plant(
         true,
         job,
         seed,
@@ -232,18 +232,18 @@ def _simulate_run(
         terms=terms,
         steps=compiled,
     )
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed, steps=compiled)
+    loop = make_control_loop(setup.machine, setup.crop, setup.rule, job, **placed, steps=compiled)
     doses = None
     if job.target.source is TargetSource.POINT:
         doses = DoseWatch(plant.plants_m, seed + 3, job.simulated.dose_measured_sd_m)
-    record = Record()
+    record = RunRecord()
     alarms: dict[str, int] = {}
     heads: list[tuple[float, ...]] = []
     collect_seldom()
     started = time.perf_counter()
-    steps = simulated_run(plant, loop, seconds, doses=doses)
+    steps = simulate_run(plant, loop, seconds, doses=doses)
     for step in iterate_with_progress(steps, round(seconds / TICK_PERIOD_S), "simulating"):
-        record.add(step)
+        record.add_tick(step)
         ndvi = step.tick.head_ndvi
         if (
             step.tick.row.applied_rate_kg_ha
@@ -286,14 +286,14 @@ def make_truth_path(log: Path) -> Path:
     return log.with_name(f"{log.stem}.truth.csv")
 
 
-def _format_truth(record: Record, width_m: float) -> str:
+def _format_truth(record: RunRecord, width_m: float) -> str:
     import io
 
     import numpy as np
-    from topdress.control.simulation.error_metrics import true_landing
+    from topdress.control.simulation.error_metrics import find_true_landing
 
-    columns = record.columns()
-    landed_kg_ha, landed_m = true_landing(columns, width_m)
+    columns = record.make_columns()
+    landed_kg_ha, landed_m = find_true_landing(columns, width_m)
     table = np.column_stack(
         [
             columns["time_s"] - TICK_PERIOD_S,
@@ -338,9 +338,9 @@ def _format_truth(record: Record, width_m: float) -> str:
 def _print_summary(
     run: _SimulatedRun, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool
 ) -> None:
-    from topdress.control.field.across import across, describe_across
+    from topdress.control.field.across import describe_width_error, measure_width_error
     from topdress.control.orders import TargetSource
-    from topdress.control.simulation.error_metrics import errors
+    from topdress.control.simulation.error_metrics import judge_run
 
     record, alarms, took_s = run.record, run.alarms, run.took_s
     by_canopy = (
@@ -348,14 +348,16 @@ def _print_summary(
         and job.target.hold_mean_kg_ha is None
         and job.target.zone_map is None
     )
-    found = errors(
-        record.columns(),
+    found = judge_run(
+        record.make_columns(),
         record.fired,
         setup.machine.geometry.working_width_m,
         rule=setup.rule if by_canopy else None,
     )
     one_rate = (
-        across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
+        measure_width_error(setup.rule, setup.machine, run.heads)
+        if by_canopy and len(run.heads) > 1
+        else None
     )
     if as_json:
         print_json(
@@ -394,7 +396,7 @@ def _print_summary(
                 f"mean need)"
             )
     if one_rate is not None:
-        typer.echo(f"one rate     {describe_across(one_rate)}")
+        typer.echo(f"one rate     {describe_width_error(one_rate)}")
     typer.echo(
         f"place error  mean {found.place_error_m:.3f} m, bias {found.place_bias_m:+.3f} m "
         "(late is positive), "
@@ -420,7 +422,10 @@ def _print_dose_summary(
 ) -> None:
     """Print dose errors with and without the learned threshold; `run` is the run of the job."""
     assert learned.doses is not None and fixed.doses is not None
-    with_it, without = learned.doses.errors(SETTLING_DOSES), fixed.doses.errors(SETTLING_DOSES)
+    with_it, without = (
+        learned.doses.judge_doses(SETTLING_DOSES),
+        fixed.doses.judge_doses(SETTLING_DOSES),
+    )
     if as_json:
         print_json(
             {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from topdress.console.cli.plain_errors import CommandError
-from topdress.drivers.plugins import effect
+from topdress.drivers.plugins import find_effect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +24,7 @@ def parse_terms(texts: Sequence[str]) -> list[Term]:
     found: list[Term] = []
     for text in texts:
         term = parse_term(text, _validate_term)
-        for name in term.variables:
+        for name in term.variable_names:
             if name not in allowed:
                 raise CommandError(
                     f"term {text!r}: variable {name}: the simulated machine has no such "
@@ -40,7 +40,7 @@ def split_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
     terms, own = list[str](), list[str]()
     for text in effects:
         name, _sign, size = text.strip().partition("=")
-        plugin = effect(name)
+        plugin = find_effect(name)
         if plugin is None:
             own.append(text)
             continue
@@ -66,17 +66,24 @@ def _validate_term(data: dict[str, Any]) -> Term:
 def describe_terms() -> list[str]:
     """Lines that say what a term is, on what it acts, its forms and its variables."""
     from topdress.control.machine.form import FORMS
-    from topdress.control.machine.terms import EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
+    from topdress.control.machine.terms import (
+        TARGET_STAGES,
+        TARGET_UNITS,
+        TERM_EXAMPLE,
+        TERM_GRAMMAR,
+        VARIABLES,
+    )
 
     return [
         "",
         "Beyond the catalogue: terms, in the machine file's list `terms` (docs/terms.md) or "
         "planted with --term.",
-        f"    grammar: {GRAMMAR}",
-        f"    example: {EXAMPLE}",
+        f"    grammar: {TERM_GRAMMAR}",
+        f"    example: {TERM_EXAMPLE}",
         "    acts on: "
         + ", ".join(
-            f"{acts.value} ({UNIT_OF[acts]}, stage {stage})" for acts, stage in STAGE_OF.items()
+            f"{acts.value} ({TARGET_UNITS[acts]}, stage {stage})"
+            for acts, stage in TARGET_STAGES.items()
         ),
         "    variables: "
         + ", ".join(f"{name} ({unit})" for name, unit in VARIABLES.items())

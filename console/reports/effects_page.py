@@ -5,8 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from topdress.control.machine.effect import Entry
-from topdress.control.machine.machine import NOMINAL, Machine, bounds, unit_of
+from topdress.control.machine.effect import CatalogueEntry
+from topdress.control.machine.machine import (
+    NOMINAL_MACHINE,
+    Machine,
+    describe_unit,
+    find_size_bounds,
+)
 
 PAGE_HEAD = """# Effects
 
@@ -34,7 +39,9 @@ STAGE_TITLES = {
 MEMBER_NAMES = {"heads": "head", "flow": "outlet"}
 
 
-def format_effects_page(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
+def format_effects_page(
+    catalogue: Mapping[str, CatalogueEntry], machine: Machine = NOMINAL_MACHINE
+) -> str:
     """Write the page: the ids of each stage, then each effect, in the order of the catalogue."""
     stages = list(dict.fromkeys(entry.stage for entry in catalogue.values()))
     lines = [PAGE_HEAD.format(id=machine.id).rstrip("\n")]
@@ -46,14 +53,14 @@ def format_effects_page(catalogue: Mapping[str, Entry], machine: Machine = NOMIN
     return "\n".join(lines) + "\n"
 
 
-def _format_effect(entry: Entry, machine: Machine) -> list[str]:
+def _format_effect(entry: CatalogueEntry, machine: Machine) -> list[str]:
     effect = entry.effect
     member = (
         f", with the number of the {MEMBER_NAMES.get(entry.stage, 'member')}"
         if effect.member_field
         else ""
     )
-    size = f"{unit_of(effect.id, machine)}; {_format_range(entry, machine)}"
+    size = f"{describe_unit(effect.id, machine)}; {_format_range(entry, machine)}"
     if effect.onset_only:
         size += "; the size is the time at which it begins"
     return [
@@ -69,9 +76,9 @@ def _format_effect(entry: Entry, machine: Machine) -> list[str]:
     ]
 
 
-def _format_range(entry: Entry, machine: Machine) -> str:
+def _format_range(entry: CatalogueEntry, machine: Machine) -> str:
     if entry.effect.onset_only:
         return "at any time"
-    low, high = bounds(entry.effect.id, machine)
+    low, high = find_size_bounds(entry.effect.id, machine)
     shares = " x ".join(entry.effect.scales_with)
     return f"{low:g} to {high:g}" + (f", by {shares}" if shares else "")

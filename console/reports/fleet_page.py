@@ -274,7 +274,7 @@ def describe_for_owner(effect: str, size: float) -> str:
     """An effect in the words of the machine's owner, and its remedy."""
     found = CATALOGUE[effect.partition("#")[0]].effect
     return _("{what} {advice}").format(
-        what=_(found.sentence(size)).format(size=f"{abs(size):.2g}"), advice=_(found.advice)
+        what=_(found.choose_sentence(size)).format(size=f"{abs(size):.2g}"), advice=_(found.advice)
     )
 
 
@@ -407,4 +407,4 @@ def _make_date_ticks(low_d: float, high_d: float, most: int) -> list[Tick]:
 
 
 def _format_date(time_d: float) -> str:
-    return day_clock.moment(time_d * 86_400.0).date().isoformat()
+    return day_clock.convert_to_utc(time_d * 86_400.0).date().isoformat()

@@ -22,7 +22,7 @@ from topdress.console.reports.job_about import (
 )
 from topdress.console.reports.numbers import format_duration, format_fixed, format_number
 from topdress.console.scale import COLOUR_STEPS, find_rate_colour
-from topdress.control.field.across import describe_across
+from topdress.control.field.across import describe_width_error
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.exports.as_applied import AsApplied
 
@@ -129,7 +129,10 @@ def make_job_page(applied: AsApplied, software: str, about: JobMetadata = NO_MET
                 ()
                 if applied.one_rate is None
                 else (
-                    ("one rate across the width", escape_text(describe_across(applied.one_rate))),
+                    (
+                        "one rate across the width",
+                        escape_text(describe_width_error(applied.one_rate)),
+                    ),
                 )
             ),
             ("working time", escape_text(format_duration(t.worked_s))),
@@ -283,9 +286,9 @@ def _draw_ground_maps(
     stretch."""
     s = applied.stretches
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
-    corners = plane.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(
-        -1, 4, 2
-    )
+    corners = plane.project_many_to_m(
+        s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()
+    ).reshape(-1, 4, 2)
     known = np.concatenate([values[np.isfinite(values)] for _name, values in shown])
     low, high = float(known.min()), float(known.max())
     colours = [
@@ -300,7 +303,7 @@ def _draw_ground_maps(
         steps = np.round(share * (COLOUR_STEPS - 1)).astype(int)
         panel.draw_ground(corners[seen], [colours[step] for step in steps])
         if applied.field_deg is not None:
-            edge = plane.many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
+            edge = plane.project_many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
             east_m, north_m = np.vstack((edge, edge[:1])).T
             panel.plot(east_m, north_m, LINE, width=1.0)
         panel.has_equal_scales = True

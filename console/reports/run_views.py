@@ -31,7 +31,7 @@ from topdress.control.diagnosis.runs.log import gate
 from topdress.control.diagnosis.runs.model import shape_over_time
 from topdress.control.diagnosis.runs.stages import RunData, run_data
 from topdress.control.machine.machine import CATALOGUE, Machine
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 Array = npt.NDArray[np.float64]
 
@@ -228,15 +228,16 @@ def _make_predictor(
         """What grows is no switch of the schedule: what it would do all along, weighted with
         its course."""
         whole = channel.predict(
-            schedule(base, (EffectInstance(part.id, part.size, member=part.member),)), MOST_STEP_S
+            schedule(base, (EffectInstance(part.id, part.size, member=part.member),)),
+            MAX_MODEL_STEP_S,
         )
         return shape_over_time(
-            whole - channel.predict(schedule(base, ()), MOST_STEP_S), channel, part
+            whole - channel.predict(schedule(base, ()), MAX_MODEL_STEP_S), channel, part
         )
 
     def predict_with(parts: tuple[EffectInstance, ...]) -> Array:
         if parts not in known:
-            steady = channel.predict(schedule(base, parts), MOST_STEP_S)
+            steady = channel.predict(schedule(base, parts), MAX_MODEL_STEP_S)
             known[parts] = steady + sum(_calc_grown_effect(part) for part in parts if part.grows)
         return known[parts]
 

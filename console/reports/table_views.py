@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.calibration.bench_table import BenchTable, usable
+from topdress.control.calibration.bench_table import BenchTable, select_usable_rows
 from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
 from topdress.control.diagnosis.result import Cause
 from topdress.control.diagnosis.tables.duplicate_rows import without_duplicates
@@ -100,7 +100,7 @@ def make_table_views(
     )
     return tuple(
         _make_column_view(piece, machine, parts)
-        for table in without_duplicates(list(map(usable, tables)), machine).tables
+        for table in without_duplicates(list(map(select_usable_rows, tables)), machine).tables
         for piece in make_pieces(table, machine)
     )
 

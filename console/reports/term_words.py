@@ -11,9 +11,9 @@ from topdress.console.locale import N_, _
 from topdress.console.reports.numbers import format_short
 from topdress.control.machine.form import FORMS
 from topdress.control.machine.machine import CATALOGUE, Change
-from topdress.control.machine.term_sums import not_compensated, partly_compensated
-from topdress.control.machine.terms import STAGE_OF, VARIABLES, Acts, Term, parse_term
-from topdress.drivers.plugins import EffectPlugin, effects
+from topdress.control.machine.term_sums import explain_not_compensated, explain_partly_compensated
+from topdress.control.machine.terms import TARGET_STAGES, VARIABLES, Term, TermTarget, parse_term
+from topdress.drivers.plugins import EffectPlugin, list_effects
 
 LEAST_SHOWN_CHANGE = 1e-3  # of a change for each unit of a variable
 
@@ -54,7 +54,7 @@ def describe_term(plain: Mapping[str, Any]) -> str:
             variable=name_variable(one.name),
             low=format_short(one.valid[0], 2),
             high=format_short(one.valid[1], 2),
-            unit=one.unit_shown,
+            unit=one.displayed_unit,
         )
         for one in term.over
         if one.valid is not None
@@ -65,14 +65,18 @@ def describe_term(plain: Mapping[str, Any]) -> str:
             "; "
             + _("seen between {low} and {high} {unit}")
             .format(
-                low=format_short(low, 2), high=format_short(high, 2), unit=term.over[0].unit_shown
+                low=format_short(low, 2),
+                high=format_short(high, 2),
+                unit=term.over[0].displayed_unit,
             )
             .rstrip()
         )
     elif ranges:
         said += "; " + _("seen with {ranges}").format(ranges=", ".join(ranges))
     return said + "".join(
-        f" ({one.title}: {one.advice})" for one in effects().values() if _is_plugin_term(term, one)
+        f" ({one.title}: {one.advice})"
+        for one in list_effects().values()
+        if _is_plugin_term(term, one)
     )
 
 
@@ -81,15 +85,19 @@ def _is_plugin_term(term: Term, plugin: EffectPlugin) -> bool:
         other = parse_term(plugin.term.format(size="1"), Term.model_validate)
     except ValueError:  # of another package: a term that there is not
         return False
-    return (other.acts_on, other.form, other.variables) == (term.acts_on, term.form, term.variables)
+    return (other.acts_on, other.form, other.variable_names) == (
+        term.acts_on,
+        term.form,
+        term.variable_names,
+    )
 
 
 def describe_compensation(plain: Mapping[str, Any]) -> str:
     """The control's answer to a term once the machine file has it."""
     term = Term.model_validate(plain)
-    if why := not_compensated(term):
+    if why := explain_not_compensated(term):
         return _("Control cannot correct for it: {why}").format(why=_(why))
-    if partly := partly_compensated(term):
+    if partly := explain_partly_compensated(term):
         return _("Control corrects for it {how}").format(how=_(partly))
     return _("Control corrects for it")
 
@@ -101,7 +109,7 @@ def name_variable(name: str) -> str:
 
 def _describe_form(term: Term) -> str:
     form, first, last = FORMS[term.form], term.over[0], term.over[-1]
-    words = form.said(term)
+    words = form.find_numbers(term)
     # A change is given for so many units of its variable that it is no nought: a load in grams
     # moves little each.
     sizes = [
@@ -114,11 +122,11 @@ def _describe_form(term: Term) -> str:
         if sizes and form.each_unit
         else 1.0
     )
-    per = first.unit_shown or _("unit")
+    per = first.displayed_unit or _("unit")
     what = (
         N_("Scale drift")
-        if term.acts_on is Acts.SCALE_KG_MIN
-        else STAGE_NAMES[STAGE_OF[term.acts_on]]
+        if term.acts_on is TermTarget.SCALE_KG_MIN
+        else STAGE_NAMES[TARGET_STAGES[term.acts_on]]
     )
     return _(form.sentences[words.which]).format(
         what=_(what),
@@ -126,7 +134,7 @@ def _describe_form(term: Term) -> str:
         x=name_variable(first.name),
         per=per if of == 1.0 else f"{of:.0f} {per}",
         y=name_variable(last.name),
-        per2=last.unit_shown or _("unit"),
+        per2=last.displayed_unit or _("unit"),
         **{name: _format_signed(of * value, term.unit) for name, value in words.changes.items()},
         **{
             name: format_short(of * value if name == "size" else value, 2)

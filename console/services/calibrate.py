@@ -21,7 +21,7 @@ from topdress.console.app.pages.calibrate.service import (
 )
 from topdress.console.app.pages.calibrate.wheel import WheelSample
 from topdress.console.services.launcher import find_data_folder
-from topdress.control.machine.flow import grams_per_rev
+from topdress.control.machine.flow import calc_grams_per_rev
 from topdress.control.machine.machine import Machine
 from topdress.drivers import day_clock
 from topdress.drivers.files.atomic import free_path
@@ -64,7 +64,7 @@ def make_calibrate_service(
         wheel_circumference_m=counted_m,
         most_kg=machine.flow.full_kg,
         expected_kg=lambda shaft_rpm, opening_mm, revolutions: (
-            grams_per_rev(machine.flow, shaft_rpm, opening_mm) * revolutions / 1000.0
+            calc_grams_per_rev(machine.flow, shaft_rpm, opening_mm) * revolutions / 1000.0
         ),
         fit_catch=lambda caught: fit_catch_test(machine, caught),
         lag_tables=lambda: find_lag_tables(look_in),
@@ -74,7 +74,7 @@ def make_calibrate_service(
         fit_effort=lambda path: fit_drive_effort(machine, path),
         save=lambda fitted, name: save_calibrated(machine, fitted, name, place, counted_m),
         name_for=lambda kind: (
-            free_path(place, f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}", ".yaml").stem
+            free_path(place, f"{machine.id}-{kind}-{day_clock.read_today():%Y%m%d}", ".yaml").stem
         ),
     )
 
@@ -236,7 +236,7 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     from topdress.drivers.files.bench_table import read_bench_table
 
     table = read_bench_table(Path(path), "lag")
-    if table.running().all():
+    if table.find_running_rows().all():
         tube = settle_tube(table, machine)[1]
         return Calibrated(
             "lag",
@@ -248,11 +248,11 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     chosen = np.ones(table.rows, bool) if table.label is None else table.label == label
     lags = table.columns["lag_s"] if "lag_s" in table.columns else table.columns.get("drop_s")
     if lags is None:
-        speed = table.speed_mps()
+        speed = table.find_speed_mps()
         assert speed is not None  # fit_lag refuses a lag_m table without speeds
         lags = table.columns["lag_m"] / speed
     speeds = table.columns["shaft_rpm"]
-    chosen = chosen & np.isfinite(lags) & np.isfinite(speeds) & ~table.running()
+    chosen = chosen & np.isfinite(lags) & np.isfinite(speeds) & ~table.find_running_rows()
     points = tuple((float(x), float(y)) for x, y in zip(speeds[chosen], lags[chosen], strict=True))
     used = speeds[chosen & (speeds >= line.from_rpm - 1e-6) & (speeds <= line.to_rpm + 1e-6)]
     middle, about = float(np.mean(used)), float(np.sum((used - np.mean(used)) ** 2))
@@ -264,9 +264,9 @@ def fit_lag_table(machine: Machine, path: str, label: str | None) -> Calibrated:
     curve = tuple(
         CurvePoint(
             x,
-            line.lag_s(x),
-            line.lag_s(x) - calc_half_band_s(x),
-            line.lag_s(x) + calc_half_band_s(x),
+            line.calc_lag_s(x),
+            line.calc_lag_s(x) - calc_half_band_s(x),
+            line.calc_lag_s(x) + calc_half_band_s(x),
         )
         for x in _make_even_steps(line.from_rpm, line.to_rpm)
     )
@@ -329,7 +329,7 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
     from topdress.drivers.files.any_log import open_log
 
     new, fits = effort_reference.fit_effort(
-        dict(open_log(Path(path)).columns), machine, path, date=day_clock.today().isoformat()
+        dict(open_log(Path(path)).columns), machine, path, date=day_clock.read_today().isoformat()
     )
     numbers = [
         _make_estimate(cast(Number, place.removeprefix("effort.")), one, unit, 4)
@@ -366,7 +366,7 @@ def save_calibrated(
         if taken.exists():
             raise ValueError(f"{taken}: exists already: nothing is overwritten")
     folder.mkdir(parents=True, exist_ok=True)
-    today = day_clock.today().isoformat()
+    today = day_clock.read_today().isoformat()
     if fitted.kind == "effort":
         (new,) = fitted.source
     elif fitted.kind == "wheel":
@@ -375,9 +375,11 @@ def save_calibrated(
         table, label = fitted.source
         read = read_bench_table(Path(table), "lag")
         new = (
-            machine if read.running().all() else fit_line(read, machine, label=label, date=today)[0]
+            machine
+            if read.find_running_rows().all()
+            else fit_line(read, machine, label=label, date=today)[0]
         )
-        if read.running().any():
+        if read.find_running_rows().any():
             new, _tube = settle_tube(read, new, date=today)
     else:
         write_atomically(table_path, format_catch_csv(fitted.source))

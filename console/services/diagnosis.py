@@ -268,7 +268,7 @@ class DiagnosisFiles:
         return _copy_to_folder(
             Path(found.folder) / offer.file,
             self.own / "machines",
-            f"{found.found.data.machine}-{day_clock.today().isoformat()}",
+            f"{found.found.data.machine}-{day_clock.read_today().isoformat()}",
             ".yaml",
             _format_choice_comment(found, chosen),
         )
@@ -276,9 +276,9 @@ class DiagnosisFiles:
     def describe_last_change(self, machine: str | None) -> tuple[str, ...]:
         """Lines on the last change of a machine file; none where there was none."""
         from topdress.console.reports.term_words import compare_side_by_side
-        from topdress.control.machine.history import last_change
+        from topdress.control.machine.history import find_last_change
 
-        change = last_change(self._load_machine(machine))
+        change = find_last_change(self._load_machine(machine))
         return (
             ()
             if change is None
@@ -287,12 +287,12 @@ class DiagnosisFiles:
 
     def undo_last_change(self, machine: str | None) -> str:
         """Write the machine file without its last change; returns its path."""
-        from topdress.control.machine.history import undone
+        from topdress.control.machine.history import undo_last_change
         from topdress.drivers.files.config import save
         from topdress.drivers.files.kinds import MACHINE
 
-        today = day_clock.today().isoformat()
-        back = undone(self._load_machine(machine), date=today)
+        today = day_clock.read_today().isoformat()
+        back = undo_last_change(self._load_machine(machine), date=today)
         path = free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
         path.parent.mkdir(parents=True, exist_ok=True)
         save(path, back, MACHINE)
@@ -352,7 +352,7 @@ def _make_source(path: Path) -> DiagnosisSource:
         raise ValueError(
             f"{path}: neither a run log (column time_s), a bench table nor a log that import reads"
         )
-    changed = day_clock.said_of_file(status.st_mtime)
+    changed = day_clock.format_file_time(status.st_mtime)
     size = status.st_size
     said = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"
     return DiagnosisSource(str(path), path.name, kind, changed, said, bytes=size)

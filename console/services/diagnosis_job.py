@@ -87,7 +87,7 @@ def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
     a page."""
     from topdress.console.reports.compare_page import list_plain_data, make_compare_page
     from topdress.control.diagnosis.runs.compared import compared
-    from topdress.control.machine.history import undone
+    from topdress.control.machine.history import undo_last_change
     from topdress.drivers.files.any_log import open_log
     from topdress.drivers.files.atomic import write_atomically
 
@@ -95,7 +95,7 @@ def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
     tell(0.0, "reading")
     found = compared(
         dict(open_log(Path(order.data)).columns),
-        undone(after),
+        undo_last_change(after),
         after,
         lambda share, word: tell(0.8 * share, word),
     )
@@ -119,29 +119,29 @@ def drive_simulated_run(
     from topdress.console.services.separating_run import make_drive
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.simulation.assembly import (
-        control_loop,
-        simulated_machine,
-        with_simulated_field,
+        add_simulated_field,
+        make_control_loop,
+        make_plant,
     )
-    from topdress.control.simulation.closed_loop import simulated_run
+    from topdress.control.simulation.closed_loop import simulate_run
     from topdress.drivers.files.run_log import PlainLogWriter
     from topdress.drivers.files.run_meta import run_meta
     from topdress.drivers.files.setup import load_setup
 
     dt_s = 0.05
-    setup = load_setup(order.default_machine, "demo", day_clock.today())
+    setup = load_setup(order.default_machine, "demo", day_clock.read_today())
     wanted = make_drive(order.manoeuvre, setup.job, machine)
-    job = with_simulated_field(wanted.job, machine)
-    plant = simulated_machine(
+    job = add_simulated_field(wanted.job, machine)
+    plant = make_plant(
         machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted]
     )
-    loop = control_loop(machine, setup.crop, setup.rule, job)
+    loop = make_control_loop(machine, setup.crop, setup.rule, job)
     writer = PlainLogWriter(
         out, run_meta(machine, setup.crop, job, seed=order.seed), overwrite=True
     )
     try:
         for number, step in enumerate(
-            simulated_run(plant, loop, wanted.seconds, orders=wanted.orders)
+            simulate_run(plant, loop, wanted.seconds, orders=wanted.orders)
         ):
             writer.append(step.tick.row)
             if number % 200 == 0:
@@ -206,7 +206,7 @@ def _write_report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
     from topdress.console.reports.diagnosis_html import make_diagnosis_page
     from topdress.drivers.files.atomic import write_atomically
 
-    with_date = tools | {"date": day_clock.today().isoformat()}
+    with_date = tools | {"date": day_clock.read_today().isoformat()}
     write_atomically(path, make_diagnosis_page(found, with_date))
 
 
@@ -229,7 +229,7 @@ def _write_adoption_offer(
     taken = select_adoptable(dataclasses.replace(found, fitted=fitted, terms=terms), ids)
     refused = tuple(f"{name}: {why}" for name, why in taken.refused)
     extended = extend(
-        machine, taken.found, date=day_clock.today().isoformat(), sha256=sha256_of(data)
+        machine, taken.found, date=day_clock.read_today().isoformat(), sha256=sha256_of(data)
     )
     if extended == machine:
         return AdoptionOffer(ids, "", (), refused)

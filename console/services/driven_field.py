@@ -23,19 +23,19 @@ def make_driven_field(
     cross.
     """
     from shapely.geometry import Polygon
-    from topdress.control.field.boundary import Boundary, largest_part
-    from topdress.control.geodesy import TangentPlane, distance_m
+    from topdress.control.field.boundary import Boundary, find_largest_part
+    from topdress.control.geodesy import TangentPlane, calc_ellipsoid_distance_m
 
     if len(ring_deg) < 3:
         raise ValueError(f"boundary: {len(ring_deg)} corners: allowed is 3 or more")
     origin = ground.origin_lat_deg, ground.origin_lon_deg
-    if distance_m(*origin, *ring_deg[0]) > SAME_PLANE_M:
+    if calc_ellipsoid_distance_m(*origin, *ring_deg[0]) > SAME_PLANE_M:
         origin = ring_deg[0]
     plane = TangentPlane(*origin)
     # where the end was driven over the beginning: what is enclosed counts
-    thinned = largest_part(Polygon([plane.to_m(lat, lon) for lat, lon in ring_deg])).simplify(
-        LEAST_CORNER_M
-    )
+    thinned = find_largest_part(
+        Polygon([plane.project_to_m(lat, lon) for lat, lon in ring_deg])
+    ).simplify(LEAST_CORNER_M)
     if thinned.is_empty or thinned.area <= 0.0:
         raise ValueError("boundary: nothing is enclosed by it: allowed is a way round a field")
     corners = tuple(

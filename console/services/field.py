@@ -50,10 +50,10 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
             find_job_folder(meta, job, described.parent),
             2.4 if machine is None else machine.geometry.working_width_m,
         )
-        if machine is None or not machine.switched:
+        if machine is None or not machine.switched_strips:
             return picture
         return replace(
-            picture, sections=tuple(accumulate(strip.share for strip in machine.switched))
+            picture, sections=tuple(accumulate(strip.share for strip in machine.switched_strips))
         )
     except (ValueError, OSError) as error:
         raise ValueError(" ".join(str(error).split())) from None
@@ -99,7 +99,7 @@ def make_job_picture(job: Job, folder: Path, width_m: float) -> FieldPicture:
     area_ha = None
     if job.field.boundary_m:
         area_ha = Boundary(job.field.boundary_m, job.field.holes_m).area_ha
-        spread = job.field.spread_ground(0.0)
+        spread = job.field.make_spread_ground(0.0)
         rings = () if spread is None else spread.rings
     profile = read_job_map(job, folder)
     planned = None if profile is None else _sample_planned_rates(job, folder, profile, rings)
@@ -127,7 +127,9 @@ def _sample_planned_rates(
 
     assert job.target.map is not None
     south, west, north, east = read_prescription(folder / job.target.map).data.box_deg
-    corners = profile.plane.many_to_m([south, south, north, north], [west, east, west, east])
+    corners = profile.plane.project_many_to_m(
+        [south, south, north, north], [west, east, west, east]
+    )
     (west_m, south_m), (east_m, north_m) = (
         corners.min(axis=0).tolist(),
         corners.max(axis=0).tolist(),
@@ -141,10 +143,10 @@ def _sample_planned_rates(
     places = np.column_stack((np.tile(easts, rows), np.repeat(norths, columns)))
     rates = np.full(len(places), np.nan, dtype=np.float32)
     for begin in range(0, len(places), _SLICE_CELLS):
-        targets = profile.prescription.targets_at(places[begin : begin + _SLICE_CELLS])
+        targets = profile.prescription.find_targets(places[begin : begin + _SLICE_CELLS])
         rates[begin : begin + _SLICE_CELLS] = [
             target.rate_kg_ha if target.source is TargetSource.MAP else np.nan for target in targets
         ]
     if rings:
-        rates[~Boundary(rings[0], rings[1:]).many_inside(places)] = np.nan
+        rates[~Boundary(rings[0], rings[1:]).contains_places(places)] = np.nan
     return Planned(west_m, south_m, cell_m, rates.reshape(rows, columns))

@@ -136,6 +136,6 @@ def _fold_name(name: str) -> str:
 def _format_date(time_d: float) -> str:
     """The day, or its number where no calendar reaches it."""
     try:
-        return day_clock.moment(time_d * 86_400.0).date().isoformat()
+        return day_clock.convert_to_utc(time_d * 86_400.0).date().isoformat()
     except (ValueError, OverflowError, OSError):
         return f"day {time_d:.0f}"

@@ -36,13 +36,13 @@ def is_likely_log(path: Path) -> bool:
 def _has_time_log(path: Path) -> bool:
     """Whether a folder or a zip holds the log of a task that was worked."""
     from topdress.drivers.files.archives import files_at, holds_time_log
-    from topdress.drivers.plain_text import Refused
+    from topdress.drivers.plain_text import RefusedInput
 
     if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
         return False
     try:
         return holds_time_log(files_at(path))
-    except (Refused, OSError):
+    except (RefusedInput, OSError):
         return False
 
 

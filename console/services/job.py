@@ -29,12 +29,12 @@ from topdress.console.app.pages.job.service import (
 )
 from topdress.console.services.launcher import Launcher, find_data_folder, list_other_files
 from topdress.console.worker import resume
-from topdress.control.orders import BY_MAP, TargetSource
+from topdress.control.orders import MAP_SOURCES, TargetSource
 from topdress.drivers import day_clock
 from topdress.drivers.files.config import Loaded, load, save, shipped
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -70,7 +70,7 @@ class JobFiles:
         # of these a job: where it stands, and its next version
         self._changed: tuple[Path, Path] | None = None
         # of the map as it stood
-        self._checked: tuple[object, MapCheck | Refused | OSError] | None = None
+        self._checked: tuple[object, MapCheck | RefusedInput | OSError] | None = None
         # of maps that are only looked at
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
@@ -83,7 +83,7 @@ class JobFiles:
 
         with shorten_config_error():
             found = self._load_files()
-            setup = setup_of(found, day_clock.today())
+            setup = setup_of(found, day_clock.read_today())
             job_path, machine_path = (
                 _find_file_path(found, JOB.format, "demo"),
                 _find_file_path(found, MACHINE.format, "huanghai"),
@@ -143,10 +143,10 @@ class JobFiles:
                 check = find_map_check(job, limit_kg_ha, setup.folder)
                 assert check is not None
                 self._checked = key, check
-            except (Refused, OSError) as error:
+            except (RefusedInput, OSError) as error:
                 self._checked = key, error
         checked = self._checked[1]
-        if isinstance(checked, Refused):
+        if isinstance(checked, RefusedInput):
             from topdress.console.services.map_refused import describe_refusal
 
             return str(path), None, f"{path}: {describe_refusal(checked, path)}"
@@ -196,7 +196,7 @@ class JobFiles:
         from topdress.drivers.files.setup import by_kind, setup_of
 
         with shorten_config_error():
-            setup_of(by_kind(recent.files), day_clock.today())
+            setup_of(by_kind(recent.files), day_clock.read_today())
         self._next = recent.files
 
     def save_strip_value(self, strip: StripValue) -> str:
@@ -245,7 +245,7 @@ class JobFiles:
         """A map as it would be read. Raises ValueError."""
         from topdress.console.services.field import make_job_picture
         from topdress.console.services.map_refused import describe_map_refusal, describe_refusal
-        from topdress.control.targets.prescription import statistics
+        from topdress.control.targets.prescription import calc_rate_shares
         from topdress.drivers.files.prescriptions.for_job import find_map_check
         from topdress.drivers.files.prescriptions.read import read_prescription
         from topdress.drivers.files.prescriptions.words import (
@@ -264,7 +264,7 @@ class JobFiles:
             return MapPreview(
                 path, reading, question.columns, describe_refusal(question, Path(path))
             )
-        except Refused as error:
+        except RefusedInput as error:
             raise ValueError(
                 f"{describe_map_refusal(Path(path), error)} ({Path(path).name})"
             ) from None
@@ -275,8 +275,8 @@ class JobFiles:
         kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
         write_prescription(read.data, kept)
         found = self._load_files()
-        setup = setup_of(found, day_clock.today())
-        shares = statistics(read.data)
+        setup = setup_of(found, day_clock.read_today())
+        shares = calc_rate_shares(read.data)
         doubtful = find_implausible_rates(
             [share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha
         )
@@ -321,7 +321,7 @@ class JobFiles:
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(place, Path(preview.kept).read_bytes())
-            source = target.source if target.source in BY_MAP else TargetSource.MAP
+            source = target.source if target.source in MAP_SOURCES else TargetSource.MAP
             changed = target.model_copy(
                 update={"map": str(place), "source": source, "hold_mean_kg_ha": None}
             )
@@ -384,8 +384,8 @@ class JobFiles:
         )
         new = job.model_copy(
             update={"crop": crop, "product_file": product_file, "id": place.stem} | changes
-        ).with_files(lambda named: str((folder / named).resolve()))
-        now = day_clock.local_now()
+        ).rename_files(lambda named: str((folder / named).resolve()))
+        now = day_clock.read_local_now()
         kept = (
             free_path(own / "history", f"{place.stem}-{now:%Y%m%d-%H%M%S}", ".yaml")
             if place == path
@@ -423,7 +423,7 @@ class JobFiles:
         """Check the new set of files together. Raises ConfigError."""
         from topdress.drivers.files.setup import by_kind, setup_of
 
-        setup_of(by_kind(self._make_file_set(kind, value)), day_clock.today())
+        setup_of(by_kind(self._make_file_set(kind, value)), day_clock.read_today())
 
     def _replace_file(self, kind: str, value: str) -> None:
         self._check_file_set(kind, value)
@@ -588,14 +588,14 @@ class JobFiles:
         from topdress.console.worker.resume_field import OpenJob, find_jobs_here
         from topdress.drivers.files.setup import by_kind, setup_of
 
-        now, config = day_clock.utc_now(), self._next or self._launcher.config
+        now, config = day_clock.read_utc_now(), self._next or self._launcher.config
         if not config:
             return [
                 OpenJob(*one, 1.0) for one in resume.find_open_jobs(self._launcher.log_folder, now)
             ][:1]
         with shorten_config_error():
             found = by_kind(config)
-            setup = setup_of(found, day_clock.today())
+            setup = setup_of(found, day_clock.read_today())
         return find_jobs_here(
             self._launcher.log_folder,
             _add_simulated_field(setup.job, setup.machine, found),
@@ -642,9 +642,9 @@ def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> s
 def _add_simulated_field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
     """The job on the field where it will be worked: on the simulated machine one without a boundary
     gets one."""
-    from topdress.control.simulation.assembly import with_simulated_field
+    from topdress.control.simulation.assembly import add_simulated_field
 
-    return with_simulated_field(job, machine) if _is_simulated_cab(found) else job
+    return add_simulated_field(job, machine) if _is_simulated_cab(found) else job
 
 
 def _is_simulated_cab(found: dict[str, Loaded[BaseModel]]) -> bool:

@@ -130,21 +130,24 @@ def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Fr
 def find_frame_plane(frame: Frame, meta: RunMeta | None) -> TangentPlane:
     """The plane of a frame's place: its job's, if the frame's fix lies there, else by fix and
     place."""
-    from topdress.control.geodesy import TangentPlane, apart_m, offset
+    from topdress.control.geodesy import TangentPlane, calc_plane_distance_m, offset_place
 
     row, place = frame.row, frame.place_m
     if place is None or row.lat_deg is None or row.lon_deg is None:
         raise ValueError("no position yet: allowed once the machine has one")
     geometry = dict((meta.machine or {}).get("geometry") or {}) if meta is not None else {}
     ahead_m = float(geometry.get("antenna_m", OUTLET_BEHIND_M))
-    antenna = place if row.heading_deg is None else offset(place, row.heading_deg, ahead_m)
+    antenna = place if row.heading_deg is None else offset_place(place, row.heading_deg, ahead_m)
     job = find_job_plane(meta, Path(frame.log_path).parent) if meta is not None else None
-    if job is not None and apart_m(job.to_m(row.lat_deg, row.lon_deg), antenna) < STALE_FIX_M:
+    if (
+        job is not None
+        and calc_plane_distance_m(job.project_to_m(row.lat_deg, row.lon_deg), antenna) < STALE_FIX_M
+    ):
         return job
     plane = TangentPlane(row.lat_deg, row.lon_deg)
     for _again in range(3):
-        east, north = plane.to_m(row.lat_deg, row.lon_deg)
-        plane = TangentPlane(*plane.to_deg(east - antenna[0], north - antenna[1]))
+        east, north = plane.project_to_m(row.lat_deg, row.lon_deg)
+        plane = TangentPlane(*plane.convert_to_deg(east - antenna[0], north - antenna[1]))
     return plane
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from topdress.console.locale import N_, _
 from topdress.drivers.files.prescriptions.words import NotAMapError
 from topdress.drivers.files.what_it_is import KINDS, OF_TABLES, what_is
-from topdress.drivers.plain_text import Reason, Refused
+from topdress.drivers.plain_text import Reason, RefusedInput
 
 MAP_KINDS = (*OF_TABLES, "geotiff", "gpkg", "kml", "kmz")
 _KIND_REASONS = {
@@ -44,14 +44,14 @@ def translate_reason(reason: Reason) -> str:
     return _(reason.text).format(**values)
 
 
-def describe_refusal(error: Refused, path: Path) -> str:
+def describe_refusal(error: RefusedInput, path: Path) -> str:
     """Where in the file at `path`, and why. Of several files (a zip, a shapefile) also which
     one."""
     other = [Path(error.where.file).name] if error.where.file not in ("", str(path)) else []
     return ": ".join([*other, *map(translate_reason, (*error.where.inside, error.reason))])
 
 
-def describe_map_refusal(path: Path, error: Refused) -> str:
+def describe_map_refusal(path: Path, error: RefusedInput) -> str:
     """Why a file is not taken: first of all, whether it is a map at all."""
     with contextlib.suppress(OSError):
         kind = what_is(path)

@@ -53,7 +53,7 @@ def find_maps(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
                 found.setdefault(path.resolve(), (path.stat().st_mtime, name))
     listed = sorted(found.items(), key=lambda one: -one[1][0])[:MOST_FILES]
     return tuple(
-        MapFile(str(path), path.name, where, day_clock.said_of_file(changed))
+        MapFile(str(path), path.name, where, day_clock.format_file_time(changed))
         for path, (changed, where) in listed
     )
 
@@ -146,4 +146,4 @@ def list_entries(folder: Path, kind: str = "map") -> tuple[MapFile, ...]:
 
 
 def _format_changed(path: Path) -> str:
-    return day_clock.said_of_file(path.stat().st_mtime)
+    return day_clock.format_file_time(path.stat().st_mtime)

@@ -90,10 +90,10 @@ def make_frames(
 
 
 def _find_outlet_place(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, float]:
-    from topdress.control.geodesy import offset
+    from topdress.control.geodesy import offset_place
 
-    antenna = plane.to_m(row.lat_deg or 0.0, row.lon_deg or 0.0)
-    back = antenna if row.heading_deg is None else offset(antenna, row.heading_deg, -ahead_m)
+    antenna = plane.project_to_m(row.lat_deg or 0.0, row.lon_deg or 0.0)
+    back = antenna if row.heading_deg is None else offset_place(antenna, row.heading_deg, -ahead_m)
     return float(back[0]), float(back[1])
 
 
@@ -105,7 +105,7 @@ def _make_what_if_frames(
     import dataclasses
 
     from topdress.console.services.rerun import load_rerun_setup, rerun_loop
-    from topdress.control.field.job import rule_of
+    from topdress.control.field.job import make_rule
     from topdress.control.orders import Strategy
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import CROP
@@ -115,7 +115,7 @@ def _make_what_if_frames(
     )
     if options.crop:
         crop = load(options.crop, CROP).model
-        setup = dataclasses.replace(setup, crop=crop, rule=rule_of(crop, setup.job))
+        setup = dataclasses.replace(setup, crop=crop, rule=make_rule(crop, setup.job))
     rows = (tick.row for tick in rerun_loop(recorded, setup))
     return list(
         make_frames(

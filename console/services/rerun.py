@@ -7,10 +7,10 @@ import dataclasses
 from collections.abc import Iterator
 
 from topdress.console.services.field import find_job_folder
-from topdress.control.field.job import rule_of
+from topdress.control.field.job import make_rule
 from topdress.control.loop import Tick
 from topdress.control.orders import Do, Order, State, Strategy
-from topdress.control.simulation.assembly import control_loop
+from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers import day_clock
 from topdress.drivers.files.config import validated
 from topdress.drivers.files.kinds import CROP, JOB, MACHINE
@@ -25,7 +25,7 @@ MOVING_MPS = 0.6
 def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
     """One tick a row. Orders come from the log's events; a log without any gets ready and start
     when it moves."""
-    loop = control_loop(
+    loop = make_control_loop(
         setup.machine,
         setup.crop,
         setup.rule,
@@ -40,8 +40,8 @@ def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
     for at, m in zip(orders, measurements(recorded), strict=True):
         given = at if own else _decide_operator_orders(state, speed)
         for order in given:
-            loop.order(order)
-        tick = loop.tick(m)
+            loop.handle_order(order)
+        tick = loop.run_tick(m)
         state, speed = tick.row.state or state, tick.sensed.speed_mps or 0.0
         yield tick
 
@@ -80,7 +80,7 @@ def load_rerun_setup(
 ) -> Setup:
     """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
     meta = recorded.meta
-    setup = load_setup(machine or "huanghai", job or "demo", day_clock.today())
+    setup = load_setup(machine or "huanghai", job or "demo", day_clock.read_today())
     label = str(recorded.path.with_suffix(".yaml"))
     if meta is not None and machine is None and meta.machine is not None:
         setup = dataclasses.replace(setup, machine=validated(meta.machine, MACHINE, label))
@@ -91,7 +91,7 @@ def load_rerun_setup(
             setup,
             crop=crop,
             job=own,
-            rule=rule_of(crop, own),
+            rule=make_rule(crop, own),
             folder=find_job_folder(meta, own, recorded.path.parent),
         )
     if strategy is not None:

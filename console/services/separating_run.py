@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from topdress.control.experiments.levels import list_shaft_levels, opening_levels
+from topdress.control.experiments.levels import list_opening_levels, list_shaft_levels
 from topdress.control.field.job import Job, SpeedChange
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Do, Order, TargetSource
@@ -132,7 +132,7 @@ _DRIVE_MAKERS: dict[str, Callable[[Job, Machine], SeparatingDrive]] = {
         _make_standing_job(job),
         500.0,
         _make_bench_orders(
-            [(machine.set_points.shaft_rpm, mm) for mm in opening_levels(machine) * 2]
+            [(machine.set_points.shaft_rpm, mm) for mm in list_opening_levels(machine) * 2]
         ),
     ),
     "slope": lambda job, _machine: SeparatingDrive(

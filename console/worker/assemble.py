@@ -22,23 +22,23 @@ from topdress.console.worker.resume_assemble import (
 from topdress.console.worker.resume_field import list_logs_here
 from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
-from topdress.control.field.job import Job, rule_of
+from topdress.control.field.job import Job, make_rule
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import State, TargetSource
 from topdress.control.readings import DriveCommand, Measurements
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
 from topdress.control.simulation.plant import Plant
 from topdress.drivers import day_clock
 from topdress.drivers.cab import BoardConfig, Cab, CabConfig
-from topdress.drivers.cab_config import MODULE_STOPS_S
+from topdress.drivers.cab_config import MODULE_TIMEOUT_S
 from topdress.drivers.cab_line import DeviceLine
 from topdress.drivers.device_status import DeviceStatus
-from topdress.drivers.devices.board_frames import SILENT_HOST_S
+from topdress.drivers.devices.board_frames import HOST_TIMEOUT_S
 from topdress.drivers.devices.lag_rig import RigReadings
 from topdress.drivers.files.config import ConfigError, Loaded
 from topdress.drivers.files.kinds import CAB, MACHINE
@@ -52,7 +52,7 @@ from topdress.drivers.files.setup import (
     index_disagreements,
     setup_of,
 )
-from topdress.drivers.virtual.machine import VirtualMachine, virtual_cab
+from topdress.drivers.virtual.machine import VirtualMachine, make_virtual_cab
 
 # The simulated machine as a bench: stepped by the loop's own ticks, reached through the same
 # bytes as a real one.
@@ -77,7 +77,7 @@ class SimulatedBench:
         """Advance the virtual machine to `now_s` (run time, s) and read its sensors."""
         if self._plant is not None:
             self._plant.parked = self.state() in PARKED_STATES
-        self._machine.advance(now_s)
+        self._machine.advance_to(now_s)
         return self._cab.read_measurements(now_s)
 
     def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
@@ -130,7 +130,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
     bench: Bench
     has_work_switch = record_only = False
     simulated = _is_simulated_cab(cab)
-    job = with_simulated_field(setup.job, machine) if simulated else setup.job
+    job = add_simulated_field(setup.job, machine) if simulated else setup.job
     if cab is not None:
         sha256[str(cab.path)] = cab.sha256
     before = find_earlier_job(options.resume, log.parent, job, sha256, simulated, now)
@@ -156,8 +156,8 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
             machine = fix_gate_opening(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
     now_utc = now.isoformat(timespec="milliseconds")
-    rule = rule_of(setup.crop, job, setup.rule.days)
-    loop = control_loop(
+    rule = make_rule(setup.crop, job, setup.rule.days)
+    loop = make_control_loop(
         machine, setup.crop, rule, job, has_work_switch, **placed, record_only=record_only
     )
     if isinstance(bench, SimulatedBench):
@@ -217,7 +217,7 @@ def _read_configuration(
         cab = found.get(CAB.format)
         setup = setup_of(
             found,
-            day_clock.today(),
+            day_clock.read_today(),
             lambda job: list_logs_here(logs, job, _is_simulated_cab(cab), now),
         )
         lines = index_disagreements(cab, setup.crop, setup.job)
@@ -241,7 +241,7 @@ def _find_drive_stop_s(cab: Loaded[Any] | None) -> float | None:
     if cab is None:
         return None
     assert isinstance(cab.model, CabConfig)
-    return MODULE_STOPS_S if cab.model.rate_module is not None else SILENT_HOST_S
+    return MODULE_TIMEOUT_S if cab.model.rate_module is not None else HOST_TIMEOUT_S
 
 
 def fix_gate_opening(machine: Machine, opening_mm: float) -> Machine:
@@ -278,9 +278,7 @@ def _make_simulated_bench(
     options: Options, machine: Machine, job: Job, clock: Clock
 ) -> SimulatedBench:
     planted = [parse_planted(text) for text in options.effects]
-    plant = simulated_machine(
-        machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted
-    )
+    plant = make_plant(machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted)
     board = BoardConfig(
         port="",
         max_shaft_rpm=machine.limits.shaft_high_rpm,
@@ -289,7 +287,7 @@ def _make_simulated_bench(
         wheel_pulses_per_turn=machine.speed.pulses_per_turn,
     )
     index = job.simulated.heads_index
-    cab, virtual = virtual_cab(
+    cab, virtual = make_virtual_cab(
         plant,
         clock,
         heads=machine.geometry.heads,
@@ -322,4 +320,4 @@ def _choose_log_path(wanted: str | None) -> Path:
 
 
 def _read_utc_now() -> dt.datetime:
-    return day_clock.utc_now()
+    return day_clock.read_utc_now()

@@ -60,7 +60,7 @@ class DeviceService:
         if order.do is DeviceDo.DISCONNECT and state in BUSY_STATES:
             return Answer(False, f"device_in_use;state={state}")
         if order.do in (DeviceDo.CONNECT, DeviceDo.DISCONNECT):
-            line.plug(order.do is DeviceDo.CONNECT)
+            line.set_plugged(order.do is DeviceDo.CONNECT)
             return Answer(True)
         if order.do is DeviceDo.TEST:
             return self._begin_device_test(line, now_s)
@@ -118,15 +118,17 @@ class _LineCapture:
         self.path = path
         self.size = 0
         self._line, self._files = line, files
-        status = line.status(0.0)
-        files.queue_append(path, capture.header(line.name, status.protocol, status.port))
-        line.listen_in(self._write_captured)
+        status = line.make_status(0.0)
+        files.queue_append(
+            path, capture.make_capture_header(line.name, status.protocol, status.port)
+        )
+        line.add_tap(self._write_captured)
 
     def stop_listening(self) -> None:
-        self._line.leave(self._write_captured)
+        self._line.remove_tap(self._write_captured)
 
     def _write_captured(self, now_s: float, direction: Direction, data: bytes) -> None:
-        written = capture.captured(now_s, direction, data)
+        written = capture.make_capture_lines(now_s, direction, data)
         self.size += len(written)
         self._files.queue_append(self.path, written)
 
@@ -145,13 +147,13 @@ class _LineTest:
         self._until_s = now_s + TEST_S
         self._heard: list[bytes] = []
         self._listening = True
-        line.listen_in(self._collect_bytes)
+        line.add_tap(self._collect_bytes)
 
     def end_listening(self, now_s: float, busy: bool) -> None:
         if not self._listening or now_s < self._until_s:
             return
         self._listening = False
-        self._line.leave(self._collect_bytes)
+        self._line.remove_tap(self._collect_bytes)
         threading.Thread(
             target=self._recognise_bytes,
             args=(not busy and self._line.baud is not None,),
@@ -169,7 +171,9 @@ class _LineTest:
             found = self._probe_other_rates()
         if not found.protocol and not found.said:
             state = self._line.port.state()
-            found = found._replace(said=state.last_error or (state.last_lines() or ["silent"])[-1])
+            found = found._replace(
+                said=state.last_error or (state.format_last_lines() or ["silent"])[-1]
+            )
         self.result = DeviceTest(
             False, found.protocol, found.baud, found.accepted, found.rejected, found.said
         )
@@ -178,7 +182,7 @@ class _LineTest:
         line = self._line
         line.port.plug(False)
         try:
-            return probe.probe(
+            return probe.probe_port(
                 lambda baud: self._opener(line.port.name, baud, time.monotonic),
                 [baud for baud in probe.BAUDS if baud != line.baud],
             )

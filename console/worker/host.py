@@ -129,7 +129,7 @@ class FlickerFilter:
     """Filters a yes that flickers.
 
     Fed at each change; the answer is no at once, and yes again at once where that was the first no
-    for long, else after `SETTLED_S` of yes: flow that is switched off and on by itself lays
+    for long, else after `SETTLED_STEP_S` of yes: flow that is switched off and on by itself lays
     stripes.
     """
 
@@ -282,7 +282,7 @@ class Host:
         self._off = bool(self._stop)
         try:
             if self._stop:
-                self._loop.order(Order(Do.STOP), self._stopped_by)
+                self._loop.handle_order(Order(Do.STOP), self._stopped_by)
             self._control_machine(now_s)
         except Exception as error:
             self._stop_after_failure(now_s, error)
@@ -296,12 +296,12 @@ class Host:
         if now_s - self._cut_s < SAID_S:
             measurements = measurements._replace(log_cut=Path(self._names.log_path).name)
         while self._notes:
-            self._loop.note(self._notes.popleft())
+            self._loop.add_event(self._notes.popleft())
         for service in (self._device_service.end_due_work, self.lag.follow_test):
             self._run_guarded(lambda service=service: service(now_s, self._state))  # type: ignore[misc]
         log_ok = self._log.filter_flicker(now_s, self._writer.ok)
-        tick = self._loop.tick(measurements, now_s - self._heard_s, log_ok)
-        self._bench.send_command(now_s, tick.command, tick.enabled)
+        tick = self._loop.run_tick(measurements, now_s - self._heard_s, log_ok)
+        self._bench.send_command(now_s, tick.command, tick.is_enabled)
         self._state, self._failed = tick.row.state, ""
         self._run_guarded(lambda: self._record_tick(tick))
         self._ordered.extend(read_orders(tick.row.events, tick.row.time_s))
@@ -327,7 +327,7 @@ class Host:
         """Stop the drives and the loop after a tick that failed and inform the console, even where
         all else fails."""
         self._run_guarded(lambda: self._bench.send_command(now_s, None, False))
-        self._run_guarded(lambda: self._loop.order(Order(Do.STOP), WORKER))
+        self._run_guarded(lambda: self._loop.handle_order(Order(Do.STOP), WORKER))
         self._failed = self._report_error_once(error)
         if self.newest is not None:
             alarm = Alarm("control_failed", Severity.RED, now_s, False)
@@ -432,7 +432,7 @@ class Host:
 
     def _obey_loop_order(self, order: Order, by: str) -> Answer:
         try:
-            return self._loop.order(order, by)
+            return self._loop.handle_order(order, by)
         # an order that the loop cannot digest stops no machine in the field
         except Exception as error:
             return Answer(

@@ -14,7 +14,7 @@ from topdress.console.worker.parts import Bench
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.loop import ControlLoop
 from topdress.control.orders import Answer, Do, Order, State
-from topdress.drivers.devices.lag_run import LagTest, Plan, bench_row, bench_table
+from topdress.drivers.devices.lag_run import LagPlan, LagTest, make_bench_row, make_bench_table
 
 
 class LagBench:
@@ -36,7 +36,7 @@ class LagBench:
         """The lag test that runs; None without one."""
         return self._test
 
-    def begin_lag_test(self, table: Path | None, plan: Plan | None = None) -> Answer:
+    def begin_lag_test(self, table: Path | None, plan: LagPlan | None = None) -> Answer:
         """Begin a test from its first run.
 
         table: the file to which each run is written once it is measured; None: none.
@@ -45,13 +45,13 @@ class LagBench:
             return Answer(False, "no_lag_rig")
         self._test, self._table, self._written, self._said = LagTest(plan), table, 0, ""
         if table is not None:
-            self._files.queue_append(table, bench_table(()).encode())
+            self._files.queue_append(table, make_bench_table(()).encode())
         return Answer(True)
 
     def end_lag_test(self) -> None:
         """Stop the shaft and forget the test; the runs measured stay in their file."""
         if self._test is not None and self._sent_rpm:
-            self._loop.order(Order(Do.CALIBRATE_SHAFT, 0.0))
+            self._loop.handle_order(Order(Do.CALIBRATE_SHAFT, 0.0))
         self._test = None
 
     def follow_test(self, now_s: float, state: str | None) -> None:
@@ -65,11 +65,11 @@ class LagBench:
         allowed = state == State.CALIBRATING
         if not allowed:
             self._sent_rpm = None
-        wish = self._test.tick(now_s, self._bench.rig_readings, allowed)
+        wish = self._test.run_tick(now_s, self._bench.rig_readings, allowed)
         self._phase, self._said = wish.phase, wish.said or self._said
         self._bench.send_rig_order(wish.run, wish.arm)
         if allowed and wish.shaft_rpm != self._sent_rpm:
-            answer = self._loop.order(Order(Do.CALIBRATE_SHAFT, wish.shaft_rpm))
+            answer = self._loop.handle_order(Order(Do.CALIBRATE_SHAFT, wish.shaft_rpm))
             self._sent_rpm = wish.shaft_rpm if answer.accepted else None
         self._write_new_runs()
 
@@ -78,7 +78,7 @@ class LagBench:
         test = self._test
         if test is None:
             return None
-        shaft_rpm, replicate = test.now
+        shaft_rpm, replicate = test.present_run
         return LagTestView(
             self._phase,
             shaft_rpm,
@@ -94,5 +94,5 @@ class LagBench:
         assert self._test is not None
         for run in self._test.runs[self._written :]:
             if self._table is not None:
-                self._files.queue_append(self._table, bench_row(run).encode())
+                self._files.queue_append(self._table, make_bench_row(run).encode())
         self._written = len(self._test.runs)

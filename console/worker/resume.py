@@ -20,7 +20,7 @@ from topdress.console.worker.snapshots import (
     read_mtime_ns,
 )
 from topdress.control.field.coverage import Raster
-from topdress.control.field.totals import NOTHING, Sums
+from topdress.control.field.totals import NO_SUMS, TotalSums
 from topdress.control.orders import Strategy
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.limits import RESUME, held_to
@@ -57,7 +57,7 @@ class Snapshot:
     # flow was commanded: what the snapshot lacks is in the log
     worked: bool = False
     time_s: float = 0.0  # of the last row that is in here
-    sums: Sums = NOTHING
+    sums: TotalSums = NO_SUMS
     sums_s: float = 0.0  # of the last row that is in the sums
     held_s: float = 0.0
     moves: int = 0  # of the opening's set-point, while working

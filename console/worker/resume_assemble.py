@@ -20,7 +20,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.loop import ControlLoop
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Strategy
-from topdress.control.simulation.tractor import field_path
+from topdress.control.simulation.tractor import make_field_path
 from topdress.drivers.files.run_meta import sidecar_meta
 
 SEARCH_M = 0.5  # along the simulated tractor's way
@@ -120,9 +120,9 @@ def continue_loop(loop: ControlLoop, before: EarlierWork) -> None:
     last = before.job
     if last is not None:
         plane = None if last.origin_deg is None else TangentPlane(*last.origin_deg)
-        loop.go_on(last.sums, last.ground, plane, last.after_cut_kg)
+        loop.resume_job(last.sums, last.ground, plane, last.after_cut_kg)
     for other in before.others:
-        loop.spread_by_others(other.ground)
+        loop.add_foreign_ground(other.ground)
 
 
 def make_first_snapshot(
@@ -159,11 +159,13 @@ def make_first_snapshot(
 
 def _find_driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> float:
     """How far along its way the simulated tractor had come, m."""
-    path = field_path(job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg)
+    path = make_field_path(
+        job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg
+    )
     places = (k * SEARCH_M for k in range(int(path.length_m / SEARCH_M) + 1))
 
     def calc_distance_m(driven_m: float) -> float:
-        pose = path.at(driven_m)
+        pose = path.find_pose(driven_m)
         return hypot(pose.east_m - place_m[0], pose.north_m - place_m[1])
 
     return min(places, key=calc_distance_m)

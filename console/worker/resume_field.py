@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from topdress.console.worker.resume import WORTHWHILE_HA, Snapshot, find_open_jobs
 from topdress.control.field.boundary import Boundary
-from topdress.control.field.coverage import FARTHEST_M, MOST_CELLS, Raster
+from topdress.control.field.coverage import MAX_DISTANCE_M, MAX_RASTER_CELLS, Raster
 from topdress.control.field.job import Job
 from topdress.control.geodesy import Place, TangentPlane
 
@@ -47,7 +47,7 @@ def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> li
     anybody's.
     """
     left = (one for one in find_open_jobs(folder, now) if one[1].simulated == simulated)
-    boundary = job.field.boundary()
+    boundary = job.field.make_boundary()
     if boundary is None:
         return [OpenJob(*one, 1.0) for one in islice(left, 1)]
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
@@ -69,11 +69,13 @@ def _calc_share_on_field(field: Boundary, plane: TangentPlane, snapshot: Snapsho
     ground, cells = snapshot.ground, np.argwhere(snapshot.ground.done)
     if snapshot.origin_deg is None or not len(cells):
         place = find_last_place(plane, snapshot)  # cut off before anything has landed
-        return 1.0 if place is not None and field.contains(*place) else None
+        return 1.0 if place is not None and field.contains_place(*place) else None
     some = cells[:: max(1, len(cells) // MOST_SAMPLED_CELLS)]
     places = (some[:, ::-1] + 0.5) * ground.cell_m + (ground.west_m, ground.south_m)
     share = float(
-        field.many_inside(_move_places(TangentPlane(*snapshot.origin_deg), plane, places)).mean()
+        field.contains_places(
+            _move_places(TangentPlane(*snapshot.origin_deg), plane, places)
+        ).mean()
     )
     done_ha = len(cells) * ground.cell_m**2 / 10_000.0
     return share if share >= SAME_FIELD_SHARE or share * done_ha >= WORTHWHILE_HA else None
@@ -85,7 +87,7 @@ def move_snapshot(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
     if snapshot.origin_deg is None:
         return snapshot
     own = TangentPlane(*snapshot.origin_deg)
-    if max(map(abs, plane.to_m(own.lat_deg, own.lon_deg))) < SAME_PLANE_M:
+    if max(map(abs, plane.project_to_m(own.lat_deg, own.lon_deg))) < SAME_PLANE_M:
         return snapshot
     track = (
         _move_places(own, plane, np.array([spot[:2] for spot in snapshot.track]).reshape(-1, 2))
@@ -125,7 +127,9 @@ def _move_places(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> 
     middle = places.mean(axis=0)
     reach = max(1.0, float(np.abs(places - middle).max()))
     corners = middle + reach * np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    seen = np.array([plane.to_m(*own.to_deg(east, north)) for east, north in corners.tolist()])
+    seen = np.array(
+        [plane.project_to_m(*own.convert_to_deg(east, north)) for east, north in corners.tolist()]
+    )
     moved: np.ndarray = seen[0] + (places - middle) / reach @ (seen[1:] - seen[0])
     return moved
 
@@ -143,7 +147,7 @@ def _redraw_ground(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Ra
     corners = _move_places(own, plane, frame)
     west, south = (floor(edge / cell_m) for edge in corners.min(axis=0))
     east, north = (ceil(edge / cell_m) for edge in corners.max(axis=0))
-    if np.abs(corners).max() > FARTHEST_M or (east - west) * (north - south) > MOST_CELLS:
+    if np.abs(corners).max() > MAX_DISTANCE_M or (east - west) * (north - south) > MAX_RASTER_CELLS:
         return ground._replace(done=np.zeros((1, 1), dtype=np.bool_))
     done = np.zeros((north - south, east - west), dtype=np.bool_)
     aside = (np.arange(west, east) + 0.5) * cell_m

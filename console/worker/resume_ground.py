@@ -9,9 +9,9 @@ from math import hypot
 from typing import Any
 
 import numpy as np
-from topdress.control.field.coverage import MOST_CELLS, Coverage, Raster
+from topdress.control.field.coverage import MAX_RASTER_CELLS, Coverage, Raster
 from topdress.control.field.ground_trace import GroundTrace
-from topdress.control.machine.fall import drop_s
+from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves
 
@@ -36,10 +36,10 @@ class DoneGround:
         self._fall, self._turning_rpm = machine.fall, 0.5 * machine.limits.shaft_low_rpm
         if before.cell_m != cell_m and before.done.any():  # of a machine of another width
             redrawn = Coverage(width_m, cell_m)
-            redrawn.seed(before)
-            before = redrawn.raster()
+            redrawn.add_earlier_ground(before)
+            before = redrawn.make_raster()
         self._before = before
-        strips = [(strip.left_m, strip.right_m) for strip in machine.switched]
+        strips = [(strip.left_m, strip.right_m) for strip in machine.switched_strips]
         self._width_m, self._cell_m, self._strips = width_m, cell_m, strips
         self._coverage = Coverage(width_m, cell_m, strips=strips)
         self._trace = GroundTrace(self._coverage)
@@ -72,8 +72,8 @@ class DoneGround:
         """
         released = shaft_rpm is not None and shaft_rpm >= self._turning_rpm
         if shaft_rpm is not None and released:
-            self._drop_s = drop_s(self._fall, shaft_rpm)
-        opened = self._valves.open_at(time_s, sections_cmd) or (True,)
+            self._drop_s = calc_drop_s(self._fall, shaft_rpm)
+        opened = self._valves.find_open_valves(time_s, sections_cmd) or (True,)
         self._falling.append((time_s + self._drop_s, tuple([released and on for on in opened])))
         while self._falling and self._falling[0][0] <= time_s:
             self._flowing = self._falling.popleft()[1]
@@ -93,14 +93,14 @@ class DoneGround:
     def make_raster(self) -> Raster:
         """All ground that is done, the earlier part too; while no place is known the way since then
         as if it went straight on, until a place corrects it."""
-        done = join_rasters(self._before, self._coverage.raster())
-        reckoned = self._trace.reckoned()
+        done = join_rasters(self._before, self._coverage.make_raster())
+        reckoned = self._trace.reckon_open_way()
         if not reckoned:
             return done
         way = Coverage(self._width_m, self._cell_m, strips=self._strips)
         for passed in reckoned:
-            way.lay(*passed)
-        return join_rasters(done, way.raster())
+            way.extend_to(*passed)
+        return join_rasters(done, way.make_raster())
 
     def _note_track_place(self, spot: Spot) -> None:
         if (
@@ -126,7 +126,7 @@ def join_rasters(one: Raster, other: Raster) -> Raster:
     east = max(r.west_m + r.done.shape[1] * cell for r in (one, other))
     north = max(r.south_m + r.done.shape[0] * cell for r in (one, other))
     rows, columns = round((north - south) / cell), round((east - west) / cell)
-    if rows * columns > MOST_CELLS:
+    if rows * columns > MAX_RASTER_CELLS:
         return other
     done = np.zeros((rows, columns), dtype=np.bool_)
     for r in (one, other):
@@ -164,8 +164,8 @@ def unpack_raster(data: dict[str, Any]) -> Raster:
     rows, columns, cell_m = int(data["rows"]), int(data["columns"]), float(data["cell_m"])
     if not (rows > 0 and columns > 0 and 0.0 < cell_m < 10.0):
         raise ValueError("ground: rows, columns and cell_m must be above 0")
-    if rows * columns > MOST_CELLS:
-        raise ValueError(f"ground: {rows} x {columns} cells: allowed up to {MOST_CELLS}")
+    if rows * columns > MAX_RASTER_CELLS:
+        raise ValueError(f"ground: {rows} x {columns} cells: allowed up to {MAX_RASTER_CELLS}")
     try:
         unpacker = zlib.decompressobj()
         bits = np.frombuffer(

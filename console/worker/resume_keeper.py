@@ -17,8 +17,8 @@ from topdress.console.worker.resume import Snapshot, drop_last_refill
 from topdress.console.worker.resume_alarms import AlarmHistory
 from topdress.console.worker.resume_ground import DoneGround
 from topdress.console.worker.resume_tail import SCALE_WINDOW_S
-from topdress.control.agronomy.strips import read_strip
-from topdress.control.field.totals import Sums
+from topdress.control.agronomy.strips import parse_strip
+from topdress.control.field.totals import TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import LogRow
 from topdress.control.loop import ControlLoop, Tick
@@ -37,7 +37,7 @@ FINISHED_EVENT = "mark job finished"  # the event by which the operator ends a j
 
 class _HandedTick(NamedTuple):
     seen: Tick
-    sums: Sums | None
+    sums: TotalSums | None
     plane: TangentPlane | None
 
 
@@ -83,7 +83,7 @@ class SnapshotKeeper:
         """Queue a tick, no more."""
         sums = None
         if seen.row.time_s - self._taken_s >= SUMS_PERIOD_S:
-            self._taken_s, sums = seen.row.time_s, self._loop.sums
+            self._taken_s, sums = seen.row.time_s, self._loop.running_sums
         # as many as the log lets wait for a disk that hangs
         if self._handed.qsize() < self._most_waiting:
             self._handed.put(_HandedTick(seen, sums, self._loop.plane))
@@ -143,7 +143,7 @@ class SnapshotKeeper:
         if handed.sums is not None:
             changes |= {"sums": handed.sums, "sums_s": row.time_s}
         if handed.plane is not None:
-            changes["origin_deg"] = handed.plane.to_deg(0.0, 0.0)
+            changes["origin_deg"] = handed.plane.convert_to_deg(0.0, 0.0)
         self._add_outlet_place(seen)
         self._scale.take_row(row)
         known = {
@@ -179,7 +179,7 @@ class SnapshotKeeper:
                 changes["refills"] = (*self._snapshot.refills, (self._utc_now(), float(value)))
             elif word == "refill_back":
                 changes["refills"] = drop_last_refill(self._snapshot.refills, float(value))
-            elif word == "strip" and (strip := read_strip(value)) is not None:
+            elif word == "strip" and (strip := parse_strip(value)) is not None:
                 changes[f"ndvi_{strip.which}"], self._saved_s = strip.ndvi, -inf
             elif event == FINISHED_EVENT:
                 changes["finished"] = True

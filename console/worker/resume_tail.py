@@ -12,11 +12,11 @@ from typing import NamedTuple
 from topdress.console.worker.resume import Refill, Snapshot, drop_last_refill
 from topdress.console.worker.resume_ground import DoneGround
 from topdress.control.field.totals import Totaliser
-from topdress.control.geodesy import Place, TangentPlane, offset
-from topdress.control.machine.fall import drop_s
+from topdress.control.geodesy import Place, TangentPlane, offset_place
+from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves
-from topdress.control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
+from topdress.control.machine.shaft import ShaftInput, make_shaft_start, step_shaft
 from topdress.control.orders import State
 from topdress.drivers.files.limits import LINE
 from topdress.drivers.files.run_log import FLUSH_S
@@ -52,7 +52,7 @@ def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterat
     supply_v = machine.shaft.nominal_supply_v
     while time_s < LONGEST_RUN_ON_S:
         commanded_rpm = shaft_rpm if time_s < UNLOGGED_S + stops_s else 0.0
-        shaft, turned = shaft_step(
+        shaft, turned = step_shaft(
             machine.shaft, shaft, ShaftInput(commanded_rpm, 0.0, supply_v), RUN_ON_STEP_S
         )
         time_s += RUN_ON_STEP_S
@@ -60,7 +60,7 @@ def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterat
         if share < STANDSTILL_SHARE:
             stood_s = time_s if stood_s is None else stood_s
             share = 0.0
-            if time_s - stood_s > drop_s(machine.fall, shaft_rpm):
+            if time_s - stood_s > calc_drop_s(machine.fall, shaft_rpm):
                 return
         yield RunOnMoment(time_s, share)
 
@@ -126,7 +126,7 @@ def add_log_tail(
     held_s, before_s = snapshot.held_s, min(snapshot.time_s, snapshot.sums_s)
     # what lands at the first row was released before it
     rpm = rows[0].shaft_rpm
-    begin_s = before_s - (drop_s(machine.fall, rpm) if rpm > 0.0 else 0.0)
+    begin_s = before_s - (calc_drop_s(machine.fall, rpm) if rpm > 0.0 else 0.0)
     done.add_outlet_place(begin_s, way.place, way.heading_deg, rpm, 0.0)
     for row in rows:
         step_s = row.time_s - before_s
@@ -156,7 +156,7 @@ def add_log_tail(
     )
     return replace(
         snapshot,
-        sums=sums.sums,
+        sums=sums.running_sums,
         ground=done.make_raster(),
         track=tuple(done.track),
         place_m=place,
@@ -184,15 +184,15 @@ class _OutletWay:
             self.drive_straight(row.speed_used_mps, step_s)
             return None, self.heading_deg
         self.step_m, self.heading_deg = row.speed_used_mps * step_s, row.heading_deg
-        antenna = self._plane.to_m(row.lat_deg, row.lon_deg)
-        self.place = offset(antenna, self.heading_deg, -self._antenna_m)
+        antenna = self._plane.project_to_m(row.lat_deg, row.lon_deg)
+        self.place = offset_place(antenna, self.heading_deg, -self._antenna_m)
         return self.place, self.heading_deg
 
     def drive_straight(self, speed_mps: float, step_s: float) -> None:
         """Move the place straight on."""
         self.step_m = speed_mps * step_s
         if self.place is not None and self.heading_deg is not None:
-            self.place = offset(self.place, self.heading_deg, self.step_m)
+            self.place = offset_place(self.place, self.heading_deg, self.step_m)
 
 
 def _add_run_on(
@@ -218,7 +218,7 @@ def _add_run_on(
             way.step_m,
         )
         if after.share > 0.0:
-            sums.add(
+            sums.add_tick(
                 RUN_ON_STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha, last.open_share
             )
             wide_m = last.open_share * machine.geometry.working_width_m
@@ -247,9 +247,9 @@ def _add_row_to_sums(
         row.shaft_rpm_cmd > 0.0 or row.shaft_rpm >= turning_rpm
     )
     if not worked:
-        sums.rest()
+        sums.stop_work()
     elif is_new and step_s <= LONGEST_STEP_S:
-        sums.add(
+        sums.add_tick(
             step_s,
             row.speed_used_mps,
             row.applied_rate_kg_ha * row.flow_trim,
@@ -262,12 +262,14 @@ def _add_row_to_sums(
 
 def _add_open_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_TailRow]:
     """The rows with the open share of the width, where the machine has valves."""
-    if not machine.switched:
+    if not machine.switched_strips:
         yield from rows
         return
     valves = LoggedValves(machine.sections)
     for row in rows:
-        yield row._replace(open_share=valves.share(valves.open_at(row.time_s, row.sections_cmd)))
+        yield row._replace(
+            open_share=valves.calc_open_share(valves.find_open_valves(row.time_s, row.sections_cmd))
+        )
 
 
 def _estimate_hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:

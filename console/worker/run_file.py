@@ -84,7 +84,7 @@ class WorkerRight:
 @contextlib.contextmanager
 def hold_right(
     path: Path,
-    epoch_s: Callable[[], float] = day_clock.epoch_s,
+    epoch_s: Callable[[], float] = day_clock.read_epoch_s,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[WorkerRight]:
     """Hold the right to be the worker of this run file until the end of the block; a file left by a
@@ -115,7 +115,7 @@ class RunFileWriter(threading.Thread):
 
     def __init__(self, right: WorkerRight, port: int, token: str, log_path: str) -> None:
         super().__init__(name="run file", daemon=True)
-        started = day_clock.utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        started = day_clock.read_utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
         say = {
             "port": port,
             "token": token,

@@ -13,7 +13,7 @@ from topdress.control.agronomy.yield_potential import YieldPotential, describe_d
 from topdress.control.frozen_model import FrozenModel
 
 # This line leaves the response index of the canopy as it is.
-CANOPY_ITSELF = HarvestLine(slope=1.0, intercept=0.0)
+IDENTITY_LINE = HarvestLine(slope=1.0, intercept=0.0)
 
 
 class GrowingDays(FrozenModel):
@@ -35,7 +35,7 @@ class GrowingDays(FrozenModel):
     sensed: dt.date | None = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_one_source(self) -> Self:
         if self.count is not None and self.weather is not None:
             raise ValueError("allowed is one of count (with above_c) and weather (with sown)")
         if self.count is None and self.sown is None:
@@ -54,7 +54,7 @@ class GrowingDays(FrozenModel):
             raise ValueError(f"sensed {self.sensed} is not after sown {self.sown}")
         return self
 
-    def fault_with(self, curve: YieldPotential) -> str:
+    def find_mismatch(self, curve: YieldPotential) -> str:
         """Returns why these days do not fit the yield curve's own day rule, in one line.
 
         Returns
@@ -207,7 +207,7 @@ class Crop(FrozenModel):
     max_rate_kg_ha: float = Field(gt=0.0, le=2000.0, description="absolute limit of the product")
 
     @model_validator(mode="after")
-    def _one_rule(self) -> Self:
+    def _check_one_rule(self) -> Self:
         of_yield = {
             "days": self.days,
             "y_max_t_ha": self.y_max_t_ha,
@@ -243,7 +243,7 @@ class Crop(FrozenModel):
         return self
 
     @model_validator(mode="after")
-    def _fits_its_curve(self) -> Self:
+    def _check_yield_curve(self) -> Self:
         curve = self.yield_potential
         if curve is None or self.days is None:
             return self
@@ -260,20 +260,24 @@ class Crop(FrozenModel):
             )
         if curve.warning and not self.flag:
             raise ValueError(f"flag missing: set {curve.set} needs one, because {curve.warning}")
-        fault = self.days.fault_with(curve)
+        fault = self.days.find_mismatch(curve)
         if fault:
             raise ValueError(fault)
         own = self.harvest_line
-        if curve.set is not None and own is not None and own not in (curve.line, CANOPY_ITSELF):
+        if (
+            curve.set is not None
+            and own is not None
+            and own not in (curve.response_line, IDENTITY_LINE)
+        ):
             raise ValueError(
                 f"harvest_line: {own}: the row of set {curve.set} has "
-                f"{curve.line or 'none'}: leave the "
+                f"{curve.response_line or 'none'}: leave the "
                 "key out, or say slope 1, intercept 0 for the canopy's own index"
             )
         return self
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _check_consistency(self) -> Self:
         if self.index == "ndre" and "ndvi_min" not in self.model_fields_set:
             raise ValueError("index ndre: ndvi_min missing: its default, 0.25, is one of NDVI")
         fixed, most = self.fixed_yield_t_ha, self.y_max_t_ha
@@ -291,7 +295,7 @@ class Crop(FrozenModel):
         return self
 
     @model_validator(mode="after")
-    def _range_of_ndvi(self) -> Self:
+    def _check_ndvi_range(self) -> Self:
         top = self.ndvi_top
         if self.ndvi_min >= top:
             raise ValueError(f"ndvi_min {self.ndvi_min:g}: allowed is below ndvi_max {top:g}")
@@ -316,7 +320,7 @@ class Crop(FrozenModel):
             raise ValueError("harvest_line goes with response_index: field")
         return self
 
-    def at_most(self, rate_kg_ha: float) -> Crop:
+    def limit_rates(self, rate_kg_ha: float) -> Crop:
         """Returns the crop with its rates limited to `rate_kg_ha`, where its own limits are
         higher."""
         keys = ("max_rate_kg_ha", "fallback_rate_kg_ha", "min_rate_kg_ha")
@@ -333,7 +337,7 @@ class Crop(FrozenModel):
         own, else that of its published set."""
         if self.harvest_line is not None or self.yield_potential is None:
             return self.harvest_line
-        return self.yield_potential.line
+        return self.yield_potential.response_line
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -354,9 +358,9 @@ class Crop(FrozenModel):
                 "nothing, as older versions did"
             )
         if (
-            self.harvest_line == CANOPY_ITSELF
+            self.harvest_line == IDENTITY_LINE
             and self.yield_potential is not None
-            and self.yield_potential.line
+            and self.yield_potential.response_line
         ):
             lines.append(
                 f"harvest_line 1, 0: the canopy's own response index counts, not the line of set "
@@ -391,7 +395,9 @@ class Sufficiency(FrozenModel):
         min_length=8, description="where both were published, for this crop and index"
     )
 
-    def n_kg_ha(self, si: float, zone_factor: float = 1.0, less_n_kg_ha: float = 0.0) -> float:
+    def find_n_rate_kg_ha(
+        self, si: float, zone_factor: float = 1.0, less_n_kg_ha: float = 0.0
+    ) -> float:
         """Returns the nitrogen rate, kg/ha: none from an index of 1 on, at most the optimum
         below 1 - delta_si.
 

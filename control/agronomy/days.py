@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 
-def days_above_base(
+def count_days_above_base(
     dates: npt.NDArray[np.datetime64],
     mean_temp_c: npt.NDArray[np.float64],
     sown: dt.date,

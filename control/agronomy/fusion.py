@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from statistics import median
 from typing import NamedTuple
 
-from topdress.control.readings import Reading, is_fresh
+from topdress.control.readings import Reading, is_reading_fresh
 
 # Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 _MAD_TO_SD = 1.4826
@@ -32,7 +32,7 @@ class FusionLimits(NamedTuple):
     ndvi_high: float = 1.0
 
 
-LIMITS = FusionLimits()
+DEFAULT_LIMITS = FusionLimits()
 
 
 class HeadState(NamedTuple):
@@ -60,7 +60,7 @@ class Fused(NamedTuple):
     degraded: bool  # fewer valid heads than needed
 
 
-def start(heads: int = 6) -> FusionState:
+def start_fusion(heads: int = 6) -> FusionState:
     """Returns the state of the fusion before any reading, for so many heads."""
     return FusionState((HeadState(),) * heads)
 
@@ -69,7 +69,7 @@ def fuse_readings(
     state: FusionState,
     readings: Sequence[Reading | None],
     time_s: float,
-    limits: FusionLimits = LIMITS,
+    limits: FusionLimits = DEFAULT_LIMITS,
 ) -> tuple[FusionState, Fused]:
     """Fuses the newest reading of each head, however old, into one NDVI.
 
@@ -86,7 +86,7 @@ def fuse_readings(
     The new state, and the fused NDVI."""
     heads = state.heads if len(state.heads) == len(readings) else (HeadState(),) * len(readings)
     heads = tuple(
-        _heard(head, reading, limits) for head, reading in zip(heads, readings, strict=True)
+        _store_reading(head, reading, limits) for head, reading in zip(heads, readings, strict=True)
     )
     silent = tuple(k for k, head in enumerate(heads) if _is_silent(head, time_s, limits))
     fresh = {
@@ -95,7 +95,7 @@ def fuse_readings(
         if head.last is not None and k not in silent
     }
     heads = tuple(
-        _judged(k, head, heads, fresh, time_s, limits) if k in fresh else _not_judged(head)
+        _update_trust(k, head, heads, fresh, time_s, limits) if k in fresh else _clear_timers(head)
         for k, head in enumerate(heads)
     )
     trusted = [value for k, value in fresh.items() if not heads[k].dropped]
@@ -112,21 +112,21 @@ def fuse_readings(
     return FusionState(heads), fused
 
 
-def _heard(head: HeadState, reading: Reading | None, limits: FusionLimits) -> HeadState:
+def _store_reading(head: HeadState, reading: Reading | None, limits: FusionLimits) -> HeadState:
     if reading is None or not limits.ndvi_low <= reading.value <= limits.ndvi_high:
         return head
     return head._replace(last=reading)
 
 
 def _is_silent(head: HeadState, time_s: float, limits: FusionLimits) -> bool:
-    return head.last is None or not is_fresh(head.last.time_s, time_s, limits.silent_s)
+    return head.last is None or not is_reading_fresh(head.last.time_s, time_s, limits.silent_s)
 
 
-def _not_judged(head: HeadState) -> HeadState:
+def _clear_timers(head: HeadState) -> HeadState:
     return head._replace(apart_since_s=None, close_since_s=None)
 
 
-def _judged(
+def _update_trust(
     k: int,
     head: HeadState,
     heads: tuple[HeadState, ...],
@@ -136,7 +136,7 @@ def _judged(
 ) -> HeadState:
     others = [value for j, value in fresh.items() if j != k and not heads[j].dropped]
     if len(others) < 3:
-        return _not_judged(head)
+        return _clear_timers(head)
     middle = median(others)
     robust_sd = _MAD_TO_SD * median([abs(value - middle) for value in others])
     allowed = max(limits.least_apart, limits.robust_sds * robust_sd)

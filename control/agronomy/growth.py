@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
 
 Scale = Literal["feekes", "bbch", "days"]
-SCALE_RANGE: dict[str, tuple[float, float]] = {
+SCALE_RANGES: dict[str, tuple[float, float]] = {
     "feekes": (1.0, 11.4),
     "bbch": (0.0, 99.0),
     "days": (1.0, 400.0),
@@ -34,8 +34,8 @@ class GrowthWindow(FrozenModel):
     source: str = Field(default="", description="who says so")
 
     @model_validator(mode="after")
-    def _on_its_scale(self) -> Self:
-        low, high = SCALE_RANGE[self.scale]
+    def _check_scale(self) -> Self:
+        low, high = SCALE_RANGES[self.scale]
         if not low <= self.first <= self.last <= high:
             raise ValueError(
                 f"first {self.first:g} and last {self.last:g}: allowed is {low:g} to "
@@ -52,8 +52,8 @@ class GrowthStage(FrozenModel):
     stage: Stage
 
     @model_validator(mode="after")
-    def _on_its_scale(self) -> Self:
-        low, high = SCALE_RANGE[self.scale]
+    def _check_scale(self) -> Self:
+        low, high = SCALE_RANGES[self.scale]
         if not low <= self.stage <= high:
             raise ValueError(
                 f"stage {self.stage:g}: allowed is {low:g} to {high:g} on the scale {self.scale}"
@@ -76,13 +76,13 @@ class Growth(NamedTuple):
         return self.stage is not None and not self.first <= self.stage <= self.last
 
     @property
-    def text(self) -> str:
+    def event_text(self) -> str:
         """Returns the words of a log's event: `feekes 8 (4 to 6)`."""
         stage = "?" if self.stage is None else f"{self.stage:g}"
         return f"{self.scale} {stage} ({self.first:g} to {self.last:g})"
 
 
-def growth_of(
+def assess_growth(
     window: GrowthWindow | None, seen: GrowthStage | None, days: int | None
 ) -> Growth | None:
     """Returns the stage on the scale of the window; None where the crop file has no window.

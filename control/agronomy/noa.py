@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.response import ResponseRule, field_response
+from topdress.control.agronomy.response import ResponseRule, calc_field_response
 from topdress.control.agronomy.strips import Strips, StripValue
 from topdress.control.agronomy.yield_potential import YieldPotential
 
@@ -57,7 +57,7 @@ class Decision(NamedTuple):
     sufficiency_index: float | None = None  # None by a yield curve
 
 
-def insey(ndvi: float, days: float) -> float:
+def calc_insey(ndvi: float, days: float) -> float:
     """Returns the in-season estimate of yield, NDVI per day (paper A, eq 4).
 
     Raises
@@ -68,14 +68,14 @@ def insey(ndvi: float, days: float) -> float:
     return ndvi / days
 
 
-def yield_without(insey_per_day: float, a_t_ha: float, b_days: float) -> float:
+def calc_yield_without_t_ha(insey_per_day: float, a_t_ha: float, b_days: float) -> float:
     """Returns the yield without topdressing, a exp(b INSEY), t/ha (paper A, eq 3). It is not
     capped, and infinite where the exponent reaches 700."""
     exponent = b_days * insey_per_day
     return a_t_ha * math.exp(exponent) if exponent < 700.0 else math.inf
 
 
-def response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) -> float:
+def calc_response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) -> float:
     """Returns the NDVI of the N-rich strip divided by that of the field, at most `cap` (paper A,
     eq 5; cap: Raun et al. 2002).
 
@@ -85,7 +85,7 @@ def response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) -> fl
     return min(ndvi_nrich / ndvi_field, cap)
 
 
-def n_requirement_kg_ha(
+def calc_requirement_kg_ha(
     yield_with_t_ha: float,
     yield_without_t_ha: float,
     grain_n_kg_t: float = 23.9,
@@ -97,7 +97,7 @@ def n_requirement_kg_ha(
     return grain_n_kg_t * (yield_with_t_ha - yield_without_t_ha) / (product_n_fraction * efficiency)
 
 
-def _side(ndvi: float, crop: Crop) -> Why:
+def _name_cutoff(ndvi: float, crop: Crop) -> Why:
     return "above_cutoff" if ndvi > crop.ndvi_top else "below_cutoff"
 
 
@@ -117,17 +117,19 @@ class Rule:
     n_credit_kg_ha: float = 0.0
 
     @property
-    def strips(self) -> Strips:
+    def strip_ndvi(self) -> Strips:
         """Returns the NDVI of the two strips."""
         return Strips(self.ndvi_nrich, self.ndvi_check)
 
     @property
-    def field_response(self) -> float | None:
+    def response_of_field(self) -> float | None:
         """Returns the response index of the field; None by the paper's rule, or where a strip is
         missing."""
         if self.response_rule == "paper":
             return None
-        return field_response(self.strips, self.crop.response_index_max, self.crop.response_line)
+        return calc_field_response(
+            self.strip_ndvi, self.crop.response_index_max, self.crop.response_line
+        )
 
     @property
     def is_ready(self) -> bool:
@@ -138,16 +140,16 @@ class Rule:
         return (
             self.ndvi_nrich is not None
             if self.response_rule == "paper"
-            else self.field_response is not None
+            else self.response_of_field is not None
         )
 
-    def with_strip(self, strip: StripValue) -> Rule:
+    def replace_strip(self, strip: StripValue) -> Rule:
         """Returns the rule with a strip that was measured just now."""
         if strip.which == "nrich":
             return replace(self, ndvi_nrich=strip.ndvi)
         return replace(self, ndvi_check=strip.ndvi)
 
-    def decide(self, ndvi: float | None, zone_factor: float = 1.0) -> Decision:
+    def decide_rate(self, ndvi: float | None, zone_factor: float = 1.0) -> Decision:
         """Returns the rate for a canopy reading.
 
         Parameters
@@ -166,14 +168,14 @@ class Rule:
             return Decision(0.0, "no_zone", None, None)
         if not crop.grades:
             if crop.ndvi_min <= ndvi <= crop.ndvi_top:
-                return self._tapered(self._from_reading(ndvi, None, zone_factor), ndvi)
-            return Decision(0.0, _side(ndvi, crop), None, None)
+                return self._taper_rate(self._decide_from_reading(ndvi, None, zone_factor), ndvi)
+            return Decision(0.0, _name_cutoff(ndvi, crop), None, None)
         grade, used = grade_ndvi(ndvi, crop.ndvi_min, crop.ndvi_top, crop.grade_width)
         if used is None:
-            return Decision(0.0, _side(ndvi, crop), 0, None)
-        return self._from_reading(used, grade, zone_factor)
+            return Decision(0.0, _name_cutoff(ndvi, crop), 0, None)
+        return self._decide_from_reading(used, grade, zone_factor)
 
-    def _tapered(self, decision: Decision, ndvi: float) -> Decision:
+    def _taper_rate(self, decision: Decision, ndvi: float) -> Decision:
         """Reduces the rate linearly to 0 over `taper_ndvi` at both ends of the NDVI range.
 
         Towards bare soil and towards a dense canopy a reading says less and less. In place of a
@@ -188,59 +190,64 @@ class Rule:
             rate_kg_ha=decision.rate_kg_ha * min(1.0, inside / crop.taper_ndvi)
         )
 
-    def _from_reading(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
+    def _decide_from_reading(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
         curve = self.crop.yield_potential
         if curve is None:
-            return self._from_sufficiency(ndvi, grade, zone_factor)
-        return self._from_yields(ndvi, grade, curve, zone_factor)
+            return self._decide_from_sufficiency(ndvi, grade, zone_factor)
+        return self._decide_from_yields(ndvi, grade, curve, zone_factor)
 
-    def _from_sufficiency(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
+    def _decide_from_sufficiency(
+        self, ndvi: float, grade: int | None, zone_factor: float
+    ) -> Decision:
         crop, rich = self.crop, self.ndvi_nrich
         # the crop file's own check; is_ready
         assert crop.sufficiency is not None and rich is not None
         index = ndvi / rich
-        n_kg_ha = crop.sufficiency.n_kg_ha(
+        n_kg_ha = crop.sufficiency.find_n_rate_kg_ha(
             index, zone_factor, self.n_given_kg_ha + self.n_credit_kg_ha
         )
-        rate, why = self._limited(n_kg_ha / crop.product_n_fraction)
+        rate, why = self._limit_need(n_kg_ha / crop.product_n_fraction)
         return Decision(rate, why, grade, ndvi, sufficiency_index=index)
 
-    def _limited(self, need_kg_ha: float) -> tuple[float, Why]:
+    def _limit_need(self, need_kg_ha: float) -> tuple[float, Why]:
         least, most = self.crop.min_rate_kg_ha, self.crop.max_rate_kg_ha
         why: Why = "limited" if need_kg_ha > most else "in_range"
         if need_kg_ha <= 0.0 or need_kg_ha < least:
             why = "lowest" if least > 0.0 else "yield_reached"
         return min(max(need_kg_ha, least), most), why
 
-    def _from_yields(
+    def _decide_from_yields(
         self, ndvi: float, grade: int | None, curve: YieldPotential, zone_factor: float
     ) -> Decision:
         crop, days, most = self.crop, self.days, self.crop.y_max_t_ha
-        assert days is not None and most is not None  # `prepare`; the crop file's own check
-        index = insey(ndvi, days)
-        without = min(yield_without(index, curve.a_t_ha, curve.b_days), most)
+        assert days is not None and most is not None  # `prepare_rule`; the crop file's own check
+        index = calc_insey(ndvi, days)
+        without = min(calc_yield_without_t_ha(index, curve.a_t_ha, curve.b_days), most)
         if crop.yield_ceiling == "nrich" and self.ndvi_nrich is not None:
             most = min(
-                most, yield_without(insey(self.ndvi_nrich, days), curve.a_t_ha, curve.b_days)
+                most,
+                calc_yield_without_t_ha(
+                    calc_insey(self.ndvi_nrich, days), curve.a_t_ha, curve.b_days
+                ),
             )
-        response = self.field_response
+        response = self.response_of_field
         if self.response_rule == "paper" and self.ndvi_nrich is not None:
-            response = response_index(self.ndvi_nrich, ndvi, crop.response_index_max)
+            response = calc_response_index(self.ndvi_nrich, ndvi, crop.response_index_max)
         if response is not None:
             wanted = without * response
         else:
             wanted = crop.fixed_yield_t_ha if crop.fixed_yield_t_ha is not None else 0.0
         with_n = min(wanted, most)
-        need = n_requirement_kg_ha(
+        need = calc_requirement_kg_ha(
             with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency
         )
-        rate, why = self._limited(
+        rate, why = self._limit_need(
             need * zone_factor - self.n_credit_kg_ha / crop.product_n_fraction
         )
         return Decision(rate, why, grade, ndvi, index, without, with_n, response)
 
 
-def prepare(
+def prepare_rule(
     crop: Crop,
     days: int | None = None,
     ndvi_nrich: float | None = None,
@@ -270,7 +277,7 @@ def prepare(
     ValueError : the days are not known yet (a weather file has to be counted first) or out of
         range, neither form is possible, or the NDVI of a strip is not in (0, 1]."""
     if crop.yield_potential is not None:
-        days = _days_of(crop, days)
+        days = _find_growing_days(crop, days)
     ndvi_nrich = ndvi_nrich if ndvi_nrich is not None else crop.ndvi_nrich
     ndvi_check = ndvi_check if ndvi_check is not None else crop.ndvi_check
     response_rule = response_rule or crop.response_index
@@ -297,7 +304,7 @@ def prepare(
     )
 
 
-def _days_of(crop: Crop, counted: int | None) -> int:
+def _find_growing_days(crop: Crop, counted: int | None) -> int:
     """Returns the growing days, as counted or from the crop file. Raises ValueError."""
     days = counted if counted is not None else None if crop.days is None else crop.days.count
     if days is None:
@@ -308,12 +315,12 @@ def _days_of(crop: Crop, counted: int | None) -> int:
     return days
 
 
-def rate_kg_ha(
+def decide_rate_kg_ha(
     crop: Crop, ndvi: float | None, days: int | None = None, ndvi_nrich: float | None = None
 ) -> float:
     """Returns the rate of product for a canopy reading, kg/ha, from 0 to the crop's limit (paper
     A, eq 2 to 5)."""
-    return prepare(crop, days, ndvi_nrich).decide(ndvi).rate_kg_ha
+    return prepare_rule(crop, days, ndvi_nrich).decide_rate(ndvi).rate_kg_ha
 
 
 class GradeRate(NamedTuple):
@@ -334,11 +341,11 @@ def make_rate_table(
 
     A crop without grades is tabulated at the same edges, each line with the rate at its upper
     edge."""
-    rule = prepare(crop, days, ndvi_nrich)
+    rule = prepare_rule(crop, days, ndvi_nrich)
     edges = list_grade_edges(crop.ndvi_min, crop.ndvi_top, crop.grade_width)
     lower = (crop.ndvi_min, *edges[:-1])
     return tuple(
-        GradeRate(k, low, high, rule.decide(high).rate_kg_ha)
+        GradeRate(k, low, high, rule.decide_rate(high).rate_kg_ha)
         for k, (low, high) in enumerate(zip(lower, edges, strict=True), start=1)
     )
 

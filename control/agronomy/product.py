@@ -34,7 +34,7 @@ class CatchTest(FrozenModel):
     sha256: str = Field(default="", description="of that table")
 
     @model_validator(mode="after")
-    def _interval(self) -> Self:
+    def _check_interval(self) -> Self:
         if (self.low is None) != (self.high is None):
             raise ValueError("low and high: allowed are both or none")
         if (
@@ -70,12 +70,12 @@ class Product(FrozenModel):
         default=(), max_length=10_000, description="of any machine, in any order"
     )
 
-    def newest_test(self, machine_id: str) -> CatchTest | None:
+    def find_newest_test(self, machine_id: str) -> CatchTest | None:
         """Returns the newest catch test with this machine; of several on one day the last in the
         file."""
         found = [test for test in self.catch_tests if test.machine == machine_id]
         return max(reversed(found), key=lambda test: test.date, default=None)
 
-    def with_test(self, test: CatchTest) -> Product:
+    def append_test(self, test: CatchTest) -> Product:
         """Returns the product with a further catch test."""
         return self.model_copy(update={"catch_tests": (*self.catch_tests, test)})

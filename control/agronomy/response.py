@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
-from topdress.control.agronomy.strips import Strips, measured_index
+from topdress.control.agronomy.strips import Strips, calc_measured_index
 from topdress.control.frozen_model import FrozenModel
 
 ResponseRule = Literal["paper", "field"]
@@ -33,7 +33,7 @@ class HarvestLine(FrozenModel):
         return f"slope {self.slope:g}, intercept {self.intercept:g}"
 
     @model_validator(mode="after")
-    def _no_response_stays_none(self) -> Self:
+    def _check_fixed_point(self) -> Self:
         at_one = self.slope + self.intercept
         if not 0.8 <= at_one <= 1.3:
             raise ValueError(
@@ -44,7 +44,7 @@ class HarvestLine(FrozenModel):
         return self
 
 
-def field_response(strips: Strips, cap: float, line: HarvestLine | None) -> float | None:
+def calc_field_response(strips: Strips, cap: float, line: HarvestLine | None) -> float | None:
     """Returns the response index of the field that the yield with topdressing is calculated
     with; None where a strip is missing.
 
@@ -54,7 +54,7 @@ def field_response(strips: Strips, cap: float, line: HarvestLine | None) -> floa
     cap : highest response index of the canopy, before the line: "RI_NDVI cannot exceed 2.0"
         (nue.okstate.edu/ Managing_N_Fertilizer_NRS.htm).
     line : from the canopy's index to that of the harvest; None: the canopy's own."""
-    index = measured_index(strips)
+    index = calc_measured_index(strips)
     if index is None:
         return None
     index = min(index, cap)

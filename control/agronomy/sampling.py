@@ -23,7 +23,7 @@ class Evenness(NamedTuple):
     cuc_percent: float  # Christiansen's coefficient of uniformity, eq 1
 
 
-def cv_percent(values: npt.ArrayLike) -> float:
+def calc_cv_percent(values: npt.ArrayLike) -> float:
     """Returns the coefficient of variation, %: sample standard deviation (divisor n - 1) over
     the mean.
 
@@ -34,13 +34,13 @@ def cv_percent(values: npt.ArrayLike) -> float:
     Returns
     -------
     NaN with fewer than two values or a mean not above zero."""
-    w = _finite(values)
+    w = _select_finite(values)
     if w.size < 2 or w.mean() <= 0.0:
         return float("nan")
     return float(100.0 * w.std(ddof=1) / w.mean())
 
 
-def cuc_percent(values: npt.ArrayLike) -> float:
+def calc_cuc_percent(values: npt.ArrayLike) -> float:
     """Returns Christiansen's coefficient of uniformity, %, (1 - sum|w - mean| / sum w) x 100
     (paper A, eq 1).
 
@@ -51,7 +51,7 @@ def cuc_percent(values: npt.ArrayLike) -> float:
     Returns
     -------
     NaN without values or with a mean not above zero."""
-    w = _finite(values)
+    w = _select_finite(values)
     if w.size == 0 or w.mean() <= 0.0:
         return float("nan")
     return float(100.0 * (1.0 - np.abs(w - w.mean()).sum() / w.sum()))
@@ -60,13 +60,15 @@ def cuc_percent(values: npt.ArrayLike) -> float:
 def measure_evenness(values: npt.ArrayLike) -> Evenness:
     """Returns count, mean, CV and C_uc of readings (n,); values that are not finite are left
     out."""
-    w = _finite(values)
+    w = _select_finite(values)
     return Evenness(
-        w.size, float(w.mean()) if w.size else float("nan"), cv_percent(w), cuc_percent(w)
+        w.size, float(w.mean()) if w.size else float("nan"), calc_cv_percent(w), calc_cuc_percent(w)
     )
 
 
-def subsample(values: npt.ArrayLike, source_hz: float, target_hz: float) -> npt.NDArray[np.float64]:
+def subsample_readings(
+    values: npt.ArrayLike, source_hz: float, target_hz: float
+) -> npt.NDArray[np.float64]:
     """Returns every k-th reading, k = source_hz / target_hz: (n,) -> (ceil(n / k),).
 
     Raises
@@ -82,12 +84,14 @@ def subsample(values: npt.ArrayLike, source_hz: float, target_hz: float) -> npt.
     return np.asarray(values, dtype=np.float64)[:: round(step)]
 
 
-def frequency_table(
+def tabulate_frequencies(
     values: npt.ArrayLike, source_hz: float = 2.0, frequencies_hz: Sequence[float] = FREQUENCIES_HZ
 ) -> dict[float, Evenness]:
     """Returns the uniformity at each sampling frequency of readings (n,) taken at `source_hz`: a
     column of paper A's table 1."""
-    return {hz: measure_evenness(subsample(values, source_hz, hz)) for hz in frequencies_hz}
+    return {
+        hz: measure_evenness(subsample_readings(values, source_hz, hz)) for hz in frequencies_hz
+    }
 
 
 class FrequencyChoice(NamedTuple):
@@ -98,7 +102,7 @@ class FrequencyChoice(NamedTuple):
     departure: dict[float, float]
 
 
-def best_frequency(
+def choose_frequency(
     plots: Sequence[Mapping[float, Evenness]], raw_hz: float = 2.0
 ) -> FrequencyChoice:
     """Chooses the sampling frequency that changes the statistics of the canopy least (paper A,
@@ -133,6 +137,6 @@ def best_frequency(
     return FrequencyChoice(min(departure, key=lambda hz: (departure[hz], hz)), departure)
 
 
-def _finite(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def _select_finite(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
     w = np.asarray(values, dtype=np.float64).ravel()
     return w[np.isfinite(w)]

@@ -8,17 +8,17 @@ from typing import Literal, NamedTuple
 Doubt = Literal["", "below_1", "above_3"]
 
 # Response index of a crop that has enough nitrogen: the strip with more of it is no greener.
-NO_RESPONSE = 1.0
+INDEX_OF_NO_RESPONSE = 1.0
 # Text in place of an NDVI for a strip that no longer counts.
-NONE = "none"
+NO_STRIP = "none"
 # Sufficiency index from which a crop has enough nitrogen: below 95 % nitrogen is advised (Peterson
 # et al. 1993, NebGuide G93-1171; Blackmer and Schepers 1995, J. Prod. Agric. 8:56-60). An N-rich
 # strip whose ratio to the field is that close to 1 may have got no more nitrogen, or lies
 # elsewhere.
-HARDLY_RICHER = 0.95
+ENOUGH_N_SUFFICIENCY = 0.95
 # Response index above which a strip was sensed over soil or weeds, or the two strips on different
 # days.
-HIGHEST_BELIEVED = 3.0
+MAX_PLAUSIBLE_INDEX = 3.0
 
 
 class Strips(NamedTuple):
@@ -28,7 +28,7 @@ class Strips(NamedTuple):
     check: float | None = None
 
 
-def measured_index(strips: Strips) -> float | None:
+def calc_measured_index(strips: Strips) -> float | None:
     """Returns the ratio of N-rich strip to farmer check as measured, without cap and line; None
     where a strip is missing."""
     if strips.nrich is None or strips.check is None:
@@ -36,12 +36,12 @@ def measured_index(strips: Strips) -> float | None:
     return strips.nrich / strips.check
 
 
-def doubt(strips: Strips) -> Doubt:
+def find_index_doubt(strips: Strips) -> Doubt:
     """Returns why the measured index is not plausible; "" where it is."""
-    index = measured_index(strips)
-    if index is None or NO_RESPONSE <= index <= HIGHEST_BELIEVED:
+    index = calc_measured_index(strips)
+    if index is None or INDEX_OF_NO_RESPONSE <= index <= MAX_PLAUSIBLE_INDEX:
         return ""
-    return "below_1" if index < NO_RESPONSE else "above_3"
+    return "below_1" if index < INDEX_OF_NO_RESPONSE else "above_3"
 
 
 class StripValue(NamedTuple):
@@ -54,20 +54,20 @@ class StripValue(NamedTuple):
     samples: int = 0
 
     @property
-    def text(self) -> str:
+    def event_text(self) -> str:
         """Returns the words of an order and a log's event: `nrich 0.712 0.0041 38`, `nrich
         none`."""
         if self.ndvi is None:
-            return f"{self.which} {NONE}"
+            return f"{self.which} {NO_STRIP}"
         more = "" if self.se is None else f" {self.se:.4f} {self.samples}"
         return f"{self.which} {self.ndvi:.4f}{more}"
 
 
-def read_strip(text: object) -> StripValue | None:
-    """Reads the words that `StripValue.text` writes; None where they are malformed or the NDVI
-    is not in (0, 1]."""
+def parse_strip(text: object) -> StripValue | None:
+    """Reads the words that `StripValue.event_text` writes; None where they are malformed or the
+    NDVI is not in (0, 1]."""
     words = text.split() if isinstance(text, str) else []
-    if words[1:] == [NONE] and words[0] in ("nrich", "check"):
+    if words[1:] == [NO_STRIP] and words[0] in ("nrich", "check"):
         return StripValue("nrich" if words[0] == "nrich" else "check", None)
     if len(words) not in (2, 4) or words[0] not in ("nrich", "check"):
         return None

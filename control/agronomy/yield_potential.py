@@ -138,12 +138,12 @@ def describe_day_rule(base_temp_c: float | EveryDay) -> str:
     )
 
 
-_FIXED_BY_SET = ("a_t_ha", "b_days", "base_temp_c", "source")
+_KEYS_FIXED_BY_SET = ("a_t_ha", "b_days", "base_temp_c", "source")
 
 
-def _schema_takes_either(schema: dict[str, Any]) -> None:
+def _allow_either_in_schema(schema: dict[str, Any]) -> None:
     schema["required"] = []
-    schema["anyOf"] = [{"required": ["set"]}, {"required": list(_FIXED_BY_SET)}]
+    schema["anyOf"] = [{"required": ["set"]}, {"required": list(_KEYS_FIXED_BY_SET)}]
     schema["properties"]["set"]["enum"] = [*YIELD_SETS, None]
 
 
@@ -155,7 +155,7 @@ class YieldPotential(FrozenModel):
     `base_temp_c` and `source`. After validation all four hold values in either case. Anything
     in between is refused."""
 
-    model_config = ConfigDict(json_schema_extra=_schema_takes_either)
+    model_config = ConfigDict(json_schema_extra=_allow_either_in_schema)
 
     set: str | None = Field(default=None, description="name of a published set")
     a_t_ha: float = Field(gt=0.0, le=5.0, description="yield at NDVI 0, t/ha")
@@ -170,23 +170,23 @@ class YieldPotential(FrozenModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _expand(cls, data: Any) -> Any:
+    def _expand_named_set(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
         name = data.get("set")
         if name is None:
-            missing = [key for key in _FIXED_BY_SET if data.get(key) is None]
+            missing = [key for key in _KEYS_FIXED_BY_SET if data.get(key) is None]
             if missing:
                 raise ValueError(
                     f"{', '.join(missing)} missing: allowed is a set "
                     f"({', '.join(YIELD_SETS)}), or all of "
-                    f"{', '.join(_FIXED_BY_SET)} from one source"
+                    f"{', '.join(_KEYS_FIXED_BY_SET)} from one source"
                 )
             return data
         if name not in YIELD_SETS:
             raise ValueError(f"set {name!r} is not known: allowed are {', '.join(YIELD_SETS)}")
-        own = {key: getattr(YIELD_SETS[name], key) for key in _FIXED_BY_SET}
-        for key in _FIXED_BY_SET:
+        own = {key: getattr(YIELD_SETS[name], key) for key in _KEYS_FIXED_BY_SET}
+        for key in _KEYS_FIXED_BY_SET:
             if key in data and data[key] != own[key]:
                 raise ValueError(
                     f"{key} {data[key]!r} contradicts set {name}, which brings "
@@ -196,7 +196,7 @@ class YieldPotential(FrozenModel):
         return {**data, **own}
 
     @model_validator(mode="after")
-    def _own_day_rule(self) -> Self:
+    def _check_day_rule(self) -> Self:
         if self.set is not None:
             return self
         for name, known in YIELD_SETS.items():
@@ -217,7 +217,7 @@ class YieldPotential(FrozenModel):
         return YIELD_SETS[self.set].warning if self.set is not None else ""
 
     @property
-    def line(self) -> HarvestLine | None:
+    def response_line(self) -> HarvestLine | None:
         """Returns the harvest line of the set; None where it has none, or the constants are
         written out."""
         return YIELD_SETS[self.set].line if self.set is not None else None

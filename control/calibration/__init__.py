@@ -23,7 +23,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .bench_table import KINDS, BenchTable, recognise
+from .bench_table import KINDS, BenchTable, recognise_kind
 
 if TYPE_CHECKING:
     from .flow_fit import FlowFit, fit_flow
@@ -44,7 +44,7 @@ __all__ = [
     "fit_flow",
     "fit_lag",
     "fit_wheel",
-    "recognise",
+    "recognise_kind",
 ]
 
 _FITS = {

@@ -9,7 +9,7 @@ from topdress.control.machine.machine import Adopted, Machine
 from .least_squares import FittedInterval
 
 
-def record(
+def make_record(
     id_: str,
     size: FittedInterval,
     unit: str,

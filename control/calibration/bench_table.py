@@ -9,25 +9,25 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.recordings.finding import Finding
 from topdress.control.recordings.speeds import KMH_PER_MPS
-from topdress.control.recordings.values import known
+from topdress.control.recordings.values import blank_sentinels
 
 Array = npt.NDArray[np.float64]
 
 KINDS = ("lag", "catch", "weigh", "heads", "place")
-LAGS = ("lag_s", "drop_s", "response_s", "lag_m")
-SPEEDS = ("speed_mps", "speed_kmh")
-NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {  # of each group one column is enough
-    "lag": (("shaft_rpm",), LAGS),
+LAG_COLUMNS = ("lag_s", "drop_s", "response_s", "lag_m")
+SPEED_COLUMNS = ("speed_mps", "speed_kmh")
+REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {  # of each group one column is enough
+    "lag": (("shaft_rpm",), LAG_COLUMNS),
     "catch": (("shaft_rpm",), ("opening_mm",), ("duration_s",), ("mass_kg",)),
     "weigh": (("target_kg",), ("applied_kg",), ("area_m2",)),
     "heads": (("head",), ("ndvi_reference",), ("ndvi",)),
-    "place": (("shaft_rpm",), SPEEDS, ("miss_m",)),
+    "place": (("shaft_rpm",), SPEED_COLUMNS, ("miss_m",)),
 }
-KNOWN = frozenset(
+KNOWN_COLUMNS = frozenset(
     {
         "shaft_rpm",
-        *LAGS,
-        *SPEEDS,
+        *LAG_COLUMNS,
+        *SPEED_COLUMNS,
         "replicate",
         "opening_mm",
         "duration_s",
@@ -48,7 +48,7 @@ KNOWN = frozenset(
         "before_rpm",
     }
 )
-RANGES: dict[str, tuple[float, float]] = {
+COLUMN_RANGES: dict[str, tuple[float, float]] = {
     "shaft_rpm": (0.0, 1000.0),
     "lag_s": (-5.0, 60.0),
     "drop_s": (-5.0, 60.0),
@@ -95,41 +95,41 @@ class BenchTable:
     def rows(self) -> int:
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
-    def running(self) -> npt.NDArray[np.bool_]:
+    def find_running_rows(self) -> npt.NDArray[np.bool_]:
         """Returns which rows (n,) had a shaft that turned before its change; where it is
         unknown, it stood."""
         before = self.columns.get("before_rpm", np.zeros(self.rows))
         return np.asarray(np.nan_to_num(before) > 0.0)
 
-    def speed_mps(self) -> Array | None:
+    def find_speed_mps(self) -> Array | None:
         """Returns the written ground speed, (n,) m/s; None where the table has none."""
         if "speed_mps" in self.columns:
             return self.columns["speed_mps"]
         return self.columns["speed_kmh"] / KMH_PER_MPS if "speed_kmh" in self.columns else None
 
 
-def missing(kind: str, names: Collection[str]) -> tuple[str, ...] | None:
+def find_missing_columns(kind: str, names: Collection[str]) -> tuple[str, ...] | None:
     """Returns the first group of columns of which a table of this kind must have one, and has
     none."""
-    for group in NEEDED[kind]:
+    for group in REQUIRED_COLUMNS[kind]:
         if not any(name in names for name in group):
             return group
     if (
         kind == "lag"
-        and not any(name in names for name in LAGS[:3])
-        and not any(name in names for name in SPEEDS)
+        and not any(name in names for name in LAG_COLUMNS[:3])
+        and not any(name in names for name in SPEED_COLUMNS)
     ):
-        return SPEEDS
+        return SPEED_COLUMNS
     return None
 
 
-def recognise(names: Collection[str]) -> str | None:
+def recognise_kind(names: Collection[str]) -> str | None:
     """Returns the kind of a table with these columns; None where none or several fit."""
-    fitting = [kind for kind in KINDS if missing(kind, names) is None]
+    fitting = [kind for kind in KINDS if find_missing_columns(kind, names) is None]
     return fitting[0] if len(fitting) == 1 else None
 
 
-def usable(table: BenchTable) -> BenchTable:
+def select_usable_rows(table: BenchTable) -> BenchTable:
     """Returns the table without rows that lack a needed number, with a finding about them.
 
     Raises
@@ -139,23 +139,23 @@ def usable(table: BenchTable) -> BenchTable:
     path = table.path or "table"
     if table.kind not in KINDS:
         raise ValueError(f"{path}: kind {table.kind!r}: allowed {', '.join(KINDS)}")
-    group = missing(table.kind, table.columns)
+    group = find_missing_columns(table.kind, table.columns)
     if group is not None:
         raise ValueError(
             f"{path}: column {' or '.join(group)}: missing: a {table.kind} table needs it"
         )
-    table = _readable(table)
-    measured = [name for name in LAGS if name in table.columns]
+    table = _blank_unreadable(table)
+    measured = [name for name in LAG_COLUMNS if name in table.columns]
     needed = [
         name
-        for group in NEEDED[table.kind]
+        for group in REQUIRED_COLUMNS[table.kind]
         for name in group
-        if name in table.columns and name not in LAGS
+        if name in table.columns and name not in LAG_COLUMNS
     ]
     keep = np.all([np.isfinite(table.columns[name]) for name in needed], axis=0)
     if table.kind == "lag":
         keep &= np.any([np.isfinite(table.columns[name]) for name in measured], axis=0)
-    for name, (low, high) in RANGES.items():
+    for name, (low, high) in COLUMN_RANGES.items():
         values = table.columns.get(name)
         if values is None:
             continue
@@ -171,23 +171,25 @@ def usable(table: BenchTable) -> BenchTable:
         return table
     dropped = int((~keep).sum())
     return replace(
-        where(table, keep),
+        select_rows(table, keep),
         findings=(*table.findings, f"{path}: {dropped} rows lack a needed number and are left out"),
     )
 
 
-def _readable(table: BenchTable) -> BenchTable:
+def _blank_unreadable(table: BenchTable) -> BenchTable:
     """Returns the table without unreadable numbers and sentinels, with findings about them."""
     findings: list[Finding] = []
     columns = {
-        name: known(name, values, RANGES[name], findings) if name in RANGES else values
+        name: blank_sentinels(name, values, COLUMN_RANGES[name], findings)
+        if name in COLUMN_RANGES
+        else values
         for name, values in table.columns.items()
     }
     said = (f"{table.path or 'table'}: {finding}" for finding in findings)
     return replace(table, columns=columns, findings=(*table.findings, *said))
 
 
-def where(table: BenchTable, rows: npt.NDArray[np.bool_]) -> BenchTable:
+def select_rows(table: BenchTable, rows: npt.NDArray[np.bool_]) -> BenchTable:
     """Returns the table with these rows (n,) only."""
     return replace(
         table,

@@ -12,9 +12,9 @@ from scipy.special import stdtrit
 from .least_squares import FittedInterval
 
 # Accuracy with which a pencil line is set to a pointer by eye, degrees: 1 mm on a shaft of 40 mm.
-MARK_DEG = 3.0
+MARK_SETTING_DEG = 3.0
 # Standard deviation of the difference of two whole counts.
-QUANTUM = 1.0 / sqrt(6.0)
+COUNT_DIFFERENCE_SD = 1.0 / sqrt(6.0)
 
 
 def fit_counts(counts: Sequence[int], turns: int) -> FittedInterval:
@@ -44,8 +44,8 @@ def fit_counts(counts: Sequence[int], turns: int) -> FittedInterval:
         )
     mean, runs = float(np.mean(found)), len(counts)
     if runs == 1:
-        half = mean * sqrt(2.0) * MARK_DEG / 360.0 / turns
+        half = mean * sqrt(2.0) * MARK_SETTING_DEG / 360.0 / turns
     else:
-        sd = max(float(np.std(found, ddof=1)), QUANTUM / turns)
+        sd = max(float(np.std(found, ddof=1)), COUNT_DIFFERENCE_SD / turns)
         half = float(stdtrit(runs - 1, 0.95)) * sd / sqrt(runs)
     return FittedInterval(mean, mean - half, mean + half)

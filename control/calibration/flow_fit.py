@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.agronomy.product import CatchTest
-from topdress.control.machine.machine import Machine, unit_of
+from topdress.control.machine.machine import Machine, describe_unit
 
-from .adopt import make_title, merge_records, record
-from .bench_table import Array, BenchTable, usable
-from .least_squares import FittedInterval, LinearFit, fitted
+from .adopt import make_record, make_title, merge_records
+from .bench_table import Array, BenchTable, select_usable_rows
+from .least_squares import FittedInterval, LinearFit, fit_linear
 
 # Significance below which an offset or a fall-off enters the machine file.
-LEVEL = 0.01
+SIGNIFICANCE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +47,10 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
     Raises
     ------
     ValueError : in one line, where the table cannot give a flow."""
-    table = usable(table)
+    table = select_usable_rows(table)
     if table.kind != "catch":
         raise ValueError(f"{table.path}: a {table.kind} table: a flow fit needs a catch table")
-    rows = _rows(table, machine)
+    rows = _select_catch_rows(table, machine)
     keep = (rows.mass_per_rev > 0.0) & (rows.opening_mm > 0.0)
     rows = _CatchRows(*(values[keep] for values in rows))
     if len(rows.mass_per_rev) < 2:
@@ -61,15 +61,15 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
         [] if keep.all() else [f"{int((~keep).sum())} rows without flow or opening are left out"]
     )
     try:
-        terms, fit, said = _chosen(rows)
+        terms, fit, said = _choose_terms(rows)
     except ValueError as error:
         raise ValueError(f"{table.path}: {error}") from None
     notes += said
     percent = 100.0 * fit.residuals / (rows.mass_per_rev - fit.residuals)
     flow = FlowFit(
-        fit.interval(0),
-        _of(terms, fit, "zero_offset"),
-        _of(terms, fit, "fill_falloff", 100.0),
+        fit.calc_interval(0),
+        _find_coefficient(terms, fit, "zero_offset"),
+        _find_coefficient(terms, fit, "fill_falloff", 100.0),
         (float(rows.shaft_rpm.min()), float(rows.shaft_rpm.max())),
         (float(rows.opening_mm.min()), float(rows.opening_mm.max())),
         len(percent),
@@ -77,7 +77,7 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
         percent,
         tuple(notes),
     )
-    return _calibrated(machine, flow, table, date), flow
+    return _calibrate_machine(machine, flow, table, date), flow
 
 
 class _CatchRows(NamedTuple):
@@ -88,7 +88,7 @@ class _CatchRows(NamedTuple):
     shaft_rpm: Array
 
 
-def _rows(table: BenchTable, machine: Machine) -> _CatchRows:
+def _select_catch_rows(table: BenchTable, machine: Machine) -> _CatchRows:
     columns = table.columns
     grams = (
         1000.0
@@ -105,7 +105,7 @@ def _rows(table: BenchTable, machine: Machine) -> _CatchRows:
     )
 
 
-def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
+def _fit_coefficients(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
     """Fits by Gauss-Newton with the residuals in units of the fitted mass, so that noise is a
     share of it.
 
@@ -122,7 +122,7 @@ def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
         now = np.concatenate(
             [[slope], [{"zero_offset": offset, "fill_falloff": falloff}[name] for name in terms]]
         )
-        fit = fitted(
+        fit = fit_linear(
             design, rows.mass_per_rev - full * fills + design @ now, np.maximum(full * fills, 1e-6)
         )
         found = dict(zip(terms, fit.coefficients[1:].tolist(), strict=True))
@@ -135,7 +135,7 @@ def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
     return fit
 
 
-def _chosen(rows: _CatchRows) -> tuple[tuple[str, ...], LinearFit, list[str]]:
+def _choose_terms(rows: _CatchRows) -> tuple[tuple[str, ...], LinearFit, list[str]]:
     """Returns the terms that this test shows by significance; the weakest is left out first."""
     notes = []
     terms: tuple[str, ...] = ()
@@ -150,30 +150,30 @@ def _chosen(rows: _CatchRows) -> tuple[tuple[str, ...], LinearFit, list[str]]:
     while len(terms) and len(rows.mass_per_rev) <= len(terms) + 1:
         notes.append(f"too few rows for the {terms[-1].replace('_', ' ')}")
         terms = terms[:-1]
-    fit = _fit(rows, terms)
+    fit = _fit_coefficients(rows, terms)
     while terms:
         worst = int(np.argmax(fit.p_values[1:]))
-        if fit.p_values[1 + worst] < LEVEL:
+        if fit.p_values[1 + worst] < SIGNIFICANCE:
             break
         notes.append(f"no {terms[worst].replace('_', ' ')} shown (p {fit.p_values[1 + worst]:.2g})")
         terms = tuple(name for k, name in enumerate(terms) if k != worst)
-        fit = _fit(rows, terms)
+        fit = _fit_coefficients(rows, terms)
     return terms, fit, notes
 
 
-def _of(
+def _find_coefficient(
     terms: tuple[str, ...], fit: LinearFit, name: str, times: float = 1.0
 ) -> FittedInterval | None:
     if name not in terms:
         return None
-    found = fit.interval(1 + terms.index(name))
+    found = fit.calc_interval(1 + terms.index(name))
     return FittedInterval(found.value * times, found.low * times, found.high * times)
 
 
-def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -> Machine:
+def _calibrate_machine(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -> Machine:
     valid = {"shaft_rpm": flow.shaft_rpm, "opening_mm": flow.opening_mm}
     records = [
-        record(
+        make_record(
             "flow.grams_per_rev_mm",
             flow.grams_per_rev_mm,
             "g per revolution and mm",
@@ -184,7 +184,7 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
     ]
     if flow.zero_offset_g_rev is not None:
         records.append(
-            record(
+            make_record(
                 "flow.zero_offset",
                 flow.zero_offset_g_rev,
                 "g per revolution",
@@ -194,9 +194,11 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
             )
         )
     if flow.fill_falloff_percent is not None:
-        unit = unit_of("flow.fill_falloff", machine)
+        unit = describe_unit("flow.fill_falloff", machine)
         records.append(
-            record("flow.fill_falloff", flow.fill_falloff_percent, unit, table.path, date, valid)
+            make_record(
+                "flow.fill_falloff", flow.fill_falloff_percent, unit, table.path, date, valid
+            )
         )
     stage = machine.flow._replace(
         grams_per_rev_mm=flow.grams_per_rev_mm.value,

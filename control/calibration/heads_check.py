@@ -10,20 +10,20 @@ import numpy.typing as npt
 from scipy.special import stdtrit
 from topdress.control.machine.machine import Adopted, Machine, add_effect
 
-from .adopt import make_title, merge_records, record
+from .adopt import make_record, make_title, merge_records
 from .bench_table import Array
 from .least_squares import FittedInterval
 
 # Length of a block, s: differences of the canopy between heads last a few metres, so that a block
 # is worth one value.
 BLOCK_S = 10.0
-LEAST_BLOCKS = 6
+MIN_BLOCKS = 6
 # Least number of heads: a median of two blames both.
-LEAST_HEADS = 3
+MIN_HEADS = 3
 # Smaller differences are usual between clean heads on a crop, %.
 FOULED_PERCENT = 1.5
 # Bare ground below this NDVI shows no gain.
-LEAST_NDVI = 0.1
+MIN_NDVI = 0.1
 
 
 class HeadFit(NamedTuple):
@@ -68,38 +68,38 @@ def check_heads(
     values, at = ndvi[fresh], time_s[fresh]
     heard = np.isfinite(values).mean(axis=0) if len(values) else np.zeros(ndvi.shape[1])
     spoke = np.flatnonzero(heard > 0.5)
-    if len(spoke) < LEAST_HEADS:
+    if len(spoke) < MIN_HEADS:
         raise ValueError(
-            f"{data}: {len(spoke)} heads with readings: at least {LEAST_HEADS} are needed"
+            f"{data}: {len(spoke)} heads with readings: at least {MIN_HEADS} are needed"
         )
     values = values[:, spoke]
-    whole = np.isfinite(values).all(axis=1) & (np.median(values, axis=1) > LEAST_NDVI)
+    whole = np.isfinite(values).all(axis=1) & (np.median(values, axis=1) > MIN_NDVI)
     values, at = values[whole], at[whole]
     blocks = np.floor((at - at[0]) / BLOCK_S).astype(np.int64) if len(at) else np.zeros(0, np.int64)
     count = len(np.unique(blocks))
-    if count < LEAST_BLOCKS:
+    if count < MIN_BLOCKS:
         raise ValueError(
-            f"{data}: {count * BLOCK_S:g} s of readings above NDVI {LEAST_NDVI:g}: at least "
-            f"{LEAST_BLOCKS * BLOCK_S:g} s are needed"
+            f"{data}: {count * BLOCK_S:g} s of readings above NDVI {MIN_NDVI:g}: at least "
+            f"{MIN_BLOCKS * BLOCK_S:g} s are needed"
         )
     found: list[HeadFit] = []
     fouled: list[int] = []
     # A fouled head must not judge the others.
     for _ in range(len(spoke)):
         found = [
-            _head(int(spoke[k]) + 1, k, values, blocks, len(spoke), fouled)
+            _fit_head(int(spoke[k]) + 1, k, values, blocks, len(spoke), fouled)
             for k in range(len(spoke))
         ]
         worst = [head for head in found if head.fouled and head.number - 1 not in fouled]
-        if not worst or len(spoke) - len(fouled) <= LEAST_HEADS:
+        if not worst or len(spoke) - len(fouled) <= MIN_HEADS:
             break
         fouled.append(max(worst, key=lambda head: abs(head.gain_percent.value)).number - 1)
     silent = tuple(k + 1 for k in range(ndvi.shape[1]) if k not in spoke)
-    fit = HeadsFit(tuple(found), silent, _notes(found, silent))
-    return _checked(machine, fit, data, date), fit
+    fit = HeadsFit(tuple(found), silent, _write_notes(found, silent))
+    return _calibrate_machine(machine, fit, data, date), fit
 
 
-def _head(
+def _fit_head(
     number: int, k: int, values: Array, blocks: npt.NDArray[np.int64], heads: int, fouled: list[int]
 ) -> HeadFit:
     judges = [j for j in range(values.shape[1]) if j != k and j not in fouled]
@@ -128,7 +128,7 @@ def _head(
     )
 
 
-def _notes(heads: list[HeadFit], silent: tuple[int, ...]) -> tuple[str, ...]:
+def _write_notes(heads: list[HeadFit], silent: tuple[int, ...]) -> tuple[str, ...]:
     notes = [f"head {number} is silent" for number in silent]
     fouled = [head.number for head in heads if head.fouled]
     if len(fouled) > 1:
@@ -144,7 +144,7 @@ def _notes(heads: list[HeadFit], silent: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _checked(machine: Machine, fit: HeadsFit, data: str, date: str) -> Machine:
+def _calibrate_machine(machine: Machine, fit: HeadsFit, data: str, date: str) -> Machine:
     fouled = [head for head in fit.heads if head.fouled]
     neutral = machine.model_copy(
         update={"heads": machine.heads._replace(fouled_percent=0.0, fouled_head=0.0)}
@@ -156,7 +156,9 @@ def _checked(machine: Machine, fit: HeadsFit, data: str, date: str) -> Machine:
             neutral, "canopy.head_fouled", round(worst.gain_percent.value, 3), worst.number
         )
         records = (
-            record("canopy.head_fouled", worst.gain_percent, "%", data, date, {}, worst.number),
+            make_record(
+                "canopy.head_fouled", worst.gain_percent, "%", data, date, {}, worst.number
+            ),
         )
     return neutral.model_copy(
         update={

@@ -9,17 +9,17 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from topdress.control.machine.fall import Fall, find_start_drop_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import find_first_fall_s, resettled, response_s
+from topdress.control.machine.start import calc_response_s, find_first_fall_s, refit_start
 
-from .adopt import make_title, merge_records, record
-from .bench_table import Array, BenchTable, usable
-from .least_squares import FittedInterval, fitted
+from .adopt import make_record, make_title, merge_records
+from .bench_table import Array, BenchTable, select_usable_rows
+from .least_squares import FittedInterval, fit_linear
 
-_SLACK_RPM = 1e-6
+_RANGE_TOLERANCE_RPM = 1e-6
 # Greatest start_more_per_rpm that the machine file allows.
-MOST_MORE = 0.1
+MAX_START_MORE = 0.1
 # Number of shaft speeds over the line's range at which the start is compared.
-SETTLED_AT = 7
+START_FIT_SPEEDS = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,14 @@ class LagFit:
     residuals_s: Array
     notes: tuple[str, ...]
 
-    def lag_s(self, shaft_rpm: float) -> float:
+    def calc_lag_s(self, shaft_rpm: float) -> float:
         """Returns the lag on the line, s. Raises ValueError outside the fitted range: the line
         is not extrapolated."""
-        if not self.from_rpm - _SLACK_RPM <= shaft_rpm <= self.to_rpm + _SLACK_RPM:
+        if (
+            not self.from_rpm - _RANGE_TOLERANCE_RPM
+            <= shaft_rpm
+            <= self.to_rpm + _RANGE_TOLERANCE_RPM
+        ):
             raise ValueError(
                 f"shaft speed {shaft_rpm:g} r/min: the lag line holds from {self.from_rpm:g} to "
                 f"{self.to_rpm:g} r/min"
@@ -80,18 +84,18 @@ def fit_lag(
     Raises
     ------
     ValueError : in one line, where the table cannot give a line."""
-    table = usable(table)
+    table = select_usable_rows(table)
     if table.kind != "lag":
         raise ValueError(f"{table.path}: a {table.kind} table: a lag fit needs a lag table")
-    measured, whole, lags = _measured(table)
-    chosen = _rows_of(table, label)
+    measured, whole, lags = _find_measured_lags(table)
+    chosen = _find_label_rows(table, label)
     speeds = table.columns["shaft_rpm"]
     low = machine.fall.valid_from_rpm if from_rpm is None else from_rpm
     high = machine.fall.valid_to_rpm if to_rpm is None else to_rpm
     chosen &= np.isfinite(lags)
-    running = int(np.sum(chosen & table.running()))
-    chosen &= ~table.running()
-    used = chosen & (speeds >= low - _SLACK_RPM) & (speeds <= high + _SLACK_RPM)
+    running = int(np.sum(chosen & table.find_running_rows()))
+    chosen &= ~table.find_running_rows()
+    used = chosen & (speeds >= low - _RANGE_TOLERANCE_RPM) & (speeds <= high + _RANGE_TOLERANCE_RPM)
     if low > high:
         raise ValueError(
             f"{table.path}: shaft speeds from {low:g} to {high:g} r/min: allowed is a range "
@@ -106,13 +110,13 @@ def fit_lag(
             f"{low:g} to {high:g} r/min: at least 3 are needed"
         )
     n, y = speeds[used], lags[used]
-    fit = fitted(np.column_stack([np.ones(len(n)), n]), y, np.ones(len(n)))
-    response = float(np.mean([response_s(machine, rpm) for rpm in n])) if whole else 0.0
+    fit = fit_linear(np.column_stack([np.ones(len(n)), n]), y, np.ones(len(n)))
+    response = float(np.mean([calc_response_s(machine, rpm) for rpm in n])) if whole else 0.0
     first, last = float(n.min()), float(n.max())
     line = LagFit(
         measured,
-        fit.interval(0),
-        fit.interval(1),
+        fit.calc_interval(0),
+        fit.calc_interval(1),
         first,
         last,
         len(n),
@@ -129,13 +133,15 @@ def fit_lag(
                 if running
                 else []
             ),
-            *_beyond(fit.coefficients, speeds, lags, chosen & ~used, response, machine),
+            *_compare_rows_beyond(
+                fit.coefficients, speeds, lags, chosen & ~used, response, machine
+            ),
         ),
     )
-    return _calibrated(machine, line, response, table, date), line
+    return _calibrate_machine(machine, line, response, table, date), line
 
 
-def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:
+def _find_label_rows(table: BenchTable, label: str | None) -> np.ndarray:
     if table.label is None:
         if label is not None:
             raise ValueError(f"{table.path}: label {label!r}: the table has no label column")
@@ -153,12 +159,12 @@ def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:
     return np.asarray(table.label == label)
 
 
-def _measured(table: BenchTable) -> tuple[str, bool, Array]:
+def _find_measured_lags(table: BenchTable) -> tuple[str, bool, Array]:
     """Returns the fitted column, whether it contains the response too, and lags in s."""
     for name in ("lag_s", "drop_s"):
         if name in table.columns:
             return name, name == "lag_s", table.columns[name]
-    speed = table.speed_mps()
+    speed = table.find_speed_mps()
     if "lag_m" in table.columns and speed is not None:
         return "lag_m", True, table.columns["lag_m"] / speed
     raise ValueError(
@@ -167,7 +173,7 @@ def _measured(table: BenchTable) -> tuple[str, bool, Array]:
     )
 
 
-def _beyond(
+def _compare_rows_beyond(
     line: Array, speeds: Array, lags: Array, rest: np.ndarray, response: float, machine: Machine
 ) -> tuple[str, ...]:
     notes = []
@@ -182,7 +188,7 @@ def _beyond(
     return tuple(notes)
 
 
-def _calibrated(
+def _calibrate_machine(
     machine: Machine, line: LagFit, response: float, table: BenchTable, date: str
 ) -> Machine:
     drop = FittedInterval(*(value - response for value in line.intercept_s))
@@ -196,12 +202,12 @@ def _calibrated(
         rebound_s=0.0,
     )
     if fall.carried_share >= 1.0:
-        fall = fall._replace(start_more_per_rpm=start_more_per_rpm(machine, fall))
+        fall = fall._replace(start_more_per_rpm=fit_start_more_per_rpm(machine, fall))
     else:
-        fall = resettled(machine.model_copy(update={"fall": fall})).fall
+        fall = refit_start(machine.model_copy(update={"fall": fall})).fall
     records = (
-        record("fall.intercept_s", drop, "s", table.path, date, valid),
-        record(
+        make_record("fall.intercept_s", drop, "s", table.path, date, valid),
+        make_record(
             "fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table.path, date, valid
         ),
     )
@@ -214,11 +220,11 @@ def _calibrated(
     )
 
 
-def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
+def fit_start_more_per_rpm(machine: Machine, fall: Fall) -> float:
     """Returns how much longer a start takes than the running shaft's drop, an r/min, so that the
     machine's own start gives `fall`'s line over its range as closely as possible (least
     squares). `fall`'s own value where its line does not fall with shaft speed."""
-    speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, SETTLED_AT).tolist()
+    speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, START_FIT_SPEEDS).tolist()
     falls = [-fall.slope_s_per_rpm * n * n for n in speeds]
     if max(falls) <= 0.0:
         return fall.start_more_per_rpm
@@ -239,6 +245,6 @@ def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
 
     return float(
         minimize_scalar(
-            off, bounds=(0.0, min(most, MOST_MORE)), method="bounded", options={"xatol": 1e-6}
+            off, bounds=(0.0, min(most, MAX_START_MORE)), method="bounded", options={"xatol": 1e-6}
         ).x
     )

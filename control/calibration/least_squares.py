@@ -28,12 +28,12 @@ class LinearFit(NamedTuple):
     residuals: Array
     dof: int
 
-    def interval(self, k: int) -> FittedInterval:
+    def calc_interval(self, k: int) -> FittedInterval:
         value, half = float(self.coefficients[k]), float(stdtrit(self.dof, 0.95) * self.se[k])
         return FittedInterval(value, value - half, value + half)
 
 
-def fitted(design: Array, y: Array, sd: Array) -> LinearFit:
+def fit_linear(design: Array, y: Array, sd: Array) -> LinearFit:
     """Fits y (n,) on design (n, p) with relative noise `sd` (n,).
 
     Raises

@@ -11,27 +11,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from topdress.control.machine.change_lag import Settled, change_lag
+from topdress.control.machine.change_lag import SettledPair, calc_change_lag
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import change_response_s, with_carried_share
+from topdress.control.machine.start import calc_change_response_s, set_carried_share
 
-from .adopt import make_title, merge_records, record
-from .bench_table import Array, BenchTable, usable
+from .adopt import make_record, make_title, merge_records
+from .bench_table import Array, BenchTable, select_usable_rows
 from .least_squares import FittedInterval
 
 # Candidate shares of the pace that the stream sets.
-SHARES = np.linspace(0.0, 1.0, 11)
-LEAST_ROWS = 3
+CANDIDATE_SHARES = np.linspace(0.0, 1.0, 11)
+MIN_ROWS = 3
 # Standard deviation of the line of starts, s: lag table 3, 70 rows of 0.06 s.
-LINE_SD_S = 0.010
+START_LINE_SD_S = 0.010
 # Least scatter of a row, s, whatever the repeats show: the plate is read 20 times a second.
-LEAST_SCATTER_S = 0.005
+MIN_SCATTER_S = 0.005
 # Beyond this distance from every share, standard deviations, the table belongs to another machine.
-FAR_SD = 4.0
+MAX_DISTANCE_SD = 4.0
 # Least standard deviation of the share in the machine file.
-LEAST_SD = 0.02
+MIN_SHARE_SD = 0.02
 # Probability inside the interval.
-MOST_STATED = 0.9
+INTERVAL_PROBABILITY = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,27 +59,27 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
     ------
     ValueError : in one line, where there are fewer than three rows, or no share gives such
         times."""
-    table = usable(table)
-    before, after, drops = _rows(table, machine)
-    if len(drops) < LEAST_ROWS:
+    table = select_usable_rows(table)
+    before, after, drops = _select_rows(table, machine)
+    if len(drops) < MIN_ROWS:
         raise ValueError(
             f"{table.path}: {len(drops)} rows of a change between two rates (before_rpm "
             "above 0, drop_s "
-            f"or lag_s): at least {LEAST_ROWS} are needed to settle the tube"
+            f"or lag_s): at least {MIN_ROWS} are needed to settle the tube"
         )
-    by_share = [with_carried_share(machine, share) for share in SHARES.tolist()]
+    by_share = [set_carried_share(machine, share) for share in CANDIDATE_SHARES.tolist()]
     steps = sorted(set(zip(before.tolist(), after.tolist(), strict=True)))
-    chi2, off = np.zeros(len(SHARES)), np.full(len(SHARES), 0.0)
-    scatter = _scatter(before, after, drops)
+    chi2, off = np.zeros(len(CANDIDATE_SHARES)), np.full(len(CANDIDATE_SHARES), 0.0)
+    scatter = _calc_scatter_s(before, after, drops)
     for one in steps:
         rows = (before == one[0]) & (after == one[1])
-        wanted = np.array([_drop_s(m, *one) for m in by_share])
-        sd = np.hypot(scatter / np.sqrt(rows.sum()), LINE_SD_S)
+        wanted = np.array([_calc_drop_s(m, *one) for m in by_share])
+        sd = np.hypot(scatter / np.sqrt(rows.sum()), START_LINE_SD_S)
         miss = float(drops[rows].mean()) - wanted
         chi2 += (miss / sd) ** 2
         off = np.where(np.abs(miss) > np.abs(off), miss, off)
     best = int(np.argmin(chi2))
-    if chi2[best] > len(steps) * FAR_SD**2:
+    if chi2[best] > len(steps) * MAX_DISTANCE_SD**2:
         raise ValueError(
             f"{table.path}: column drop_s: {off[best]:+.3f} s off the nearest that any tube gives: "
             "allowed are times from the shaft's change until the stream is half-way between "
@@ -87,13 +87,15 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
         )
     weight = np.exp(-0.5 * (chi2 - chi2[best]))
     weight /= weight.sum()
-    share = float(weight @ SHARES)
-    sd = max(LEAST_SD, float(np.sqrt(weight @ (SHARES - share) ** 2)))
+    share = float(weight @ CANDIDATE_SHARES)
+    sd = max(MIN_SHARE_SD, float(np.sqrt(weight @ (CANDIDATE_SHARES - share) ** 2)))
     below, above = np.interp(
-        [0.5 - 0.5 * MOST_STATED, 0.5 + 0.5 * MOST_STATED], np.cumsum(weight), SHARES
+        [0.5 - 0.5 * INTERVAL_PROBABILITY, 0.5 + 0.5 * INTERVAL_PROBABILITY],
+        np.cumsum(weight),
+        CANDIDATE_SHARES,
     ).tolist()
     interval = FittedInterval(round(share, 2), below, above)
-    settled = with_carried_share(machine, interval.value)
+    settled = set_carried_share(machine, interval.value)
     settled = settled.model_copy(
         update={
             "tolerance": machine.tolerance.model_copy(
@@ -102,7 +104,7 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
             "adopted": merge_records(
                 machine,
                 (
-                    record(
+                    make_record(
                         "fall.carried_share",
                         interval,
                         "",
@@ -121,31 +123,35 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
     )
 
 
-def _rows(table: BenchTable, machine: Machine) -> tuple[Array, Array, Array]:
+def _select_rows(table: BenchTable, machine: Machine) -> tuple[Array, Array, Array]:
     """Returns shaft speed before and after, r/min, and drop, s, of each row of a running shaft."""
-    running = table.running()
+    running = table.find_running_rows()
     if "drop_s" in table.columns:
         drops = table.columns["drop_s"]
     else:
-        drops = table.columns.get("lag_s", np.full(table.rows, np.nan)) - change_response_s(machine)
+        drops = table.columns.get("lag_s", np.full(table.rows, np.nan)) - calc_change_response_s(
+            machine
+        )
     running = running & np.isfinite(drops)
     if not running.any():
         return np.zeros(0), np.zeros(0), np.zeros(0)
     return table.columns["before_rpm"][running], table.columns["shaft_rpm"][running], drops[running]
 
 
-def _drop_s(machine: Machine, before_rpm: float, after_rpm: float) -> float:
+def _calc_drop_s(machine: Machine, before_rpm: float, after_rpm: float) -> float:
     """Returns the time from the shaft's change until the landed step is half-way, s."""
     opening = machine.set_points.opening_mm
-    lag = change_lag(machine, Settled(before_rpm, opening), Settled(after_rpm, opening))
-    return lag.total_s - change_response_s(machine)
+    lag = calc_change_lag(
+        machine, SettledPair(before_rpm, opening), SettledPair(after_rpm, opening)
+    )
+    return lag.total_s - calc_change_response_s(machine)
 
 
-def _scatter(before: Array, after: Array, drops: Array) -> float:
+def _calc_scatter_s(before: Array, after: Array, drops: Array) -> float:
     """Returns the standard deviation of a row about the mean of its step, s."""
     left, rows, steps = 0.0, 0, 0
     for one in set(zip(before.tolist(), after.tolist(), strict=True)):
         group = drops[(before == one[0]) & (after == one[1])]
         left += float(np.sum((group - group.mean()) ** 2))
         rows, steps = rows + len(group), steps + 1
-    return max(LEAST_SCATTER_S, float(np.sqrt(left / max(1, rows - steps))))
+    return max(MIN_SCATTER_S, float(np.sqrt(left / max(1, rows - steps))))

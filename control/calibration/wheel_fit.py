@@ -12,18 +12,18 @@ from scipy.special import stdtrit
 from topdress.control.geodesy import TangentPlane
 from topdress.control.machine.machine import Machine
 
-from .adopt import make_title, merge_records, record
+from .adopt import make_record, make_title, merge_records
 from .bench_table import Array
 from .least_squares import FittedInterval
 
 # Length of a stretch from fix to fix, m; the noise of both ends is part of the scatter.
-STRETCH_M = 10.0
+STRETCH_LENGTH_M = 10.0
 # A stretch with a fix farther from its chord is not straight, m.
-ASIDE_M = 0.10
+MAX_ASIDE_M = 0.10
 # Longest gap between fixes, s.
-GAP_S = 1.5
-SLOWEST_MPS = 0.5
-LEAST_M, LEAST_STRETCHES = 100.0, 5
+MAX_FIX_GAP_S = 1.5
+MIN_SPEED_MPS = 0.5
+MIN_WAY_M, MIN_STRETCHES = 100.0, 5
 # RTK fixed; another quality is used only where nothing better is there, and reported.
 NEEDED_QUALITY = 4
 
@@ -70,17 +70,17 @@ def fit_wheel(
     Raises
     ------
     ValueError : in one line, where the log cannot give a circumference."""
-    stretches = _stretches(log, data)
+    stretches = _cut_stretches(log, data)
     idle, loaded = stretches[stretches[:, 2] == 0.0], stretches[stretches[:, 2] > 0.0]
-    at_work = not _enough(idle)
+    at_work = not _is_way_enough(idle)
     used = loaded if at_work else idle
-    if not _enough(used):
+    if not _is_way_enough(used):
         raise ValueError(
-            f"{data}: {len(used)} straight stretches of {STRETCH_M:g} m, "
+            f"{data}: {len(used)} straight stretches of {STRETCH_LENGTH_M:g} m, "
             f"{used[:, 0].sum():.0f} m, with "
-            f"wheel and places: at least {LEAST_STRETCHES} and {LEAST_M:g} m are needed"
+            f"wheel and places: at least {MIN_STRETCHES} and {MIN_WAY_M:g} m are needed"
         )
-    share = _ratio(used)
+    share = _calc_way_ratio(used)
     circumference = FittedInterval(*(counted_m * value for value in share))
     notes = []
     if at_work:
@@ -94,15 +94,15 @@ def fit_wheel(
             f"fix quality down to {worst}: places may drift; {NEEDED_QUALITY} (RTK fixed) is better"
         )
     slip = None
-    if not at_work and _enough(loaded):
-        work = _ratio(loaded)
+    if not at_work and _is_way_enough(loaded):
+        work = _calc_way_ratio(loaded)
         half = 100.0 * np.hypot(work.high - work.value, share.high - share.value)
         percent = 100.0 * (share.value / work.value - 1.0)
         slip = FittedInterval(percent, percent - float(half), percent + float(half))
     fit = WheelFit(circumference, float(used[:, 0].sum()), len(used), at_work, slip, tuple(notes))
     speed = machine.speed._replace(wheel_circumference_m=circumference.value, radius_percent=0.0)
     checked = Machine.model_validate({**dict(machine), "speed": speed})
-    found = record("speed.wheel_circumference_m", circumference, "m", data, date, {})
+    found = make_record("speed.wheel_circumference_m", circumference, "m", data, date, {})
     return checked.model_copy(
         update={
             "adopted": merge_records(machine, (found,), ("speed.wheel_radius",)),
@@ -111,11 +111,11 @@ def fit_wheel(
     ), fit
 
 
-def _enough(stretches: Array) -> bool:
-    return len(stretches) >= LEAST_STRETCHES and float(stretches[:, 0].sum()) >= LEAST_M
+def _is_way_enough(stretches: Array) -> bool:
+    return len(stretches) >= MIN_STRETCHES and float(stretches[:, 0].sum()) >= MIN_WAY_M
 
 
-def _ratio(stretches: Array) -> FittedInterval:
+def _calc_way_ratio(stretches: Array) -> FittedInterval:
     """Returns way by GNSS over way by the wheel, with the 90 % interval from the scatter of the
     stretches."""
     gnss, wheel = stretches[:, 0], stretches[:, 1]
@@ -125,7 +125,7 @@ def _ratio(stretches: Array) -> FittedInterval:
     return FittedInterval(ratio, ratio - half, ratio + half)
 
 
-def _stretches(log: WheelLog, data: str) -> Array:
+def _cut_stretches(log: WheelLog, data: str) -> Array:
     """Returns (k, 3): way by GNSS, by the wheel, and 1 at work; each straight, at speed, and
     wholly in or out of work."""
     known = np.isfinite(log.lat_deg) & np.isfinite(log.lon_deg)
@@ -138,32 +138,32 @@ def _stretches(log: WheelLog, data: str) -> Array:
             f"{data}: no rows with wheel_speed_mps and places (lat_deg, lon_deg): both are needed"
         )
     plane = TangentPlane(float(log.lat_deg[rows[0]]), float(log.lon_deg[rows[0]]))
-    places = plane.many_to_m(log.lat_deg[rows], log.lon_deg[rows])
+    places = plane.project_many_to_m(log.lat_deg[rows], log.lon_deg[rows])
     speed = np.where(np.isfinite(log.wheel_speed_mps), log.wheel_speed_mps, 0.0)
     steps = np.diff(log.time_s, append=log.time_s[-1:])
     way = np.concatenate(([0.0], np.cumsum(0.5 * (speed[:-1] + speed[1:]) * steps[:-1])))
-    bad = (speed < SLOWEST_MPS).astype(np.int64).cumsum()
+    bad = (speed < MIN_SPEED_MPS).astype(np.int64).cumsum()
     loaded = log.flowing.astype(np.int64)
     changes = np.concatenate(([0], np.cumsum(np.abs(np.diff(loaded)))))
     found, begin = [], 0
     for k in range(1, len(rows)):
         a, b = rows[begin], rows[k]
         if (
-            log.time_s[b] - log.time_s[rows[k - 1]] > GAP_S
+            log.time_s[b] - log.time_s[rows[k - 1]] > MAX_FIX_GAP_S
             or bad[b] != bad[a]
             or changes[b] != changes[a]
-            or _aside_m(places[begin : k + 1]) > ASIDE_M
+            or _calc_max_aside_m(places[begin : k + 1]) > MAX_ASIDE_M
         ):
             begin = k
             continue
         chord = float(np.hypot(*(places[k] - places[begin])))
-        if chord >= STRETCH_M:
+        if chord >= STRETCH_LENGTH_M:
             found.append((chord, float(way[b] - way[a]), float(loaded[a])))
             begin = k
     return np.array(found).reshape(-1, 3)
 
 
-def _aside_m(places: Array) -> float:
+def _calc_max_aside_m(places: Array) -> float:
     """Returns the largest distance from the chord between the ends, m."""
     along = places[-1] - places[0]
     length = float(np.hypot(*along))

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 from topdress.control.diagnosis.effects import Costs
 from topdress.control.diagnosis.result import FieldCost
-from topdress.control.experiments.levels import USUAL_MPS
+from topdress.control.experiments.levels import USUAL_SPEED_MPS
 from topdress.control.machine.flow import FlowInput, FlowState, step_flow
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.scale import ScaleInput, scale_reads
+from topdress.control.machine.scale import ScaleInput, read_scale
 from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
 
 # over which the mass that the scale reads is taken
@@ -33,7 +33,7 @@ class OperatingPoint(NamedTuple):
     shaft_rpm: float
     opening_mm: float
     hopper_kg: float
-    speed_mps: float = USUAL_MPS
+    speed_mps: float = USUAL_SPEED_MPS
     pitch_deg: float = 0.0
     time_s: float = 0.0  # since the run began
     working: float = 1.0  # 1: pulling under load, 0: not
@@ -74,8 +74,8 @@ def _reported_mass_kg(machine: Machine, point: OperatingPoint, left_kg: float) -
     """Mass that the scale says has left where `left_kg` have; 0 while nothing leaves."""
     if left_kg <= 0.0:
         return 0.0
-    before = scale_reads(machine.scale, ScaleInput(point.hopper_kg, point.time_s, point.pitch_deg))
-    after = scale_reads(
+    before = read_scale(machine.scale, ScaleInput(point.hopper_kg, point.time_s, point.pitch_deg))
+    after = read_scale(
         machine.scale, ScaleInput(point.hopper_kg - left_kg, point.time_s + STEP_S, point.pitch_deg)
     )
     return before - after

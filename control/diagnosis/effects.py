@@ -10,8 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from topdress.control.machine.machine import CATALOGUE, Bounds, Machine, bounds, size_scale
-from topdress.control.machine.shaft import LEAST_LAG_S
+from topdress.control.machine.machine import (
+    CATALOGUE,
+    Machine,
+    SizeBounds,
+    calc_size_scale,
+    find_size_bounds,
+)
+from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 
 THRESHOLD_RATIO = 1.25  # of a threshold to the one tried below it
 # of the highest shaft speed: a shaft that is asked for less stands still
@@ -87,7 +93,7 @@ class EffectRow:
 
     def on(self, machine: Machine) -> EffectRow:
         """The row with the sizes that are natural on a machine: shares of its ranges."""
-        scale = size_scale(self.id, machine)
+        scale = calc_size_scale(self.id, machine)
         tried = tuple(scale * size for size in self.tried)
         if self.threshold:
             tried = (*_finer(tried[0], machine), *tried)
@@ -373,15 +379,15 @@ if _unmatched:
     raise RuntimeError(f"effects without a row, or rows without an effect: {', '.join(_unmatched)}")
 
 
-def reach(effect_id: str, machine: Machine) -> Bounds:
+def reach(effect_id: str, machine: Machine) -> SizeBounds:
     """Range of an effect's size on top of a machine file: that of the catalogue, and no time
     that it adds to falls below nothing (the model holds it there: what is further off predicts
     the same). Raises KeyError."""
-    low, high = bounds(effect_id, machine)
-    least = {"dead_time_s": 0.0, "time_constant_s": LEAST_LAG_S}.get(ROWS[effect_id].moves)
+    low, high = find_size_bounds(effect_id, machine)
+    least = {"dead_time_s": 0.0, "time_constant_s": MIN_TIME_CONSTANT_S}.get(ROWS[effect_id].moves)
     if least is None:
-        return Bounds(low, high)
+        return SizeBounds(low, high)
     entry = CATALOGUE[effect_id]
     stage = getattr(machine, entry.stage)
     total = getattr(stage, ROWS[effect_id].moves) + getattr(stage, entry.field)
-    return Bounds(max(low, min(0.0, least - total)), high)
+    return SizeBounds(max(low, min(0.0, least - total)), high)

@@ -7,10 +7,16 @@ from collections.abc import Mapping, Sequence
 
 from topdress.control.diagnosis.dataframe_input import machine_of
 from topdress.control.diagnosis.effects import ROWS, reach
-from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.fault_injection import PlantedEffect
 from topdress.control.machine.form import FORMS, SHAFT_ANGLE
-from topdress.control.machine.history import noted
-from topdress.control.machine.machine import CATALOGUE, Adopted, Machine, add_effect, bounds
+from topdress.control.machine.history import append_history
+from topdress.control.machine.machine import (
+    CATALOGUE,
+    Adopted,
+    Machine,
+    add_effect,
+    find_size_bounds,
+)
 from topdress.control.machine.terms import Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
@@ -110,7 +116,7 @@ def extend(
     extended = machine.model_copy(update={"adopted": tuple(adopted), "terms": tuple(terms)})
     if extended == was:
         return was
-    return noted(was, extended, data=diagnosis.data.path, sha256=sha256, date=date)
+    return append_history(was, extended, data=diagnosis.data.path, sha256=sha256, date=date)
 
 
 def find_free_id(name: str, taken: Sequence[str]) -> str:
@@ -175,10 +181,12 @@ def refuse_to_adopt(cause: Cause) -> None:
         )
 
 
-def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[Planted, ...]:
+def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[PlantedEffect, ...]:
     """The adoptable causes as effects of a simulated `machine`, on top of what its file has of
     them already."""
-    return tuple(Planted(c.id, _total(machine, c), 0.0, c.member) for c in adoptable(diagnosis))
+    return tuple(
+        PlantedEffect(c.id, _total(machine, c), 0.0, c.member) for c in adoptable(diagnosis)
+    )
 
 
 def _total(machine: Machine, cause: Cause) -> float:
@@ -189,5 +197,5 @@ def _on_top(machine: Machine, effect_id: str, size: float) -> float:
     """A size on top of what the machine has of an effect, within its bounds."""
     entry = CATALOGUE[effect_id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
-    low, high = bounds(effect_id, machine)
+    low, high = find_size_bounds(effect_id, machine)
     return float(min(high, max(low, before + max(size, reach(effect_id, machine).low))))

@@ -1,7 +1,7 @@
 """What should be measured next? Design of experiments, by the readings that each rival
 hypothesis predicts.
 
-`manoeuvres` are short runs of the machine at work, `bench_tests` what is tried in the yard;
+`manoeuvres` are short runs of the machine at work, `list_bench_tests` what is tried in the yard;
 both are an `Experiment`, and `experiment.chosen` picks those that tell rivals apart soonest.
 `levels` are the settings that they go through.
 

@@ -30,7 +30,7 @@ class Experiment(NamedTuple, Generic[Readings]):
     plan: str
     minutes: float
     steps: tuple[str, ...]
-    reads: Callable[[Machine], Readings]
+    predict: Callable[[Machine], Readings]
 
 
 class ChosenTest(NamedTuple):
@@ -43,7 +43,9 @@ class ChosenTest(NamedTuple):
     apart_sd: float | None
 
 
-def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int) -> ChosenTest:
+def choose_experiments(
+    apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int
+) -> ChosenTest:
     """Chooses at most `most` experiments, those that settle most pairs a minute.
 
     Parameters
@@ -75,6 +77,6 @@ def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int
     return ChosenTest(tuple(picked), ~waiting, min(clear, default=None))
 
 
-def listed(values: Sequence[float]) -> str:
+def join_list(values: Sequence[float]) -> str:
     """Joins numbers to a text: `10, 40 and 70`."""
     return f"{', '.join(f'{value:g}' for value in values[:-1])} and {values[-1]:g}"

@@ -20,10 +20,10 @@ from topdress.control.machine.machine import Machine
 
 Floats = npt.NDArray[np.float64]
 
-STEP_NDVI = 0.001  # of the table of needs
+TABLE_STEP_NDVI = 0.001  # of the table of needs
 
 
-class Across(NamedTuple):
+class WidthError(NamedTuple):
     """kg/ha. `samples`: in which at least two heads spoke. `by_section_kg_ha`: None without
     sections."""
 
@@ -35,16 +35,16 @@ class Across(NamedTuple):
     samples: int
 
 
-def across(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> Across | None:
+def measure_width_error(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> WidthError | None:
     """heads: NDVI (samples, heads), left to right, NaN: silent. None where no two heads ever
     spoke together."""
     ndvi = np.asarray(heads, dtype=np.float64)
     ndvi = ndvi[np.count_nonzero(np.isfinite(ndvi), axis=1) >= 2]
     if not len(ndvi):
         return None
-    table = np.arange(0.0, 1.0 + STEP_NDVI, STEP_NDVI)
+    table = np.arange(0.0, 1.0 + TABLE_STEP_NDVI, TABLE_STEP_NDVI)
     smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))
-    needs = np.array([smooth.decide(value).rate_kg_ha for value in table.tolist()])
+    needs = np.array([smooth.decide_rate(value).rate_kg_ha for value in table.tolist()])
 
     def need(values: Floats) -> Floats:
         return np.asarray(np.interp(values, table, needs), dtype=np.float64)
@@ -55,16 +55,16 @@ def across(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> Across | None:
     by_head = np.where(known, need(np.nan_to_num(ndvi)), np.nan)
     slope = np.gradient(needs, table)
     noise = machine.noise.ndvi * np.interp(middle, table, np.abs(slope))
-    return Across(
+    return WidthError(
         float(one_rate.mean()),
-        _rms(by_head - one_rate[:, None]),
-        _by_section(machine, by_head, one_rate),
+        _calc_rms(by_head - one_rate[:, None]),
+        _calc_section_error(machine, by_head, one_rate),
         float(np.sqrt((noise**2).mean())),
         len(ndvi),
     )
 
 
-def _by_section(machine: Machine, by_head: Floats, one_rate: Floats) -> float | None:
+def _calc_section_error(machine: Machine, by_head: Floats, one_rate: Floats) -> float | None:
     """Each section needs the mean of its heads; one without a head of its own is left out."""
     if not machine.sections:
         return None
@@ -74,14 +74,14 @@ def _by_section(machine: Machine, by_head: Floats, one_rate: Floats) -> float | 
     columns: Sequence[Floats] = [
         np.nanmean(by_head[:, of == k], axis=1) for k in sorted(set(of.tolist()))
     ]
-    return _rms(np.column_stack(columns) - one_rate[:, None])
+    return _calc_rms(np.column_stack(columns) - one_rate[:, None])
 
 
-def _rms(values: Floats) -> float:
+def _calc_rms(values: Floats) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def describe_across(found: Across) -> str:
+def describe_width_error(found: WidthError) -> str:
     """One line."""
     by_section = (
         "" if found.by_section_kg_ha is None else f", by section {found.by_section_kg_ha:.1f}"

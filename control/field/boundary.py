@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
-from topdress.control.geodesy import Place, direction
+from topdress.control.geodesy import Place, find_unit_vector
 
 Floats = npt.NDArray[np.float64]
 
 # thinner margins are lost in the arithmetic of polygons
-_LEAST_M = 0.001
+_MIN_MARGIN_M = 0.001
 # corners: numpy's own calls take longer than so few edges looked at one by one
-_FEW = 24
+_FEW_CORNERS = 24
 
 
 class Boundary:
@@ -34,16 +34,16 @@ class Boundary:
 
     def __init__(self, outline: Sequence[Place], holes: Sequence[Sequence[Place]] = ()) -> None:
         named = {"outline": outline, **{f"hole {k}": hole for k, hole in enumerate(holes, start=1)}}
-        rings = [_checked_ring(name, ring) for name, ring in named.items()]
+        rings = [_validate_ring(name, ring) for name, ring in named.items()]
         shape = Polygon(rings[0], rings[1:])
         if not shape.is_valid:
             raise ValueError(
                 f"holes: {shapely.is_valid_reason(shape)}; each must lie inside the "
                 "outline, and apart"
             )
-        self._hold(MultiPolygon([shape]))
+        self._set_shape(MultiPolygon([shape]))
 
-    def _hold(self, shape: MultiPolygon) -> None:
+    def _set_shape(self, shape: MultiPolygon) -> None:
         shapely.prepare(shape)
         self.shape = shape
         rings = [
@@ -54,10 +54,10 @@ class Boundary:
         corners = np.concatenate(rings) if rings else np.zeros((0, 2))
         self._east: Floats = corners[:, 0].copy()
         self._north: Floats = corners[:, 1].copy()
-        self._next = _next_corners([len(ring) for ring in rings])
+        self._next = _index_next_corners([len(ring) for ring in rings])
         self._few = (
             list(zip(self._east.tolist(), self._north.tolist(), self._next.tolist(), strict=True))
-            if len(self._next) <= _FEW
+            if len(self._next) <= _FEW_CORNERS
             else []
         )
 
@@ -79,22 +79,22 @@ class Boundary:
             for ring in (part.exterior, *part.interiors)
         )
 
-    def contains(self, east_m: float, north_m: float) -> bool:
+    def contains_place(self, east_m: float, north_m: float) -> bool:
         """Whether a place lies inside or on the edge; False where it is not finite. About 3 us."""
         return bool(shapely.intersects_xy(self.shape, east_m, north_m))
 
-    def away_m(self, place: Place) -> float:
+    def calc_distance_m(self, place: Place) -> float:
         """Distance, m, from a place to the field; 0 inside."""
         return float(shapely.distance(self.shape, shapely.Point(place)))
 
-    def many_inside(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """`contains` for places (n, 2) -> (n,)."""
+    def contains_places(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """`contains_place` for places (n, 2) -> (n,)."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         return np.asarray(
             shapely.intersects_xy(self.shape, points[:, 0], points[:, 1]), dtype=np.bool_
         )
 
-    def crossings_m(
+    def find_crossings_m(
         self, east_m: float, north_m: float, heading_deg: float, farthest_m: float = math.inf
     ) -> list[float]:
         """Distances ahead, in rising order, at which a straight line from here crosses the
@@ -108,16 +108,16 @@ class Boundary:
         """
         if not (math.isfinite(east_m) and math.isfinite(north_m) and math.isfinite(heading_deg)):
             return []
-        crossed = self._crossed_of_few if self._few else self._crossed_of_many
+        crossed = self._cross_few_edges if self._few else self._cross_many_edges
         ahead = [
             along + side / (side - next_side) * (next_along - along)
             for side, along, next_side, next_along in crossed(
-                east_m, north_m, *direction(heading_deg)
+                east_m, north_m, *find_unit_vector(heading_deg)
             )
         ]
         return sorted([distance for distance in ahead if 0.0 < distance <= farthest_m])
 
-    def _crossed_of_few(
+    def _cross_few_edges(
         self, east_m: float, north_m: float, east: float, north: float
     ) -> list[tuple[float, float, float, float]]:
         """The edges that the line through a place, in the direction (east, north), crosses: how
@@ -136,7 +136,7 @@ class Boundary:
             if (side > 0.0) is not (seen[following][0] > 0.0)
         ]
 
-    def _crossed_of_many(
+    def _cross_many_edges(
         self, east_m: float, north_m: float, east: float, north: float
     ) -> list[tuple[float, float, float, float]]:
         de, dn = self._east - east_m, self._north - north_m
@@ -154,17 +154,17 @@ class Boundary:
             )
         )
 
-    def without(self, strips: Sequence[tuple[Sequence[Place], float]]) -> Boundary:
+    def subtract_strips(self, strips: Sequence[tuple[Sequence[Place], float]]) -> Boundary:
         """The field less all that lies nearer to a line of places than its metres; may be empty
         or fall into parts."""
         near = shapely.union_all(
             [shapely.buffer(shapely.LineString(line), margin_m) for line, margin_m in strips]
         )
         smaller = Boundary.__new__(Boundary)
-        smaller._hold(_polygons(shapely.difference(self.shape, near)))
+        smaller._set_shape(_collect_polygons(shapely.difference(self.shape, near)))
         return smaller
 
-    def inset(self, margin_m: float) -> Boundary:
+    def inset_margin(self, margin_m: float) -> Boundary:
         """The field less a margin along every edge and hole (the headland); may be empty or
         fall into parts.
 
@@ -174,13 +174,15 @@ class Boundary:
             raise ValueError(f"headland {margin_m:g} m: allowed is 0 or more")
         smaller = Boundary.__new__(Boundary)
         shrunk = (
-            self.shape.buffer(-margin_m, join_style="mitre") if margin_m >= _LEAST_M else self.shape
+            self.shape.buffer(-margin_m, join_style="mitre")
+            if margin_m >= _MIN_MARGIN_M
+            else self.shape
         )
-        smaller._hold(_polygons(shrunk))
+        smaller._set_shape(_collect_polygons(shrunk))
         return smaller
 
 
-def largest_part(shape: Polygon) -> Polygon:
+def find_largest_part(shape: Polygon) -> Polygon:
     """The largest polygon of those into which edges that cross cut a shape; ground driven round
     twice is in it once."""
     parts = shapely.get_parts(shapely.make_valid(shape, method="structure", keep_collapsed=False))
@@ -191,7 +193,7 @@ def largest_part(shape: Polygon) -> Polygon:
     )
 
 
-def _checked_ring(name: str, ring: Sequence[Place]) -> list[Place]:
+def _validate_ring(name: str, ring: Sequence[Place]) -> list[Place]:
     places = [(float(east), float(north)) for east, north in ring]
     if len(places) > 1 and places[0] == places[-1]:
         places = places[:-1]
@@ -209,7 +211,7 @@ def _checked_ring(name: str, ring: Sequence[Place]) -> list[Place]:
     return places
 
 
-def _next_corners(lengths: Sequence[int]) -> npt.NDArray[np.intp]:
+def _index_next_corners(lengths: Sequence[int]) -> npt.NDArray[np.intp]:
     """For rings of such lengths laid end to end: the corner that follows each, within its ring."""
     following: list[int] = []
     for length in lengths:
@@ -218,6 +220,6 @@ def _next_corners(lengths: Sequence[int]) -> npt.NDArray[np.intp]:
     return np.array(following, dtype=np.intp)
 
 
-def _polygons(shape: shapely.Geometry) -> MultiPolygon:
+def _collect_polygons(shape: shapely.Geometry) -> MultiPolygon:
     parts = shape.geoms if isinstance(shape, MultiPolygon) else [shape]
     return MultiPolygon([part for part in parts if isinstance(part, Polygon) and not part.is_empty])

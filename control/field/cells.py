@@ -17,9 +17,9 @@ from topdress.control.geodesy import Place
 Floats = npt.NDArray[np.float64]
 Corners = tuple[Place, Place, Place, Place]
 
-TILE = 256  # cells on a side
+TILE_CELLS = 256  # cells on a side
 # a cell centre this far outside still counts, so that touching stretches leave no gap
-_EDGE_M = 1e-9
+_EDGE_TOLERANCE_M = 1e-9
 
 
 def allocate_sides() -> Floats:
@@ -47,7 +47,9 @@ def put_triangle_sides(sides: Floats, corners: Corners) -> None:
             sides[k, j, 2] = de
             sides[k, j, 3] = dn
             sides[k, j, 4] = math.copysign(1.0, area)
-            sides[k, j, 5] = -_EDGE_M * (abs(de) + abs(dn)) if abs(area) > 1e-12 else math.inf
+            sides[k, j, 5] = (
+                -_EDGE_TOLERANCE_M * (abs(de) + abs(dn)) if abs(area) > 1e-12 else math.inf
+            )
 
 
 def find_side_offset(

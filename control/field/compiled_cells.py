@@ -10,16 +10,16 @@ from math import floor
 from typing import Any
 
 import numpy as np
-from topdress.control.machine.compiled import compiled, jitable
+from topdress.control.machine.compiled import compile_function, mark_compilable
 
-from .cells import TILE, find_side_offset, is_passed_again, offset_places, put_triangle_sides
+from .cells import TILE_CELLS, find_side_offset, is_passed_again, offset_places, put_triangle_sides
 
 for _piece in (put_triangle_sides, find_side_offset, is_passed_again, offset_places):
-    jitable(_piece)
+    mark_compilable(_piece)
 
 
-@jitable
-def _within(triangle: Any, east_m: float, north_m: float) -> bool:
+@mark_compilable
+def _is_in_triangle(triangle: Any, east_m: float, north_m: float) -> bool:
     """Whether a place lies in a triangle (3, 6), its edges included."""
     for j in range(3):
         if (
@@ -38,8 +38,8 @@ def _within(triangle: Any, east_m: float, north_m: float) -> bool:
     return True
 
 
-@compiled
-def stamp_tile(
+@compile_function
+def stamp_tile_cells(
     tile: Any,
     first_row: int,
     first_column: int,
@@ -59,11 +59,14 @@ def stamp_tile(
     put_triangle_sides(sides, corners)
     stamp, revisit, new, again = np.float32(travelled_m), np.float32(revisit_m), 0, 0
     entered = 0
-    for row in range(max(box[0], first_row), min(box[2] + 1, first_row + TILE)):
+    for row in range(max(box[0], first_row), min(box[2] + 1, first_row + TILE_CELLS)):
         north_m = (row + 0.5) * cell_m
-        for column in range(max(box[1], first_column), min(box[3] + 1, first_column + TILE)):
+        for column in range(max(box[1], first_column), min(box[3] + 1, first_column + TILE_CELLS)):
             east_m = (column + 0.5) * cell_m
-            if not (_within(sides[0], east_m, north_m) or _within(sides[1], east_m, north_m)):
+            if not (
+                _is_in_triangle(sides[0], east_m, north_m)
+                or _is_in_triangle(sides[1], east_m, north_m)
+            ):
                 continue
             entered += 1
             before = tile[row - first_row, column - first_column]
@@ -75,8 +78,8 @@ def stamp_tile(
     return entered, new, again
 
 
-@compiled
-def done_ahead(
+@compile_function
+def count_done_ahead(
     tiles: Any,
     south: int,
     west: int,
@@ -101,10 +104,14 @@ def done_ahead(
             east_m = offset_places(place[0], along_m[step], course[0], aside_m[outlet], course[1])
             north_m = offset_places(place[1], along_m[step], course[1], -aside_m[outlet], course[0])
             column, row = (
-                floor(east_m / cell_m) - west * TILE,
-                floor(north_m / cell_m) - south * TILE,
+                floor(east_m / cell_m) - west * TILE_CELLS,
+                floor(north_m / cell_m) - south * TILE_CELLS,
             )
-            stamp = np.float64(tiles[2 * (row // TILE) + column // TILE][row % TILE, column % TILE])
+            stamp = np.float64(
+                tiles[2 * (row // TILE_CELLS) + column // TILE_CELLS][
+                    row % TILE_CELLS, column % TILE_CELLS
+                ]
+            )
             if stamp == -np.inf if earlier else is_passed_again(travelled_m, stamp, revisit_m):
                 found[step] += 1.0
     return found

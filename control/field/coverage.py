@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.geodesy import Place, apart_m, direction
-from topdress.control.machine.steps import Steps
+from topdress.control.geodesy import Place, calc_plane_distance_m, find_unit_vector
+from topdress.control.machine.steps import CompiledSteps
 
 from .cells import (
-    TILE,
+    TILE_CELLS,
     Corners,
     Floats,
     allocate_sides,
@@ -31,10 +31,10 @@ from .cells import (
     put_triangle_sides,
 )
 
-_EARLIER = -math.inf  # stamp of what an earlier run has done
+_EARLIER_STAMP = -math.inf  # stamp of what an earlier run has done
 # from the plane's origin: no place beyond it is one of the field
-FARTHEST_M = 100_000.0
-MOST_CELLS = 400_000_000  # of a picture: 4 km by 4 km at 0.2 m, 400 MB
+MAX_DISTANCE_M = 100_000.0
+MAX_RASTER_CELLS = 400_000_000  # of a picture: 4 km by 4 km at 0.2 m, 400 MB
 
 
 class Covered(NamedTuple):
@@ -71,7 +71,7 @@ class _OutletStrip:
         # worked up to this place, on this course, since: less than half a cell on
         self.saved: tuple[Place, float, float] | None = None
 
-    def bar_at(self, place: Place, east: float, north: float) -> _OutletBar:
+    def place_outlets(self, place: Place, east: float, north: float) -> _OutletBar:
         """Here, on a course of this direction."""
         return _OutletBar(
             place,
@@ -98,7 +98,7 @@ class Coverage:
         revisit_m: float | None = None,
         longest_m: float = 30.0,
         strips: Sequence[tuple[float, float]] = (),
-        steps: Steps | None = None,
+        steps: CompiledSteps | None = None,
     ) -> None:
         """steps: compiled, for long runs: cell by cell, in a third of the time."""
         if not 0.0 < 2.0 * cell_m <= width_m:
@@ -122,10 +122,10 @@ class Coverage:
             for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)
         ]
         self._sides = allocate_sides()
-        self._empty = _empty_tile()
+        self._empty = _make_empty_tile()
         self.loops: Any = None if steps is None else steps.cells
 
-    def seed(self, ground: Raster, ours: bool = True) -> None:
+    def add_earlier_ground(self, ground: Raster, ours: bool = True) -> None:
         """Ground that an earlier run has done, with cells of any size: covered, and never just
         passed over.
 
@@ -151,13 +151,13 @@ class Coverage:
         ]
         done = np.zeros((len(there[0]), len(there[1])), dtype=np.bool_)
         done[np.ix_(*inside)] = ground.done[np.ix_(there[0][inside[0]], there[1][inside[1]])]
-        for row in range(south // TILE, north // TILE + 1):
-            for column in range(west // TILE, east // TILE + 1):
-                self._mark(row, column, south, west, done, _EARLIER)
+        for row in range(south // TILE_CELLS, north // TILE_CELLS + 1):
+            for column in range(west // TILE_CELLS, east // TILE_CELLS + 1):
+                self._mark_tile(row, column, south, west, done, _EARLIER_STAMP)
         if not ours:
             self._cells = cells
 
-    def lay(self, place: Place, heading_deg: float, flowing: bool | Sequence[bool]) -> None:
+    def extend_to(self, place: Place, heading_deg: float, flowing: bool | Sequence[bool]) -> None:
         """The middle of the outlets is here; `flowing`: material has been landing since the
         last call, where the coverage has strips of each of them.
 
@@ -166,84 +166,86 @@ class Coverage:
         which it begins anew.
         """
         if not (
-            abs(place[0]) <= FARTHEST_M
-            and abs(place[1]) <= FARTHEST_M
+            abs(place[0]) <= MAX_DISTANCE_M
+            and abs(place[1]) <= MAX_DISTANCE_M
             and math.isfinite(heading_deg)
         ):
             self._end_stretches()
             self._last = None
             return
         if self._last is not None:
-            step_m = apart_m(self._last, place)
+            step_m = calc_plane_distance_m(self._last, place)
             if step_m > self.longest_m:
                 self._end_stretches()
             else:
                 self._travelled_m += step_m
         self._last = place
-        east, north = direction(heading_deg)
+        east, north = find_unit_vector(heading_deg)
         flows = (flowing,) * len(self._strips) if isinstance(flowing, bool) else flowing
         for strip, flowed in zip(self._strips, flows, strict=True):
             if not flowed or strip.bar is None:
-                self._end(strip, strip.bar_at(place, east, north))
-            elif apart_m(strip.bar.middle, place) >= 0.5 * self.cell_m:
-                bar = strip.bar_at(place, east, north)
-                self._sweep(strip.bar, bar)
+                self._end_stretch(strip, strip.place_outlets(place, east, north))
+            elif calc_plane_distance_m(strip.bar.middle, place) >= 0.5 * self.cell_m:
+                bar = strip.place_outlets(place, east, north)
+                self._sweep_stretch(strip.bar, bar)
                 strip.bar, strip.saved = bar, None
             else:
                 strip.saved = place, east, north
 
     @property
-    def nothing(self) -> bool | Sequence[bool]:
-        """What `lay` is given where nothing flows."""
+    def no_flow(self) -> bool | Sequence[bool]:
+        """What `extend_to` is given where nothing flows."""
         return False if len(self._strips) == 1 else (False,) * len(self._strips)
 
     @property
-    def covered(self) -> Covered:
+    def covered_area(self) -> Covered:
         cell_ha = self.cell_m * self.cell_m / 10_000.0
         return Covered(self._cells * cell_ha, self._again * cell_ha, self._travelled_m)
 
-    def applied(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    def find_covered(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether an earlier pass has covered each place (n, 2) -> (n,); the ground just passed
         over does not count.
 
         Some 20 us for a few hundred places near each other.
         """
         again: npt.NDArray[np.bool_] = is_passed_again(
-            self._travelled_m, self._stamps(places), self.revisit_m
+            self._travelled_m, self._find_stamps(places), self.revisit_m
         )
         return again
 
-    def applied_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    def find_covered_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether an earlier run has covered each place (n, 2) -> (n,), and this run has not
         since."""
-        return np.isneginf(self._stamps(places))
+        return np.isneginf(self._find_stamps(places))
 
-    def _stamps(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def _find_stamps(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """How far the machine had travelled when each place (n, 2) was covered last; NaN: never."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         found = np.full(len(points), np.nan)
-        known = np.flatnonzero(np.maximum(np.abs(points[:, 0]), np.abs(points[:, 1])) <= FARTHEST_M)
+        known = np.flatnonzero(
+            np.maximum(np.abs(points[:, 0]), np.abs(points[:, 1])) <= MAX_DISTANCE_M
+        )
         if not self._tiles or not len(known):
             return found
         cells = np.floor(points[known] / self.cell_m).astype(np.int64)
-        west, south = (cells.min(axis=0) // TILE).tolist()
-        east, north = (cells.max(axis=0) // TILE).tolist()
+        west, south = (cells.min(axis=0) // TILE_CELLS).tolist()
+        east, north = (cells.max(axis=0) // TILE_CELLS).tolist()
         if west == east and south == north:
             tile = self._tiles.get((south, west))
             if tile is not None:
-                found[known] = tile[cells[:, 1] % TILE, cells[:, 0] % TILE]
+                found[known] = tile[cells[:, 1] % TILE_CELLS, cells[:, 0] % TILE_CELLS]
             return found
-        tiles, rows = cells // TILE, north - south + 1
+        tiles, rows = cells // TILE_CELLS, north - south + 1
         codes = (tiles[:, 0] - west) * rows + tiles[:, 1] - south
         for code in set(codes.tolist()):
             tile = self._tiles.get((south + code % rows, west + code // rows))
             if tile is None:
                 continue
             here = codes == code
-            found[known[here]] = tile[cells[here, 1] % TILE, cells[here, 0] % TILE]
+            found[known[here]] = tile[cells[here, 1] % TILE_CELLS, cells[here, 0] % TILE_CELLS]
         return found
 
-    def raster(self) -> Raster:
+    def make_raster(self) -> Raster:
         """All that is covered, for drawing; one cell of nothing when nothing is.
 
         Ground too far apart for one picture of `MAX_CELL_COUNT`: what lies around the place entered
@@ -251,62 +253,66 @@ class Coverage:
         """
         for strip in self._strips:
             if strip.bar is not None and strip.saved is not None:
-                self._end(strip, strip.bar_at(*strip.saved))
+                self._end_stretch(strip, strip.place_outlets(*strip.saved))
         if not self._tiles:
             return Raster(0.0, 0.0, self.cell_m, np.zeros((1, 1), dtype=np.bool_))
         keys: Collection[tuple[int, int]] = self._tiles.keys()
-        south, north, west, east = _box(keys)
-        if (north - south + 1) * (east - west + 1) * TILE * TILE > MOST_CELLS:
-            reach = (math.isqrt(MOST_CELLS) // TILE - 1) // 2
+        south, north, west, east = _find_tile_box(keys)
+        if (north - south + 1) * (east - west + 1) * TILE_CELLS * TILE_CELLS > MAX_RASTER_CELLS:
+            reach = (math.isqrt(MAX_RASTER_CELLS) // TILE_CELLS - 1) // 2
             keys = {
                 key
                 for key in keys
                 if all(abs(k - new) <= reach for k, new in zip(key, self._newest, strict=True))
             }
-            south, north, west, east = _box(keys)
-        done = np.zeros(((north - south + 1) * TILE, (east - west + 1) * TILE), dtype=np.bool_)
+            south, north, west, east = _find_tile_box(keys)
+        done = np.zeros(
+            ((north - south + 1) * TILE_CELLS, (east - west + 1) * TILE_CELLS), dtype=np.bool_
+        )
         for row, column in keys:
-            r, c = (row - south) * TILE, (column - west) * TILE
-            done[r : r + TILE, c : c + TILE] = ~np.isnan(self._tiles[row, column])
-        return Raster(west * TILE * self.cell_m, south * TILE * self.cell_m, self.cell_m, done)
+            r, c = (row - south) * TILE_CELLS, (column - west) * TILE_CELLS
+            done[r : r + TILE_CELLS, c : c + TILE_CELLS] = ~np.isnan(self._tiles[row, column])
+        return Raster(
+            west * TILE_CELLS * self.cell_m, south * TILE_CELLS * self.cell_m, self.cell_m, done
+        )
 
     def _end_stretches(self) -> None:
         for strip in self._strips:
-            self._end(strip, None)
+            self._end_stretch(strip, None)
 
-    def _end(self, strip: _OutletStrip, bar: _OutletBar | None) -> None:
+    def _end_stretch(self, strip: _OutletStrip, bar: _OutletBar | None) -> None:
         if strip.bar is not None and strip.saved is not None:
-            self._sweep(strip.bar, strip.bar_at(*strip.saved))
+            self._sweep_stretch(strip.bar, strip.place_outlets(*strip.saved))
         strip.bar, strip.saved = bar, None
 
-    def _sweep(self, before: _OutletBar, now: _OutletBar) -> None:
+    def _sweep_stretch(self, before: _OutletBar, now: _OutletBar) -> None:
         corners = (before.left, before.right, now.right, now.left)
         west = math.floor(min([corner[0] for corner in corners]) / self.cell_m)
         east = math.floor(max([corner[0] for corner in corners]) / self.cell_m)
         south = math.floor(min([corner[1] for corner in corners]) / self.cell_m)
         north = math.floor(max([corner[1] for corner in corners]) / self.cell_m)
         if self.loops is not None:
-            self._stamp(corners, (south, west, north, east))
+            self._stamp_stretch(corners, (south, west, north, east))
             return
         centre_e: Floats = (np.arange(west, east + 1, dtype=np.float64) + 0.5) * self.cell_m
         centre_n: Floats = ((np.arange(south, north + 1, dtype=np.float64) + 0.5) * self.cell_m)[
             :, None
         ]
         put_triangle_sides(self._sides, corners)
-        passed = _in_triangles(centre_e, centre_n, self._sides)
-        for row in range(south // TILE, north // TILE + 1):
-            for column in range(west // TILE, east // TILE + 1):
-                self._mark(row, column, south, west, passed, self._travelled_m)
+        passed = _find_in_triangles(centre_e, centre_n, self._sides)
+        for row in range(south // TILE_CELLS, north // TILE_CELLS + 1):
+            for column in range(west // TILE_CELLS, east // TILE_CELLS + 1):
+                self._mark_tile(row, column, south, west, passed, self._travelled_m)
 
-    def _stamp(self, corners: Corners, box: tuple[int, int, int, int]) -> None:
+    def _stamp_stretch(self, corners: Corners, box: tuple[int, int, int, int]) -> None:
         """Enter a stretch cell by cell. box: its cells, south, west, north, east."""
-        for row in range(box[0] // TILE, box[2] // TILE + 1):
-            for column in range(box[1] // TILE, box[3] // TILE + 1):
+        for row in range(box[0] // TILE_CELLS, box[2] // TILE_CELLS + 1):
+            for column in range(box[1] // TILE_CELLS, box[3] // TILE_CELLS + 1):
                 tile = self._tiles.get((row, column))
-                entered, new, again = self.loops.stamp_tile(
+                entered, new, again = self.loops.stamp_tile_cells(
                     self._empty if tile is None else tile,
-                    row * TILE,
-                    column * TILE,
+                    row * TILE_CELLS,
+                    column * TILE_CELLS,
                     box,
                     self.cell_m,
                     corners,
@@ -319,16 +325,17 @@ class Coverage:
                 self._cells += new
                 self._again += again
                 if tile is None:
-                    self._tiles[row, column], self._empty = self._empty, _empty_tile()
+                    self._tiles[row, column], self._empty = self._empty, _make_empty_tile()
 
-    def done_ahead(
+    def count_done_ahead(
         self, place: Place, course: Place, along_m: Floats, aside_m: Floats, earlier: bool
     ) -> Floats | None:
         """How many places aside are over done ground at each place along: (along,). None: it is
-        to be asked by `applied`, for want of compiled loops or because the places lie far
+        to be asked by `find_covered`, for want of compiled loops or because the places lie far
         apart.
 
-        place, course: of the outlets' middle, east and north. earlier: as of `applied_earlier`.
+        place, course: of the outlets' middle, east and north. earlier: as of
+        `find_covered_earlier`.
         """
         if self.loops is None:
             return None
@@ -340,20 +347,24 @@ class Coverage:
             for along in (float(along_m[0]), float(along_m[-1]))
             for aside in (float(aside_m[0]), float(aside_m[-1]))
         ]
-        if not all([abs(east) <= FARTHEST_M and abs(north) <= FARTHEST_M for east, north in ends]):
+        if not all(
+            [abs(east) <= MAX_DISTANCE_M and abs(north) <= MAX_DISTANCE_M for east, north in ends]
+        ):
             return None
         west, east = (
-            math.floor(of([end[0] for end in ends]) / self.cell_m) // TILE for of in (min, max)
+            math.floor(of([end[0] for end in ends]) / self.cell_m) // TILE_CELLS
+            for of in (min, max)
         )
         south, north = (
-            math.floor(of([end[1] for end in ends]) / self.cell_m) // TILE for of in (min, max)
+            math.floor(of([end[1] for end in ends]) / self.cell_m) // TILE_CELLS
+            for of in (min, max)
         )
         if east - west > 1 or north - south > 1:
             return None
         tiles = tuple(
             [self._tiles.get((south + k // 2, west + k % 2), self._empty) for k in range(4)]
         )
-        found: Floats = self.loops.done_ahead(
+        found: Floats = self.loops.count_done_ahead(
             tiles,
             south,
             west,
@@ -368,7 +379,7 @@ class Coverage:
         )
         return found
 
-    def _mark(
+    def _mark_tile(
         self,
         row: int,
         column: int,
@@ -378,16 +389,16 @@ class Coverage:
         stamp: float,
     ) -> None:
         """Enter the part of `passed` (its corner at cell south, west) that lies in one tile."""
-        r0, c0 = row * TILE, column * TILE
-        r = slice(max(south, r0), min(south + passed.shape[0], r0 + TILE))
-        c = slice(max(west, c0), min(west + passed.shape[1], c0 + TILE))
+        r0, c0 = row * TILE_CELLS, column * TILE_CELLS
+        r = slice(max(south, r0), min(south + passed.shape[0], r0 + TILE_CELLS))
+        c = slice(max(west, c0), min(west + passed.shape[1], c0 + TILE_CELLS))
         here = passed[r.start - south : r.stop - south, c.start - west : c.stop - west]
         if not here.any():
             return
         self._newest = row, column
         tile = self._tiles.get((row, column))
         if tile is None:
-            tile = self._tiles[row, column] = _empty_tile()
+            tile = self._tiles[row, column] = _make_empty_tile()
         view = tile[r.start - r0 : r.stop - r0, c.start - c0 : c.stop - c0]
         stamps = view[here]
         self._cells += int(np.count_nonzero(np.isnan(stamps)))
@@ -397,17 +408,17 @@ class Coverage:
         view[here] = stamp
 
 
-def _empty_tile() -> npt.NDArray[np.float32]:
-    return np.full((TILE, TILE), np.nan, dtype=np.float32)
+def _make_empty_tile() -> npt.NDArray[np.float32]:
+    return np.full((TILE_CELLS, TILE_CELLS), np.nan, dtype=np.float32)
 
 
-def _box(tiles: Collection[tuple[int, int]]) -> tuple[int, int, int, int]:
+def _find_tile_box(tiles: Collection[tuple[int, int]]) -> tuple[int, int, int, int]:
     """First and last row, first and last column."""
     rows, columns = [row for row, _ in tiles], [column for _, column in tiles]
     return min(rows), max(rows), min(columns), max(columns)
 
 
-def _in_triangles(east: Floats, north: Floats, sides: Floats) -> npt.NDArray[np.bool_]:
+def _find_in_triangles(east: Floats, north: Floats, sides: Floats) -> npt.NDArray[np.bool_]:
     """Which of the places (columns, rows) lie in any of the triangles (k, 3, 6), edges included.
 
     All sides of all triangles at once: their few cells take numpy less time than a call of it.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import shapely
-from topdress.control.field.coverage import MOST_CELLS, Raster
+from topdress.control.field.coverage import MAX_RASTER_CELLS, Raster
 from topdress.control.geodesy import Place, TangentPlane
 
 CELL_M = 0.2  # as the loop's own bitmap of done ground has it
@@ -30,7 +30,7 @@ class DoneGround(NamedTuple):
         )
 
 
-def done_ground(
+def rasterise_ground(
     shapes: npt.NDArray[np.object_], plane: TangentPlane, cell_m: float = CELL_M
 ) -> DoneGround:
     """Polygons (n,) on the plane, m, which may lie over one another, as cells: one is done when
@@ -43,15 +43,15 @@ def done_ground(
         raise ValueError("no ground is marked as done")
     west, south, east, north = (math.floor(edge / cell_m) for edge in whole.bounds)
     rows, columns = north - south + 1, east - west + 1
-    if rows * columns > MOST_CELLS:
+    if rows * columns > MAX_RASTER_CELLS:
         raise ValueError(
             f"done ground of {columns * cell_m:.0f} x {rows * cell_m:.0f} m: allowed are "
-            f"{MOST_CELLS * cell_m * cell_m / 1e6:.0f} km2 for one field"
+            f"{MAX_RASTER_CELLS * cell_m * cell_m / 1e6:.0f} km2 for one field"
         )
     done = np.zeros((rows, columns), dtype=np.bool_)
-    begin, end = _sides(whole)
+    begin, end = _list_ring_sides(whole)
     for row, (at, crossed) in enumerate(
-        _crossings(begin, end, (south + np.arange(rows) + 0.5) * cell_m)
+        _find_crossings(begin, end, (south + np.arange(rows) + 0.5) * cell_m)
     ):
         if crossed:
             edges = np.sort(at)
@@ -67,7 +67,7 @@ def done_ground(
     )
 
 
-def _sides(whole: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _list_ring_sides(whole: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Beginning and end (n, 2) of every side of every ring, holes too."""
     rings = [
         shapely.get_coordinates(ring)
@@ -81,7 +81,7 @@ def _sides(whole: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]
     )
 
 
-def _crossings(
+def _find_crossings(
     begin: npt.NDArray[np.float64], end: npt.NDArray[np.float64], north_m: npt.NDArray[np.float64]
 ) -> list[tuple[npt.NDArray[np.float64], bool]]:
     """East of each place where a side crosses each of these lines (rows,), and whether any

@@ -7,25 +7,31 @@ from collections.abc import Iterator, Sequence
 from math import inf, nan
 
 from topdress.control.field.coverage import Coverage
-from topdress.control.geodesy import Place, apart_m, direction, offset, turn_deg
+from topdress.control.geodesy import (
+    Place,
+    calc_plane_distance_m,
+    calc_turn_deg,
+    find_unit_vector,
+    offset_place,
+)
 
 Flowing = bool | Sequence[bool]
-Passed = tuple[Place, float, Flowing]  # place, heading in degrees, what landed up to there
+PassedPlace = tuple[Place, float, Flowing]  # place, heading in degrees, what landed up to there
 
 # longer ways without a place are given up, m: 80 s at 1.25 m/s
-MOST_WAY_M = 100.0
+MAX_WAY_M = 100.0
 # pieces of such a way that are kept, m: at least a cell of the coverage
-PIECE_M = 0.25
-# between places that are entered along it, m: below `Overlap`'s longest step
-STEP_M = 1.0
+PIECE_LENGTH_M = 0.25
+# between places that are entered along it, m: below `DoneGroundAhead`'s longest step
+STEP_LENGTH_M = 1.0
 # wheel and places agree: this share of the way is what a believed wheel may slip ...
-SLIP_SHARE = 0.1
+WHEEL_SLIP_SHARE = 0.1
 # ... and this, m, one s.d. of a plain receiver's place
-PLACE_M = 2.0
+PLACE_SD_M = 2.0
 # across a straight way, of its length: what a course that nobody tells may be off
-COURSE_SHARE = 0.05
+COURSE_SD_SHARE = 0.05
 # tangent of 30 degrees: a way that turns by more between two places may be any
-MOST_TURN = 0.58
+MAX_TURN_TANGENT = 0.58
 
 
 class UnplacedWay:
@@ -38,48 +44,53 @@ class UnplacedWay:
         # up to which way: what landed, each by strip of the coverage where it has several
         self._pieces: list[tuple[float, Flowing]] = []
 
-    def extend(self, way_m: float, flowing: Flowing) -> None:
+    def extend_way(self, way_m: float, flowing: Flowing) -> None:
         """The outlets went on so far, m."""
         self.way_m += way_m
-        self.has_landed |= _is_any(flowing)
+        self.has_landed |= _is_any_flowing(flowing)
         begin_m = self._pieces[-2][0] if len(self._pieces) > 1 else 0.0
         if self._pieces and (
-            self._pieces[-1][1] == flowing or self._pieces[-1][0] - begin_m < PIECE_M
+            self._pieces[-1][1] == flowing or self._pieces[-1][0] - begin_m < PIECE_LENGTH_M
         ):
-            flowing = _either(self._pieces.pop()[1], flowing)
+            flowing = _combine_flowing(self._pieces.pop()[1], flowing)
         self._pieces.append((self.way_m, flowing))
 
-    def to(self, place: Place, heading_deg: float) -> list[Passed] | None:
+    def connect_to(self, place: Place, heading_deg: float) -> list[PassedPlace] | None:
         """The way to the place that is known again, a smooth curve between both courses; None:
         the wheel's length does not agree with it, or it turns too much to be known."""
         for course in (self._heading_deg, heading_deg):
-            ahead_m, aside_m = _components(self._place, place, course)
-            if ahead_m <= 0.0 or abs(aside_m) > PLACE_M + MOST_TURN * ahead_m:
+            ahead_m, aside_m = _resolve_components(self._place, place, course)
+            if ahead_m <= 0.0 or abs(aside_m) > PLACE_SD_M + MAX_TURN_TANGENT * ahead_m:
                 return None
-        if abs(apart_m(self._place, place) - self.way_m) > PLACE_M + SLIP_SHARE * self.way_m:
+        if (
+            abs(calc_plane_distance_m(self._place, place) - self.way_m)
+            > PLACE_SD_M + WHEEL_SLIP_SHARE * self.way_m
+        ):
             return None
-        curve = _Curve(self._place, direction(self._heading_deg), place, direction(heading_deg))
-        turn = turn_deg(self._heading_deg, heading_deg)
-        shares = [(way_m / self.way_m, flowing) for way_m, flowing in self._steps(inf)]
+        curve = _Curve(
+            self._place, find_unit_vector(self._heading_deg), place, find_unit_vector(heading_deg)
+        )
+        turn = calc_turn_deg(self._heading_deg, heading_deg)
+        shares = [(way_m / self.way_m, flowing) for way_m, flowing in self._iterate_steps(inf)]
         return [
-            (curve.at(share), self._heading_deg + share * turn, flowing)
+            (curve.interpolate_place(share), self._heading_deg + share * turn, flowing)
             for share, flowing in shares
         ]
 
-    def straight_on(self, width_m: float) -> list[Passed]:
+    def extend_straight(self, width_m: float) -> list[PassedPlace]:
         """The way as it was if nobody turned, as far as the outlets, so wide, are then within
         half their width of it."""
         return [
-            (offset(self._place, self._heading_deg, way_m), self._heading_deg, flowing)
-            for way_m, flowing in self._steps(0.5 * width_m / COURSE_SHARE)
+            (offset_place(self._place, self._heading_deg, way_m), self._heading_deg, flowing)
+            for way_m, flowing in self._iterate_steps(0.5 * width_m / COURSE_SD_SHARE)
         ]
 
-    def _steps(self, most_m: float) -> Iterator[tuple[float, Flowing]]:
+    def _iterate_steps(self, most_m: float) -> Iterator[tuple[float, Flowing]]:
         """Ends of the steps, m, and what landed in each."""
         at_m = 0.0
         for end_m, flowing in self._pieces:
             while at_m < min(end_m, most_m):
-                at_m = min(end_m, most_m, at_m + STEP_M)
+                at_m = min(end_m, most_m, at_m + STEP_LENGTH_M)
                 yield at_m, flowing
 
 
@@ -108,60 +119,60 @@ class GroundTrace:
         whether it is done ground now; else None.
         """
         if place is None or heading_deg is None:
-            self._go_on_without(way_m, flowing)
+            self._extend_unplaced(way_m, flowing)
             return None
-        found = self._close(place, heading_deg, flowing, way_m)
-        self.coverage.lay(place, heading_deg, flowing)
+        found = self._close_way(place, heading_deg, flowing, way_m)
+        self.coverage.extend_to(place, heading_deg, flowing)
         self._last = place, heading_deg
         return found
 
-    def reckoned(self) -> list[Passed]:
+    def reckon_open_way(self) -> list[PassedPlace]:
         """The way without a place that is still open, straight on; empty where there is none."""
         if self._unplaced is None or not self._unplaced.has_landed or self._last is None:
             return []
-        begin = (*self._last, self.coverage.nothing)
-        return [begin, *self._unplaced.straight_on(self.coverage.width_m)]
+        begin = (*self._last, self.coverage.no_flow)
+        return [begin, *self._unplaced.extend_straight(self.coverage.width_m)]
 
-    def _go_on_without(self, way_m: float, flowing: Flowing) -> None:
+    def _extend_unplaced(self, way_m: float, flowing: Flowing) -> None:
         if self._unplaced is None and self._last is not None:
             self._unplaced = UnplacedWay(*self._last)
         if self._unplaced is None:
             return
-        if way_m < 0.0 or self._unplaced.way_m + way_m > MOST_WAY_M:
+        if way_m < 0.0 or self._unplaced.way_m + way_m > MAX_WAY_M:
             self._unplaced = self._last = None
             self._end_stretch()
             return
-        self._unplaced.extend(way_m, flowing)
+        self._unplaced.extend_way(way_m, flowing)
 
-    def _close(
+    def _close_way(
         self, place: Place, heading_deg: float, flowing: Flowing, way_m: float
     ) -> tuple[float, bool] | None:
         unplaced, self._unplaced = self._unplaced, None
         if unplaced is None:
             return None
-        unplaced.extend(max(0.0, way_m), flowing)
-        passed = unplaced.to(place, heading_deg)
+        unplaced.extend_way(max(0.0, way_m), flowing)
+        passed = unplaced.connect_to(place, heading_deg)
         for one in passed or ():
-            self.coverage.lay(*one)
+            self.coverage.extend_to(*one)
         if passed is None:
             self._end_stretch()
         return (unplaced.way_m, passed is not None) if unplaced.has_landed else None
 
     def _end_stretch(self) -> None:
-        self.coverage.lay((nan, nan), 0.0, self.coverage.nothing)
+        self.coverage.extend_to((nan, nan), 0.0, self.coverage.no_flow)
 
 
 class _Curve:
     """A cubic curve (Hermite) from one place to another, along both courses."""
 
     def __init__(self, begin: Place, begins: Place, end: Place, ends: Place) -> None:
-        length_m = apart_m(begin, end)
+        length_m = calc_plane_distance_m(begin, end)
         self._begin, self._end = begin, end
         self._out, self._in = (
             (length_m * course[0], length_m * course[1]) for course in (begins, ends)
         )
 
-    def at(self, share: float) -> Place:
+    def interpolate_place(self, share: float) -> Place:
         """Place after this share of it, 0 to 1."""
         s, rest = share, 1.0 - share
         weights = (
@@ -177,18 +188,18 @@ class _Curve:
         return east, north
 
 
-def _components(begin: Place, end: Place, heading_deg: float) -> Place:
+def _resolve_components(begin: Place, end: Place, heading_deg: float) -> Place:
     """From one place to another: so far ahead and to the right, m, seen along a heading."""
-    east, north = direction(heading_deg)
+    east, north = find_unit_vector(heading_deg)
     to_east, to_north = end[0] - begin[0], end[1] - begin[1]
     return to_east * east + to_north * north, to_east * north - to_north * east
 
 
-def _is_any(flowing: Flowing) -> bool:
+def _is_any_flowing(flowing: Flowing) -> bool:
     return flowing if isinstance(flowing, bool) else any(flowing)
 
 
-def _either(one: Flowing, other: Flowing) -> Flowing:
+def _combine_flowing(one: Flowing, other: Flowing) -> Flowing:
     if isinstance(one, bool) or isinstance(other, bool):
-        return _is_any(one) or _is_any(other)
+        return _is_any_flowing(one) or _is_any_flowing(other)
     return tuple([a or b for a, b in zip(one, other, strict=True)])

@@ -10,20 +10,20 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.growth import GrowthStage
-from topdress.control.agronomy.noa import Rule, prepare
+from topdress.control.agronomy.noa import Rule, prepare_rule
 from topdress.control.agronomy.response import ResponseRule
 from topdress.control.field.boundary import Boundary
 from topdress.control.frozen_model import FrozenModel
-from topdress.control.orders import BY_MAP, Strategy, TargetSource
+from topdress.control.orders import MAP_SOURCES, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(ge=0.01, le=1000)]
 NRate = Annotated[float, Field(ge=0, le=1000)]  # of N, not of product
 # of a corner, from the field's origin
-Far = Annotated[float, Field(ge=-100_000, le=100_000)]
+CornerOffset = Annotated[float, Field(ge=-100_000, le=100_000)]
 Hz = Annotated[float, Field(ge=0.01, le=20)]
-MOST_CORNERS = 20_000
-MOST_PLANTS = 1_000_000  # as many as a plant list may have
+MAX_CORNERS = 20_000
+MAX_PLANTS = 1_000_000  # as many as a plant list may have
 Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
 
@@ -71,8 +71,8 @@ class Wanted(FrozenModel):
     dose_errors: str | None = None
 
     @model_validator(mode="after")
-    def _map_named(self) -> Wanted:
-        if self.source in BY_MAP and self.map is None:
+    def _check_map_named(self) -> Wanted:
+        if self.source in MAP_SOURCES and self.map is None:
             raise ValueError(
                 f"source {self.source.value} needs the key map: a prescription file next to "
                 "the job file"
@@ -104,7 +104,7 @@ class Nitrogen(FrozenModel):
     record: str | None = None
 
     @model_validator(mode="after")
-    def _of_a_ceiling(self) -> Nitrogen:
+    def _check_ceiling_keys(self) -> Nitrogen:
         idle = [key for key in ("year_from", "record") if getattr(self, key) is not None]
         if idle and self.year_max_kg_ha is None:
             raise ValueError(f"{', '.join(idle)}: goes with year_max_kg_ha")
@@ -115,7 +115,9 @@ class Margin(FrozenModel):
     """Ground along a water or a path that gets nothing: as far as `margin_m` from the line."""
 
     title: Name = ""
-    along_m: Annotated[tuple[tuple[Far, Far], ...], Field(min_length=2, max_length=MOST_CORNERS)]
+    along_m: Annotated[
+        tuple[tuple[CornerOffset, CornerOffset], ...], Field(min_length=2, max_length=MAX_CORNERS)
+    ]
     margin_m: Annotated[float, Field(gt=0, le=500)]
 
 
@@ -123,7 +125,9 @@ class GuidanceLine(FrozenModel):
     """What the tractor is steered along: two places for a straight (AB) line, more for a curve."""
 
     title: Name = ""
-    points_m: Annotated[tuple[tuple[Far, Far], ...], Field(min_length=2, max_length=MOST_CORNERS)]
+    points_m: Annotated[
+        tuple[tuple[CornerOffset, CornerOffset], ...], Field(min_length=2, max_length=MAX_CORNERS)
+    ]
 
 
 class Ground(FrozenModel):
@@ -133,11 +137,16 @@ class Ground(FrozenModel):
     origin_lat_deg: Annotated[float, Field(ge=-89, le=89)] = 34.28
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 119.88
     # closed by itself; empty: no field known
-    boundary_m: Annotated[tuple[tuple[Far, Far], ...], Field(max_length=MOST_CORNERS)] = ()
+    boundary_m: Annotated[
+        tuple[tuple[CornerOffset, CornerOffset], ...], Field(max_length=MAX_CORNERS)
+    ] = ()
     # ground inside it that is not worked: ponds, trees, masts
     holes_m: Annotated[
         tuple[
-            Annotated[tuple[tuple[Far, Far], ...], Field(min_length=3, max_length=MOST_CORNERS)],
+            Annotated[
+                tuple[tuple[CornerOffset, CornerOffset], ...],
+                Field(min_length=3, max_length=MAX_CORNERS),
+            ],
             ...,
         ],
         Field(max_length=1000),
@@ -154,7 +163,7 @@ class Ground(FrozenModel):
     margins: Annotated[tuple[Margin, ...], Field(max_length=1000)] = ()
 
     @model_validator(mode="after")
-    def _polygon(self) -> Ground:
+    def _check_polygon(self) -> Ground:
         if self.margins and not self.boundary_m:
             raise ValueError("margins needs boundary_m: the field at whose edges they lie")
         if 0 < len(self.boundary_m) < 3:
@@ -163,18 +172,18 @@ class Ground(FrozenModel):
             raise ValueError("holes_m needs boundary_m: the field in which they lie")
         return self
 
-    def boundary(self) -> Boundary | None:
+    def make_boundary(self) -> Boundary | None:
         """The field's edge; None where no field is known. Raises ValueError."""
         return Boundary(self.boundary_m, self.holes_m) if self.boundary_m else None
 
-    def spread_ground(self, half_width_m: float) -> Boundary | None:
+    def make_spread_ground(self, half_width_m: float) -> Boundary | None:
         """Where the middle of what is `2 half_width_m` wide may spread: inside the edge, and
         all of it outside every margin; None where no field is known. Raises ValueError where
         the margins leave nothing."""
-        field = self.boundary()
+        field = self.make_boundary()
         if field is None or not self.margins:
             return field
-        left = field.without(
+        left = field.subtract_strips(
             [(margin.along_m, margin.margin_m + half_width_m) for margin in self.margins]
         )
         if left.is_empty:
@@ -258,14 +267,14 @@ class Simulated(FrozenModel):
     dose_measured_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
 
     @model_validator(mode="after")
-    def _plants_to_be_held(self) -> Simulated:
+    def _check_plants(self) -> Simulated:
         if (
             self.plants is not None
-            and self.passes * self.pass_length_m / self.plants.spacing_m > MOST_PLANTS
+            and self.passes * self.pass_length_m / self.plants.spacing_m > MAX_PLANTS
         ):
             raise ValueError(
                 f"plants.spacing_m {self.plants.spacing_m:g}: {self.passes} passes of "
-                f"{self.pass_length_m:g} m have more than {MOST_PLANTS} plants"
+                f"{self.pass_length_m:g} m have more than {MAX_PLANTS} plants"
             )
         return self
 
@@ -315,7 +324,7 @@ class Job(FrozenModel):
     simulated: Simulated = Simulated()
 
     @model_validator(mode="after")
-    def _plants_known(self) -> Job:
+    def _check_plants_known(self) -> Job:
         seen = self.simulated.camera is not None and self.simulated.plants is not None
         if self.target.source is TargetSource.POINT and self.target.plants is None and not seen:
             raise ValueError(
@@ -325,7 +334,7 @@ class Job(FrozenModel):
         return self
 
     @model_validator(mode="after")
-    def _no_place_twice(self) -> Job:
+    def _check_repeated_places(self) -> Job:
         if self.nitrogen.year_max_kg_ha is None:
             return self
         if not self.no_double:
@@ -362,7 +371,7 @@ class Job(FrozenModel):
             if name is not None
         )
 
-    def with_files(self, place: Callable[[str], str]) -> Job:
+    def rename_files(self, place: Callable[[str], str]) -> Job:
         """The same job, written elsewhere: the files that it names are named anew."""
 
         def moved(part: FrozenModel, *keys: str) -> dict[str, str]:
@@ -381,10 +390,10 @@ class Job(FrozenModel):
         )
 
 
-def rule_of(crop: Crop, job: Job, days: int | None = None) -> Rule:
+def make_rule(crop: Crop, job: Job, days: int | None = None) -> Rule:
     """The rule of a job's crop. days: as counted, where the job says none. Raises ValueError as
-    `prepare` does."""
-    return prepare(
+    `prepare_rule` does."""
+    return prepare_rule(
         crop,
         job.days or days,
         job.ndvi_nrich,

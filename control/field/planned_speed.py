@@ -7,7 +7,7 @@ from math import cos, floor, radians, sin
 from topdress.control.field.job import Job
 
 # turned farther from the passes' heading, the machine is on none of them
-ALONG_DEG = 30.0
+ALONG_PASS_DEG = 30.0
 
 
 def find_pass_number(
@@ -18,7 +18,7 @@ def find_pass_number(
     along = job.field.pass_heading_deg
     off = (heading_deg - along + 90.0) % 180.0 - 90.0
     across_m = east_m * cos(radians(along)) - north_m * sin(radians(along))
-    if abs(off) > ALONG_DEG or across_m < 0.0:
+    if abs(off) > ALONG_PASS_DEG or across_m < 0.0:
         return None
     return floor(across_m / width_m) + 1
 

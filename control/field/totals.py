@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 # of the target; a standing shaft reads up to 1 r/min, some 1 % of it
-ARRIVED = 0.1
+ARRIVED_SHARE = 0.1
 # of the rate histogram behind C_uc; its error is below this over the mean rate
 _BIN_KG_HA = 0.25
 
@@ -37,7 +37,7 @@ class Totals(NamedTuple):
     stopped_kg: float = 0.0
 
 
-class Sums(NamedTuple):
+class TotalSums(NamedTuple):
     """All that a totaliser has added up: what a later one needs to go on where it stopped."""
 
     worked_s: float = 0.0
@@ -52,10 +52,10 @@ class Sums(NamedTuple):
     n_kg: float | None = None
 
 
-NOTHING = Sums()
+NO_SUMS = TotalSums()
 
 
-class Arrival:
+class MaterialArrival:
     """Has material come since work began, or is none wanted? Until then no ground gets any: at
     a pass's begin the drives take their dead time before anything leaves, and the last of the
     pass runs out as much later. Way in which nothing leaves yet, counted along with the way in
@@ -64,14 +64,14 @@ class Arrival:
     def __init__(self) -> None:
         self._here = False
 
-    def rest(self) -> None:
+    def stop_work(self) -> None:
         """No work goes on."""
         self._here = False
 
-    def counts(self, applied_rate_kg_ha: float, target_rate_kg_ha: float | None) -> bool:
+    def note_arrival(self, applied_rate_kg_ha: float, target_rate_kg_ha: float | None) -> bool:
         """Whether a tick of work adds ground; a target of 0, or none, does with nothing applied."""
         wanted = 0.0 if target_rate_kg_ha is None else target_rate_kg_ha
-        self._here = self._here or applied_rate_kg_ha >= ARRIVED * wanted
+        self._here = self._here or applied_rate_kg_ha >= ARRIVED_SHARE * wanted
         return self._here
 
 
@@ -82,12 +82,14 @@ class Totaliser:
     Raises ValueError for a width that is not above 0 or a fraction outside 0 to 1.
     """
 
-    def __init__(self, width_m: float, product_n_fraction: float, before: Sums = NOTHING) -> None:
+    def __init__(
+        self, width_m: float, product_n_fraction: float, before: TotalSums = NO_SUMS
+    ) -> None:
         if not width_m > 0.0:
             raise ValueError(f"width {width_m:g} m: allowed is above 0")
         if not 0.0 <= product_n_fraction <= 1.0:
             raise ValueError(f"product_n_fraction {product_n_fraction:g}: allowed is 0 to 1")
-        self._arrival = Arrival()
+        self._arrival = MaterialArrival()
         self._width_m = width_m
         self._n_fraction = product_n_fraction
         (
@@ -105,9 +107,9 @@ class Totaliser:
         self._bins = {key: (ha, kg) for key, ha, kg in bins}  # rate bin -> (ha, kg)
 
     @property
-    def sums(self) -> Sums:
+    def running_sums(self) -> TotalSums:
         """What was added up so far, to go on from later."""
-        return Sums(
+        return TotalSums(
             self._worked_s,
             self._area_ha,
             self._kg,
@@ -119,7 +121,7 @@ class Totaliser:
             self.applied_n_kg,
         )
 
-    def add(
+    def add_tick(
         self,
         step_s: float,
         speed_mps: float | None,
@@ -132,14 +134,14 @@ class Totaliser:
 
         step_s: time since the last tick, s. open_share: of the working width; the rates are
         those under it. What is not known, not finite or negative adds nothing, nor does way
-        before material has come (`Arrival`).
+        before material has come (`MaterialArrival`).
         """
         if speed_mps is None or applied_rate_kg_ha is None:
             return False
         area_ha = open_share * self._width_m * speed_mps * step_s / 10_000.0
         if not (0.0 < area_ha < math.inf and 0.0 <= applied_rate_kg_ha < math.inf):
             return False
-        if not self._arrival.counts(applied_rate_kg_ha, target_rate_kg_ha):
+        if not self._arrival.note_arrival(applied_rate_kg_ha, target_rate_kg_ha):
             return False
         kg = applied_rate_kg_ha * area_ha
         self._worked_s += step_s
@@ -154,9 +156,9 @@ class Totaliser:
             self._target_kg += target_rate_kg_ha * area_ha
         return True
 
-    def rest(self) -> None:
+    def stop_work(self) -> None:
         """No work goes on in this tick."""
-        self._arrival.rest()
+        self._arrival.stop_work()
 
     def add_stopped(self, kg: float) -> None:
         """What left the machine while it was commanded to stop: mass that no area and no mean
@@ -179,7 +181,7 @@ class Totaliser:
         this one."""
         return max(0.0, self.applied_kg * self._n_fraction + self._other_n_kg)
 
-    def snapshot(self) -> Totals:
+    def make_totals(self) -> Totals:
         """The totals so far; cheap enough for a few times a second."""
         mean = self._kg / self._area_ha if self._area_ha > 0.0 else None
         cv = cuc = None

@@ -13,34 +13,40 @@ from topdress.control.field.coverage import Coverage
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
 from topdress.control.loop.canopy_heads import CanopyHeads
-from topdress.control.loop.sections import Sections
+from topdress.control.loop.sections import SectionControl
 from topdress.control.loop.tick_state import Choices, Moment
 from topdress.control.machine.change_lag import Lag
-from topdress.control.machine.fall import drop_s
+from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.steps import Steps
-from topdress.control.metering.rate_range import least_rate_kg_ha
+from topdress.control.machine.steps import CompiledSteps
+from topdress.control.metering.rate_range import find_least_rate_kg_ha
 from topdress.control.orders import TargetSource
-from topdress.control.readings import Measurements, is_fresh
+from topdress.control.readings import Measurements, is_reading_fresh
 from topdress.control.sensing import Sensed
-from topdress.control.targets.boundary_profile import OUTSIDE, Fence, Fenced
-from topdress.control.targets.canopy import Around, CanopyDecisions, HoldMean, MapAndCanopy
+from topdress.control.targets.boundary_profile import OUTSIDE_TARGET, BoundaryAhead, BoundedProfile
+from topdress.control.targets.canopy import CanopyDecisions, MapAndCanopy, MeanRateHold, RateBounds
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.map_profile import MapProfile
-from topdress.control.targets.outside_target import OutsideTarget
-from topdress.control.targets.overlap import LONGEST_M, Overlap
-from topdress.control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
+from topdress.control.targets.outside_target import ExternalTarget
+from topdress.control.targets.overlap import MAX_TICK_WAY_M, DoneGroundAhead
+from topdress.control.targets.profile import (
+    ConstantProfile,
+    DecidedStretches,
+    Target,
+    TargetProfile,
+    UnspreadProfile,
+)
 from topdress.control.targets.section_ground import SectionsGround
 
 # Cell size of the bitmap of done ground, m.
 CELL_M = 0.2
 # A rate that another controller reports as applied is valid for this long, s, as a target of such a
 # display.
-APPLIED_HOLDS_S = 2.0
-DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
+APPLIED_VALID_S = 2.0
+DOSE_PROFILE = ConstantProfile(Target(0.0, TargetSource.POINT))
 
 
-class Ahead:
+class WayAhead:
     """Looks ahead once a tick, and then gives the profile of targets that holds."""
 
     def __init__(
@@ -49,14 +55,14 @@ class Ahead:
         crop: Crop,
         rule: Rule,
         job: Job,
-        fence: Fence | None,
-        headland: Fence | None,
+        fence: BoundaryAhead | None,
+        headland: BoundaryAhead | None,
         *,
         prescription: MapProfile | None,
         index_map: IndexMap | None = None,
         zone_map: IndexMap | None = None,
         done: DoneGround | None = None,
-        steps: Steps | None = None,
+        steps: CompiledSteps | None = None,
     ) -> None:
         """Starts without a view. steps: compiled, for long runs."""
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
@@ -67,27 +73,27 @@ class Ahead:
         self._headland = None if rate is None else headland
         self._headland_target = Target(rate or 0.0, TargetSource.MANUAL)
         cell_m = min(CELL_M, width_m / 6.0)
-        self.overlap = Overlap(
+        self.overlap = DoneGroundAhead(
             Coverage(
                 width_m,
                 cell_m,
-                longest_m=LONGEST_M,
-                strips=[(strip.left_m, strip.right_m) for strip in machine.switched],
+                longest_m=MAX_TICK_WAY_M,
+                strips=[(strip.left_m, strip.right_m) for strip in machine.switched_strips],
                 steps=steps,
             ),
             geometry.outlets,
         )
-        self.sections = Sections(machine, job.section_overlap_percent, cell_m)
+        self.sections = SectionControl(machine, job.section_overlap_percent, cell_m)
         mean = job.target.hold_mean_kg_ha
-        self.hold = None if mean is None else HoldMean(mean)
-        self._around = Around(job.target.around_percent, job.target.around_kg_ha)
+        self.hold = None if mean is None else MeanRateHold(mean)
+        self._around = RateBounds(job.target.around_percent, job.target.around_kg_ha)
         self.heads = CanopyHeads(
             geometry.heads,
             CanopyDecisions(
                 rule,
                 geometry.heads_m,
                 job.target.decision_hz,
-                Stretches(crop.fallback_rate_kg_ha, first_reach_m=geometry.heads_m),
+                DecidedStretches(crop.fallback_rate_kg_ha, first_reach_m=geometry.heads_m),
                 self.hold,
             ),
             crop.index,
@@ -99,38 +105,40 @@ class Ahead:
         # material landed, m, and whether it is done ground now.
         self.unplaced: tuple[float, bool] | None = None
         if done is not None:
-            self.overlap.seed(done.raster, ours=False)
-        self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
-        self.outside_target = OutsideTarget(
+            self.overlap.add_earlier_ground(done.raster, ours=False)
+        self._fallback = ConstantProfile(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
+        self.outside_target = ExternalTarget(
             job.target.external_silent_kg_ha or 0.0,
             job.target.external_holds_s,
-            partial(least_rate_kg_ha, machine),
+            partial(find_least_rate_kg_ha, machine),
         )
 
-    def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
+    def look_ahead(
+        self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool
+    ) -> None:
         """Looks ahead. Changes up to `fired_to_m` of the track have been made and keep their
         place."""
-        self.heads.look(m, sensed)
-        self.outside_target.hear(m.rate_asked, m.time_s, sensed.speed_mps or 0.0)
+        self.heads.fuse_and_decide(m, sensed)
+        self.outside_target.take_reading(m.rate_asked, m.time_s, sensed.speed_mps or 0.0)
         self._look_at_edges(sensed, fired_to_m)
         self._look_at_done(m, sensed, fired_to_m, no_double)
         self._look_at_map(sensed, fired_to_m)
 
-    def jumped(self) -> None:
+    def forget_view(self) -> None:
         """Forgets what was seen ahead, because the position has jumped."""
-        self.overlap.moved()
-        self.sections.moved()
+        self.overlap.forget_view()
+        self.sections.cancel_decisions()
         if self.map is not None:
-            self.map.lost()
+            self.map.forget_place()
 
     def _look_at_edges(self, sensed: Sensed, fired_to_m: float) -> None:
         for fence in (self.fence, self._headland):
             if fence is None:
                 continue
             if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
-                fence.lost()
+                fence.forget_place()
             else:
-                fence.look(
+                fence.look_ahead(
                     sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, fired_to_m
                 )
 
@@ -146,22 +154,22 @@ class Ahead:
         turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm or (
             said is not None
             and said.value > 0.0
-            and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S)
+            and is_reading_fresh(said.time_s, m.time_s, APPLIED_VALID_S)
         )
-        opened = self.sections.open_now(sensed.time_s)
+        opened = self.sections.find_open_valves(sensed.time_s)
         released = (
             tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
         )
-        self.unplaced = self.overlap.note(
+        self.unplaced = self.overlap.record_release(
             sensed.time_s,
             place,
             sensed.heading_deg,
             released,
-            drop_s(self._machine.fall, rpm) if turns else 0.0,
+            calc_drop_s(self._machine.fall, rpm) if turns else 0.0,
             sensed.track_m,
         )
         if no_double and not self.sections.strips:
-            self.overlap.look(sensed.track_m, place, sensed.heading_deg, fired_to_m)
+            self.overlap.look_ahead(sensed.track_m, place, sensed.heading_deg, fired_to_m)
 
     def _look_at_map(self, sensed: Sensed, fired_to_m: float) -> None:
         if self.map is None:
@@ -172,10 +180,10 @@ class Ahead:
             or sensed.heading_deg is None
             or not sensed.position_ok
         ):
-            self.map.lost()
+            self.map.forget_place()
             return
         turn_deg_m = sensed.turn_deg_s / max(0.3, sensed.speed_mps or 0.0)
-        self.map.look(
+        self.map.look_ahead(
             sensed.track_m,
             sensed.east_m,
             sensed.north_m,
@@ -184,31 +192,33 @@ class Ahead:
             turn_deg_m,
         )
 
-    def profile(self, choices: Choices, may_outside: bool, spread_to_m: float = -inf) -> Profile:
+    def make_profile(
+        self, choices: Choices, may_outside: bool, spread_to_m: float = -inf
+    ) -> TargetProfile:
         """Returns the profile of targets along the track: the chosen source, without done ground
         and ground outside. spread_to_m: after reversing, nothing more before this place."""
-        wanted = self._chosen(choices.source, choices.manual_rate_kg_ha)
-        by_section = self._by_section(choices)
+        wanted = self._choose_profile(choices.source, choices.manual_rate_kg_ha)
+        by_section = self._is_switched_by_section(choices)
         if self._headland is not None and not (
             by_section and self._headland_target.rate_kg_ha <= 0.0
         ):
-            wanted = Fenced(wanted, self._headland, self._headland_target)
+            wanted = BoundedProfile(wanted, self._headland, self._headland_target)
         if choices.no_double and not by_section:
-            wanted = Fenced(wanted, self.overlap, Target(0.0, choices.source))
+            wanted = BoundedProfile(wanted, self.overlap, Target(0.0, choices.source))
         if spread_to_m > -inf:
-            wanted = Unspread(wanted, spread_to_m, choices.source)
+            wanted = UnspreadProfile(wanted, spread_to_m, choices.source)
         return (
             wanted
             if self.fence is None or may_outside or by_section
-            else Fenced(wanted, self.fence)
+            else BoundedProfile(wanted, self.fence)
         )
 
-    def _by_section(self, choices: Choices) -> bool:
+    def _is_switched_by_section(self, choices: Choices) -> bool:
         """Returns whether each section is switched by its own strip instead of the whole
         machine. Doses are always the whole machine's."""
         return bool(self.sections.strips) and choices.source is not TargetSource.POINT
 
-    def ground(self, choices: Choices, may_outside: bool) -> SectionsGround:
+    def make_sections_ground(self, choices: Choices, may_outside: bool) -> SectionsGround:
         """Returns the ground by which the sections are switched."""
         nothing = self._headland is not None and self._headland_target.rate_kg_ha <= 0.0
         by_map = self.map is not None and choices.source is TargetSource.MAP
@@ -220,7 +230,7 @@ class Ahead:
             (),
         )
 
-    def _chosen(self, source: TargetSource, manual_rate_kg_ha: float) -> Profile:
+    def _choose_profile(self, source: TargetSource, manual_rate_kg_ha: float) -> TargetProfile:
         if source is TargetSource.CANOPY:
             return self.heads.decisions.stretches
         if source is TargetSource.MAP and self.map is not None:
@@ -228,14 +238,14 @@ class Ahead:
         if source is TargetSource.MAP_AND_CANOPY and self.map is not None:
             return MapAndCanopy(self.map, self.heads.decisions.stretches, self._around)
         if source is TargetSource.POINT:
-            return DOSES_ONLY
+            return DOSE_PROFILE
         if source is TargetSource.MANUAL:
-            return Everywhere(Target(manual_rate_kg_ha, TargetSource.MANUAL))
+            return ConstantProfile(Target(manual_rate_kg_ha, TargetSource.MANUAL))
         if source is TargetSource.EXTERNAL:
             return self.outside_target.profile
         return self._fallback
 
-    def source_rates(
+    def list_source_rates(
         self, sources: tuple[TargetSource, ...], manual_rate_kg_ha: float, track_m: float
     ) -> tuple[float | None, ...]:
         """Returns the rate of each of these sources here, kg/ha, without the nudge; None: single
@@ -244,12 +254,12 @@ class Ahead:
             [
                 None
                 if source is TargetSource.POINT
-                else self._chosen(source, manual_rate_kg_ha).at(track_m).rate_kg_ha
+                else self._choose_profile(source, manual_rate_kg_ha).find_target(track_m).rate_kg_ha
                 for source in sources
             ]
         )
 
-    def landing_inside(
+    def is_landing_inside(
         self,
         moment: Moment,
         holding: Target,
@@ -264,22 +274,24 @@ class Ahead:
             return None
         if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
             return False
-        if self._by_section(choices) and not may_outside:
-            return self.sections.inside(sensed.time_s)
+        if self._is_switched_by_section(choices) and not may_outside:
+            return self.sections.is_any_inside(sensed.time_s)
         if not sensed.backwards and not may_outside:
-            return holding != OUTSIDE
-        ahead_m = moment.ahead.way_m(stop().total_s)
+            return holding != OUTSIDE_TARGET
+        ahead_m = moment.ahead.predict_way_m(stop().total_s)
         if not sensed.backwards:
-            return self.fence.inside(sensed.track_m + ahead_m)
+            return self.fence.is_inside(sensed.track_m + ahead_m)
         angle = radians(sensed.heading_deg)
-        return self.fence.edge.contains(sensed.east_m, sensed.north_m) and self.fence.edge.contains(
+        return self.fence.edge.contains_place(
+            sensed.east_m, sensed.north_m
+        ) and self.fence.edge.contains_place(
             sensed.east_m - ahead_m * sin(angle), sensed.north_m - ahead_m * cos(angle)
         )
 
     def is_done(self, place_m: float) -> bool:
         """Returns whether a place of the track has its material."""
-        return not self.overlap.inside(place_m)
+        return not self.overlap.is_inside(place_m)
 
     def is_headland(self, place_m: float) -> bool:
         """Returns whether a place of the track lies on a headland with its own rate."""
-        return self._headland is not None and not self._headland.inside(place_m)
+        return self._headland is not None and not self._headland.is_inside(place_m)

@@ -4,7 +4,7 @@ fused, and decisions made."""
 from __future__ import annotations
 
 from topdress.control.agronomy import fusion
-from topdress.control.geodesy import Place, offset
+from topdress.control.geodesy import Place, offset_place
 from topdress.control.orders import TargetSource
 from topdress.control.readings import Measurements
 from topdress.control.sensing import Sensed
@@ -12,7 +12,7 @@ from topdress.control.targets.canopy import CanopyDecisions
 from topdress.control.targets.index_map import IndexMap
 
 # A head's reading may be one period old, s.
-LATENCY_S = 0.5
+HEAD_LATENCY_S = 0.5
 
 
 class CanopyHeads:
@@ -41,54 +41,54 @@ class CanopyHeads:
         self._index = index
         self.decisions = decisions
         self.fused: fusion.Fused | None = None
-        self._state = fusion.start(heads)
+        self._state = fusion.start_fusion(heads)
         self._times: tuple[float | None, ...] = ()
         self._fused_s = float("-inf")
         self._under, self._heads_m, self._zones = under, heads_m, zones
         self.by_map = False
 
-    def look(self, m: Measurements, sensed: Sensed) -> None:
+    def fuse_and_decide(self, m: Measurements, sensed: Sensed) -> None:
         """Fuses new readings and drops old ones; decides when a period has passed."""
         if m.canopy_index != self._index:
             m = m._replace(ndvi=(None,) * len(m.ndvi))
         now = m.time_s
         times = tuple([None if r is None else r.time_s for r in m.ndvi])
         fresh = times != self._times
-        if fresh or now - self._fused_s > LATENCY_S:
+        if fresh or now - self._fused_s > HEAD_LATENCY_S:
             self._times, self._fused_s = times, now
             self._state, self.fused = fusion.fuse_readings(self._state, m.ndvi, now)
             if sensed.backwards:
-                self.decisions.pause()
+                self.decisions.pause_sampling()
             else:
-                self._sample(self.fused.ndvi, fresh, sensed)
+                self._take_sample(self.fused.ndvi, fresh, sensed)
         # Without a place the last zone holds.
-        if self._zones is not None and (place := self._seen(sensed)) is not None:
-            factor = self._zones.at(*place)
+        if self._zones is not None and (place := self._find_seen_place(sensed)) is not None:
+            factor = self._zones.find_index(*place)
             self.decisions.zone_factor = 1.0 if factor is None else factor
-        self.decisions.decide(sensed.track_m, now)
+        self.decisions.decide_stretch(sensed.track_m, now)
 
-    def _sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
+    def _take_sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
         """Takes the heads' reading as a sample; where they are silent the map's value under
         them."""
-        place = None if self._under is None else self._seen(sensed)
-        mapped = None if self._under is None or place is None else self._under.at(*place)
+        place = None if self._under is None else self._find_seen_place(sensed)
+        mapped = None if self._under is None or place is None else self._under.find_index(*place)
         self.by_map = read is None and mapped is not None
         if self._under is not None and mapped is not None and read is not None and fresh:
-            self._under.learn(read, mapped)
+            self._under.learn_offset(read, mapped)
         if self._under is not None and mapped is not None and read is None:
-            self.decisions.sample(
-                self._under.levelled(mapped),
+            self.decisions.take_sample(
+                self._under.adjust_to_heads(mapped),
                 sensed.track_m,
                 sensed.time_s,
                 sensed.turn_deg_s,
                 TargetSource.INDEX_MAP,
             )
         else:
-            self.decisions.sample(
+            self.decisions.take_sample(
                 read if fresh else None, sensed.track_m, sensed.time_s, sensed.turn_deg_s
             )
 
-    def _seen(self, sensed: Sensed) -> tuple[Place, float] | None:
+    def _find_seen_place(self, sensed: Sensed) -> tuple[Place, float] | None:
         """Returns the place that the heads look at, and the course; None without a place."""
         if (
             not sensed.position_ok
@@ -97,16 +97,16 @@ class CanopyHeads:
             or sensed.heading_deg is None
         ):
             return None
-        return offset(
+        return offset_place(
             (sensed.east_m, sensed.north_m), sensed.heading_deg, self._heads_m
         ), sensed.heading_deg
 
     @property
-    def valid(self) -> int:
+    def valid_heads(self) -> int:
         """Returns the number of heads that agree."""
         return self.fused.valid if self.fused else 0
 
     @property
-    def dropped(self) -> tuple[int, ...]:
+    def dropped_heads(self) -> tuple[int, ...]:
         """Returns the heads that are left out, counted from 1."""
         return self.fused.dropped if self.fused else ()

@@ -5,28 +5,28 @@ from __future__ import annotations
 from math import inf
 
 from topdress.control.field.totals import Totals
-from topdress.control.geodesy import offset
-from topdress.control.loop.ahead import DOSES_ONLY, Ahead
+from topdress.control.geodesy import offset_place
+from topdress.control.loop.ahead import DOSE_PROFILE, WayAhead
 from topdress.control.loop.tick_state import Choices, Moment
 from topdress.control.machine.machine import Machine
-from topdress.control.metering.inverse import Conditions, flow_kg_s
+from topdress.control.metering.inverse import Conditions, calc_flow_kg_s
 from topdress.control.orders import State, TargetSource
 from topdress.control.readings import DoseOrder, Measurements
-from topdress.control.safety import DriveLimits, Verdict, limited_dose
+from topdress.control.safety import DriveLimits, Verdict, limit_dose
 from topdress.control.sensing import Sensed
-from topdress.control.targets.boundary_profile import OUTSIDE
-from topdress.control.targets.canopy import STRAIGHT_DEG_S
-from topdress.control.targets.point import Threshold
+from topdress.control.targets.boundary_profile import OUTSIDE_TARGET
+from topdress.control.targets.canopy import STRAIGHT_BELOW_DEG_S
+from topdress.control.targets.point import DoseThreshold
 from topdress.control.targets.point_source import PointSource
 from topdress.control.targets.profile import Target
 
 
-class Doses:
+class DosePlanner:
     """Plans the doses of a run. `ahead_m`: distance ahead of the outlet of the newest dose's
     plant when it was ordered, m."""
 
     def __init__(
-        self, machine: Machine, points: PointSource, ahead: Ahead, limits: DriveLimits
+        self, machine: Machine, points: PointSource, ahead: WayAhead, limits: DriveLimits
     ) -> None:
         self.points = points
         self.ahead_m = 0.0
@@ -34,10 +34,10 @@ class Doses:
         self._ahead = ahead
         self._limits = limits
 
-    def look(self, m: Measurements, sensed: Sensed) -> None:
+    def look_for_plants(self, m: Measurements, sensed: Sensed) -> None:
         """Takes the plants ahead; not in turns, not while reversing."""
         place = None
-        straight = abs(sensed.turn_deg_s) <= STRAIGHT_DEG_S and not sensed.backwards
+        straight = abs(sensed.turn_deg_s) <= STRAIGHT_BELOW_DEG_S and not sensed.backwards
         if (
             straight
             and sensed.position_ok
@@ -45,7 +45,7 @@ class Doses:
             and sensed.north_m is not None
         ):
             place = (sensed.east_m, sensed.north_m)
-        self.points.look(
+        self.points.look_for_plants(
             sensed.time_s,
             sensed.track_m,
             place,
@@ -55,12 +55,12 @@ class Doses:
         )
 
     @property
-    def fastest_mps(self) -> float:
+    def max_speed_mps(self) -> float:
         """Returns the ground speed above which doses are missed, m/s."""
-        return self.points.fastest_mps
+        return self.points.max_speed_mps
 
     @property
-    def threshold(self) -> Threshold:
+    def threshold(self) -> DoseThreshold:
         """Returns the learnt threshold."""
         return self.points.mode.threshold
 
@@ -72,24 +72,24 @@ class Doses:
         """Returns whether an ordered dose may still be turning."""
         return self.points.may_turn(now_s)
 
-    def target(self, sensed: Sensed, may_outside: bool) -> Target:
+    def find_target(self, sensed: Sensed, may_outside: bool) -> Target:
         """Returns doses as the target where the next one would fall inside the field, nothing
         outside."""
         fence = self._ahead.fence
         if fence is None or may_outside:
-            return DOSES_ONLY.target
-        inside = fence.inside(sensed.track_m + self.points.reach_m(sensed.speed_mps or 0.0))
-        return DOSES_ONLY.target if inside else OUTSIDE
+            return DOSE_PROFILE.target
+        inside = fence.is_inside(sensed.track_m + self.points.find_reach_m(sensed.speed_mps or 0.0))
+        return DOSE_PROFILE.target if inside else OUTSIDE_TARGET
 
-    def due(
+    def find_due_dose(
         self, moment: Moment, choices: Choices, verdict: Verdict
     ) -> tuple[DoseOrder | None, list[str]]:
         """Returns the dose to be commanded now, and doses and misses as events of the row."""
         sensed = moment.sensed
-        at_work = verdict.state is State.WORKING and not self.dosed_earlier(
+        at_work = verdict.state is State.WORKING and not self.is_dosed_earlier(
             sensed, choices.no_double
         )
-        due = self.points.tick(
+        due = self.points.find_due_dose(
             sensed.time_s,
             sensed.track_m,
             moment.speed_mps,
@@ -103,13 +103,13 @@ class Doses:
         more = due.dose._replace(
             angle_deg=round(due.dose.angle_deg * (1.0 + choices.nudge_percent / 100.0), 3)
         )
-        dose = limited_dose(more, self._limits, verdict.flow_allowed)
+        dose = limit_dose(more, self._limits, verdict.flow_allowed)
         if dose is not None:
             self.ahead_m = self.points.given[-1].plant_m - sensed.track_m
             events.append(f"dose {dose.angle_deg:g}")
         return dose, events
 
-    def dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
+    def is_dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
         """Returns whether the plant of a dose commanded now has its dose from an earlier part of
         the job."""
         if (
@@ -119,35 +119,35 @@ class Doses:
             or sensed.heading_deg is None
         ):
             return False
-        ahead_m = self.points.reach_m(sensed.speed_mps or 0.0)
-        return self._ahead.overlap.earlier(
-            offset((sensed.east_m, sensed.north_m), sensed.heading_deg, ahead_m)
+        ahead_m = self.points.find_reach_m(sensed.speed_mps or 0.0)
+        return self._ahead.overlap.is_done_earlier(
+            offset_place((sensed.east_m, sensed.north_m), sensed.heading_deg, ahead_m)
         )
 
-    def rate_kg_ha(self, c: Conditions) -> float:
+    def calc_rate_kg_ha(self, c: Conditions) -> float:
         """Returns the rate of the doses at the mean spacing of the last ones, kg/ha; 0 before
         the second."""
         spacing_m = self.points.spacing_m
         if not spacing_m:
             return 0.0
         angle_deg, shaft_rpm = self.points.dose
-        flow = flow_kg_s(self._machine, shaft_rpm, self._machine.set_points.opening_mm, c)
+        flow = calc_flow_kg_s(self._machine, shaft_rpm, self._machine.set_points.opening_mm, c)
         dose_kg = flow * angle_deg / (6.0 * shaft_rpm)
         return dose_kg * 10_000.0 / (spacing_m * self._machine.geometry.working_width_m)
 
-    def counted(self, totals: Totals) -> Totals:
+    def add_dose_counts(self, totals: Totals) -> Totals:
         """Returns the totals with the numbers of doses."""
         return totals._replace(doses=self.points.doses, doses_missed=self.points.missed)
 
 
-class NoDoses:
+class NoDosePlanner:
     """Replaces `Doses` in a job without plants: no dose is ever due."""
 
     ahead_m = 0.0
-    fastest_mps = inf
+    max_speed_mps = inf
     threshold = None
 
-    def look(self, m: Measurements, sensed: Sensed) -> None:
+    def look_for_plants(self, m: Measurements, sensed: Sensed) -> None:
         pass
 
     def are_chosen(self, choices: Choices) -> bool:
@@ -156,19 +156,19 @@ class NoDoses:
     def may_turn(self, now_s: float) -> bool:
         return False
 
-    def target(self, sensed: Sensed, may_outside: bool) -> Target:
-        return OUTSIDE
+    def find_target(self, sensed: Sensed, may_outside: bool) -> Target:
+        return OUTSIDE_TARGET
 
-    def due(
+    def find_due_dose(
         self, moment: Moment, choices: Choices, verdict: Verdict
     ) -> tuple[DoseOrder | None, list[str]]:
         return None, []
 
-    def dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
+    def is_dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
         return False
 
-    def rate_kg_ha(self, c: Conditions) -> float:
+    def calc_rate_kg_ha(self, c: Conditions) -> float:
         return 0.0
 
-    def counted(self, totals: Totals) -> Totals:
+    def add_dose_counts(self, totals: Totals) -> Totals:
         return totals

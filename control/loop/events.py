@@ -11,12 +11,12 @@ EVENT_CHARACTERS = 1_000
 # reader that looks for columns (2,000 at most) would accept the row.
 ROW_CHARACTERS = 1_800
 # Greatest number of waiting events; of later ones only the number is kept.
-MOST_WAITING = 1_000
-_CUT = "..."
+MAX_WAITING = 1_000
+_CUT_MARK = "..."
 
 
-class Events:
-    """Holds events until their row. `add` as they happen, `of_one_row` once a tick. They keep
+class EventQueue:
+    """Holds events until their row. `add` as they happen, `take_row_events` once a tick. They keep
     their order; what one row cannot hold waits for the next."""
 
     def __init__(self) -> None:
@@ -24,21 +24,21 @@ class Events:
         self._left_out = 0
 
     @property
-    def full(self) -> bool:
-        return len(self._waiting) >= MOST_WAITING
+    def is_full(self) -> bool:
+        return len(self._waiting) >= MAX_WAITING
 
-    def add(self, *events: str) -> None:
+    def add_events(self, *events: str) -> None:
         for event in events:
-            if self.full:
+            if self.is_full:
                 self._left_out += 1
             else:
                 self._waiting.append(
                     event
                     if len(event) <= EVENT_CHARACTERS
-                    else event[: EVENT_CHARACTERS - len(_CUT)] + _CUT
+                    else event[: EVENT_CHARACTERS - len(_CUT_MARK)] + _CUT_MARK
                 )
 
-    def of_one_row(self) -> list[str]:
+    def take_row_events(self) -> list[str]:
         """Returns the events that the next row takes."""
         found: list[str] = []
         left = ROW_CHARACTERS

@@ -6,11 +6,11 @@ from __future__ import annotations
 from typing import Any
 
 from topdress.control.machine.elements import convert_to_lists
-from topdress.control.machine.gate import GateInput, gate_step, make_gate_start
+from topdress.control.machine.gate import GateInput, make_gate_start, step_gate
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
-from topdress.control.machine.steps import Steps
-from topdress.control.machine.term_sums import NOTHING, More
+from topdress.control.machine.shaft import ShaftInput, make_shaft_start, step_shaft
+from topdress.control.machine.steps import CompiledSteps
+from topdress.control.machine.term_sums import NO_TERMS, TermTotals
 from topdress.control.metering.strategies import Pair
 from topdress.control.readings import DriveCommand
 
@@ -18,14 +18,14 @@ from topdress.control.readings import DriveCommand
 class ExpectedDrives:
     """Follows the drives in the model. `pair`: shaft speed and opening expected now."""
 
-    def __init__(self, machine: Machine, steps: Steps | None = None) -> None:
+    def __init__(self, machine: Machine, steps: CompiledSteps | None = None) -> None:
         """Starts at rest. steps: compiled, for long runs."""
         self._machine = machine
         self._steps = steps
         self._drives: Any = None
-        self.begin(machine.set_points.opening_mm, 0.0)
+        self.start_at(machine.set_points.opening_mm, 0.0)
 
-    def begin(self, opening_mm: float, now_s: float) -> None:
+    def start_at(self, opening_mm: float, now_s: float) -> None:
         """Starts with a standing shaft and the gate at `opening_mm`."""
         shaft, gate = make_shaft_start(0.0, now_s), make_gate_start(opening_mm, now_s)
         self._shaft, self._gate = (
@@ -35,10 +35,14 @@ class ExpectedDrives:
         self.pair = Pair(0.0, opening_mm)
         if self._steps is not None:
             self._drives = self._steps.drives(shaft, gate)
-            self._drives.of(self._machine.shaft, self._machine.gate)
+            self._drives.set_stages(self._machine.shaft, self._machine.gate)
 
-    def step(
-        self, command: DriveCommand, supply_v: float | None, dt_s: float, more: More = NOTHING
+    def advance_drives(
+        self,
+        command: DriveCommand,
+        supply_v: float | None,
+        dt_s: float,
+        more: TermTotals = NO_TERMS,
     ) -> None:
         """Advances the drives. `command`: without trims; `supply_v` None: not measured; `more`:
         additions of the machine's terms."""
@@ -47,10 +51,10 @@ class ExpectedDrives:
         supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v
         if self._drives is not None:
             self.pair = Pair(
-                *self._drives.step(command.shaft_rpm, command.opening_mm, supply, dt_s, more)
+                *self._drives.step_drives(command.shaft_rpm, command.opening_mm, supply, dt_s, more)
             )
             return
-        self._shaft, shaft = shaft_step(
+        self._shaft, shaft = step_shaft(
             self._machine.shaft,
             self._shaft,
             ShaftInput(
@@ -58,7 +62,7 @@ class ExpectedDrives:
             ),
             dt_s,
         )
-        self._gate, gate = gate_step(
+        self._gate, gate = step_gate(
             self._machine.gate, self._gate, GateInput(command.opening_mm, more.gate_mm), dt_s
         )
         self.pair = Pair(shaft.rpm, gate.opening_mm)

@@ -5,19 +5,19 @@ from __future__ import annotations
 
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.term_sums import (
-    NOTHING,
+    NO_TERMS,
     HeldCommands,
-    More,
     StandingTerms,
     TermSums,
-    not_compensated,
+    TermTotals,
+    explain_not_compensated,
 )
-from topdress.control.machine.terms import Acts
+from topdress.control.machine.terms import TermTarget
 from topdress.control.readings import DriveCommand, Measurements, Reading
 from topdress.control.sensing import Sensed
 
-DRIVES = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM, Acts.GATE_MM)
-SCALE = (Acts.SCALE_KG,)
+DRIVE_TARGETS = (TermTarget.SHAFT_PERCENT, TermTarget.SHAFT_RPM, TermTarget.GATE_MM)
+SCALE_TARGETS = (TermTarget.SCALE_KG,)
 
 
 class KnownTerms:
@@ -25,12 +25,12 @@ class KnownTerms:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._terms = TermSums(term for term in machine.terms if not not_compensated(term))
+        self._terms = TermSums(term for term in machine.terms if not explain_not_compensated(term))
         self._commands = HeldCommands(machine, 0.0, machine.set_points.opening_mm)
         self._ran_away_kg = 0.0
         self.now: StandingTerms | None = None
 
-    def step(
+    def advance_terms(
         self,
         m: Measurements,
         sensed: Sensed,
@@ -63,20 +63,22 @@ class KnownTerms:
             if value is not None
         }
         if command is not None and dt_s > 0.0:
-            values |= self._commands.step(
+            values |= self._commands.average_commands(
                 m.time_s - dt_s, command.shaft_rpm, command.opening_mm, dt_s
             )
-        more = self._terms.step(values, dt_s)
+        more = self._terms.advance_terms(values, dt_s)
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt_s
-        self.now = self._terms.frozen(values)
+        self.now = self._terms.freeze_terms(values)
 
     @property
-    def drives(self) -> More:
+    def drive_errors(self) -> TermTotals:
         """Returns the errors of shaft and gate with their present commands."""
-        return NOTHING if self.now is None else self.now.at(DRIVES)
+        return NO_TERMS if self.now is None else self.now.find_totals(DRIVE_TARGETS)
 
-    def weighed(self, scale: Reading | None) -> Reading | None:
+    def correct_weighing(self, scale: Reading | None) -> Reading | None:
         """Returns the scale's reading without the error of its terms."""
         if scale is None or self.now is None:
             return scale
-        return scale._replace(value=scale.value - self.now.at(SCALE).scale_kg - self._ran_away_kg)
+        return scale._replace(
+            value=scale.value - self.now.find_totals(SCALE_TARGETS).scale_kg - self._ran_away_kg
+        )

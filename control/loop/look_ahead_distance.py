@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from topdress.control.loop.tick_state import Moment
-from topdress.control.machine.change_lag import ChangeLags, Lag, Settled
-from topdress.control.metering.setting import Setting
+from topdress.control.machine.change_lag import ChangeLags, Lag, SettledPair
+from topdress.control.metering.setting import PairPlanner
 from topdress.control.targets.profile import Target, TargetChange
 
 # Changes are looked for this far ahead, s.
-FARTHEST_S = 4.0
+MAX_LOOK_AHEAD_S = 4.0
 
 
 class TickReach:
@@ -18,7 +18,7 @@ class TickReach:
 
     def __init__(
         self,
-        setting: Setting,
+        setting: PairPlanner,
         lags: ChangeLags,
         opening_mm: float,
         moment: Moment,
@@ -36,42 +36,47 @@ class TickReach:
         self._conditions = moment.conditions
         self._look_ahead = look_ahead
         # Settled pair by rate: a tick needs the same rate several times.
-        self._kept: dict[float, Settled] = {}
-        self.farthest_m = self._speed * FARTHEST_S + 1.0 if look_ahead else 0.0
+        self._kept: dict[float, SettledPair] = {}
+        self.max_reach_m = self._speed * MAX_LOOK_AHEAD_S + 1.0 if look_ahead else 0.0
 
-    def lag(self, before: Target, change: TargetChange) -> Lag:
+    def find_lag(self, before: Target, change: TargetChange) -> Lag:
         """Returns the lag of a change between two settled pairs, simulated with the model."""
-        one, other = self._settled(before.rate_kg_ha), self._settled(change.target.rate_kg_ha)
-        by_gate = self._setting.by_gate(before.rate_kg_ha, change.target.rate_kg_ha)
+        one, other = (
+            self._find_settled(before.rate_kg_ha),
+            self._find_settled(change.target.rate_kg_ha),
+        )
+        by_gate = self._setting.find_gate_change_mm(before.rate_kg_ha, change.target.rate_kg_ha)
         if by_gate is not None and one.shaft_rpm > 0.0 and other.shaft_rpm > 0.0:
-            other = Settled(one.shaft_rpm, by_gate)
-        return self._lags.lag(one, other)
+            other = SettledPair(one.shaft_rpm, by_gate)
+        return self._lags.find_lag(one, other)
 
-    def distance_m(self, lag: Lag) -> float:
+    def find_distance_m(self, lag: Lag) -> float:
         if not self._look_ahead:
             return 0.0
-        return self._ahead.way_m(lag.total_s + self._half_tick_s)
+        return self._ahead.predict_way_m(lag.total_s + self._half_tick_s)
 
-    def switch_m(self, in_s: float, lag: Lag, answers_s: float) -> float:
-        """Returns how far ahead material lands that is released from `in_s` on, m: `lag` of the
-        change that the flow makes then, of which `answers_s` pass before its release is
+    def find_switch_m(self, in_s: float, lag: Lag, answers_s: float) -> float:
+        """Returns how far ahead material lands that is released from `in_s` on, m: `find_lag` of
+        the change that the flow makes then, of which `answers_s` pass before its release is
         half-way."""
         if not self._look_ahead:
             return 0.0
-        return self._ahead.way_m(in_s + max(0.0, lag.total_s - answers_s) + self._half_tick_s)
+        return self._ahead.predict_way_m(
+            in_s + max(0.0, lag.total_s - answers_s) + self._half_tick_s
+        )
 
-    def small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> Lag:
+    def find_small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> Lag:
         """Returns the lag of a small change from a rate; where that rate is 0, from another one."""
-        held = self._settled(held_kg_ha)
+        held = self._find_settled(held_kg_ha)
         if held.shaft_rpm <= 0.0:
-            held = self._settled(else_kg_ha)
-        return self._lags.lag(held, self._setting.nudged(held))
+            held = self._find_settled(else_kg_ha)
+        return self._lags.find_lag(held, self._setting.nudge_actuator(held))
 
-    def _settled(self, rate_kg_ha: float) -> Settled:
+    def _find_settled(self, rate_kg_ha: float) -> SettledPair:
         found = self._kept.get(rate_kg_ha)
         if found is None:
             flow = rate_kg_ha * self._width_m * self._speed / 10_000.0
-            pair = self._setting.settled(flow, self._opening_mm, self._conditions)
+            pair = self._setting.find_settled_pair(flow, self._opening_mm, self._conditions)
             turns_rpm = (1.0 + self._setting.left.shaft_share) * pair.shaft_rpm
-            found = self._kept[rate_kg_ha] = Settled(turns_rpm, pair.opening_mm)
+            found = self._kept[rate_kg_ha] = SettledPair(turns_rpm, pair.opening_mm)
         return found

@@ -7,51 +7,55 @@ from datetime import date
 from math import inf, isfinite
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.growth import growth_of
+from topdress.control.agronomy.growth import assess_growth
 from topdress.control.agronomy.noa import Rule
 from topdress.control.field.coverage import Raster
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
 from topdress.control.field.planned_speed import find_planned_mps
-from topdress.control.field.totals import Sums, Totaliser, Totals
+from topdress.control.field.totals import Totaliser, Totals, TotalSums
 from topdress.control.geodesy import TangentPlane
-from topdress.control.loop.ahead import APPLIED_HOLDS_S, Ahead
-from topdress.control.loop.canopy_heads import LATENCY_S
-from topdress.control.loop.doses import Doses, NoDoses
+from topdress.control.loop.ahead import APPLIED_VALID_S, WayAhead
+from topdress.control.loop.canopy_heads import HEAD_LATENCY_S
+from topdress.control.loop.doses import DosePlanner, NoDosePlanner
 from topdress.control.loop.effort_watch import EffortWatch
-from topdress.control.loop.events import Events
+from topdress.control.loop.events import EventQueue
 from topdress.control.loop.expected import ExpectedDrives
 from topdress.control.loop.known_terms import KnownTerms
 from topdress.control.loop.look_ahead_distance import TickReach
-from topdress.control.loop.map_near import MapNear
+from topdress.control.loop.map_near import MapLocation
 from topdress.control.loop.order_handlers import Operator
-from topdress.control.loop.reversing import Backing
-from topdress.control.loop.row import head_ndvi, log_row
-from topdress.control.loop.sections import Leads
-from topdress.control.loop.situation import situation
+from topdress.control.loop.reversing import ReversingWatch
+from topdress.control.loop.row import make_log_row, read_head_ndvi
+from topdress.control.loop.sections import SectionLeads
+from topdress.control.loop.situation import make_situation
 from topdress.control.loop.tick import Tick
 from topdress.control.loop.tick_state import Metered, Moment, TickDecision
-from topdress.control.loop.unintended_flow import Stopped, open_share, standing_limits
+from topdress.control.loop.unintended_flow import (
+    UnintendedFlow,
+    calc_open_share,
+    make_standing_limits,
+)
 from topdress.control.machine.change_lag import ChangeLags, Lag
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.product_calibration import newest_test_date
-from topdress.control.machine.steps import Steps
+from topdress.control.machine.product_calibration import find_newest_test_date
+from topdress.control.machine.steps import CompiledSteps
 from topdress.control.metering.flow_trim import FlowTrim
-from topdress.control.metering.inverse import Conditions, common_of, flow_kg_s
+from topdress.control.metering.inverse import Conditions, calc_conditions_factor, calc_flow_kg_s
 from topdress.control.metering.rate_range import find_breach
-from topdress.control.metering.setting import Setting
+from topdress.control.metering.setting import PairPlanner
 from topdress.control.metering.strategies import Pair
-from topdress.control.metering.trims import NOTHING_LEFT, DriveTrim, TrimLimits
-from topdress.control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
+from topdress.control.metering.trims import NO_ERROR, DriveTrim, TrimLimits
+from topdress.control.orders import CANOPY_SOURCES, Answer, Do, Order, State, Strategy, TargetSource
 from topdress.control.readings import (
     DriveCommand,
     Measurements,
     RangeBreach,
     Reading,
     SpeedPlan,
-    announced_text,
-    is_fresh,
-    possible,
+    describe_announcement,
+    drop_impossible,
+    is_reading_fresh,
 )
 from topdress.control.safety import (
     BenchRun,
@@ -59,37 +63,37 @@ from topdress.control.safety import (
     Safety,
     SafetyLimits,
     Verdict,
-    limited,
-    limited_valves,
-    refusal,
+    limit_command,
+    limit_valves,
+    make_refusal,
 )
 from topdress.control.sensing import Forecaster, Sensed, Sensing, SensingLimits
-from topdress.control.targets.boundary_profile import OUTSIDE, Fence
+from topdress.control.targets.boundary_profile import OUTSIDE_TARGET, BoundaryAhead
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.lag_correction import ChangeQueue
 from topdress.control.targets.map_profile import MapProfile
-from topdress.control.targets.point import Threshold
+from topdress.control.targets.point import DoseThreshold
 from topdress.control.targets.point_source import PointSource
 from topdress.control.targets.profile import Target, TargetChange
 
 # A longer tick counts as this, s.
-LONGEST_TICK_S = 1.0
+MAX_TICK_S = 1.0
 # Ticks of a standing clock until no reading is trusted: half a second at 20 Hz, as long as a drive
 # may be silent.
-STANDING_TICKS = 10
+MAX_STANDING_TICKS = 10
 # Time after START for which a crop outside its growth window is reported, s.
-GROWTH_REPORTED_S = 15.0
+GROWTH_REPORT_S = 15.0
 # Reasons why a rule's rate is 0.
-ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")
-OF_THE_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
-ZERO_BY_SOURCE = (
+CANOPY_ZERO_REASONS = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")
+SOURCES_OF_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
+SOURCES_OF_ZERO = (
     TargetSource.MAP,
     TargetSource.MANUAL,
     TargetSource.FALLBACK,
     TargetSource.EXTERNAL,
 )
 # Below this speed, m/s, flow over speed is no meaningful rate.
-SLOWEST_MPS = 0.3
+MIN_RATE_SPEED_MPS = 0.3
 
 
 class ControlLoop:
@@ -102,18 +106,18 @@ class ControlLoop:
         crop: Crop,
         rule: Rule,
         job: Job,
-        fence: Fence | None = None,
+        fence: BoundaryAhead | None = None,
         has_work_switch: bool = False,
         *,
         safety_limits: SafetyLimits | None = None,
         prescription: MapProfile | None = None,
         points: PointSource | None = None,
-        headland: Fence | None = None,
+        headland: BoundaryAhead | None = None,
         obeyed: bool = True,
         index_map: IndexMap | None = None,
         zone_map: IndexMap | None = None,
         done: DoneGround | None = None,
-        steps: Steps | None = None,
+        steps: CompiledSteps | None = None,
         record_only: bool = False,
     ) -> None:
         """Starts a run.
@@ -141,21 +145,21 @@ class ControlLoop:
             limits.opening_low_mm,
             limits.opening_high_mm,
         )
-        allowed = safety_limits or standing_limits(
+        allowed = safety_limits or make_standing_limits(
             machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg)
         )
         self.safety = Safety(allowed, has_work_switch)
         self._stopped, self._record_only = (
-            Stopped(machine, allowed, obeyed and not record_only),
+            UnintendedFlow(machine, allowed, obeyed and not record_only),
             record_only,
         )
         self._effort = EffortWatch(machine)
         self._sensing = Sensing(
             machine.geometry.antenna_m,
-            _plane(job, prescription, points, index_map or zone_map, done),
-            SensingLimits(reckoned_m=_reckoned_m(machine, prescription, points)),
+            _choose_plane(job, prescription, points, index_map or zone_map, done),
+            SensingLimits(reckoned_m=_find_reckoning_limit_m(machine, prescription, points)),
         )
-        self._ahead = Ahead(
+        self._ahead = WayAhead(
             machine,
             crop,
             rule,
@@ -168,28 +172,30 @@ class ControlLoop:
             done=done,
             steps=steps,
         )
-        self._doses: Doses | NoDoses = (
-            NoDoses() if points is None else Doses(machine, points, self._ahead, self._drive_limits)
+        self._doses: DosePlanner | NoDosePlanner = (
+            NoDosePlanner()
+            if points is None
+            else DosePlanner(machine, points, self._ahead, self._drive_limits)
         )
-        self._backing = Backing(machine)
-        self._near = MapNear(
+        self._backing = ReversingWatch(machine)
+        self._near = MapLocation(
             None if prescription is None else prescription.prescription, job.field.boundary_m
         )
         # Result of the newest tick.
         self._sensed: Sensed | None = None
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
-        self._setting = Setting(machine, job.strategy)
+        self._setting = PairPlanner(machine, job.strategy)
         self._forecaster = Forecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
         self._flow_trim = FlowTrim(
             machine.noise.scale_kg,
             machine.noise.scale_correlation_s,
             outlets=machine.geometry.outlets,
-            most_kg_s=flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm),
+            most_kg_s=calc_flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm),
             scale=machine.scale,
         )
-        self._catch_test = newest_test_date(machine)  # until a fix says how old it is
+        self._catch_test = find_newest_test_date(machine)  # until a fix says how old it is
         self._expected = ExpectedDrives(machine, steps)
         self._terms = KnownTerms(machine)
         self._operator = Operator(
@@ -200,16 +206,16 @@ class ControlLoop:
             flow_trim=self._flow_trim,
             points=points,
             has_map=prescription is not None,
-            started=self._started,
-            strip_measured=self._ahead.heads.decisions.take_strip,
-            sections=len(machine.switched),
+            started=self._begin_work,
+            strip_measured=self._ahead.heads.decisions.replace_strip,
+            sections=len(machine.switched_strips),
             hopper_kg=machine.flow.full_kg,
-            why_no_start=self._why_no_start,
+            why_no_start=self._find_start_refusal,
             record_only=record_only,
         )
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None  # of the tick before
-        self._events = Events()  # of the next rows
+        self._events = EventQueue()  # of the next rows
         # epoch of the last GNSS place that was refused
         self._refused_s: float | None = None
         self._time_s: float | None = None  # of the tick before
@@ -218,7 +224,7 @@ class ControlLoop:
         self._metres_left_m: float | None = None
         # when the tractor announced what the rows have
         self._announced_s: float | None = None
-        self._growth = growth_of(crop.growth_window, job.growth, rule.days)
+        self._growth = assess_growth(crop.growth_window, job.growth, rule.days)
         self._growth_reported_s = -inf
 
     # -- the run
@@ -232,19 +238,19 @@ class ControlLoop:
     def totals(self) -> Totals:
         """Returns area, product, nitrogen and uniformity so far. It takes some 50 us: not for
         every tick."""
-        covered = self._ahead.overlap.covered
-        totals = self._totals.snapshot()._replace(
+        covered = self._ahead.overlap.covered_area
+        totals = self._totals.make_totals()._replace(
             covered_ha=covered.area_ha,
             overlap_ha=covered.overlap_ha,
             metres_left_m=self._metres_left_m,
         )
-        return self._doses.counted(totals)
+        return self._doses.add_dose_counts(totals)
 
     @property
-    def sums(self) -> Sums:
+    def running_sums(self) -> TotalSums:
         """Returns the sums with which a later loop continues the totals. It takes some 50 us:
         not for every tick."""
-        return self._totals.sums
+        return self._totals.running_sums
 
     @property
     def plane(self) -> TangentPlane | None:
@@ -259,12 +265,12 @@ class ControlLoop:
         return self._doses.ahead_m
 
     @property
-    def threshold(self) -> Threshold | None:
+    def threshold(self) -> DoseThreshold | None:
         """Returns the learnt threshold of point mode."""
         return self._doses.threshold
 
-    def go_on(
-        self, sums: Sums, done: Raster, plane: TangentPlane | None, after_cut_kg: float = 0.0
+    def resume_job(
+        self, sums: TotalSums, done: Raster, plane: TangentPlane | None, after_cut_kg: float = 0.0
     ) -> None:
         """Resumes a job that was cut off, before the first tick.
 
@@ -278,70 +284,70 @@ class ControlLoop:
             self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums
         )
         if self._ahead.hold is not None and sums.area_ha > 0.0:
-            self._ahead.hold.go_on(
+            self._ahead.hold.resume_job(
                 sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
                 sums.kg / sums.area_ha,
             )
         if self._sensing.plane is None:
             self._sensing.plane = plane
-        self._ahead.overlap.seed(done)
+        self._ahead.overlap.add_earlier_ground(done)
         self._ahead.outside_target.forbid_flow_in_silence()
         if after_cut_kg > 0.0:
-            self._events.add(f"released_after_cut {after_cut_kg:.3f}")
+            self._events.add_events(f"released_after_cut {after_cut_kg:.3f}")
 
-    def spread_by_others(self, done: Raster) -> None:
+    def add_foreign_ground(self, done: Raster) -> None:
         """Adds ground, on this loop's plane, that another job has spread: it counts to no total
         here and gets no more."""
-        self._ahead.overlap.seed(done, ours=False)
+        self._ahead.overlap.add_earlier_ground(done, ours=False)
 
-    def target_at(self, track_m: float) -> Target:
+    def find_target(self, track_m: float) -> Target:
         """Returns the target at a place of the track, field edge included: the rate that the
         ground should get."""
-        return self._ahead.profile(self._operator.choices, self.safety.memory.allow.outside).at(
-            track_m
-        )
+        return self._ahead.make_profile(
+            self._operator.choices, self.safety.memory.allow.outside
+        ).find_target(track_m)
 
-    def note(self, event: str) -> None:
+    def add_event(self, event: str) -> None:
         """Adds an event to the log that changes nothing."""
-        self._events.add(event)
+        self._events.add_events(event)
 
-    def order(self, order: Order, by: str = "") -> Answer:
+    def handle_order(self, order: Order, by: str = "") -> Answer:
         """Executes or refuses an order; `Answer.why` gives the reason. by: who ordered it,
         written behind the order's event."""
         # A mark is only a text in the log and can wait.
-        if order.do is Do.MARK and self._events.full:
+        if order.do is Do.MARK and self._events.is_full:
             return Answer(False, "busy")
-        answer, event = self._operator.order(order, self._time_s or 0.0)
+        answer, event = self._operator.handle_order(order, self._time_s or 0.0)
         if answer.accepted and order.do is Do.SOURCE:
-            self._near.started()
+            self._near.record_start()
         if event:
-            self._events.add(event, *((f"{order.do.value}_by {by}",) if by else ()))
+            self._events.add_events(event, *((f"{order.do.value}_by {by}",) if by else ()))
         return answer
 
-    def _started(self) -> None:
+    def _begin_work(self) -> None:
         """Releases done ground, because the operator wants flow from here on. A crop outside the
         stages of its rule is reported and stops nothing."""
         if self._growth is not None and self._growth.is_outside:
-            self._events.add(f"growth_stage_outside {self._growth.text}")
+            self._events.add_events(f"growth_stage_outside {self._growth.event_text}")
             self._growth_reported_s = self._time_s or 0.0
-        self._backing.forget()
-        self._flow_trim.started()
-        self._near.started()
+        self._backing.forget_landings()
+        self._flow_trim.begin_work()
+        self._near.record_start()
         # Under a yearly ceiling no place gets material twice.
         if self.job.nitrogen.year_max_kg_ha is None:
-            self._ahead.overlap.started()
-            self._ahead.sections.started()
+            self._ahead.overlap.record_start()
+            self._ahead.sections.record_start()
 
-    def _why_no_start(self) -> str:
+    def _find_start_refusal(self) -> str:
         """Returns why START is refused for reasons that safety does not know; empty: none."""
         if self.safety.memory.allow.map_elsewhere or self._ahead.map is None:
             return ""
-        away_m = self._near.away_m(self._operator.choices.source, self._sensed)
+        away_m = self._near.find_distance_m(self._operator.choices.source, self._sensed)
         outside_kg_ha = self._ahead.map.prescription.outside_kg_ha
         return (
             ""
             if away_m is None
-            else refusal(
+            else make_refusal(
                 "map_elsewhere", away_m=f"{away_m:.0f}", outside_kg_ha=f"{outside_kg_ha:g}"
             )
         )
@@ -349,19 +355,19 @@ class ControlLoop:
     # -- one tick
     # ----------------------------------------------------------------------------------------------
 
-    def tick(
+    def run_tick(
         self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True
     ) -> Tick:
         """Runs one tick. console_age_s: since the operating console was heard; None: none is
         needed. log_ok: rows reach the disk."""
-        moment = self._look(m)
-        decision = self._decide(moment)
-        metered = self._meter(moment, decision)
+        moment = self._sense_and_look(m)
+        decision = self._decide_pair(moment)
+        metered = self._measure_flow(moment, decision)
         choices = self._operator.choices
         between = decision.by_point and self._doses.may_turn(moment.m.time_s)
-        verdict = self.safety.check(
+        verdict = self.safety.check_tick(
             moment.m.time_s,
-            situation(
+            make_situation(
                 moment,
                 decision,
                 metered,
@@ -372,56 +378,56 @@ class ControlLoop:
                 log_ok=log_ok,
                 commanded=self._stopped.commanded,
                 map_elsewhere=self._near.elsewhere_m is not None,
-                scale=self._flow_trim.says,
-                effort=self._effort.says,
+                scale=self._flow_trim.scale_finding,
+                effort=self._effort.finding,
                 outside_target=self._ahead.outside_target,
                 range_breach=self._find_breach(moment, decision),
             ),
         )
-        command = self._command_of(moment, decision, verdict)
-        self._follow(moment, decision, metered, verdict, command)
-        return self._tick(moment, decision, metered, verdict, command)
+        command = self._make_command(moment, decision, verdict)
+        self._update_followers(moment, decision, metered, verdict, command)
+        return self._make_tick(moment, decision, metered, verdict, command)
 
-    def _look(self, m: Measurements) -> Moment:
+    def _sense_and_look(self, m: Measurements) -> Moment:
         """Finds place and speed of the machine, and what lies ahead."""
-        m, dt_s = self._at_time(possible(m))
-        sensed = self._sensing.update(m)
+        m, dt_s = self._check_clock(drop_impossible(m))
+        sensed = self._sensing.sense_motion(m)
         self._sensed = sensed
-        self._near.look(self.safety.state, self._operator.choices.source, sensed)
+        self._near.check_location(self.safety.state, self._operator.choices.source, sensed)
         self._note_jump(m, sensed)
-        self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
+        self._ahead.look_ahead(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
         self._note_unplaced()
-        self._doses.look(m, sensed)
-        self._terms.step(m, sensed, m.time_s - self._started_s, self._command, dt_s)
+        self._doses.look_for_plants(m, sensed)
+        self._terms.advance_terms(m, sensed, m.time_s - self._started_s, self._command, dt_s)
         mps = None if sensed.speed_mps is None else sensed.quick.speed_mps
-        ahead = self._forecaster.update(
+        ahead = self._forecaster.forecast_speed(
             m.time_s,
             mps,
             sensed.quick.acceleration_mps2,
             dt_s,
-            m.speed_told or self._planned_speed(m.time_s, sensed),
+            m.speed_told or self._find_planned_speed(m.time_s, sensed),
         )
-        return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
+        return Moment(m, sensed, self._find_conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
-    def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
+    def _check_clock(self, m: Measurements) -> tuple[Measurements, float]:
         """Returns the measurements and the time since the last tick. A clock that goes backwards
-        or is no number stands still here. Readings do not age meanwhile: after `STANDING_TICKS`
+        or is no number stands still here. Readings do not age meanwhile: after `MAX_STANDING_TICKS`
         none is trusted."""
         self._standing = (
             0 if self._time_s is None or self._time_s < m.time_s < inf else self._standing + 1
         )
-        if self._standing > STANDING_TICKS:
+        if self._standing > MAX_STANDING_TICKS:
             m = Measurements(m.time_s, work_switch=m.work_switch, drive_fault=m.drive_fault)
         if self._time_s is None:
             m = m if isfinite(m.time_s) else m._replace(time_s=0.0)
             self._time_s = self._started_s = m.time_s
-            read = self._opening(m)
-            self._expected.begin(
+            read = self._find_true_opening(m)
+            self._expected.start_at(
                 self.machine.set_points.opening_mm if read is None else read.value, m.time_s
             )
         elif not self._time_s <= m.time_s < inf:
             m = m._replace(time_s=self._time_s)
-        dt_s = min(LONGEST_TICK_S, m.time_s - self._time_s)
+        dt_s = min(MAX_TICK_S, m.time_s - self._time_s)
         self._time_s = m.time_s
         return m, dt_s
 
@@ -430,11 +436,11 @@ class ControlLoop:
         forgotten."""
         if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
             self._refused_s = m.gnss.time_s
-            self._events.add(f"position_refused {sensed.refused_m:.0f}")
+            self._events.add_events(f"position_refused {sensed.refused_m:.0f}")
         if sensed.moved_m is not None:
-            self._events.add(f"position_moved {sensed.moved_m:.0f}")
-            self._ahead.jumped()
-            self._queue.restart(Target(0.0, self._operator.choices.source), sensed.track_m)
+            self._events.add_events(f"position_moved {sensed.moved_m:.0f}")
+            self._ahead.forget_view()
+            self._queue.restart_queue(Target(0.0, self._operator.choices.source), sensed.track_m)
 
     def _note_unplaced(self) -> None:
         """Reports material that was spread without a known place, in the row in which the place
@@ -442,9 +448,9 @@ class ControlLoop:
         if self._ahead.unplaced is not None:
             way_m, is_done = self._ahead.unplaced
             event = "spread_unplaced" if is_done else "spread_unknown"
-            self._events.add(f"{event} {way_m:.1f}")
+            self._events.add_events(f"{event} {way_m:.1f}")
 
-    def _decide(self, moment: Moment) -> TickDecision:
+    def _decide_pair(self, moment: Moment) -> TickDecision:
         """Decides the target of the material released now, and the pair that meets it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
@@ -454,47 +460,60 @@ class ControlLoop:
             self._expected.pair.opening_mm,
             moment,
             choices.look_ahead,
-            self._ahead.sections.share_at(now) or 1.0,
+            self._ahead.sections.find_share_at(now) or 1.0,
         )
-        if self._backing.look(sensed, allow.reverse):
-            self._queue.restart(Target(0.0, choices.source), sensed.track_m)
-        profile = self._ahead.profile(choices, allow.outside, self._backing.spread_to_m)
+        if self._backing.update_direction(sensed, allow.reverse):
+            self._queue.restart_queue(Target(0.0, choices.source), sensed.track_m)
+        profile = self._ahead.make_profile(choices, allow.outside, self._backing.spread_to_m)
         fired = (
             ()
             if sensed.backwards
-            else tuple(self._queue.advance(profile, now, sensed.track_m, reach))
+            else tuple(self._queue.fire_changes(profile, now, sensed.track_m, reach))
         )
-        self._setting.rests(moment.dt_s)
+        self._setting.return_opening(moment.dt_s)
         for made in fired:
-            self._setting.changed(made.before.rate_kg_ha, made.after.rate_kg_ha)
+            self._setting.record_rate_change(made.before.rate_kg_ha, made.after.rate_kg_ha)
         by_point = self._doses.are_chosen(choices)
-        holding = self._doses.target(sensed, allow.outside) if by_point else self._queue.holding
-        share = self._open_share(moment, holding, reach, by_point)
-        wanted = holding if by_point else self._under_sections(holding, now, share)
+        holding = (
+            self._doses.find_target(sensed, allow.outside) if by_point else self._queue.holding
+        )
+        share = self._switch_sections(moment, holding, reach, by_point)
+        wanted = holding if by_point else self._find_section_target(holding, now, share)
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
-        lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
+        lag = reach.find_small_change_lag(
+            self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha
+        )
         # Where the scale contradicts the flow, a drive's reading may be wrong, and its error is
         # not compensated.
         left = (
-            self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST)
-            if self._flow_trim.agrees
-            else NOTHING_LEFT
+            self._drive_trim.find_uncorrected(self._setting.strategy is Strategy.SPEED_FIRST)
+            if self._flow_trim.is_scale_agreeing
+            else NO_ERROR
         )
-        pair = self._setting.pair(
+        pair = self._setting.plan_pair(
             share * rate,
-            moment.ahead.mps,
+            moment.ahead.predict_speed_mps,
             now,
             moment.dt_s,
             self._expected.pair.opening_mm,
             moment.conditions,
             left,
         )
-        inside = self._ahead.landing_inside(
-            moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside
+        inside = self._ahead.is_landing_inside(
+            moment, wanted, lambda: _find_stop_lag(reach, holding, sensed), choices, allow.outside
         )
         return TickDecision(
-            wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share
+            wanted,
+            planned,
+            rate,
+            lag,
+            inside,
+            pair,
+            self._find_usable_mps(lag),
+            fired,
+            by_point,
+            share,
         )
 
     def _find_breach(self, moment: Moment, decision: TickDecision) -> RangeBreach | None:
@@ -511,7 +530,7 @@ class ControlLoop:
             moment.conditions,
         )
 
-    def _open_share(
+    def _switch_sections(
         self, moment: Moment, holding: Target, reach: TickReach, by_point: bool
     ) -> float:
         """Switches the sections, and returns the open share of the width at the time when a
@@ -521,104 +540,108 @@ class ControlLoop:
             return 1.0
         now, prepare_s, shaft_s = moment.m.time_s, sections.prepare_s, sections.shaft_answers_s
         rate = Target(holding.rate_kg_ha or self.crop.fallback_rate_kg_ha, holding.source)
-        start = reach.lag(Target(0.0, holding.source), TargetChange(moment.sensed.track_m, rate))
-        small = reach.small_change_lag(holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
-        leads = Leads(
-            reach.switch_m(prepare_s, small, small.response_s + small.transition_s),
-            reach.switch_m(prepare_s, start, shaft_s),
-            reach.switch_m(prepare_s, _stop(reach, holding, moment.sensed), shaft_s),
+        start = reach.find_lag(
+            Target(0.0, holding.source), TargetChange(moment.sensed.track_m, rate)
         )
-        sections.decide(
+        small = reach.find_small_change_lag(holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
+        leads = SectionLeads(
+            reach.find_switch_m(prepare_s, small, small.response_s + small.transition_s),
+            reach.find_switch_m(prepare_s, start, shaft_s),
+            reach.find_switch_m(prepare_s, _find_stop_lag(reach, holding, moment.sensed), shaft_s),
+        )
+        sections.decide_switches(
             moment.sensed,
             moment.dt_s,
             leads,
-            self._ahead.ground(choices, self.safety.memory.allow.outside),
+            self._ahead.make_sections_ground(choices, self.safety.memory.allow.outside),
             choices.sections_off,
             by_point,
         )
         standing = self._expected.pair.shaft_rpm < 0.5 * self.machine.limits.shaft_low_rpm
-        answers_s = sections.metering_s(
-            self._setting.by_shaft, standing, self._expected.pair.opening_mm
+        answers_s = sections.find_metering_s(
+            self._setting.is_shaft_metering, standing, self._expected.pair.opening_mm
         )
-        return sections.share_at(now + answers_s)
+        return sections.find_share_at(now + answers_s)
 
-    def _under_sections(self, holding: Target, now_s: float, open_share: float) -> Target:
+    def _find_section_target(self, holding: Target, now_s: float, open_share: float) -> Target:
         """Returns the target of the open sections: nothing where none is open or about to be;
         the sections' rate where the map wants nothing under the machine's middle."""
         sections, field_map = self._ahead.sections, self._ahead.map
-        if not (sections.any_decided or open_share or sections.share_at(now_s)):
-            return Target(0.0, holding.source) if sections.inside(now_s) else OUTSIDE
+        if not (sections.is_any_decided or open_share or sections.find_share_at(now_s)):
+            return Target(0.0, holding.source) if sections.is_any_inside(now_s) else OUTSIDE_TARGET
         if (
             field_map is None
             or holding.source is not TargetSource.MAP
             or holding.rate_kg_ha > 0.0
-            or not sections.any_decided
+            or not sections.is_any_decided
         ):
             return holding
-        return Target(sections.map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
+        return Target(sections.find_map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
 
-    def _meter(self, moment: Moment, decision: TickDecision) -> Metered:
+    def _measure_flow(self, moment: Moment, decision: TickDecision) -> Metered:
         """Returns what leaves the outlets now."""
         m, c = moment.m, moment.conditions
-        opening, flow = self._opening(m), None
+        opening, flow = self._find_true_opening(m), None
         if m.shaft_rpm is not None and opening is not None:
-            flow = flow_kg_s(
+            flow = calc_flow_kg_s(
                 self.machine,
                 max(0.0, m.shaft_rpm.value),
                 max(0.0, opening.value),
                 c._replace(flow_trim=1.0),
             )
         should = (
-            flow_kg_s(
+            calc_flow_kg_s(
                 self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c
             )
-            / self._setting.made_up
+            / self._setting.compensation_factor
         )
-        rate = self._doses.rate_kg_ha(c) if decision.by_point else decision.rate_kg_ha
-        self._metres_left_m = self._metres_left(m.hopper_kg, rate)
+        rate = self._doses.calc_rate_kg_ha(c) if decision.by_point else decision.rate_kg_ha
+        self._metres_left_m = self._calc_metres_left(m.hopper_kg, rate)
         said = m.rate_applied
         if (
             self._record_only
             and said is not None
-            and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S)
+            and is_reading_fresh(said.time_s, m.time_s, APPLIED_VALID_S)
         ):
             return Metered(flow, said.value, 1.0, None, self._metres_left_m, 1.0)
-        share = self._ahead.sections.open_share(m.time_s)
+        share = self._ahead.sections.find_open_share(m.time_s)
         if share <= 0.0:
             # A valve may stay open although it is commanded to close.
-            share = open_share(self.machine.switched, m)
+            share = calc_open_share(self.machine.switched_strips, m)
         return Metered(
             flow if share > 0.0 or flow is None else 0.0,
-            self._over_ground(flow, moment.speed_mps, share),
+            self._convert_to_rate(flow, moment.speed_mps, share),
             c.flow_trim,
-            self._over_ground(should, moment.speed_mps, share),
+            self._convert_to_rate(should, moment.speed_mps, share),
             self._metres_left_m,
             share,
         )
 
-    def _command_of(self, moment: Moment, decision: TickDecision, verdict: Verdict) -> DriveCommand:
+    def _make_command(
+        self, moment: Moment, decision: TickDecision, verdict: Verdict
+    ) -> DriveCommand:
         """Returns the command of the drives, through the last gate."""
         if verdict.state is State.CALIBRATING:
-            asked = self._calibrating()
+            asked = self._make_bench_command()
         elif decision.by_point:
-            asked = self._setting.by_hand(0.0, self.machine.set_points.opening_mm)
+            asked = self._setting.make_manual_command(0.0, self.machine.set_points.opening_mm)
         else:
-            asked = self._setting.command(
+            asked = self._setting.make_command(
                 decision.pair, moment.conditions, self._drive_trim, self._command
             )
-        command = limited(
+        command = limit_command(
             asked,
             self._drive_limits,
             verdict.flow_allowed,
             None if self._command is None else self._command.opening_mm,
         )
-        valves, dose = self._valves(moment, decision, verdict, command), None
+        valves, dose = self._command_valves(moment, decision, verdict, command), None
         if decision.by_point:
-            dose, events = self._doses.due(moment, self._operator.choices, verdict)
-            self._events.add(*events)
+            dose, events = self._doses.find_due_dose(moment, self._operator.choices, verdict)
+            self._events.add_events(*events)
         return command._replace(dose=dose, valves=valves)
 
-    def _valves(
+    def _command_valves(
         self, moment: Moment, decision: TickDecision, verdict: Verdict, command: DriveCommand
     ) -> tuple[bool, ...]:
         """Returns the command of the valves, through the last gate. None opens while nothing is
@@ -635,14 +658,14 @@ class ControlLoop:
             >= 0.5 * self.machine.limits.shaft_low_rpm
         )
         flows = decision.rate_kg_ha > 0.0 or decision.by_point or turns
-        wanted = tuple([flows and on for on in sections.valves(now, moment.dt_s, off)])
+        wanted = tuple([flows and on for on in sections.find_valves(now, moment.dt_s, off)])
         if verdict.state is State.CALIBRATING:
             wanted = (True,) * len(wanted)
-        valves = limited_valves(wanted, verdict.flow_allowed)
-        sections.commanded(now, valves)
+        valves = limit_valves(wanted, verdict.flow_allowed)
+        sections.record_commands(now, valves)
         return valves
 
-    def _follow(
+    def _update_followers(
         self,
         moment: Moment,
         decision: TickDecision,
@@ -654,51 +677,62 @@ class ControlLoop:
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
         calibrating = verdict.state is State.CALIBRATING
         if self._ahead.hold is not None:
-            self._ahead.hold.on = self._operator.choices.source is TargetSource.CANOPY
-            self._ahead.hold.learns = verdict.state is State.WORKING
+            self._ahead.hold.is_active = self._operator.choices.source is TargetSource.CANOPY
+            self._ahead.hold.is_learning = verdict.state is State.WORKING
         # With a stopped shaft the gate stays and nothing is trimmed.
         if command.shaft_rpm > 0.0 and not calibrating:
             expected = self._expected.pair
-            self._drive_trim.update(
-                now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m)
+            self._drive_trim.update_trims(
+                now,
+                dt_s,
+                expected.shaft_rpm,
+                m.shaft_rpm,
+                expected.opening_mm,
+                self._find_true_opening(m),
             )
-        self._weigh(moment, metered, calibrating and command.shaft_rpm > 0.0)
+        self._update_scale(moment, metered, calibrating and command.shaft_rpm > 0.0)
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
-        self._effort.update(m, moment.conditions, dt_s, turns and command.shaft_rpm > 0.0)
-        self._setting.made(decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
-        self._expected.step(
-            command if calibrating else self._setting.wire(bare, moment.conditions),
+        self._effort.update_watch(m, moment.conditions, dt_s, turns and command.shaft_rpm > 0.0)
+        self._setting.record_command(
+            decision.pair if turns else Pair(0.0, decision.pair.opening_mm)
+        )
+        self._expected.advance_drives(
+            command
+            if calibrating
+            else self._setting.make_untrimmed_command(bare, moment.conditions),
             moment.conditions.supply_v,
             dt_s,
-            self._terms.drives,
+            self._terms.drive_errors,
         )
-        self._count(moment, decision, metered, verdict, command)
+        self._update_totals(moment, decision, metered, verdict, command)
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
 
-    def _weigh(self, moment: Moment, metered: Metered, catching: bool) -> None:
+    def _update_scale(self, moment: Moment, metered: Metered, catching: bool) -> None:
         """Compares the scale with the flow by the shaft's reading. catching: caught material may
         be put back."""
         m, now = moment.m, moment.m.time_s
         if self._catch_test is not None and m.gnss is not None and m.gnss.utc:
-            self._flow_trim.tested((date.fromisoformat(m.gnss.utc[:10]) - self._catch_test).days)
+            self._flow_trim.set_catch_test_age(
+                (date.fromisoformat(m.gnss.utc[:10]) - self._catch_test).days
+            )
             self._catch_test = None
-        rpm = self._stopped.turning_rpm(m)
+        rpm = self._stopped.find_turning_rpm(m)
         if catching:
-            self._flow_trim.restart()
+            self._flow_trim.restart_level()
         else:
-            self._flow_trim.update(
+            self._flow_trim.update_trim(
                 now,
                 moment.dt_s,
                 metered.flow_kg_s or 0.0 if rpm > 0.0 else 0.0,
                 rpm,
                 moment.conditions.pitch_deg,
-                self._terms.weighed(m.hopper_kg),
-                self._effort.says.harder_percent > 0.0,
+                self._terms.correct_weighing(m.hopper_kg),
+                self._effort.finding.harder_percent > 0.0,
             )
 
-    def _count(
+    def _update_totals(
         self,
         moment: Moment,
         decision: TickDecision,
@@ -718,41 +752,41 @@ class ControlLoop:
             and (verdict.flow_allowed or runs_out)
         )
         if worked and applied is not None:
-            if self._totals.add(
+            if self._totals.add_tick(
                 moment.dt_s,
                 moment.sensed.speed_mps,
                 applied * metered.trim,
                 None if decision.by_point else decision.planned_kg_ha,
                 metered.open_share,
             ):
-                self._hold_mean(moment, decision, applied * metered.trim)
+                self._update_mean(moment, decision, applied * metered.trim)
         else:
-            self._totals.rest()
+            self._totals.stop_work()
         flow_kg_s = None if metered.flow_kg_s is None else metered.flow_kg_s * metered.trim
-        stopped_kg, event = self._stopped.update(
+        stopped_kg, event = self._stopped.count_release(
             m, moment.dt_s, flow_kg_s, verdict, worked, self._flow_trim.take_unordered_kg()
         )
         self._totals.add_stopped(stopped_kg)
         if event is not None:
-            self._events.add(event)
-        self._stopped.command(now, command, verdict, self._expected.pair)
+            self._events.add_events(event)
+        self._stopped.record_command(now, command, verdict, self._expected.pair)
 
-    def _hold_mean(self, moment: Moment, decision: TickDecision, given_kg_ha: float) -> None:
+    def _update_mean(self, moment: Moment, decision: TickDecision, given_kg_ha: float) -> None:
         """Adds ground to the mean of the canopy, without headlands with their own rate and
         without ground done before."""
         hold, sensed = self._ahead.hold, moment.sensed
         if (
             hold is None
-            or decision.holding.source not in OF_THE_CANOPY
+            or decision.holding.source not in SOURCES_OF_CANOPY
             or (self._operator.choices.no_double and self._ahead.is_done(sensed.track_m))
         ):
             return
-        hold.landed(
+        hold.record_landed(
             given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
             moment.speed_mps * moment.dt_s,
         )
 
-    def _tick(
+    def _make_tick(
         self,
         moment: Moment,
         decision: TickDecision,
@@ -762,10 +796,10 @@ class ControlLoop:
     ) -> Tick:
         """Returns the row, and what the console shows."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
-        ndvi = head_ndvi(moment.m)
-        events = self._events.of_one_row()
+        ndvi = read_head_ndvi(moment.m)
+        events = self._events.take_row_events()
         threshold = self.threshold if decision.by_point else None
-        row = log_row(
+        row = make_log_row(
             self._started_s,
             moment,
             decision=decision,
@@ -777,7 +811,7 @@ class ControlLoop:
             heads=ndvi,
             decided_ndvi=heads.decisions.ndvi,
             events=events,
-            speed_told=self._newly_announced(moment.m),
+            speed_told=self._describe_announcement(moment.m),
         )
         # The state of another controller is unknown, as in a log of another program.
         if self._record_only:
@@ -791,28 +825,28 @@ class ControlLoop:
             choices=choices,
             allow=self.safety.memory.allow,
             fired=decision.fired,
-            notes=self._notes(moment, decision),
-            dropped_heads=heads.dropped,
+            notes=self._list_notes(moment, decision),
+            dropped_heads=heads.dropped_heads,
             head_ndvi=ndvi,
             metres_left_m=metered.metres_left_m,
             usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,
             area_ha=self._totals.area_ha,
             applied_kg=self._totals.applied_kg,
-            bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
-            threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
-            sections=self._ahead.sections.states(command.valves, choices.sections_off),
-            strips=heads.decisions.rule.strips,
+            bench=self._describe_bench_run(command) if verdict.state is State.CALIBRATING else None,
+            threshold_m=None if threshold is None else threshold.find_threshold_m(moment.speed_mps),
+            sections=self._ahead.sections.describe_states(command.valves, choices.sections_off),
+            strips=heads.decisions.rule.strip_ndvi,
             sources=self._operator.sources,
-            source_rates=self._ahead.source_rates(
+            source_rates=self._ahead.list_source_rates(
                 self._operator.sources, choices.manual_rate_kg_ha, moment.sensed.track_m
             ),
-            effort=self._effort.says,
+            effort=self._effort.finding,
         )
 
     # -- parts of the steps
     # ----------------------------------------------------------------------------------------
 
-    def _planned_speed(self, now_s: float, sensed: Sensed) -> SpeedPlan | None:
+    def _find_planned_speed(self, now_s: float, sensed: Sensed) -> SpeedPlan | None:
         """Returns the job's speed plan of the present pass where the tractor announces none."""
         place = (
             None
@@ -824,14 +858,14 @@ class ControlLoop:
         )
         return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
 
-    def _newly_announced(self, m: Measurements) -> str | None:
+    def _describe_announcement(self, m: Measurements) -> str | None:
         """Returns the words of an announcement that is new since the last row."""
         if m.speed_told is None or m.speed_told.time_s == self._announced_s:
             return None
         self._announced_s = m.speed_told.time_s
-        return announced_text(m.speed_told, m.time_s)
+        return describe_announcement(m.speed_told, m.time_s)
 
-    def _conditions(self, m: Measurements) -> Conditions:
+    def _find_conditions(self, m: Measurements) -> Conditions:
         elapsed_s, refilled = m.time_s - self._started_s, self._operator.refilled
         hopper_kg = None if m.hopper_kg is None else m.hopper_kg.value
         pitch_deg = 0.0 if m.pitch_deg is None else m.pitch_deg.value
@@ -841,12 +875,12 @@ class ControlLoop:
             pitch_deg,
             None if m.supply_v is None else m.supply_v.value,
             refilled,
-            self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0,
+            self._flow_trim.present_factor if self._operator.choices.flow_trim_on else 1.0,
             self._terms.now,
-            common_of(self.machine.flow, elapsed_s, hopper_kg, pitch_deg, refilled),
+            calc_conditions_factor(self.machine.flow, elapsed_s, hopper_kg, pitch_deg, refilled),
         )
 
-    def _opening(self, m: Measurements) -> Reading | None:
+    def _find_true_opening(self, m: Measurements) -> Reading | None:
         """Returns the true opening: a sensor's offset in the machine file is subtracted from the
         reading."""
         read = m.opening_mm
@@ -854,20 +888,20 @@ class ControlLoop:
             None if read is None else Reading(read.value - self.machine.gate.offset_mm, read.time_s)
         )
 
-    def _over_ground(
+    def _convert_to_rate(
         self, flow_kg_s: float | None, speed_mps: float, open_share: float
     ) -> float | None:
         """Converts a flow to a rate under the open width, kg/ha; None where it is unknown,
         unless nothing flows."""
         if flow_kg_s is None:
             return None
-        if speed_mps < SLOWEST_MPS or open_share <= 0.0:
+        if speed_mps < MIN_RATE_SPEED_MPS or open_share <= 0.0:
             return 0.0 if flow_kg_s <= 0.0 or open_share <= 0.0 else None
         return (
             flow_kg_s * 10_000.0 / (open_share * self.machine.geometry.working_width_m * speed_mps)
         )
 
-    def _metres_left(self, hopper: Reading | None, rate_kg_ha: float) -> float | None:
+    def _calc_metres_left(self, hopper: Reading | None, rate_kg_ha: float) -> float | None:
         if hopper is None or rate_kg_ha <= 0.0:
             return None
         left_m = max(0.0, hopper.value) / (
@@ -875,29 +909,29 @@ class ControlLoop:
         )
         return left_m if left_m < inf else None
 
-    def _usable_mps(self, lag: Lag) -> float:
+    def _find_usable_mps(self, lag: Lag) -> float:
         """Returns the highest speed at which a change is still made in time; infinity where none
         is too high."""
         source = self._operator.choices.source
         if self._doses.are_chosen(self._operator.choices):
-            return self._doses.fastest_mps
-        if source not in BY_CANOPY:
+            return self._doses.max_speed_mps
+        if source not in CANOPY_SOURCES:
             return inf
         return self.machine.geometry.heads_m / (
-            lag.total_s + self._ahead.heads.decisions.period_s + LATENCY_S
+            lag.total_s + self._ahead.heads.decisions.period_s + HEAD_LATENCY_S
         )
 
-    def _calibrating(self) -> DriveCommand:
+    def _make_bench_command(self) -> DriveCommand:
         """Returns the command of a calibrating run."""
         wanted, last = (
             self._operator.bench,
             self._command or DriveCommand(0.0, self._expected.pair.opening_mm),
         )
-        return self._setting.by_hand(
+        return self._setting.make_manual_command(
             wanted.shaft_rpm, last.opening_mm if wanted.opening_mm is None else wanted.opening_mm
         )
 
-    def _bench_run(self, command: DriveCommand) -> BenchRun:
+    def _describe_bench_run(self, command: DriveCommand) -> BenchRun:
         memory, now = self.safety.memory, self._time_s or 0.0
         return BenchRun(
             command.shaft_rpm,
@@ -906,7 +940,7 @@ class ControlLoop:
             memory.calibrate_until_s - now,
         )
 
-    def _notes(self, moment: Moment, decision: TickDecision) -> tuple[str, ...]:
+    def _list_notes(self, moment: Moment, decision: TickDecision) -> tuple[str, ...]:
         """Returns further remarks on this tick."""
         sensed, pair, choices = moment.sensed, decision.pair, self._operator.choices
         lands_m = sensed.track_m + moment.speed_mps * decision.lag.total_s
@@ -914,7 +948,7 @@ class ControlLoop:
         if pair.shaft_rpm > self.machine.fall.valid_to_rpm:
             notes.append("lag_out_of_range")
         if decision.by_point:
-            done = self._doses.dosed_earlier(sensed, choices.no_double)
+            done = self._doses.is_dosed_earlier(sensed, choices.no_double)
         else:
             done = choices.no_double and decision.rate_kg_ha <= 0.0 and self._ahead.is_done(lands_m)
         if done:
@@ -922,36 +956,36 @@ class ControlLoop:
         if self._ahead.is_headland(lands_m):
             notes.append("on_headland")
         if not notes and decision.holding.rate_kg_ha == 0.0 and not decision.by_point:
-            notes += self._why_zero(decision.holding.source)
-        if sensed.time_s - self._growth_reported_s < GROWTH_REPORTED_S:
+            notes += self._list_zero_reasons(decision.holding.source)
+        if sensed.time_s - self._growth_reported_s < GROWTH_REPORT_S:
             notes.append("growth_stage_outside")
         return tuple(notes)
 
-    def _why_zero(self, source: TargetSource) -> list[str]:
+    def _list_zero_reasons(self, source: TargetSource) -> list[str]:
         """Returns why the target is 0, where its source gives a reason. A canopy's reason is
         that of its newest decision."""
         if source in (TargetSource.CANOPY, TargetSource.INDEX_MAP):
             decided = self._ahead.heads.decisions
             why = (
-                decided.rule.decide(decided.ndvi, decided.zone_factor).why
+                decided.rule.decide_rate(decided.ndvi, decided.zone_factor).why
                 if decided.rate_kg_ha == 0.0
                 else ""
             )
-            return [f"zero_{why}"] if why in ZERO_BY_CANOPY else []
+            return [f"zero_{why}"] if why in CANOPY_ZERO_REASONS else []
         if (
             self._operator.choices.source is TargetSource.EXTERNAL
             and source is TargetSource.FALLBACK
         ):
             return ["zero_silent"]
-        return [f"zero_{source.value}"] if source in ZERO_BY_SOURCE else []
+        return [f"zero_{source.value}"] if source in SOURCES_OF_ZERO else []
 
 
-def _stop(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
+def _find_stop_lag(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
     """Returns the lag of a stop that is made here."""
-    return reach.lag(holding, TargetChange(sensed.track_m, OUTSIDE))
+    return reach.find_lag(holding, TargetChange(sensed.track_m, OUTSIDE_TARGET))
 
 
-def _reckoned_m(
+def _find_reckoning_limit_m(
     machine: Machine, prescription: MapProfile | None, points: PointSource | None
 ) -> float:
     """Returns how inaccurate a reckoned place may be, m: half the width, or half a cell of the
@@ -962,7 +996,7 @@ def _reckoned_m(
     return 0.5 * min(machine.geometry.working_width_m, cell_m)
 
 
-def _plane(
+def _choose_plane(
     job: Job,
     prescription: MapProfile | None,
     points: PointSource | None,

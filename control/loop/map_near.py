@@ -9,16 +9,16 @@ from collections.abc import Sequence
 
 from topdress.control.field.boundary import Boundary
 from topdress.control.geodesy import Place
-from topdress.control.orders import BY_MAP, State, TargetSource
+from topdress.control.orders import MAP_SOURCES, State, TargetSource
 from topdress.control.sensing import Sensed
 from topdress.control.targets.prescription import Prescription
 
 # Distance within which the map is near, m: a machine next to its field, or on a headland that the
 # map leaves out.
-NEAR_M = 50.0
+NEAR_MAP_M = 50.0
 
 
-class MapNear:
+class MapLocation:
     """Checks where the map lies. `elsewhere_m`: its distance from the machine at this START, m;
     None: near, not used, or unknown."""
 
@@ -32,36 +32,45 @@ class MapNear:
         self._covers_field: bool | None = None
         self._looked = False
 
-    def started(self) -> None:
+    def record_start(self) -> None:
         """Requests a new check after START, or after another source while working."""
         self.elsewhere_m, self._looked = None, False
 
-    def look(self, state: State, source: TargetSource, sensed: Sensed) -> None:
+    def check_location(self, state: State, source: TargetSource, sensed: Sensed) -> None:
         """Checks the map once, at the first known place."""
-        if not self._looked and state is State.WORKING and source in BY_MAP and sensed.position_ok:
-            place = _place(sensed)
+        if (
+            not self._looked
+            and state is State.WORKING
+            and source in MAP_SOURCES
+            and sensed.position_ok
+        ):
+            place = _find_place(sensed)
             self._looked = place is not None
-            self.elsewhere_m = self.away_m(source, sensed)
+            self.elsewhere_m = self.find_distance_m(source, sensed)
 
-    def away_m(self, source: TargetSource, sensed: Sensed | None) -> float | None:
+    def find_distance_m(self, source: TargetSource, sensed: Sensed | None) -> float | None:
         """Returns the distance of a map that lies elsewhere, m; None: near, not used, or
         unknown."""
-        place = None if sensed is None else _place(sensed)
-        if self._map is None or source not in BY_MAP or place is None:
+        place = None if sensed is None else _find_place(sensed)
+        if self._map is None or source not in MAP_SOURCES or place is None:
             return None
-        if self._field is not None and self._field.away_m(place) <= NEAR_M and self._covers():
+        if (
+            self._field is not None
+            and self._field.calc_distance_m(place) <= NEAR_MAP_M
+            and self._is_covering_field()
+        ):
             return None
-        away_m = self._map.away_m(place)
-        return away_m if away_m > NEAR_M else None
+        away_m = self._map.calc_distance_m(place)
+        return away_m if away_m > NEAR_MAP_M else None
 
-    def _covers(self) -> bool:
+    def _is_covering_field(self) -> bool:
         assert self._map is not None and self._field is not None
         if self._covers_field is None:
             self._covers_field = self._map.has_rate_in(self._field)
         return self._covers_field
 
 
-def _place(sensed: Sensed) -> Place | None:
+def _find_place(sensed: Sensed) -> Place | None:
     return (
         None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
     )

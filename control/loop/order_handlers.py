@@ -9,20 +9,20 @@ from math import inf, isfinite
 from typing import Any
 
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.strips import StripValue, read_strip
+from topdress.control.agronomy.strips import StripValue, parse_strip
 from topdress.control.field.job import Job
 from topdress.control.loop.tick_state import Choices
 from topdress.control.metering.flow_trim import FlowTrim
-from topdress.control.metering.setting import Setting
-from topdress.control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource
-from topdress.control.safety import BenchSetting, Safety, after_setting, refusal
-from topdress.control.targets.point_source import FARTHEST_DOSE_M, PointSource
+from topdress.control.metering.setting import PairPlanner
+from topdress.control.orders import MAP_SOURCES, Answer, Do, Order, State, Strategy, TargetSource
+from topdress.control.safety import BenchSetting, Safety, apply_bench_order, make_refusal
+from topdress.control.targets.point_source import MAX_DOSE_ERROR_M, PointSource
 
-_SECTION = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
-NUDGE_PERCENT = 30.0
+_SECTION_PATTERN = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
+MAX_NUDGE_PERCENT = 30.0
 # A refill is recorded in steps of this, kg.
-REFILL_ROUNDED_KG = 0.1
-YES = Answer(True)
+REFILL_STEP_KG = 0.1
+ACCEPTED = Answer(True)
 
 
 class Operator:
@@ -34,7 +34,7 @@ class Operator:
         job: Job,
         crop: Crop,
         safety: Safety,
-        setting: Setting,
+        setting: PairPlanner,
         *,
         flow_trim: FlowTrim,
         points: PointSource | None,
@@ -69,7 +69,7 @@ class Operator:
         self._sections = sections
         self._hopper_kg = hopper_kg
         placed = (
-            *((source, has_map) for source in BY_MAP),
+            *((source, has_map) for source in MAP_SOURCES),
             (TargetSource.POINT, points is not None),
             (TargetSource.EXTERNAL, job.target.source is TargetSource.EXTERNAL),
         )
@@ -80,7 +80,7 @@ class Operator:
             *(source for source, there in placed if there),
         )
 
-    def order(self, order: Order, now_s: float) -> tuple[Answer, str]:
+    def handle_order(self, order: Order, now_s: float) -> tuple[Answer, str]:
         """Executes or refuses an order; returns the answer and the row's event, empty where
         there is none."""
         before = self._safety.state
@@ -89,7 +89,7 @@ class Operator:
             order.do is Do.START and before is State.WORKING and self._safety.start_is_held(now_s)
         )
         answer = (
-            self._of_safety(order, now_s, held_down)
+            self._handle_safety_order(order, now_s, held_down)
             if order.do not in _HANDLERS
             else _HANDLERS[order.do](self, order, now_s)
         )
@@ -102,34 +102,34 @@ class Operator:
             else f"{order.do.value} {order.value}".replace(";", ","),
         )
 
-    def _strategy(self, order: Order, now_s: float) -> Answer:
+    def _handle_strategy(self, order: Order, now_s: float) -> Answer:
         if order.value not in list(Strategy):
             return Answer(False, "unknown_strategy")
-        self._setting.switch(Strategy(str(order.value)), now_s)
-        return YES
+        self._setting.switch_strategy(Strategy(str(order.value)), now_s)
+        return ACCEPTED
 
-    def _source(self, order: Order, now_s: float) -> Answer:
+    def _handle_source(self, order: Order, now_s: float) -> Answer:
         """Changes the source; map and point only where the job has them."""
         if order.value not in self.sources:
             return Answer(False, "source_not_ready")
         self.choices = self.choices._replace(source=TargetSource(str(order.value)))
-        return YES
+        return ACCEPTED
 
-    def _nudge(self, order: Order, now_s: float) -> Answer:
-        percent = _number(order)
-        if percent is None or not abs(percent) <= NUDGE_PERCENT:
+    def _handle_nudge(self, order: Order, now_s: float) -> Answer:
+        percent = _read_number(order)
+        if percent is None or not abs(percent) <= MAX_NUDGE_PERCENT:
             return Answer(False, "nudge_out_of_range")
         self.choices = self.choices._replace(nudge_percent=percent)
-        return YES
+        return ACCEPTED
 
-    def _manual_rate(self, order: Order, now_s: float) -> Answer:
-        rate = _number(order)
+    def _handle_manual_rate(self, order: Order, now_s: float) -> Answer:
+        rate = _read_number(order)
         if rate is None or not 0.0 <= rate <= self._crop.max_rate_kg_ha:
             return Answer(False, "rate_out_of_range")
         self.choices = self.choices._replace(manual_rate_kg_ha=rate)
-        return YES
+        return ACCEPTED
 
-    def _switch(self, order: Order, now_s: float) -> Answer:
+    def _handle_switch(self, order: Order, now_s: float) -> Answer:
         if not isinstance(order.value, bool):
             return Answer(False, "yes_or_no")
         if (
@@ -139,76 +139,81 @@ class Operator:
         ):
             return Answer(False, "year_ceiling")
         if order.do is Do.FLOW_TRIM:
-            self._flow_trim.forget()
-        chosen: dict[str, Any] = {_SWITCHES[order.do]: order.value}
+            self._flow_trim.reset_calibration()
+        chosen: dict[str, Any] = {_SWITCH_FIELDS[order.do]: order.value}
         self.choices = self.choices._replace(**chosen)
-        return YES
+        return ACCEPTED
 
-    def _section(self, order: Order, now_s: float) -> Answer:
+    def _handle_section(self, order: Order, now_s: float) -> Answer:
         """Closes a section by hand, or leaves it to the ground."""
-        found = _SECTION.fullmatch(order.value) if isinstance(order.value, str) else None
+        found = _SECTION_PATTERN.fullmatch(order.value) if isinstance(order.value, str) else None
         if found is None:
             return Answer(False, "section_off_or_auto")
         if found["number"] is None:
             self.choices = self.choices._replace(sections_off=())
-            return YES if self._sections else Answer(False, "no_such_section")
+            return ACCEPTED if self._sections else Answer(False, "no_such_section")
         number = int(found["number"])
         if not 1 <= number <= self._sections:
             return Answer(False, "no_such_section")
         others = {other for other in self.choices.sections_off if other != number}
         off = others | {number} if found["to"] == "off" else others
         self.choices = self.choices._replace(sections_off=tuple(sorted(off)))
-        return YES
+        return ACCEPTED
 
-    def _strip(self, order: Order, now_s: float) -> Answer:
+    def _handle_strip(self, order: Order, now_s: float) -> Answer:
         """Takes a measured strip: it counts from the next decision on; earlier decisions stay."""
-        strip = read_strip(order.value)
+        strip = parse_strip(order.value)
         if strip is None:
             return Answer(False, "strip_out_of_range")
         self._strip_measured(strip)
-        return YES
+        return ACCEPTED
 
-    def _dose_error(self, order: Order, now_s: float) -> Answer:
-        error_m = _number(order)
-        if error_m is None or abs(error_m) > FARTHEST_DOSE_M:
+    def _handle_dose_error(self, order: Order, now_s: float) -> Answer:
+        error_m = _read_number(order)
+        if error_m is None or abs(error_m) > MAX_DOSE_ERROR_M:
             return Answer(False, "dose_error_out_of_range")
-        if self._points is None or not self._points.learn(error_m, now_s):
+        if self._points is None or not self._points.learn_dose_error(error_m, now_s):
             return Answer(False, "no_dose_landed")
-        return YES
+        return ACCEPTED
 
-    def _bench_setting(self, order: Order, now_s: float) -> Answer:
-        self.bench, answer = after_setting(self.bench, order, self._safety.state)
+    def _handle_bench_setting(self, order: Order, now_s: float) -> Answer:
+        self.bench, answer = apply_bench_order(self.bench, order, self._safety.state)
         return answer
 
-    def _mark(self, order: Order, now_s: float) -> Answer:
-        return YES
+    def _handle_mark(self, order: Order, now_s: float) -> Answer:
+        return ACCEPTED
 
-    def _refill_back(self, order: Order, now_s: float) -> Answer:
+    def _handle_refill_back(self, order: Order, now_s: float) -> Answer:
         """Cancels the last refill in the log by an event; its effect on safety stays."""
-        kg = _number(order)
-        return YES if kg is not None and kg > 0.0 else Answer(False, "refill_kg")
+        kg = _read_number(order)
+        return ACCEPTED if kg is not None and kg > 0.0 else Answer(False, "refill_kg")
 
-    def _of_safety(self, order: Order, now_s: float, held_down: bool) -> Answer:
+    def _handle_safety_order(self, order: Order, now_s: float, held_down: bool) -> Answer:
         """Passes an order to safety, and does what an accepted one means here."""
         before = self._safety.state
         if self._record_only and order.do in (Do.READY, Do.START, Do.CALIBRATE):
             return Answer(False, "record_only")
         if order.do is Do.ALLOW_OUTSIDE and order.value and self._job.field.margins:
             return Answer(False, "no_spread_margin")
-        if order.do is Do.REFILL and (_number(order) or 0.0) > self._hopper_kg + REFILL_ROUNDED_KG:
-            return Answer(False, refusal("refill_beyond_hopper", hopper_kg=f"{self._hopper_kg:g}"))
+        if (
+            order.do is Do.REFILL
+            and (_read_number(order) or 0.0) > self._hopper_kg + REFILL_STEP_KG
+        ):
+            return Answer(
+                False, make_refusal("refill_beyond_hopper", hopper_kg=f"{self._hopper_kg:g}")
+            )
         if (
             order.do is Do.START
             and before in (State.READY, State.HELD)
             and (why := self._why_no_start())
         ):
             return Answer(False, why)
-        answer = self._safety.order(order, now_s)
+        answer = self._safety.handle_order(order, now_s)
         if not answer.accepted:
             return answer
         if order.do is Do.REFILL:
             self.refilled = True
-            self._flow_trim.refilled(_number(order) or 0.0)
+            self._flow_trim.record_refill(_read_number(order) or 0.0)
         elif order.do is Do.CALIBRATE and before is not State.CALIBRATING:
             self.bench = BenchSetting()
         elif order.do is Do.START and not held_down:
@@ -216,7 +221,7 @@ class Operator:
         return answer
 
 
-def _number(order: Order) -> float | None:
+def _read_number(order: Order) -> float | None:
     value = order.value
     return (
         float(value)
@@ -225,18 +230,22 @@ def _number(order: Order) -> float | None:
     )
 
 
-_SWITCHES = {Do.LOOK_AHEAD: "look_ahead", Do.FLOW_TRIM: "flow_trim_on", Do.NO_DOUBLE: "no_double"}
+_SWITCH_FIELDS = {
+    Do.LOOK_AHEAD: "look_ahead",
+    Do.FLOW_TRIM: "flow_trim_on",
+    Do.NO_DOUBLE: "no_double",
+}
 _HANDLERS: Mapping[Do, Callable[[Operator, Order, float], Answer]] = {
-    Do.STRATEGY: Operator._strategy,
-    Do.SOURCE: Operator._source,
-    Do.NUDGE: Operator._nudge,
-    Do.MANUAL_RATE: Operator._manual_rate,
-    **dict.fromkeys(_SWITCHES, Operator._switch),
-    Do.STRIP: Operator._strip,
-    Do.DOSE_ERROR: Operator._dose_error,
-    Do.CALIBRATE_SHAFT: Operator._bench_setting,
-    Do.CALIBRATE_OPENING: Operator._bench_setting,
-    Do.SECTION: Operator._section,
-    Do.MARK: Operator._mark,
-    Do.REFILL_BACK: Operator._refill_back,
+    Do.STRATEGY: Operator._handle_strategy,
+    Do.SOURCE: Operator._handle_source,
+    Do.NUDGE: Operator._handle_nudge,
+    Do.MANUAL_RATE: Operator._handle_manual_rate,
+    **dict.fromkeys(_SWITCH_FIELDS, Operator._handle_switch),
+    Do.STRIP: Operator._handle_strip,
+    Do.DOSE_ERROR: Operator._handle_dose_error,
+    Do.CALIBRATE_SHAFT: Operator._handle_bench_setting,
+    Do.CALIBRATE_OPENING: Operator._handle_bench_setting,
+    Do.SECTION: Operator._handle_section,
+    Do.MARK: Operator._handle_mark,
+    Do.REFILL_BACK: Operator._handle_refill_back,
 }

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from math import inf
 
-from topdress.control.machine.fall import drop_s
+from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.readings import Reading
-from topdress.control.sensing import Sensed, travelled_ahead_m
-from topdress.control.targets.canopy import STRAIGHT_DEG_S
+from topdress.control.sensing import Sensed, predict_way_ahead_m
+from topdress.control.targets.canopy import STRAIGHT_BELOW_DEG_S
 
 
-class Backing:
+class ReversingWatch:
     """Watches the direction. `spread_to_m`: no more material up to this place of the track."""
 
     def __init__(self, machine: Machine) -> None:
@@ -24,16 +24,16 @@ class Backing:
         # That place when the machine last changed its direction, m.
         self.spread_to_m = -inf
 
-    def forget(self) -> None:
+    def forget_landings(self) -> None:
         """Forgets landed material, because the operator wants flow from here on or the machine
         has left its line."""
         self._landed_to_m = self.spread_to_m = -inf
 
-    def look(self, sensed: Sensed, may_reverse: bool) -> bool:
+    def update_direction(self, sensed: Sensed, may_reverse: bool) -> bool:
         """Returns whether the machine has changed its direction and may not spread while
         reversing."""
-        if abs(sensed.turn_deg_s) > STRAIGHT_DEG_S:
-            self.forget()
+        if abs(sensed.turn_deg_s) > STRAIGHT_BELOW_DEG_S:
+            self.forget_landings()
         turned_round = sensed.backwards != self._backed and not may_reverse
         if turned_round:
             self.spread_to_m = max(self.spread_to_m, self._landed_to_m)
@@ -44,6 +44,6 @@ class Backing:
         """Records where material released now lands, a drop time later."""
         if shaft_rpm is None or not shaft_rpm.value >= 0.5 * self._machine.limits.shaft_low_rpm:
             return
-        falls_s = drop_s(self._machine.fall, shaft_rpm.value)
-        falls_m = travelled_ahead_m(sensed.speed_mps or 0.0, sensed.acceleration_mps2, falls_s)
+        falls_s = calc_drop_s(self._machine.fall, shaft_rpm.value)
+        falls_m = predict_way_ahead_m(sensed.speed_mps or 0.0, sensed.acceleration_mps2, falls_s)
         self._landed_to_m = max(self._landed_to_m, sensed.track_m + falls_m)

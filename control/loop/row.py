@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from topdress.control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
+from topdress.control.log_row import GNSS_VALID_FOR_S, VALID_FOR_S, LogRow
 from topdress.control.loop.tick_state import Choices, Metered, Moment, TickDecision
-from topdress.control.orders import BY_CANOPY, Strategy, TargetSource
-from topdress.control.readings import DriveCommand, Measurements, held
+from topdress.control.orders import CANOPY_SOURCES, Strategy, TargetSource
+from topdress.control.readings import DriveCommand, Measurements, find_valid_value
 from topdress.control.safety import Verdict
 
-HEAD_SILENT_S = HOLDS_S["ndvi_1"]
+HEAD_SILENT_S = VALID_FOR_S["ndvi_1"]
 # Empty cells of six heads and their decided NDVI.
-_SILENT = (None,) * 7
+_SILENT_CELLS = (None,) * 7
 
 
-def log_row(
+def make_log_row(
     started_s: float,
     moment: Moment,
     *,
@@ -32,11 +32,13 @@ def log_row(
     refused GNSS place is left out."""
     m, sensed, holding, now_s = moment.m, moment.sensed, decision.holding, moment.m.time_s
     total_s = decision.lag.total_s
-    fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_HOLDS_S else None
+    fix = (
+        m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_VALID_FOR_S else None
+    )
     placed = fix if sensed.refused_m is None else None
-    decided = decided_ndvi if choices.source in BY_CANOPY else None
-    seen = (*(*heads, *_SILENT)[:6], decided)
-    ndvi, ndre = (seen, _SILENT) if m.canopy_index == "ndvi" else (_SILENT, seen)
+    decided = decided_ndvi if choices.source in CANOPY_SOURCES else None
+    seen = (*(*heads, *_SILENT_CELLS)[:6], decided)
+    ndvi, ndre = (seen, _SILENT_CELLS) if m.canopy_index == "ndvi" else (_SILENT_CELLS, seen)
     return LogRow(
         time_s=now_s - started_s,
         utc=fix.utc if fix else None,
@@ -46,10 +48,10 @@ def log_row(
         satellites=fix.satellites if fix else None,
         hdop=fix.hdop if fix else None,
         heading_deg=fix.heading_deg if fix else None,
-        pitch_deg=held(m.pitch_deg, now_s, HOLDS_S["pitch_deg"]),
-        roll_deg=held(m.roll_deg, now_s, HOLDS_S["roll_deg"]),
+        pitch_deg=find_valid_value(m.pitch_deg, now_s, VALID_FOR_S["pitch_deg"]),
+        roll_deg=find_valid_value(m.roll_deg, now_s, VALID_FOR_S["roll_deg"]),
         speed_mps=fix.speed_mps if fix else None,
-        wheel_speed_mps=held(m.wheel_speed_mps, now_s, HOLDS_S["wheel_speed_mps"]),
+        wheel_speed_mps=find_valid_value(m.wheel_speed_mps, now_s, VALID_FOR_S["wheel_speed_mps"]),
         speed_used_mps=sensed.speed_mps,
         ndvi_1=ndvi[0],
         ndvi_2=ndvi[1],
@@ -61,12 +63,12 @@ def log_row(
         target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.planned_kg_ha,
         nudge_percent=choices.nudge_percent,
         shaft_rpm_cmd=command.shaft_rpm,
-        shaft_rpm=held(m.shaft_rpm, now_s, HOLDS_S["shaft_rpm"]),
+        shaft_rpm=find_valid_value(m.shaft_rpm, now_s, VALID_FOR_S["shaft_rpm"]),
         opening_mm_cmd=command.opening_mm,
-        opening_mm=held(m.opening_mm, now_s, HOLDS_S["opening_mm"]),
-        hopper_kg=held(m.hopper_kg, now_s, HOLDS_S["hopper_kg"]),
+        opening_mm=find_valid_value(m.opening_mm, now_s, VALID_FOR_S["opening_mm"]),
+        hopper_kg=find_valid_value(m.hopper_kg, now_s, VALID_FOR_S["hopper_kg"]),
         flow_trim=metered.trim,
-        supply_v=held(m.supply_v, now_s, HOLDS_S["supply_v"]),
+        supply_v=find_valid_value(m.supply_v, now_s, VALID_FOR_S["supply_v"]),
         applied_rate_kg_ha=metered.rate_kg_ha,
         lag_s=total_s,
         lag_m=None if sensed.speed_mps is None else sensed.speed_mps * total_s,
@@ -77,8 +79,8 @@ def log_row(
         alarms=";".join([alarm.id for alarm in verdict.alarms]) or None,
         events=";".join(events) or None,
         speed_told=speed_told,
-        shaft_effort=held(m.shaft_effort, now_s, HOLDS_S["shaft_effort"]),
-        gate_effort=held(m.gate_effort, now_s, HOLDS_S["gate_effort"]),
+        shaft_effort=find_valid_value(m.shaft_effort, now_s, VALID_FOR_S["shaft_effort"]),
+        gate_effort=find_valid_value(m.gate_effort, now_s, VALID_FOR_S["gate_effort"]),
         ndre_1=ndre[0],
         ndre_2=ndre[1],
         ndre_3=ndre[2],
@@ -90,6 +92,6 @@ def log_row(
     )
 
 
-def head_ndvi(m: Measurements) -> tuple[float | None, ...]:
+def read_head_ndvi(m: Measurements) -> tuple[float | None, ...]:
     """Returns the reading of each head; None: silent."""
-    return tuple([held(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi])
+    return tuple([find_valid_value(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi])

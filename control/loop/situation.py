@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from topdress.control.loop.canopy_heads import CanopyHeads
 from topdress.control.loop.tick_state import Choices, Metered, Moment, TickDecision
-from topdress.control.orders import BY_CANOPY, TargetSource
-from topdress.control.readings import EffortSays, RangeBreach, ScaleSays
+from topdress.control.orders import CANOPY_SOURCES, TargetSource
+from topdress.control.readings import EffortFinding, RangeBreach, ScaleFinding
 from topdress.control.safety import Commanded, Situation
-from topdress.control.targets.outside_target import OutsideTarget
+from topdress.control.targets.outside_target import ExternalTarget
 
 
-def situation(
+def make_situation(
     moment: Moment,
     decision: TickDecision,
     metered: Metered,
@@ -22,15 +22,15 @@ def situation(
     log_ok: bool,
     commanded: Commanded,
     map_elsewhere: bool,
-    scale: ScaleSays,
-    effort: EffortSays,
-    outside_target: OutsideTarget,
+    scale: ScaleFinding,
+    effort: EffortFinding,
+    outside_target: ExternalTarget,
     range_breach: RangeBreach | None,
 ) -> Situation:
     """Returns the situation of this tick. `between_doses`: a rate is meaningless there, and left
     out."""
     m, sensed = moment.m, moment.sensed
-    needs_heads = choices.source in BY_CANOPY
+    needs_heads = choices.source in CANOPY_SOURCES
     heard = [r.time_s for r in m.ndvi if r is not None] if needs_heads else []
     applied = (
         None if between_doses or metered.rate_kg_ha is None else metered.rate_kg_ha * metered.trim
@@ -45,7 +45,7 @@ def situation(
         course_awaited=sensed.course_awaited,
         speed_doubt=sensed.doubt,
         landing_inside=decision.inside,
-        valid_heads=heads.valid if needs_heads else None,
+        valid_heads=heads.valid_heads if needs_heads else None,
         by_index_map=needs_heads and heads.by_map,
         ndvi_age_s=sensed.time_s - max(heard) if heard else None,
         expected_rate_kg_ha=None if between_doses else metered.expected_rate_kg_ha,

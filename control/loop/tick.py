@@ -8,10 +8,10 @@ from topdress.control.agronomy.strips import Strips
 from topdress.control.log_row import LogRow
 from topdress.control.loop.tick_state import Choices
 from topdress.control.orders import Alarm, SectionState, TargetSource
-from topdress.control.readings import DriveCommand, EffortSays
-from topdress.control.safety import POWERED, Allowances, BenchRun, Verdict
+from topdress.control.readings import DriveCommand, EffortFinding
+from topdress.control.safety import POWERED_STATES, Allowances, BenchRun, Verdict
 from topdress.control.sensing import Sensed
-from topdress.control.targets.lag_correction import Fired
+from topdress.control.targets.lag_correction import FiredChange
 
 
 class Tick(NamedTuple):
@@ -24,7 +24,7 @@ class Tick(NamedTuple):
     verdict: Verdict
     choices: Choices
     allow: Allowances
-    fired: tuple[Fired, ...]
+    fired: tuple[FiredChange, ...]
     notes: tuple[str, ...]
     dropped_heads: tuple[int, ...]  # 1-based
     # as many as there are heads, left to right; None: silent
@@ -42,12 +42,12 @@ class Tick(NamedTuple):
     sources: tuple[TargetSource, ...]  # of the target, that the job has
     # what each of `sources` gives here, kg/ha, without the nudge; None: single doses
     source_rates: tuple[float | None, ...]
-    effort: EffortSays  # of the metering drive
+    effort: EffortFinding  # of the metering drive
 
     @property
-    def enabled(self) -> bool:
+    def is_enabled(self) -> bool:
         """Returns whether the drives have power."""
-        return self.verdict.state in POWERED
+        return self.verdict.state in POWERED_STATES
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:

@@ -10,7 +10,7 @@ from topdress.control.metering.strategies import Pair
 from topdress.control.orders import TargetSource
 from topdress.control.readings import Measurements
 from topdress.control.sensing import Sensed, SpeedAhead
-from topdress.control.targets.lag_correction import Fired
+from topdress.control.targets.lag_correction import FiredChange
 from topdress.control.targets.profile import Target
 
 
@@ -50,7 +50,7 @@ class TickDecision(NamedTuple):
     pair: Pair
     # highest speed at which changes are still made in time; infinite: any
     usable_mps: float
-    fired: tuple[Fired, ...]
+    fired: tuple[FiredChange, ...]
     by_point: bool
     # of the working width that is to be open where the pair will show
     open_share: float

@@ -14,20 +14,20 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import SectionStrip
 from topdress.control.metering.strategies import Pair
 from topdress.control.orders import State
-from topdress.control.readings import DriveCommand, Measurements, is_fresh
-from topdress.control.safety import POWERED, Commanded, SafetyLimits, Verdict
+from topdress.control.readings import DriveCommand, Measurements, is_reading_fresh
+from topdress.control.safety import POWERED_STATES, Commanded, SafetyLimits, Verdict
 
 # Interval of the events while the flow continues, s: a power cut loses no more.
-EVERY_S = 1.0
+EVENT_INTERVAL_S = 1.0
 # A reading of the shaft is valid for this long, s, as in safety.
-SHAFT_HOLDS_S = 0.5
+SHAFT_VALID_S = 0.5
 # A valve's switch and the board's line are later than in the machine file by less than this, s.
-VALVE_LINE_S = 1.0
+VALVE_DELAY_S = 1.0
 # Resolution of the log, kg; a smaller mass waits.
-LEAST_KG = 1e-4
+MIN_EVENT_KG = 1e-4
 
 
-def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
+def make_standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
     """Returns the limits with this machine's standing shaft speed, above its sensor's noise (six
     standard deviations) and below half its slowest turning; and with its valves' closing time
     plus a second."""
@@ -39,18 +39,18 @@ def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
     closes_s = max(
         (section.valve.close_s for section in machine.sections if section.valve), default=0.0
     )
-    return replace(limits, shaft_stands_rpm=stands_rpm, valve_closes_s=closes_s + VALVE_LINE_S)
+    return replace(limits, shaft_stands_rpm=stands_rpm, valve_closes_s=closes_s + VALVE_DELAY_S)
 
 
-def open_share(strips: Sequence[SectionStrip], m: Measurements) -> float:
+def calc_open_share(strips: Sequence[SectionStrip], m: Measurements) -> float:
     """Returns the open share of the working width by the valves' own switches; 0 where they are
     silent."""
-    if m.valves is None or not is_fresh(m.valves.time_s, m.time_s, SHAFT_HOLDS_S):
+    if m.valves is None or not is_reading_fresh(m.valves.time_s, m.time_s, SHAFT_VALID_S):
         return 0.0
     return sum(strip.share for strip, on in zip(strips, m.valves.open, strict=False) if on)
 
 
-class Stopped:
+class UnintendedFlow:
     """Counts the flow of a stopped machine. `commanded`: commands of the tick before. In each
     tick `update`, then `command`."""
 
@@ -74,13 +74,13 @@ class Stopped:
         self._owed_kg = 0.0  # to be entered in the log
         self._entered_s = -inf
 
-    def turning_rpm(self, m: Measurements) -> float:
+    def find_turning_rpm(self, m: Measurements) -> float:
         """Returns the measured shaft speed, r/min; 0 where the shaft stands or is silent."""
         read = m.shaft_rpm
-        known = read is not None and is_fresh(read.time_s, m.time_s, SHAFT_HOLDS_S)
+        known = read is not None and is_reading_fresh(read.time_s, m.time_s, SHAFT_VALID_S)
         return read.value if read is not None and known and read.value >= self._stands_rpm else 0.0
 
-    def update(
+    def count_release(
         self,
         m: Measurements,
         dt_s: float,
@@ -92,12 +92,12 @@ class Stopped:
         """Returns the mass to count in this tick, kg, and the row's event where one is due.
         worked: the tick counted as work. unordered_kg: mass that left by the scale while the
         shaft's reading is 0."""
-        kg = self._released_kg(m, dt_s, flow_kg_s)
+        kg = self._calc_released_kg(m, dt_s, flow_kg_s)
         self._spell_kg = 0.0 if self.commanded.turn else self._spell_kg + kg
-        counted_kg = (0.0 if worked else self._counted_kg(kg, verdict)) + unordered_kg
-        return counted_kg, self._event(m.time_s, counted_kg)
+        counted_kg = (0.0 if worked else self._select_counted_kg(kg, verdict)) + unordered_kg
+        return counted_kg, self._make_event(m.time_s, counted_kg)
 
-    def command(
+    def record_command(
         self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair
     ) -> None:
         """Takes the commands from now on. expected: present shaft speed and opening by the
@@ -112,7 +112,7 @@ class Stopped:
         self.commanded = Commanded(
             turn,
             verdict.flow_allowed,
-            verdict.state in POWERED,
+            verdict.state in POWERED_STATES,
             command.opening_mm,
             command.valves,
             expected.shaft_rpm,
@@ -121,15 +121,15 @@ class Stopped:
             command.shaft_rpm,
         )
 
-    def _released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
+    def _calc_released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
         """Returns the mass by the measured shaft, kg; 0 unless it turns although it is commanded
         to stop."""
         if self.commanded.turn or flow_kg_s is None:
             return 0.0
         kg = flow_kg_s * dt_s
-        return kg if self.turning_rpm(m) > 0.0 and kg > 0.0 and isfinite(kg) else 0.0
+        return kg if self.find_turning_rpm(m) > 0.0 and kg > 0.0 and isfinite(kg) else 0.0
 
-    def _counted_kg(self, kg: float, verdict: Verdict) -> float:
+    def _select_counted_kg(self, kg: float, verdict: Verdict) -> float:
         """Returns the mass that counts: after a calibrating run the rest falls into its tray; of
         a shaft that continues, all counts."""
         if verdict.state is State.CALIBRATING:
@@ -147,12 +147,14 @@ class Stopped:
             self._to_tray, self._tray_kg = False, 0.0
         return counted_kg
 
-    def _event(self, now_s: float, kg: float) -> str | None:
+    def _make_event(self, now_s: float, kg: float) -> str | None:
         """Returns the event at the end of a release, and every second meanwhile."""
         if self._owed_kg <= 0.0:
             self._entered_s = now_s
         self._owed_kg += kg
-        if (kg > 0.0 and now_s - self._entered_s < EVERY_S) or self._owed_kg < LEAST_KG:
+        if (
+            kg > 0.0 and now_s - self._entered_s < EVENT_INTERVAL_S
+        ) or self._owed_kg < MIN_EVENT_KG:
             return None
         event_kg, self._entered_s = round(self._owed_kg, 4), now_s
         self._owed_kg = max(0.0, self._owed_kg - event_kg)

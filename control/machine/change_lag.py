@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fall import drop_s
-from .landing import falls_s
+from .fall import calc_drop_s
+from .landing import calc_fall_times_s
 from .machine import Machine
-from .shaft import dead_s, fastest_rpm_s, follows, lag_s
+from .shaft import calc_acceleration_rpm_s, calc_dead_time_s, calc_time_constant_s, follow_command
 
 
-class Settled(NamedTuple):
+class SettledPair(NamedTuple):
     """Holds true shaft speed and opening before or after a change."""
 
     shaft_rpm: float
@@ -34,15 +34,15 @@ class Lag(NamedTuple):
 
 
 # Step of the small simulation of one change, s.
-STEP_S = 0.0125
+SIMULATION_STEP_S = 0.0125
 # Tolerance of the middle rate, s: where two parcels fit equally, a rise takes the first, a fall the
 # last.
-TIE = 1e-9
+TIE_TOLERANCE = 1e-9
 # Simulated time after the slowest drive began to move, s.
-SETTLE_S = 1.0
+SETTLING_S = 1.0
 # Lags are cached by pairs rounded to these steps, r/min and mm.
-ROUND_RPM = 1.0
-ROUND_MM = 0.5
+CACHE_STEP_RPM = 1.0
+CACHE_STEP_MM = 0.5
 
 
 class ChangeLags:
@@ -58,33 +58,33 @@ class ChangeLags:
         self._machine = machine
         self._kept: dict[tuple[int, int, int, int], Lag] = {}
 
-    def lag(self, before: Settled, after: Settled) -> Lag:
+    def find_lag(self, before: SettledPair, after: SettledPair) -> Lag:
         key = (
-            round(before.shaft_rpm / ROUND_RPM),
-            round(before.opening_mm / ROUND_MM),
-            round(after.shaft_rpm / ROUND_RPM),
-            round(after.opening_mm / ROUND_MM),
+            round(before.shaft_rpm / CACHE_STEP_RPM),
+            round(before.opening_mm / CACHE_STEP_MM),
+            round(after.shaft_rpm / CACHE_STEP_RPM),
+            round(after.opening_mm / CACHE_STEP_MM),
         )
         found = self._kept.get(key)
         if found is None:
-            found = self._kept[key] = change_lag(
+            found = self._kept[key] = calc_change_lag(
                 self._machine,
-                Settled(key[0] * ROUND_RPM, key[1] * ROUND_MM),
-                Settled(key[2] * ROUND_RPM, key[3] * ROUND_MM),
+                SettledPair(key[0] * CACHE_STEP_RPM, key[1] * CACHE_STEP_MM),
+                SettledPair(key[2] * CACHE_STEP_RPM, key[3] * CACHE_STEP_MM),
             )
         return found
 
 
-def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
+def calc_change_lag(machine: Machine, before: SettledPair, after: SettledPair) -> Lag:
     """Returns the lag of a change from one settled pair to another, s (lag paper: system
     response plus drop time).
 
     Where nothing moves, and from zero to zero, it is the response of the gate plus the drop
     time."""
     fall, shaft, gate = machine.fall, machine.shaft, machine.gate
-    dead_shaft = dead_s(shaft)
-    moves_shaft = abs(after.shaft_rpm - before.shaft_rpm) > 0.5 * ROUND_RPM
-    moves_gate = abs(after.opening_mm - before.opening_mm) > 0.5 * ROUND_MM
+    dead_shaft = calc_dead_time_s(shaft)
+    moves_shaft = abs(after.shaft_rpm - before.shaft_rpm) > 0.5 * CACHE_STEP_RPM
+    moves_gate = abs(after.opening_mm - before.opening_mm) > 0.5 * CACHE_STEP_MM
     response = dead_shaft if moves_shaft and not moves_gate else gate.dead_time_s
     if moves_shaft and moves_gate:
         response = min(dead_shaft, gate.dead_time_s)
@@ -92,50 +92,52 @@ def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
     extra = fall.latency_s + (-0.5 if rising else 0.5) * fall.asymmetry_s
     if before.shaft_rpm <= 0.0:
         extra += fall.first_fill_s
-    drop = max(0.0, drop_s(fall, max(before.shaft_rpm, after.shaft_rpm)) + extra)
+    drop = max(0.0, calc_drop_s(fall, max(before.shaft_rpm, after.shaft_rpm)) + extra)
     if not moves_shaft and not moves_gate:
         return Lag(response, 0.0, drop)
-    landed = _landed_half_way_s(machine, before, after, rising)
+    landed = _find_half_way_s(machine, before, after, rising)
     return Lag(response, 0.0 if landed is None else landed + extra - response - drop, drop)
 
 
-def _landed_half_way_s(
-    machine: Machine, before: Settled, after: Settled, rising: bool
+def _find_half_way_s(
+    machine: Machine, before: SettledPair, after: SettledPair, rising: bool
 ) -> float | None:
     """Returns the time from the command to the half-way point of the landed step, without the
     effects that depend on direction, s."""
     shaft, gate = machine.shaft, machine.gate
-    dead_shaft = dead_s(shaft)
-    tau = lag_s(shaft) + shaft.second_order_s
+    dead_shaft = calc_dead_time_s(shaft)
+    tau = calc_time_constant_s(shaft) + shaft.second_order_s
     slew = max(0.5, gate.slew_mm_s - gate.slow_mm_s)
     rpm, rate, opening = before.shaft_rpm, 0.0, before.opening_mm
     lasts = (
         max(
-            dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / fastest_rpm_s(shaft),
+            dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / calc_acceleration_rpm_s(shaft),
             gate.dead_time_s + abs(after.opening_mm - opening) / slew,
         )
-        + SETTLE_S
+        + SETTLING_S
     )
-    lead, drop = int(2.0 / STEP_S), drop_s(machine.fall, rpm)
-    times = [k * STEP_S for k in range(-lead, int(lasts / STEP_S))]
+    lead, drop = int(2.0 / SIMULATION_STEP_S), calc_drop_s(machine.fall, rpm)
+    times = [k * SIMULATION_STEP_S for k in range(-lead, int(lasts / SIMULATION_STEP_S))]
     masses, drops = [rpm * opening] * lead, [drop] * lead
     for now in times[lead:]:
         if now >= dead_shaft and rpm != after.shaft_rpm:
-            rpm, rate = follows(shaft, rpm, rate, after.shaft_rpm, STEP_S)
-            drop = drop_s(machine.fall, rpm)
+            rpm, rate = follow_command(shaft, rpm, rate, after.shaft_rpm, SIMULATION_STEP_S)
+            drop = calc_drop_s(machine.fall, rpm)
         if now >= gate.dead_time_s and opening != after.opening_mm:
-            opening += min(slew * STEP_S, max(-slew * STEP_S, after.opening_mm - opening))
+            opening += min(
+                slew * SIMULATION_STEP_S, max(-slew * SIMULATION_STEP_S, after.opening_mm - opening)
+            )
         masses.append(rpm * opening)
         drops.append(drop)
     released = np.array(times)
-    reached = released + falls_s(released, np.array(drops), machine.fall.carried_share)
+    reached = released + calc_fall_times_s(released, np.array(drops), machine.fall.carried_share)
     # Where granules fall singly, later ones may land first.
     order = np.argsort(reached, kind="stable")
     lands_s = reached[order].tolist()
     weights = np.array(masses)[order].tolist()
     middle = 0.5 * (before.shaft_rpm * before.opening_mm + after.shaft_rpm * after.opening_mm)
-    pull, tie = (middle, -TIE * middle) if rising else (-middle, TIE * middle)
-    push_s = STEP_S if rising else -STEP_S
+    pull, tie = (middle, -TIE_TOLERANCE * middle) if rising else (-middle, TIE_TOLERANCE * middle)
+    push_s = SIMULATION_STEP_S if rising else -SIMULATION_STEP_S
     fit, best, at = 0.0, 0.0, None
     last = lands_s[0]
     for lands, mass in zip(lands_s, weights, strict=True):

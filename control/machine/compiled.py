@@ -20,8 +20,8 @@ from numba.np.unsafe import ndarray
 
 from . import effort, elements, fall, flow, forms, gate, heads, scale, shaft, speed, term_step
 from .form import TermParams
-from .jit_cache import KeptCode, named_apart
-from .stage_runner import Run, filling, mapped, with_room
+from .jit_cache import CompiledCodeCache, rename_uniquely
+from .stage_runner import Run, allocate_output, make_fill, make_map_run
 
 to_fixed_tuple: Any = ndarray.to_fixed_tuple  # (array, count) -> tuple, in compiled code
 
@@ -34,7 +34,7 @@ CACHE_DIR = pathlib.Path(platformdirs.user_cache_dir("topdress")) / _SOURCES
 numba.config.CACHE_DIR = str(CACHE_DIR)  # type: ignore[attr-defined]
 
 
-def jitable(piece: F) -> F:
+def mark_compilable(piece: F) -> F:
     """Marks a function that compiled functions may call."""
     made: F = register_jitable(piece)
     return made
@@ -44,47 +44,47 @@ for _piece in (
     elements.put_in_line,
     elements.average_line,
     elements.read_held_line,
-    elements.table_at,
-    elements.stepped,
-    flow.bridged,
-    flow.grams_per_rev,
-    flow.common_factor,
-    flow.in_flutes,
-    effort.of_drive,
-    effort.shaft_parts,
-    effort.supply_factor,
-    effort.shaft_effort,
-    effort.gate_effort,
+    elements.interpolate_table,
+    elements.round_to_step,
+    flow.is_bridged,
+    flow.calc_grams_per_rev,
+    flow.calc_common_factor,
+    flow.calc_flute_load,
+    effort.calc_drive_parts,
+    effort.calc_shaft_parts,
+    effort.calc_supply_factor,
+    effort.calc_shaft_effort,
+    effort.calc_gate_effort,
     fall.find_start_drop_s,
-    fall.drop_s,
-    shaft.approach,
-    shaft.free_swing,
-    shaft.passes_s,
-    shaft.free_for_s,
-    shaft.swung,
-    shaft.lag_s,
-    shaft.fastest_rpm_s,
-    shaft.follows,
-    shaft.beyond_rpm,
-    shaft.asked_rpm,
-    shaft.dead_s,
-    shaft.shaft_step,
-    gate.gate_step,
+    fall.calc_drop_s,
+    shaft.step_first_order,
+    shaft.swing_freely,
+    shaft.find_next_zero_s,
+    shaft.find_free_time_s,
+    shaft.step_second_order,
+    shaft.calc_time_constant_s,
+    shaft.calc_acceleration_rpm_s,
+    shaft.follow_command,
+    shaft.calc_effective_command_rpm,
+    shaft.calc_settled_rpm,
+    shaft.calc_dead_time_s,
+    shaft.step_shaft,
+    gate.step_gate,
     flow.step_flow,
     speed.step_speed,
     fall.step_fall,
-    scale.scale_reads,
+    scale.read_scale,
     heads.read_head,
-    forms.clipped,
-    term_step.remembered,
-    term_step.term_step,
+    forms.clip_value,
+    term_step.update_memory,
+    term_step.step_term,
 ):
-    jitable(_piece)
-for _value in forms.VALUES:
-    jitable(_value)
+    mark_compilable(_piece)
+for _value in forms.FORM_VALUES:
+    mark_compilable(_value)
 
 
-def _either(
+def _choose_form(
     number: int, value: Callable[..., float], others: Callable[..., float]
 ) -> Callable[..., float]:
     """Returns the value of the form with this number, or that of one of the others."""
@@ -92,20 +92,20 @@ def _either(
     def chosen(p: TermParams, x: float, y: float, slow: float) -> float:
         return value(p, x, y, slow) if p.form == number else others(p, x, y, slow)
 
-    return jitable(chosen)
+    return mark_compilable(chosen)
 
 
-@overload(term_step.value_of)
-def _value_of(p, x, y, slow):  # type: ignore[no-untyped-def]
+@overload(term_step.calc_form_value)
+def _overload_value(p, x, y, slow):  # type: ignore[no-untyped-def]
     """Returns the value of a form by a chain of comparisons, because compiled code has no list
     of functions."""
-    chosen = forms.VALUES[-1]
-    for number in reversed(range(len(forms.VALUES) - 1)):
-        chosen = _either(number, forms.VALUES[number], chosen)
+    chosen = forms.FORM_VALUES[-1]
+    for number in reversed(range(len(forms.FORM_VALUES) - 1)):
+        chosen = _choose_form(number, forms.FORM_VALUES[number], chosen)
     return lambda p, x, y, slow: chosen(p, x, y, slow)
 
 
-def _sources_of(run: Callable[..., Any]) -> str:
+def _hash_sources(run: Callable[..., Any]) -> str:
     """Returns a hash of everything that is compiled into a function: these files, and those of
     its own folder where that is another one. Constants of a module are not in the bytecode, so
     that numba's own key does not notice their change."""
@@ -119,44 +119,44 @@ def _sources_of(run: Callable[..., Any]) -> str:
     return _SOURCES
 
 
-def compiled(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[..., Any]:
+def compile_function(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[..., Any]:
     """Returns a function of numbers and arrays that is compiled when it is first called, and
     kept on disk where there is room.
 
     makes_arrays: False where it makes no arrays and passes none on: references are then not
     counted. Counting them at each step takes a stage four times as long as the step itself."""
-    apart = named_apart(run)
+    apart = rename_uniquely(run)
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": makes_arrays}
     dispatcher: Any = numba.njit(**options)(apart)
     # Without a writable folder it is compiled anew in each process.
     with contextlib.suppress(RuntimeError, OSError):
-        dispatcher._cache = KeptCode(apart, _sources_of(run))
+        dispatcher._cache = CompiledCodeCache(apart, _hash_sources(run))
     made: Callable[..., Any] = dispatcher
     return made
 
 
-def _compiled(run: Callable[..., Any]) -> Run:
-    return compiled(run)
+def _compile_run(run: Callable[..., Any]) -> Run:
+    return compile_function(run)
 
 
-def stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
+def compile_stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
     """Returns `over_log.over_log` of a step, compiled."""
-    return with_room(compiled(filling(step, exact), makes_arrays=False))
+    return allocate_output(compile_function(make_fill(step, exact), makes_arrays=False))
 
 
-shaft_run = stage_run(shaft.shaft_step, exact=True)
-gate_run = stage_run(gate.gate_step, exact=True)
-flow_run = stage_run(flow.step_flow)
-speed_run = stage_run(speed.step_speed)
-scale_run = _compiled(mapped(scale.scale_reads))
-heads_run = _compiled(mapped(heads.read_head))
-shaft_effort_run = _compiled(mapped(effort.shaft_effort))
-gate_effort_run = _compiled(mapped(effort.gate_effort))
-term_run = _compiled(term_step.over_rows(term_step.term_step))
+run_shaft = compile_stage_run(shaft.step_shaft, exact=True)
+run_gate = compile_stage_run(gate.step_gate, exact=True)
+run_flow = compile_stage_run(flow.step_flow)
+run_speed = compile_stage_run(speed.step_speed)
+run_scale = _compile_run(make_map_run(scale.read_scale))
+run_heads = _compile_run(make_map_run(heads.read_head))
+run_shaft_effort = _compile_run(make_map_run(effort.calc_shaft_effort))
+run_gate_effort = _compile_run(make_map_run(effort.calc_gate_effort))
+run_term = _compile_run(term_step.make_term_run(term_step.step_term))
 
 
-@compiled
-def remembered_run(keep: float, fresh: elements.Array) -> elements.Array:
+@compile_function
+def run_memory(keep: float, fresh: elements.Array) -> elements.Array:
     """Returns y[k] = keep y[k - 1] + fresh[k], with y before the first 0: (rows,)."""
     out = np.empty(len(fresh))
     y = 0.0
@@ -166,17 +166,17 @@ def remembered_run(keep: float, fresh: elements.Array) -> elements.Array:
     return out
 
 
-@compiled
-def table_run(nodes: elements.Table, values: elements.Table, at: elements.Array) -> elements.Array:
+@compile_function
+def run_table(nodes: elements.Table, values: elements.Table, at: elements.Array) -> elements.Array:
     """Evaluates a table over a log: (rows,)."""
     out = np.empty(len(at))
     for row in range(len(at)):
-        out[row] = elements.table_at(nodes, values, at[row])
+        out[row] = elements.interpolate_table(nodes, values, at[row])
     return out
 
 
-@compiled
-def flutes_run(
+@compile_function
+def run_flutes(
     p: flow.Flow,
     shaft_rpm: elements.Array,
     opening_mm: elements.Array,
@@ -185,10 +185,10 @@ def flutes_run(
     time_s: elements.Array,
     refilled: bool,
 ) -> elements.Array:
-    """Evaluates `flow.in_flutes` over a log, without its terms: (rows, 2)."""
+    """Evaluates `flow.calc_flute_load` over a log, without its terms: (rows, 2)."""
     out = np.empty((len(time_s), 2))
     for row in range(len(time_s)):
-        out[row, 0], out[row, 1] = flow.in_flutes(
+        out[row, 0], out[row, 1] = flow.calc_flute_load(
             p,
             shaft_rpm[row],
             opening_mm[row],

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .compiled import compiled, jitable, to_fixed_tuple
+from .compiled import compile_function, mark_compilable, to_fixed_tuple
 from .elements import LINE_SIZE, Array, DelayLine
 from .flow import Flow, FlowInput, FlowState, step_flow
-from .gate import Gate, GateInput, GateOutput, GateState, gate_step
-from .shaft import Shaft, ShaftInput, ShaftOutput, ShaftState, shaft_step
-from .term_sums import NOTHING, More
+from .gate import Gate, GateInput, GateOutput, GateState, step_gate
+from .shaft import Shaft, ShaftInput, ShaftOutput, ShaftState, step_shaft
+from .term_sums import NO_TERMS, TermTotals
 
 _OF_SHAFT, _OF_GATE, _OF_FLOW = len(Shaft._fields), len(Gate._fields), len(Flow._fields)
 # Numbers kept: time, speed, newest, in force of the shaft; time, driven, carried, travelled,
@@ -24,15 +24,15 @@ _OF_SHAFT, _OF_GATE, _OF_FLOW = len(Shaft._fields), len(Gate._fields), len(Flow.
 _KEPT, _OUT, _HOPPER, _SLOPE = 19, 10, 14, 18
 
 
-@jitable
-def _shaft_of(kept: Any, lines: Any) -> Any:
+@mark_compilable
+def _unpack_shaft(kept: Any, lines: Any) -> Any:
     return ShaftState(
         kept[0], kept[1], DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])), kept[_SLOPE]
     )
 
 
-@jitable
-def _gate_of(kept: Any, lines: Any) -> Any:
+@mark_compilable
+def _unpack_gate(kept: Any, lines: Any) -> Any:
     return GateState(
         kept[4],
         kept[5],
@@ -42,8 +42,8 @@ def _gate_of(kept: Any, lines: Any) -> Any:
     )
 
 
-@jitable
-def _keep(kept: Any, shaft: Any, gate: Any, turned: Any, stood: Any) -> None:
+@mark_compilable
+def _pack_states(kept: Any, shaft: Any, gate: Any, turned: Any, stood: Any) -> None:
     kept[0], kept[1], kept[2], kept[3] = (
         shaft.time_s,
         shaft.rpm,
@@ -66,8 +66,8 @@ def _keep(kept: Any, shaft: Any, gate: Any, turned: Any, stood: Any) -> None:
     )
 
 
-@compiled
-def drives_step(
+@compile_function
+def step_drives(
     of_shaft: Any,
     of_gate: Any,
     kept: Any,
@@ -84,16 +84,19 @@ def drives_step(
         Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
         Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
     )
-    shaft, turned = shaft_step(
-        shafts, _shaft_of(kept, lines), ShaftInput(rpm, kept[12], supply_v, more[0], more[1]), dt_s
+    shaft, turned = step_shaft(
+        shafts,
+        _unpack_shaft(kept, lines),
+        ShaftInput(rpm, kept[12], supply_v, more[0], more[1]),
+        dt_s,
     )
-    gate, stood = gate_step(gates, _gate_of(kept, lines), GateInput(opening_mm, more[2]), dt_s)
-    _keep(kept, shaft, gate, turned, stood)
+    gate, stood = step_gate(gates, _unpack_gate(kept, lines), GateInput(opening_mm, more[2]), dt_s)
+    _pack_states(kept, shaft, gate, turned, stood)
     return turned.rpm, stood.opening_mm
 
 
-@compiled
-def tick_steps(
+@compile_function
+def step_tick(
     of_shaft: Any,
     of_gate: Any,
     of_flow: Any,
@@ -114,15 +117,15 @@ def tick_steps(
         Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
     )
     flows = Flow(*to_fixed_tuple(of_flow, _OF_FLOW))
-    shaft, gate = _shaft_of(kept, lines), _gate_of(kept, lines)
+    shaft, gate = _unpack_shaft(kept, lines), _unpack_gate(kept, lines)
     hopper = FlowState(kept[14], kept[15], kept[16], kept[17])
     turned, stood = ShaftOutput(kept[10], kept[11]), GateOutput(kept[12], kept[13])
     total = 0.0
     for k in range(len(rpm)):
-        shaft, turned = shaft_step(
+        shaft, turned = step_shaft(
             shafts, shaft, ShaftInput(rpm[k], stood.opening_mm, supply_v, more[0], more[1]), dt_s
         )
-        gate, stood = gate_step(gates, gate, GateInput(opening_mm, more[2]), dt_s)
+        gate, stood = step_gate(gates, gate, GateInput(opening_mm, more[2]), dt_s)
         hopper, flow = step_flow(
             flows,
             hopper,
@@ -131,7 +134,7 @@ def tick_steps(
         )
         refill_kg = 0.0
         total += flow.flow_kg_s
-    _keep(kept, shaft, gate, turned, stood)
+    _pack_states(kept, shaft, gate, turned, stood)
     kept[14], kept[15], kept[16], kept[17] = (
         hopper.time_s,
         hopper.hopper_kg,
@@ -141,11 +144,11 @@ def tick_steps(
     return total / len(rpm)
 
 
-def _numbers(stage: Any) -> Array:
+def _make_numbers(stage: Any) -> Array:
     return np.array([float(value) for value in stage])
 
 
-class Ticked(NamedTuple):
+class TickResult(NamedTuple):
     """Holds the result of a tick."""
 
     flow_kg_s: float  # mean
@@ -163,7 +166,7 @@ class CompiledDrives:
         self._lines[:] = np.array(
             [shaft.line.times_s, shaft.line.values, gate.line.times_s, gate.line.values]
         )
-        _keep(
+        _pack_states(
             self._kept,
             shaft,
             gate,
@@ -175,18 +178,25 @@ class CompiledDrives:
         self._stages: tuple[Shaft, Gate, Flow | None] | None = None
         self._of_shaft = self._of_gate = self._of_flow = np.empty(0)
 
-    def of(self, shaft: Shaft, gate: Gate, flow: Flow | None = None) -> None:
+    def set_stages(self, shaft: Shaft, gate: Gate, flow: Flow | None = None) -> None:
         """Sets the stages from now on."""
         stages = shaft, gate, flow
         if stages != self._stages:
             self._stages = stages
-            self._of_shaft, self._of_gate, self._of_flow = (_numbers(one or ()) for one in stages)
+            self._of_shaft, self._of_gate, self._of_flow = (
+                _make_numbers(one or ()) for one in stages
+            )
 
-    def step(
-        self, rpm: float, opening_mm: float, supply_v: float, dt_s: float, more: More = NOTHING
+    def step_drives(
+        self,
+        rpm: float,
+        opening_mm: float,
+        supply_v: float,
+        dt_s: float,
+        more: TermTotals = NO_TERMS,
     ) -> tuple[float, float]:
         """Returns true speed, r/min, and opening, mm, at the end of a step of `dt_s`."""
-        found: tuple[float, float] = drives_step(
+        found: tuple[float, float] = step_drives(
             self._of_shaft,
             self._of_gate,
             self._kept,
@@ -199,18 +209,18 @@ class CompiledDrives:
         )
         return found
 
-    def tick(
+    def step_tick(
         self,
         rpm: tuple[float, ...],
         opening_mm: float,
         supply_v: float,
         pitch_deg: float,
         refill_kg: float,
-        more: More,
+        more: TermTotals,
         dt_s: float,
-    ) -> Ticked:
+    ) -> TickResult:
         """Runs as many steps of `dt_s` as there are commanded speeds."""
-        flow = tick_steps(
+        flow = step_tick(
             self._of_shaft,
             self._of_gate,
             self._of_flow,
@@ -231,7 +241,7 @@ class CompiledDrives:
             dt_s,
         )
         kept = self._kept.tolist()
-        return Ticked(
+        return TickResult(
             flow,
             ShaftOutput(kept[10], kept[11]),
             GateOutput(kept[12], kept[13]),

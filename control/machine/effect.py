@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, get_type_hints
 # Figures of the machine file, multiplied with each other, that a size may be a share of.
 SHAFT_RANGE = ("limits.shaft_high_rpm",)
 OPENING_RANGE = ("limits.opening_high_mm",)
-SLEW = ("gate.slew_mm_s",)
-HOPPER = ("flow.full_kg",)
+SLEW_RATE = ("gate.slew_mm_s",)
+HOPPER_CAPACITY = ("flow.full_kg",)
 # Mass of a revolution at full opening.
 FULL_REVOLUTION = ("flow.grams_per_rev_mm", *OPENING_RANGE)
 # Mass of a second at full opening and full speed.
@@ -53,12 +53,12 @@ class Effect:
     # unsigned.
     says: tuple[str, ...] = ()
 
-    def sentence(self, size: float) -> str:
+    def choose_sentence(self, size: float) -> str:
         """Returns what the machine does, for its owner; `{size}` is to be filled in."""
         return self.says[min(len(self.says) - 1, 0 if size >= 0.0 else 2 if size < -100.0 else 1)]
 
 
-class Entry(NamedTuple):
+class CatalogueEntry(NamedTuple):
     """Holds one catalogued effect: its parameter, its neutral value and its range on the nominal
     machine."""
 
@@ -70,7 +70,7 @@ class Entry(NamedTuple):
     effect: Effect
 
 
-def _bounds(marks: Iterable[Any]) -> tuple[float, float]:
+def _find_bounds(marks: Iterable[Any]) -> tuple[float, float]:
     low, high = -math.inf, math.inf
     for mark in marks:
         for part in getattr(mark, "metadata", ()):
@@ -79,19 +79,19 @@ def _bounds(marks: Iterable[Any]) -> tuple[float, float]:
     return low, high
 
 
-def catalogue(stages: dict[str, Any]) -> dict[str, Entry]:
+def make_catalogue(stages: dict[str, Any]) -> dict[str, CatalogueEntry]:
     """Returns every effect of the stages by id, read from their annotated parameters. There is
     no second list."""
     nominal = {name: stage() for name, stage in stages.items()}
-    found: dict[str, Entry] = {}
+    found: dict[str, CatalogueEntry] = {}
     for name, stage in stages.items():
         for field, hint in get_type_hints(stage, include_extras=True).items():
             marks = getattr(hint, "__metadata__", ())
             for mark in marks:
                 if isinstance(mark, Effect):
-                    low, high = mark.bounds or _bounds(marks)
+                    low, high = mark.bounds or _find_bounds(marks)
                     effect = replace(mark, unit=mark.unit.format(**nominal), unit_form=mark.unit)
-                    found[mark.id] = Entry(
+                    found[mark.id] = CatalogueEntry(
                         name, field, stage._field_defaults[field], low, high, effect
                     )
     return found

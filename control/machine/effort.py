@@ -138,8 +138,8 @@ class Effort(NamedTuple):
 
 
 # A run of a healthy machine gives these parameters; a later run may differ within the tolerance.
-OF_SHAFT = ("coulomb", "coulomb_back", "viscous", "viscous_back", "load")
-OF_GATE = ("gate_coulomb", "gate_coulomb_back", "gate_viscous", "gate_viscous_back")
+SHAFT_EFFORT_PARTS = ("coulomb", "coulomb_back", "viscous", "viscous_back", "load")
+GATE_EFFORT_PARTS = ("gate_coulomb", "gate_coulomb_back", "gate_viscous", "gate_viscous_back")
 
 
 # Parts of an effort: friction, drag, and the effort to gain speed.
@@ -154,7 +154,7 @@ class EffortInput(NamedTuple):
     packed_g_rev: float = 0.0  # that they would move if no outlet were closed
 
 
-def of_drive(
+def calc_drive_parts(
     coulomb: float,
     coulomb_back: float,
     viscous: float,
@@ -178,10 +178,10 @@ def of_drive(
     return more + coulomb, viscous * (1.0 + 0.01 * drag_percent) * speed, inertia * speed_per_s
 
 
-def shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
+def calc_shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
     """Returns the parts of a turning shaft at the nominal supply: its own three, and the
     material's load."""
-    friction, drag, gains = of_drive(
+    friction, drag, gains = calc_drive_parts(
         p.coulomb,
         p.coulomb_back,
         p.viscous,
@@ -200,26 +200,28 @@ def shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
     )
 
 
-def supply_factor(p: Effort, u: EffortInput) -> float:
+def calc_supply_factor(p: Effort, u: EffortInput) -> float:
     """Returns the factor on the effort at the nominal supply."""
     return 1.0 + p.by_supply * (u.supply_share - 1.0)
 
 
-def shaft_effort(p: Effort, u: EffortInput) -> float:
+def calc_shaft_effort(p: Effort, u: EffortInput) -> float:
     """Returns the effort of the metering shaft, before noise; 0 while it stands."""
-    return 0.0 if u.speed == 0.0 else max(0.0, sum(shaft_parts(p, u)) * supply_factor(p, u))
+    return (
+        0.0 if u.speed == 0.0 else max(0.0, sum(calc_shaft_parts(p, u)) * calc_supply_factor(p, u))
+    )
 
 
-def gate_effort(p: Effort, u: EffortInput) -> float:
+def calc_gate_effort(p: Effort, u: EffortInput) -> float:
     """Returns the effort of the gate, before noise; 0 while it stands."""
     return (
         0.0
         if u.speed == 0.0
         else max(
             0.0,
-            supply_factor(p, u)
+            calc_supply_factor(p, u)
             * sum(
-                of_drive(
+                calc_drive_parts(
                     p.gate_coulomb,
                     p.gate_coulomb_back,
                     p.gate_viscous,

@@ -12,7 +12,7 @@ Array = npt.NDArray[np.float64]
 
 Table = tuple[float, float, float, float, float, float, float, float]
 TABLE_X: Table = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
-FLAT: Table = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+FLAT_TABLE: Table = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # Number of stored changes of a signal: 2.5 s at 400 changes a second.
 LINE_SIZE = 1024
 
@@ -30,7 +30,7 @@ class DelayLine(NamedTuple):
     in_force: int  # the change in force at the time last asked for
 
 
-def start_line(value: float, time_s: float = -1e9) -> DelayLine:
+def make_line(value: float, time_s: float = -1e9) -> DelayLine:
     """Returns a line that has held `value` since `time_s`, in arrays."""
     return DelayLine(np.full(LINE_SIZE, time_s), np.full(LINE_SIZE, value), 0, 0)
 
@@ -103,7 +103,7 @@ def average_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine
     return DelayLine(line.times_s, line.values, line.newest, reading), float(mean)
 
 
-def table_at(x: Table, y: Table, at: float) -> float:
+def interpolate_table(x: Table, y: Table, at: float) -> float:
     """Interpolates linearly between (x, y), constant beyond the ends. Neutral: y all zero."""
     i = 0
     while i < len(x) - 2 and at > x[i + 1]:
@@ -112,7 +112,7 @@ def table_at(x: Table, y: Table, at: float) -> float:
     return y[i] + share * (y[i + 1] - y[i])
 
 
-def stepped(value: float, step: float) -> float:
+def round_to_step(value: float, step: float) -> float:
     """Rounds `value` to the nearest multiple of `step`; unchanged where `step` is 0."""
     if step <= 0.0:
         return value

@@ -12,7 +12,7 @@ falling singly  (0) each granule keeps the pace of its release. Material release
                 quicker shaft, lands first.
 
 `landing.falls_s` plays any share. Each gives the line of starts with its own running drop
-(`start.with_carried_share`).
+(`start.set_carried_share`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .effect import Effect
 # After this time without flow the tube is empty, s.
 EMPTY_TUBE_S = 2.0
 # Least drop time, s.
-SHORTEST_S = 1e-6
+MIN_DROP_S = 1e-6
 
 
 class Fall(NamedTuple):
@@ -201,7 +201,7 @@ class FallState(NamedTuple):
     filling_s: float
 
 
-def fall_start(time_s: float = 0.0) -> FallState:
+def make_fall_start(time_s: float = 0.0) -> FallState:
     return FallState(time_s, 2.0 * EMPTY_TUBE_S, 1e9)
 
 
@@ -216,7 +216,7 @@ def find_start_drop_s(p: Fall, shaft_rpm: float) -> float:
     return start_s if start_s > 0.0 else 0.0
 
 
-def drop_s(p: Fall, shaft_rpm: float) -> float:
+def calc_drop_s(p: Fall, shaft_rpm: float) -> float:
     """Returns the time from the roller of a running shaft to the ground, s, without the effects
     of the past.
 
@@ -241,7 +241,7 @@ def step_fall(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallSta
     if flowing and s.no_flow_s >= EMPTY_TUBE_S:
         filling = 0.0
     quiet = 0.0 if flowing else s.no_flow_s + dt_s
-    drop = drop_s(p, u.shaft_rpm) + p.latency_s + 0.5 * p.asymmetry_s * -u.change
+    drop = calc_drop_s(p, u.shaft_rpm) + p.latency_s + 0.5 * p.asymmetry_s * -u.change
     drop += p.first_fill_s * max(0.0, 1.0 - filling / EMPTY_TUBE_S)
     return FallState(s.time_s + dt_s, quiet, filling), max(0.0, drop)
 

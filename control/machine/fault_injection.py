@@ -15,7 +15,7 @@ _GRAMMAR = re.compile(
 )
 
 
-class Planted(NamedTuple):
+class PlantedEffect(NamedTuple):
     """Holds one planted effect."""
 
     id: str
@@ -24,7 +24,7 @@ class Planted(NamedTuple):
     member: int | None = None
 
 
-def parse_planted(text: str) -> Planted:
+def parse_planted(text: str) -> PlantedEffect:
     """Reads one `--effect`.
 
     Raises
@@ -49,10 +49,12 @@ def parse_planted(text: str) -> Planted:
         raise ValueError(f"effect {text!r}: SIZE and ONSET_S must be numbers") from None
     if CATALOGUE[effect_id].effect.onset_only:
         onset = onset or size
-    return Planted(effect_id, size, onset, int(match["member"]) if match["member"] else None)
+    return PlantedEffect(effect_id, size, onset, int(match["member"]) if match["member"] else None)
 
 
-def schedule(machine: Machine, planted: Sequence[Planted]) -> list[tuple[float, Machine]]:
+def schedule_effects(
+    machine: Machine, planted: Sequence[PlantedEffect]
+) -> list[tuple[float, Machine]]:
     """Returns (from_s, machine) in the order in which they come into force, the first at 0.
 
     Raises

@@ -11,9 +11,9 @@ from pydantic import Field
 from .effect import FULL_FLOW, FULL_REVOLUTION, Effect
 
 # Length of the time slots in which a bridge stands or not, s.
-SPELL_S = 12.0
+BRIDGE_SLOT_S = 12.0
 # A slower shaft stands, and the rollers do not carry the leaking material, r/min.
-STOPPED_RPM = 0.5
+STANDSTILL_RPM = 0.5
 
 
 class Flow(NamedTuple):
@@ -266,17 +266,17 @@ def make_flow_start(hopper_kg: float, time_s: float = 0.0) -> FlowState:
     return FlowState(time_s, hopper_kg, 0.0, 0.0)
 
 
-def bridged(time_s: float, percent_of_time: float) -> bool:
+def is_bridged(time_s: float, percent_of_time: float) -> bool:
     """Returns whether a bridge stands at `time_s`: slots of SPELL_S, closed by a fixed irregular
     pattern."""
     if percent_of_time <= 0.0:
         return False
-    slot = floor(time_s / SPELL_S)
+    slot = floor(time_s / BRIDGE_SLOT_S)
     irregular = sin(slot * 12.9898) * 43758.5453
     return (irregular - floor(irregular)) * 100.0 < percent_of_time
 
 
-def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
+def calc_grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
     """Returns the mass of a revolution in steady state on level ground with a full hopper, g:
     the invertible part of the model."""
     speed = shaft_rpm / p.full_rpm
@@ -285,7 +285,7 @@ def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
     return mass * (1.0 - lost / 100.0) if mass > 0.0 else 0.0
 
 
-def common_factor(
+def calc_common_factor(
     p: Flow,
     share_full: float,
     elapsed_s: float,
@@ -305,7 +305,7 @@ def common_factor(
     return (1.0 - lost / 100.0) * (1.0 + more / 100.0)
 
 
-def in_flutes(
+def calc_flute_load(
     p: Flow,
     shaft_rpm: float,
     opening_mm: float,
@@ -317,10 +317,12 @@ def in_flutes(
 ) -> tuple[float, float]:
     """Returns the load of the rollers, g a revolution: the moved mass, and the mass packed
     before closed outlets."""
-    if share_full <= 0.0 or (p.bridging_percent > 0.0 and bridged(elapsed_s, p.bridging_percent)):
+    if share_full <= 0.0 or (
+        p.bridging_percent > 0.0 and is_bridged(elapsed_s, p.bridging_percent)
+    ):
         return 0.0, 0.0
-    mass = grams_per_rev(p, shaft_rpm, opening_mm)
-    moved = mass * common_factor(p, share_full, elapsed_s, pitch_deg, more_percent, refilled)
+    mass = calc_grams_per_rev(p, shaft_rpm, opening_mm)
+    moved = mass * calc_common_factor(p, share_full, elapsed_s, pitch_deg, more_percent, refilled)
     return moved, mass * p.blocked_percent / 100.0
 
 
@@ -334,17 +336,17 @@ def step_flow(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
         hopper = p.full_kg
     if u.refill_kg > 0.0:
         refills += 1.0
-    flow = grams_per_rev(p, u.shaft_rpm, u.opening_mm) * u.shaft_rpm / 60_000.0
-    flow *= common_factor(
+    flow = calc_grams_per_rev(p, u.shaft_rpm, u.opening_mm) * u.shaft_rpm / 60_000.0
+    flow *= calc_common_factor(
         p, hopper / p.full_kg, s.time_s, u.pitch_deg, u.more_percent, refills > 0.0
     )
     if p.pulsation_percent != 0.0:
         flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
-    if u.shaft_rpm >= STOPPED_RPM:
+    if u.shaft_rpm >= STANDSTILL_RPM:
         flow += u.more_kg_s
-    if not flow > 0.0 or (p.bridging_percent > 0.0 and bridged(s.time_s, p.bridging_percent)):
+    if not flow > 0.0 or (p.bridging_percent > 0.0 and is_bridged(s.time_s, p.bridging_percent)):
         flow = 0.0
-    if u.shaft_rpm < STOPPED_RPM:
+    if u.shaft_rpm < STANDSTILL_RPM:
         flow += p.leak_kg_h / 3600.0
     if flow > hopper / dt_s:
         flow = hopper / dt_s

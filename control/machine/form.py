@@ -3,8 +3,8 @@ fitted. The forms: `forms`.
 
 **In the machine file**: its coefficients and their meaning. **Its value**: `value`, one function
 that is interpreted for a tick and compiled over a log, so plain arithmetic on numbers only. **In
-words**: `said`. **Fitted**: a form has a shape (nonlinear coefficients, each tried at several
-places and moved from there) and amplitudes, in which it is linear. Its columns are sums of
+words**: `find_numbers`. **Fitted**: a form has a shape (nonlinear coefficients, each tried at
+several places and moved from there) and amplitudes, in which it is linear. Its columns are sums of
 series over the rows; columns of many shapes share few series, so that the effect of a series on
 a channel is calculated once. Variables are fitted as z = (x - middle) / spread.
 """
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .elements import FLAT, TABLE_X, Array, Table
+from .elements import FLAT_TABLE, TABLE_X, Array, Table
 
 if TYPE_CHECKING:
     from .terms import Term
@@ -50,26 +50,26 @@ class TermParams(NamedTuple):
     tau_s: float = 0.0
     grows: float = 0.0
     nodes: Table = TABLE_X
-    values: Table = FLAT
+    values: Table = FLAT_TABLE
 
 
-# `compiled.term_run`, or the same interpreted.
+# `compiled.run_term`, or the same interpreted.
 TermRun = Callable[[TermParams, Array, Array, Array], Array]
 
 SHAFT_ANGLE = "shaft_angle_deg"
 ANGLES = ("heading_deg", SHAFT_ANGLE)
 
 # Quantiles of a variable, %, where a form may bend.
-QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)
+PLACE_QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)
 # Price of an amplitude where forms are ranked before their sizes have a prior, in twice the
 # log-likelihood.
-PER_AMPLITUDE = 4.0
+PRICE_PER_AMPLITUDE = 4.0
 # Step by which a place is moved, in spreads of the variable.
-STEP = 0.3
+SHAPE_STEP = 0.3
 
 
 @dataclass(frozen=True)
-class Scaled:
+class ScaledVariable:
     """Holds a variable for fitting. x: at the rows, limited to low and high (rows,). work: rows
     that count for where a form is tried (rows,). run: evaluates a form over a log."""
 
@@ -88,7 +88,7 @@ class Scaled:
         return np.asarray((self.x - self.middle) / self.spread)
 
     @property
-    def valid(self) -> tuple[float, float] | None:
+    def valid_range(self) -> tuple[float, float] | None:
         """Returns the range in which the variable was seen; None for angles, for the time, and
         where none is given."""
         return (
@@ -98,39 +98,41 @@ class Scaled:
         )
 
     @cached_property
-    def ends(self) -> tuple[float, float]:
+    def z_range(self) -> tuple[float, float]:
         """Returns the range of z."""
         low, high = np.percentile(self.z[self.work], (0.5, 99.5))
         return float(low), float(high)
 
     @cached_property
-    def knots(self) -> list[float]:
+    def candidate_places(self) -> list[float]:
         """Returns places in z where a form may bend: quantiles, and 0 where the variable changes
         its sign."""
-        found = np.percentile(self.z[self.work], QUANTILES)
+        found = np.percentile(self.z[self.work], PLACE_QUANTILES)
         zero = (0.0 - self.middle) / self.spread
         if found[0] < zero < found[-1]:
             found = np.append(found, zero)
         return [float(one) for one in np.unique(np.round(found, 6))]
 
-    def of(self, z: float) -> float:
+    def convert_from_z(self, z: float) -> float:
         """Converts a place in z to the variable's own unit."""
         return self.middle + self.spread * z
 
-    def stepped(self, params: TermParams) -> Array:
+    def evaluate_form(self, params: TermParams) -> Array:
         """Evaluates a form over z (rows,)."""
         z = np.ascontiguousarray(self.z)
         return self.run(params, z, z, self.time_s)
 
 
-def scaled(name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run: TermRun) -> Scaled:
+def scale_variable(
+    name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run: TermRun
+) -> ScaledVariable:
     """Returns a variable limited to its range in the rows that count."""
     low, q10, middle, q90, high = (
         float(v) for v in np.percentile(x[work], (0.5, 10, 50, 90, 99.5))
     )
     spread = max(0.5 * (q90 - q10), 1e-3 * (high - low), 1e-9)
     held = x if name in (*ANGLES, "time_s") else np.clip(x, low, high)
-    return Scaled(
+    return ScaledVariable(
         name, held, middle, spread, low, high if high > low else low + 1.0, work, time_s, run
     )
 
@@ -138,19 +140,19 @@ def scaled(name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run:
 class FormSeries(NamedTuple):
     """Defines a series over the rows: a function of one variable or two, and of a place."""
 
-    of: Callable[..., Array]
+    function: Callable[..., Array]
     over: tuple[str, ...]
     at: float = 0.0
 
-    def rows(self, by: Mapping[str, Scaled]) -> Array:
-        return self.of(*(by[name] for name in self.over), self.at)
+    def calc_rows(self, by: Mapping[str, ScaledVariable]) -> Array:
+        return self.function(*(by[name] for name in self.over), self.at)
 
 
 Shape = Mapping[str, float]
 Columns = tuple[dict[FormSeries, float], ...]  # of each column the weights of its series
 
 
-class Written(NamedTuple):
+class WrittenForm(NamedTuple):
     """Holds a fitted form as the machine file writes it."""
 
     form: str
@@ -159,7 +161,7 @@ class Written(NamedTuple):
     values: list[float] = []
 
 
-class SaidNumbers(NamedTuple):
+class SentenceNumbers(NamedTuple):
     """Holds the numbers of a sentence. changes: shown with sign and the term's unit. which:
     index of the form's sentence."""
 
@@ -182,27 +184,29 @@ class TriedForm(NamedTuple):
     @property
     def price(self) -> float:
         """Returns the penalty that ranks forms in a scan, in twice the log-likelihood."""
-        return PER_AMPLITUDE * len(self.columns) + 2.0 * float(np.log(self.places))
+        return PRICE_PER_AMPLITUDE * len(self.columns) + 2.0 * float(np.log(self.places))
 
-    def moved(self, shape: Shape, by: Mapping[str, Scaled]) -> TriedForm:
+    def change_shape(self, shape: Shape, by: Mapping[str, ScaledVariable]) -> TriedForm:
         """Returns the same form with another shape."""
         return self._replace(
-            shape=shape, columns=self.kind.columns(shape, by[self.over[0]], by[self.over[-1]])
+            shape=shape, columns=self.kind.make_columns(shape, by[self.over[0]], by[self.over[-1]])
         )
 
-    def rows(self, by: Mapping[str, Scaled]) -> Array:
+    def calc_rows(self, by: Mapping[str, ScaledVariable]) -> Array:
         """Returns its columns over the rows (amplitudes, rows)."""
         return np.array(
             [
-                sum(weight * series.rows(by) for series, weight in one.items())
+                sum(weight * series.calc_rows(by) for series, weight in one.items())
                 for one in self.columns
             ]
         )
 
-    def written(
-        self, amplitude: Sequence[float], level: float, by: Mapping[str, Scaled]
-    ) -> Written:
-        return self.kind.written(self.shape, amplitude, level, by[self.over[0]], by[self.over[-1]])
+    def write_form(
+        self, amplitude: Sequence[float], level: float, by: Mapping[str, ScaledVariable]
+    ) -> WrittenForm:
+        return self.kind.write_form(
+            self.shape, amplitude, level, by[self.over[0]], by[self.over[-1]]
+        )
 
 
 FORMS: dict[str, type[TermForm]] = {}  # in the order in which they are written
@@ -238,16 +242,16 @@ class TermForm:
             FORMS[form] = cls
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         """Returns its value without the level. slow: x, filtered with the time constant tau_s."""
         raise NotImplementedError
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         raise NotImplementedError
 
     @classmethod
-    def tried(cls, x: Scaled) -> list[TriedForm]:
+    def list_candidates(cls, x: ScaledVariable) -> list[TriedForm]:
         """Returns the form over one variable, at all places where it is searched."""
         if (
             (x.name not in cls.only_over)
@@ -255,39 +259,41 @@ class TermForm:
             else (x.name in ANGLES or x.name == "time_s")
         ):
             return []
-        shapes = cls.shapes(x)
+        shapes = cls.list_shapes(x)
         return [
-            TriedForm(cls, (x.name,), one, cls.columns(one, x, x), cls.places(x, len(shapes)))
+            TriedForm(
+                cls, (x.name,), one, cls.make_columns(one, x, x), cls.count_places(x, len(shapes))
+            )
             for one in shapes
         ]
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
         return [{}]
 
     @classmethod
-    def places(cls, x: Scaled, shapes: int) -> int:
+    def count_places(cls, x: ScaledVariable, shapes: int) -> int:
         """Returns how many different forms its shapes are: they share its prior."""
         return shapes
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
         raise NotImplementedError
 
     @classmethod
-    def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
+    def step_shape(cls, shape: Shape, name: str, steps: float, x: ScaledVariable) -> float:
         """Returns a part of the shape that many steps away."""
-        return shape[name] + STEP * steps
+        return shape[name] + SHAPE_STEP * steps
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         """Returns the file's coefficients for amplitudes `a` and a level."""
         raise NotImplementedError
 
     @classmethod
-    def written(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
-    ) -> Written:
-        return Written(cls.form, cls.coefficients(shape, a, level, x, y))
+    def write_form(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+    ) -> WrittenForm:
+        return WrittenForm(cls.form, cls.calc_coefficients(shape, a, level, x, y))

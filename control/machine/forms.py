@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from .elements import Array, table_at
+from .elements import Array, interpolate_table
 from .form import (
     ANGLES,
     FORMS,
     SHAFT_ANGLE,
     Columns,
     FormSeries,
-    SaidNumbers,
-    Scaled,
+    ScaledVariable,
+    SentenceNumbers,
     Shape,
     TermForm,
     TermParams,
     TriedForm,
-    Written,
+    WrittenForm,
 )
 
 if TYPE_CHECKING:
@@ -49,47 +49,47 @@ class Form(StrEnum):
 
 # Greatest number of nodes of a table. Places where forms are tried are so dense that a shape moved
 # from the nearest one reaches the best one.
-NODES = 8
-MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
+MAX_TABLE_NODES = 8
+CANDIDATE_MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 # Time constants, s, over which the direction of a variable's movement is determined.
-WAYS_S = (1.5, 5.0)
+DIRECTION_TAUS_S = (1.5, 5.0)
 # Difference that determines the direction, as a share of the variable's spread.
-WAY_SHARE = 0.1
+DIRECTION_SHARE = 0.1
 # Share of the variance along an axis below which there is none across it.
-ONE_AXIS = 0.03
+ONE_AXIS_SHARE = 0.03
 # Angle from an axis up to which the values along it hold, and from which on they do not, degrees.
-ALONG_DEG = (15.0, 30.0)
-CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
+AXIS_HOLDS_DEG = (15.0, 30.0)
+CANDIDATE_CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
 SPAN_EDGES = 24
 # Places of either edge of a span: it is known to some per cent of the log.
 SPAN_PLACES = 100
 # Smooth half-waves that a table is made of.
-WAVES = 4
+TABLE_WAVES = 4
 # Share of its size that a memory may leave when nothing changes any more.
-FORGETS = 0.2
+FORGETTING_SHARE = 0.2
 
 
 # -- straight lines and bends
 # ------------------------------------------------------------------------------------------
 
 
-def line(x: Scaled, at: float) -> Array:
+def make_line_series(x: ScaledVariable, at: float) -> Array:
     return x.z
 
 
-def hinge(x: Scaled, at: float) -> Array:
+def make_hinge_series(x: ScaledVariable, at: float) -> Array:
     return np.maximum(0.0, x.z - at)
 
 
-def ones(x: Scaled, at: float) -> Array:
+def make_ones_series(x: ScaledVariable, at: float) -> Array:
     return np.ones(len(x.x))
 
 
-def clipped(x: float, low: float, high: float) -> float:
+def clip_value(x: float, low: float, high: float) -> float:
     return min(high, max(low, x))
 
 
-class Slope(TermForm, form=Form.SLOPE):
+class SlopeForm(TermForm, form=Form.SLOPE):
     needs, may, main, each_unit = ("slope",), ("at", "level"), "slope", True
     means = "level + slope (x - at)"
     sentences = (
@@ -98,26 +98,26 @@ class Slope(TermForm, form=Form.SLOPE):
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         return p.slope * (x - p.at)
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         size = term.coefficients["slope"]
-        return SaidNumbers(numbers={"size": abs(size)}, which=int(size <= 0.0))
+        return SentenceNumbers(numbers={"size": abs(size)}, which=int(size <= 0.0))
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({FormSeries(line, (x.name,)): 1.0},)
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        return ({FormSeries(make_line_series, (x.name,)): 1.0},)
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {"slope": a[0] / x.spread, "at": x.middle, "level": level}
 
 
-class Bend(TermForm, form=Form.BEND):
+class BendForm(TermForm, form=Form.BEND):
     needs, may = ("bend",), ("slope", "at", "level")
     means = "level + slope (x - at) + bend (x - at)^2"
     sentences = (
@@ -126,25 +126,27 @@ class Bend(TermForm, form=Form.BEND):
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         away = x - p.at
         return p.slope * away + p.bend * away * away
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
         vertex = c.get("at", 0.0) - 0.5 * c.get("slope", 0.0) / c["bend"] if c["bend"] else 0.0
-        return SaidNumbers(
+        return SentenceNumbers(
             numbers={"size": abs(c["bend"]), "at": vertex}, which=int(c["bend"] <= 0.0)
         )
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return {FormSeries(line, (x.name,)): 1.0}, {FormSeries(times, (x.name, x.name)): 1.0}
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        return {FormSeries(make_line_series, (x.name,)): 1.0}, {
+            FormSeries(make_product_series, (x.name, x.name)): 1.0
+        }
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {
             "slope": a[0] / x.spread,
@@ -160,66 +162,68 @@ class _PlacedForm(TermForm):
     needs, may, movable = ("at",), ("below", "above", "level"), ("at",)
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
-        return [{"at": place} for place in x.knots]
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+        return [{"at": place} for place in x.candidate_places]
 
 
-class Hinge(_PlacedForm, form=Form.HINGE):
+class HingeForm(_PlacedForm, form=Form.HINGE):
     means = "level + below (x - at) where x is less than at, above (x - at) where it is more"
     sentences = (
         "{what} changes by {below} for each {per} of {x} below {at} {per}, by {above} above",
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         return (p.above if x > p.at else p.below) * (x - p.at)
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
-        return SaidNumbers(
+        return SentenceNumbers(
             {"below": c.get("below", 0.0), "above": c.get("above", 0.0)}, {"at": c["at"]}
         )
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return {FormSeries(line, (x.name,)): 1.0}, {FormSeries(hinge, (x.name,), shape["at"]): 1.0}
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        return {FormSeries(make_line_series, (x.name,)): 1.0}, {
+            FormSeries(make_hinge_series, (x.name,), shape["at"]): 1.0
+        }
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {
             "below": a[0] / x.spread,
             "above": (a[0] + a[1]) / x.spread,
-            "at": x.of(shape["at"]),
+            "at": x.convert_from_z(shape["at"]),
             "level": level + a[0] * shape["at"],
         }
 
 
-class _Ended(TermForm):
+class _EndedForm(TermForm):
     """Defines a form with a lower and an upper end."""
 
     needs, main = ("slope", "low_end", "high_end"), "slope"
     movable: ClassVar[tuple[str, ...]] = ("low_end", "high_end")
 
     @classmethod
-    def places(cls, x: Scaled, shapes: int) -> int:
-        return len(x.knots) ** 2 // 2
+    def count_places(cls, x: ScaledVariable, shapes: int) -> int:
+        return len(x.candidate_places) ** 2 // 2
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {
             "slope": a[0] / x.spread,
-            "low_end": x.of(shape["low_end"]),
-            "high_end": x.of(shape["high_end"]),
+            "low_end": x.convert_from_z(shape["low_end"]),
+            "high_end": x.convert_from_z(shape["high_end"]),
             "level": level,
         }
 
 
-class Saturation(_Ended, form=Form.SATURATION):
+class SaturationForm(_EndedForm, form=Form.SATURATION):
     means = "level + slope (x - low_end), x held between low_end and high_end"
     sentences = (
         "{what} changes by {size} for each {per} of {x} from {low} to {high} {per}, and no further",
@@ -227,77 +231,87 @@ class Saturation(_Ended, form=Form.SATURATION):
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
-        return p.slope * (clipped(x, p.low_end, p.high_end) - p.low_end)
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.slope * (clip_value(x, p.low_end, p.high_end) - p.low_end)
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
-        if c["low_end"] == 0.0 and term.acts_on == "shaft_rpm" and term.variables == ("shaft_rpm",):
-            return SaidNumbers({"size": c["slope"] * c["high_end"]}, which=1)
-        return SaidNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
+        if (
+            c["low_end"] == 0.0
+            and term.acts_on == "shaft_rpm"
+            and term.variable_names == ("shaft_rpm",)
+        ):
+            return SentenceNumbers({"size": c["slope"] * c["high_end"]}, which=1)
+        return SentenceNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
         """Returns shapes between every two places, and from an end of the range on."""
-        low, high = x.ends
+        low, high = x.z_range
         return [
             {"low_end": a, "high_end": b}
-            for a, b in combinations((low, *x.knots, high), 2)
+            for a, b in combinations((low, *x.candidate_places, high), 2)
             if a < b and (a, b) != (low, high)
         ]
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
         """Returns z limited to the ends, 0 where z is 0."""
         low, high = shape["low_end"], shape["high_end"]
         return (
             {
-                FormSeries(hinge, (x.name,), low): 1.0,
-                FormSeries(hinge, (x.name,), high): -1.0,
-                FormSeries(ones, (x.name,)): low - clipped(0.0, low, high),
+                FormSeries(make_hinge_series, (x.name,), low): 1.0,
+                FormSeries(make_hinge_series, (x.name,), high): -1.0,
+                FormSeries(make_ones_series, (x.name,)): low - clip_value(0.0, low, high),
             },
         )
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         low, high = shape["low_end"], shape["high_end"]
         return {
-            **super().coefficients(shape, a, level, x, y),
-            "level": level + a[0] * (low - clipped(0.0, low, high)),
+            **super().calc_coefficients(shape, a, level, x, y),
+            "level": level + a[0] * (low - clip_value(0.0, low, high)),
         }
 
 
-class Lost(Saturation):
+class LostConstantForm(SaturationForm):
     """Defines a constant that is lost from every command above 0: a saturation from there on. x:
     the commands as they are."""
 
     movable, has_level = (), False
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
         return [{}]
 
     @classmethod
-    def places(cls, x: Scaled, shapes: int) -> int:
+    def count_places(cls, x: ScaledVariable, shapes: int) -> int:
         return 1
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({FormSeries(since, (x.name,), float(np.min(x.x[x.work], initial=np.inf))): 1.0},)
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        return (
+            {
+                FormSeries(
+                    make_since_series, (x.name,), float(np.min(x.x[x.work], initial=np.inf))
+                ): 1.0
+            },
+        )
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         least = float(np.min(x.x[x.work], initial=abs(a[0]) + 1e-3))
         end = min(max(abs(a[0]), 1e-3), least)
         return {"slope": a[0] / end, "low_end": 0.0, "high_end": end}
 
 
-class DeadZone(_Ended, form=Form.DEAD_ZONE):
+class DeadZoneForm(_EndedForm, form=Form.DEAD_ZONE):
     means = "level between low_end and high_end, + slope for each unit beyond them"
     sentences = (
         "{what} changes by {size} for each {per} of {x} beyond {low} to {high} {per}, and "
@@ -305,27 +319,27 @@ class DeadZone(_Ended, form=Form.DEAD_ZONE):
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
-        return p.slope * (x - clipped(x, p.low_end, p.high_end))
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.slope * (x - clip_value(x, p.low_end, p.high_end))
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
-        return SaidNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
+        return SentenceNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
-        return [{"low_end": a, "high_end": b} for a, b in combinations(x.knots, 2)]
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+        return [{"low_end": a, "high_end": b} for a, b in combinations(x.candidate_places, 2)]
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
         low, high = shape["low_end"], shape["high_end"]
         return (
             {
-                FormSeries(line, (x.name,)): 1.0,
-                FormSeries(hinge, (x.name,), low): -1.0,
-                FormSeries(hinge, (x.name,), high): 1.0,
-                FormSeries(ones, (x.name,)): -low,
+                FormSeries(make_line_series, (x.name,)): 1.0,
+                FormSeries(make_hinge_series, (x.name,), low): -1.0,
+                FormSeries(make_hinge_series, (x.name,), high): 1.0,
+                FormSeries(make_ones_series, (x.name,)): -low,
             },
         )
 
@@ -336,26 +350,26 @@ class ThresholdForm(_PlacedForm, form=Form.THRESHOLD):
     sentences = ("{what} differs by {size} where {x} is above {at} {per}",)
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         return p.above if x > p.at else p.below
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
-        return SaidNumbers({"size": c.get("above", 0.0) - c.get("below", 0.0)}, {"at": c["at"]})
+        return SentenceNumbers({"size": c.get("above", 0.0) - c.get("below", 0.0)}, {"at": c["at"]})
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({FormSeries(beyond, (x.name,), shape["at"]): 1.0},)
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        return ({FormSeries(make_beyond_series, (x.name,), shape["at"]): 1.0},)
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
-        return {"above": a[0], "at": x.of(shape["at"]), "level": level}
+        return {"above": a[0], "at": x.convert_from_z(shape["at"]), "level": level}
 
 
-def beyond(x: Scaled, at: float) -> Array:
+def make_beyond_series(x: ScaledVariable, at: float) -> Array:
     return (x.z > at).astype(np.float64)
 
 
@@ -363,7 +377,7 @@ def beyond(x: Scaled, at: float) -> Array:
 # --------------------------------------------------------------------------------------------------
 
 
-def times(x: Scaled, y: Scaled, at: float) -> Array:
+def make_product_series(x: ScaledVariable, y: ScaledVariable, at: float) -> Array:
     return x.z * y.z
 
 
@@ -376,47 +390,49 @@ class ProductForm(TermForm, form=Form.PRODUCT):
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         return p.slope * (x - p.at) * (y - p.second_at)
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
-        return SaidNumbers(
+        return SentenceNumbers(
             {"size": c["slope"]}, {"at": c.get("at", 0.0), "at2": c.get("second_at", 0.0)}
         )
 
     @classmethod
-    def tried(cls, x: Scaled) -> list[TriedForm]:
+    def list_candidates(cls, x: ScaledVariable) -> list[TriedForm]:
         return []
 
     @classmethod
-    def tried_with(cls, x: Scaled, y: Scaled, alone: int = 2) -> list[TriedForm]:
+    def list_pair_candidates(
+        cls, x: ScaledVariable, y: ScaledVariable, alone: int = 2
+    ) -> list[TriedForm]:
         """Returns the product together with the separate effects of `alone` of its variables."""
         return [
-            TriedForm(cls, (x.name, y.name), one, cls.columns(one, x, y))
+            TriedForm(cls, (x.name, y.name), one, cls.make_columns(one, x, y))
             for one in ({}, {"alone": float(alone)})
         ]
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
         alone = (x, y)[: int(shape.get("alone", 0.0))]
         return (
-            *({FormSeries(line, (v.name,)): 1.0} for v in alone),
-            {FormSeries(times, (x.name, y.name)): 1.0},
+            *({FormSeries(make_line_series, (v.name,)): 1.0} for v in alone),
+            {FormSeries(make_product_series, (x.name, y.name)): 1.0},
         )
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         """Returns the coefficients with the square completed; the constant is subtracted from
         the level."""
         first, second, both = a[0] if len(a) > 1 else 0.0, a[1] if len(a) > 2 else 0.0, a[-1]
         return {
             "slope": both / (x.spread * y.spread),
-            "at": x.of(-second / both),
-            "second_at": y.of(-first / both),
+            "at": x.convert_from_z(-second / both),
+            "second_at": y.convert_from_z(-first / both),
             "level": level - first * second / both,
         }
 
@@ -425,14 +441,16 @@ class ProductForm(TermForm, form=Form.PRODUCT):
 # ---------------------------------------------------------------------------------
 
 
-def remembered(x: Scaled, tau_s: float) -> Array:
-    return x.stepped(TermParams(NUMBER[Form.MEMORY], bend=1.0, tau_s=tau_s))
+def make_memory_series(x: ScaledVariable, tau_s: float) -> Array:
+    return x.evaluate_form(TermParams(FORM_NUMBERS[Form.MEMORY], bend=1.0, tau_s=tau_s))
 
 
-def way(x: Scaled, tau_s: float) -> Array:
+def make_direction_series(x: ScaledVariable, tau_s: float) -> Array:
     """Returns the recent direction of z, -1 to 1."""
-    return x.stepped(
-        TermParams(NUMBER[Form.SIDE], above=1.0, below=-1.0, high_end=WAY_SHARE, tau_s=tau_s)
+    return x.evaluate_form(
+        TermParams(
+            FORM_NUMBERS[Form.SIDE], above=1.0, below=-1.0, high_end=DIRECTION_SHARE, tau_s=tau_s
+        )
     )
 
 
@@ -448,38 +466,42 @@ class MemoryForm(TermForm, form=Form.MEMORY):
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         return p.slope * (x - p.at) + p.bend * (slow - p.at)
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
         now, late = c.get("slope", 0.0), c["bend"]
-        forgets = abs(now + late) < FORGETS * max(abs(now), abs(late))
-        return SaidNumbers(
+        forgets = abs(now + late) < FORGETTING_SHARE * max(abs(now), abs(late))
+        return SentenceNumbers(
             {"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets)
         )
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
-        return [{"tau_s": tau_s, "alone": float(alone)} for tau_s in MEMORIES_S for alone in (0, 1)]
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+        return [
+            {"tau_s": tau_s, "alone": float(alone)}
+            for tau_s in CANDIDATE_MEMORIES_S
+            for alone in (0, 1)
+        ]
 
     @classmethod
-    def places(cls, x: Scaled, shapes: int) -> int:
-        return len(MEMORIES_S)
+    def count_places(cls, x: ScaledVariable, shapes: int) -> int:
+        return len(CANDIDATE_MEMORIES_S)
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        late = {FormSeries(remembered, (x.name,), shape["tau_s"]): 1.0}
-        return ({FormSeries(line, (x.name,)): 1.0}, late) if shape["alone"] else (late,)
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        late = {FormSeries(make_memory_series, (x.name,), shape["tau_s"]): 1.0}
+        return ({FormSeries(make_line_series, (x.name,)): 1.0}, late) if shape["alone"] else (late,)
 
     @classmethod
-    def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
+    def step_shape(cls, shape: Shape, name: str, steps: float, x: ScaledVariable) -> float:
         return float(shape[name] * 2.0**steps)
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {
             "slope": a[0] / x.spread if len(a) > 1 else 0.0,
@@ -490,7 +512,7 @@ class MemoryForm(TermForm, form=Form.MEMORY):
         }
 
 
-class Side(TermForm, form=Form.SIDE):
+class SideForm(TermForm, form=Form.SIDE):
     needs, may, positive = (
         ("high_end",),
         ("below", "above", "at", "tau_s", "level"),
@@ -508,36 +530,36 @@ class Side(TermForm, form=Form.SIDE):
     )
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         away = x - (slow if p.tau_s > 0.0 else p.at)
-        return 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * clipped(
+        return 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * clip_value(
             away / p.high_end, -1.0, 1.0
         )
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
-        return SaidNumbers(
+        return SentenceNumbers(
             {"size": c.get("above", 0.0) - c.get("below", 0.0)},
             which=int(c.get("tau_s", 0.0) > 0.0),
         )
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
-        return [{"tau_s": tau_s} for tau_s in WAYS_S]
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
+        return [{"tau_s": tau_s} for tau_s in DIRECTION_TAUS_S]
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({FormSeries(way, (x.name,), shape["tau_s"]): 1.0},)
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        return ({FormSeries(make_direction_series, (x.name,), shape["tau_s"]): 1.0},)
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {
             "above": a[0],
             "below": -a[0],
-            "high_end": WAY_SHARE * x.spread,
+            "high_end": DIRECTION_SHARE * x.spread,
             "tau_s": shape["tau_s"],
             "level": level,
         }
@@ -547,76 +569,78 @@ class Side(TermForm, form=Form.SIDE):
 # -----------------------------------------------------------------
 
 
-def sine(x: Scaled, cycles: float) -> Array:
+def make_sine_series(x: ScaledVariable, cycles: float) -> Array:
     return np.sin(cycles * np.radians(x.x))
 
 
-def cosine(x: Scaled, cycles: float) -> Array:
+def make_cosine_series(x: ScaledVariable, cycles: float) -> Array:
     return np.cos(cycles * np.radians(x.x))
 
 
-class Periodic(TermForm, form=Form.PERIODIC):
+class PeriodicForm(TermForm, form=Form.PERIODIC):
     needs, may, positive, only_over = ("cycles",), ("sine", "cosine", "level"), ("cycles",), ANGLES
     means = "level + sine sin(cycles x) + cosine cos(cycles x), x an angle"
     sentences = ("{what} swings by {size} {unit} to both sides, {count} times a turn of {x}",)
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         angle = p.cycles * x * pi / 180.0
         return p.sine * sin(angle) + p.cosine * cos(angle)
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
         size = (c.get("sine", 0.0) ** 2 + c.get("cosine", 0.0) ** 2) ** 0.5
-        return SaidNumbers(numbers={"size": size, "count": c["cycles"]})
+        return SentenceNumbers(numbers={"size": size, "count": c["cycles"]})
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
         """Returns cycles to try. Where all angles lie on one axis (up and down a field) sine and
         cosine cannot be separated: one cycle along that axis is tried, which says nothing about
         other headings."""
-        strengths, axes = np.linalg.eigh(np.cov([sine(x, 1.0)[x.work], cosine(x, 1.0)[x.work]]))
-        if strengths[0] < ONE_AXIS * strengths[1]:
+        strengths, axes = np.linalg.eigh(
+            np.cov([make_sine_series(x, 1.0)[x.work], make_cosine_series(x, 1.0)[x.work]])
+        )
+        if strengths[0] < ONE_AXIS_SHARE * strengths[1]:
             return [{"cycles": 1.0, "sine": float(axes[0, 1]), "cosine": float(axes[1, 1])}]
-        return [{"cycles": float(n)} for n in CYCLES[x.name]]
+        return [{"cycles": float(n)} for n in CANDIDATE_CYCLES[x.name]]
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
         first, second = (
-            FormSeries(sine, (x.name,), shape["cycles"]),
-            FormSeries(cosine, (x.name,), shape["cycles"]),
+            FormSeries(make_sine_series, (x.name,), shape["cycles"]),
+            FormSeries(make_cosine_series, (x.name,), shape["cycles"]),
         )
         if "sine" in shape:
-            return ({FormSeries(along_axis, (x.name,), axis_deg(shape)): 1.0},)
+            return ({FormSeries(make_axis_series, (x.name,), calc_axis_deg(shape)): 1.0},)
         return {first: 1.0}, {second: 1.0}
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {"cycles": shape["cycles"], "sine": a[0], "cosine": a[1], "level": level}
 
     @classmethod
-    def written(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
-    ) -> Written:
+    def write_form(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+    ) -> WrittenForm:
         """Writes a cycle along one axis as a table over the headings 0 to 360: the values along
         the axis in both directions, and the level where the machine was not driven."""
         if "sine" not in shape:
-            return super().written(shape, a, level, x, y)
-        nodes, values = two_ways(axis_deg(shape))
-        return Written(Form.TABLE, {}, nodes, [level + a[0] * value for value in values])
+            return super().write_form(shape, a, level, x, y)
+        nodes, values = make_two_way_table(calc_axis_deg(shape))
+        return WrittenForm(Form.TABLE, {}, nodes, [level + a[0] * value for value in values])
 
 
-def axis_deg(shape: Shape) -> float:
+def calc_axis_deg(shape: Shape) -> float:
     return float(np.degrees(np.arctan2(shape["sine"], shape["cosine"])))
 
 
-def two_ways(axis: float) -> tuple[list[float], list[float]]:
+def make_two_way_table(axis: float) -> tuple[list[float], list[float]]:
     """Returns a table over the headings 0 to 360: 1 along an axis (deg), -1 in the opposite
     direction, 0 across."""
-    inner, outer = ALONG_DEG
+    inner, outer = AXIS_HOLDS_DEG
     half_turns = int((axis + outer) // 180.0)
     # from -outer to 180 - outer: the way through north first, if one is
     axis -= 180.0 * half_turns
@@ -637,11 +661,11 @@ def two_ways(axis: float) -> tuple[list[float], list[float]]:
     ]
 
 
-def along_axis(x: Scaled, axis: float) -> Array:
-    return np.interp(x.x, *two_ways(axis))
+def make_axis_series(x: ScaledVariable, axis: float) -> Array:
+    return np.interp(x.x, *make_two_way_table(axis))
 
 
-def since(x: Scaled, at: float) -> Array:
+def make_since_series(x: ScaledVariable, at: float) -> Array:
     return (x.x >= at).astype(np.float64)
 
 
@@ -652,43 +676,43 @@ class SpanForm(TermForm, form=Form.SPAN):
     sentences = ("{what} is off by {size} from {begin} s to {end} s",)
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
         if not p.low_end <= x < p.high_end:
             return 0.0
         return p.above * ((x - p.low_end) / (p.high_end - p.low_end) if p.grows > 0.0 else 1.0)
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
+    def find_numbers(term: Term) -> SentenceNumbers:
         c = term.coefficients
-        return SaidNumbers(
+        return SentenceNumbers(
             {"size": c["above"]}, times_s={"begin": c["low_end"], "end": c["high_end"]}
         )
 
     @classmethod
-    def shapes(cls, x: Scaled) -> list[Shape]:
+    def list_shapes(cls, x: ScaledVariable) -> list[Shape]:
         edges = np.linspace(float(x.x[0]), float(x.x[-1]), SPAN_EDGES + 1)[1:-1]
         return [{"low_end": float(a), "high_end": float(b)} for a, b in combinations(edges, 2)]
 
     @classmethod
-    def places(cls, x: Scaled, shapes: int) -> int:
+    def count_places(cls, x: ScaledVariable, shapes: int) -> int:
         return SPAN_PLACES**2
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
         return (
             {
-                FormSeries(since, (x.name,), shape["low_end"]): 1.0,
-                FormSeries(since, (x.name,), shape["high_end"]): -1.0,
+                FormSeries(make_since_series, (x.name,), shape["low_end"]): 1.0,
+                FormSeries(make_since_series, (x.name,), shape["high_end"]): -1.0,
             },
         )
 
     @classmethod
-    def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
+    def step_shape(cls, shape: Shape, name: str, steps: float, x: ScaledVariable) -> float:
         return shape[name] + 0.5 * float(np.ptp(x.x)) / SPAN_EDGES * steps
 
     @classmethod
-    def coefficients(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    def calc_coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
     ) -> dict[str, float]:
         return {
             "low_end": shape["low_end"],
@@ -698,10 +722,10 @@ class SpanForm(TermForm, form=Form.SPAN):
         }
 
 
-def wave(x: Scaled, n: float) -> Array:
+def make_wave_series(x: ScaledVariable, n: float) -> Array:
     """Returns a half-wave as the file has it: straight lines between its values at the nodes."""
-    low, high = x.ends
-    share = np.linspace(0.0, 1.0, NODES)
+    low, high = x.z_range
+    share = np.linspace(0.0, 1.0, MAX_TABLE_NODES)
     return np.interp(x.z, low + (high - low) * share, np.cos(np.pi * n * share))
 
 
@@ -710,40 +734,43 @@ class TableForm(TermForm, form=Form.TABLE):
     sentences = ("{what} follows {x} in a curve of its own, from {low} to {high}",)
 
     @staticmethod
-    def value(p: TermParams, x: float, y: float, slow: float) -> float:
-        return float(table_at(p.nodes, p.values, x))
+    def calc_value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return float(interpolate_table(p.nodes, p.values, x))
 
     @staticmethod
-    def said(term: Term) -> SaidNumbers:
-        return SaidNumbers({"low": min(term.values), "high": max(term.values)})
+    def find_numbers(term: Term) -> SentenceNumbers:
+        return SentenceNumbers({"low": min(term.values), "high": max(term.values)})
 
     @classmethod
-    def places(cls, x: Scaled, shapes: int) -> int:
-        return WAVES
+    def count_places(cls, x: ScaledVariable, shapes: int) -> int:
+        return TABLE_WAVES
 
     @classmethod
-    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return tuple({FormSeries(wave, (x.name,), float(n)): 1.0} for n in range(1, WAVES + 1))
+    def make_columns(cls, shape: Shape, x: ScaledVariable, y: ScaledVariable) -> Columns:
+        return tuple(
+            {FormSeries(make_wave_series, (x.name,), float(n)): 1.0}
+            for n in range(1, TABLE_WAVES + 1)
+        )
 
     @classmethod
-    def written(
-        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
-    ) -> Written:
-        (low, high), share = x.ends, np.linspace(0.0, 1.0, NODES)
-        waves = np.array([np.cos(np.pi * n * share) for n in range(1, WAVES + 1)])
-        return Written(
+    def write_form(
+        cls, shape: Shape, a: Sequence[float], level: float, x: ScaledVariable, y: ScaledVariable
+    ) -> WrittenForm:
+        (low, high), share = x.z_range, np.linspace(0.0, 1.0, MAX_TABLE_NODES)
+        waves = np.array([np.cos(np.pi * n * share) for n in range(1, TABLE_WAVES + 1)])
+        return WrittenForm(
             Form.TABLE,
             {},
-            [x.of(low + (high - low) * one) for one in share.tolist()],
+            [x.convert_from_z(low + (high - low) * one) for one in share.tolist()],
             (level + np.asarray(a) @ waves).tolist(),
         )
 
 
-NUMBER: dict[str, int] = {form: k for k, form in enumerate(Form)}
-VALUES: tuple[Callable[[TermParams, float, float, float], float], ...] = tuple(
-    FORMS[form].value for form in Form
+FORM_NUMBERS: dict[str, int] = {form: k for k, form in enumerate(Form)}
+FORM_VALUES: tuple[Callable[[TermParams, float, float, float], float], ...] = tuple(
+    FORMS[form].calc_value for form in Form
 )
 
 
-def params(form: Form, **numbers: Any) -> TermParams:
-    return TermParams(NUMBER[form], **numbers)
+def make_params(form: Form, **numbers: Any) -> TermParams:
+    return TermParams(FORM_NUMBERS[form], **numbers)

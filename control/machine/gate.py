@@ -7,8 +7,8 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from .effect import OPENING_RANGE, SLEW, Effect
-from .elements import DelayLine, put_in_line, read_held_line, start_line
+from .effect import OPENING_RANGE, SLEW_RATE, Effect
+from .elements import DelayLine, make_line, put_in_line, read_held_line
 
 
 class Gate(NamedTuple):
@@ -108,7 +108,7 @@ class Gate(NamedTuple):
             "Large steps of the opening both ways.",
             probes=(0.5,),
             bounds=(-20.0, 19.5),
-            scales_with=SLEW,
+            scales_with=SLEW_RATE,
             says=(
                 "The gate moves {size} mm/s slower than it should.",
                 "The gate moves {size} mm/s faster than it should.",
@@ -154,10 +154,10 @@ class GateOutput(NamedTuple):
 
 def make_gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
     """Returns a gate that stands at `opening_mm` with that command for ever."""
-    return GateState(time_s, opening_mm, opening_mm, 0.0, start_line(opening_mm))
+    return GateState(time_s, opening_mm, opening_mm, 0.0, make_line(opening_mm))
 
 
-def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
+def step_gate(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
     """Advances the gate by one step of `dt_s` with the command held; the outputs are those at
     its end."""
     line = put_in_line(s.line, s.time_s, u.command_mm)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from .machine import CATALOGUE, Change, Machine, Resized
 
 
-def noted(
+def append_history(
     before: Machine, after: Machine, *, data: str = "", sha256: str = "", date: str = ""
 ) -> Machine:
     """Returns `after` with the changed effects and terms appended to its history."""
@@ -16,18 +16,18 @@ def noted(
         date=date,
         data=data,
         sha256=sha256,
-        effects=tuple(_resized(before, after)),
+        effects=tuple(_find_resized(before, after)),
         terms=tuple(term for term in after.terms if term.id not in had),
     )
     return after.model_copy(update={"history": (*after.history, change)})
 
 
-def last_change(machine: Machine) -> Change | None:
+def find_last_change(machine: Machine) -> Change | None:
     """Returns the newest change that was not undone."""
     return next((one for one in reversed(machine.history) if not one.undone), None)
 
 
-def undone(machine: Machine, *, date: str = "") -> Machine:
+def undo_last_change(machine: Machine, *, date: str = "") -> Machine:
     """Returns the machine with its last change undone; the history keeps it, with the day.
 
     An effect that was changed by hand since keeps that: only the change itself is subtracted.
@@ -35,7 +35,7 @@ def undone(machine: Machine, *, date: str = "") -> Machine:
     Raises
     ------
     ValueError : nothing is left to undo."""
-    last = last_change(machine)
+    last = find_last_change(machine)
     if last is None:
         raise ValueError(
             f"machine {machine.id}: history: nothing to take back: only what a diagnosis "
@@ -67,7 +67,7 @@ def undone(machine: Machine, *, date: str = "") -> Machine:
     )
 
 
-def _resized(before: Machine, after: Machine) -> Iterator[Resized]:
+def _find_resized(before: Machine, after: Machine) -> Iterator[Resized]:
     """Yields the effects whose size differs."""
     for effect_id, entry in CATALOGUE.items():
         old, new = (

@@ -25,10 +25,10 @@ from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
-SUM_BYTES = hashlib.sha256().digest_size
+CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
-def named_apart(run: Callable[..., Any]) -> Callable[..., Any]:
+def rename_uniquely(run: Callable[..., Any]) -> Callable[..., Any]:
     """Returns the same function under a name that includes its closure: two variants of one
     source would otherwise have one symbol, and in one process the first one's code would run for
     both."""
@@ -46,7 +46,7 @@ def named_apart(run: Callable[..., Any]) -> Callable[..., Any]:
     return made
 
 
-class KeptCode(FunctionCache):
+class CompiledCodeCache(FunctionCache):
     """Caches the code of one function. Raises RuntimeError where no folder can be written."""
 
     def __init__(self, run: Callable[..., Any], sources: str) -> None:
@@ -54,13 +54,13 @@ class KeptCode(FunctionCache):
         super().__init__(run)  # type: ignore[no-untyped-call]
         self._sources = sources
 
-    def key(self, signature: Any, codegen: Any) -> bytes:
+    def make_entry_key(self, signature: Any, codegen: Any) -> bytes:
         """Returns the key of an entry: types of arguments, processor, code, closure, sources,
         versions."""
         of_numba = self._index_key(signature, codegen)  # type: ignore[no-untyped-call]
         return repr((of_numba, self._sources, numba.__version__, sys.version_info[:3])).encode()
 
-    def path(self, key: bytes) -> Path:
+    def make_entry_path(self, key: bytes) -> Path:
         return (
             Path(self._cache_path)
             / f"{self._impl.filename_base}.{hashlib.sha256(key).hexdigest()[:24]}.code"
@@ -71,16 +71,16 @@ class KeptCode(FunctionCache):
         removed."""
         # Cached code needs only this; compiling loads the rest itself.
         rtsys.initialize(target_context)
-        key = self.key(signature, target_context.codegen())
-        path = self.path(key)
+        key = self.make_entry_key(signature, target_context.codegen())
+        path = self.make_entry_path(key)
         try:
             data = path.read_bytes()
         except OSError:
             return None
         try:
-            if hashlib.sha256(key + data[SUM_BYTES:]).digest() != data[:SUM_BYTES]:
+            if hashlib.sha256(key + data[CHECKSUM_BYTES:]).digest() != data[:CHECKSUM_BYTES]:
                 raise ValueError("not as it was written")
-            return self._impl.rebuild(target_context, pickle.loads(data[SUM_BYTES:]))
+            return self._impl.rebuild(target_context, pickle.loads(data[CHECKSUM_BYTES:]))
         # Reading foreign bytes may raise anything: the function is then compiled.
         except Exception:
             with contextlib.suppress(OSError):
@@ -91,8 +91,8 @@ class KeptCode(FunctionCache):
         """Saves an entry completely or not at all. Without room or rights it is not kept."""
         if not self._impl.check_cachable(compiled):
             return
-        key = self.key(signature, compiled.codegen)
-        path = self.path(key)
+        key = self.make_entry_key(signature, compiled.codegen)
+        path = self.make_entry_path(key)
         data = dumps(self._impl.reduce(compiled))
         part = path.with_name(f"{path.name}.{uuid.uuid4().hex[:12]}.part")
         try:

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .elements import Array
-from .fall import SHORTEST_S
+from .fall import MIN_DROP_S
 
 # Bisection steps of the longest drop time: 2 s to a nanosecond.
-HALVINGS = 30
+BISECTION_STEPS = 30
 
 
 class LandedGround(NamedTuple):
@@ -21,20 +21,20 @@ class LandedGround(NamedTuple):
     bin_m: float
     mass_kg: Array
 
-    def centres_m(self) -> Array:
+    def calc_centres_m(self) -> Array:
         return np.asarray(
             self.origin_m + self.bin_m * (np.arange(len(self.mass_kg)) + 0.5), dtype=np.float64
         )
 
 
-def carried_s(time_s: Array, settled_s: Array) -> Array:
+def calc_carried_s(time_s: Array, settled_s: Array) -> Array:
     """Returns the time to the ground of material released at each time, (n,) s, where the stream
     in the tube sets its pace.
 
     time_s: (n,) rising; settled_s: (n,) drop time at the shaft speed of that time, held to the
     next. At every moment all falling material moves by dt / settled_s of its way. Nothing
     overtakes. After the end the last pace holds."""
-    pace = 1.0 / np.maximum(settled_s, SHORTEST_S)
+    pace = 1.0 / np.maximum(settled_s, MIN_DROP_S)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) * pace[:-1])])
     beyond = 1.0 / pace[-1]
     lands = np.interp(
@@ -43,16 +43,16 @@ def carried_s(time_s: Array, settled_s: Array) -> Array:
     return np.asarray(lands - time_s, dtype=np.float64)
 
 
-def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Array:
+def calc_fall_times_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Array:
     """Returns the time to the ground of material released at each time, (n,) s, where the stream
     sets a share of its pace.
 
     A granule has landed when the integral of share / settled_s(of the moment) + (1 - share) /
-    settled_s(of its release) is 1: `carried_s` at a share of 1; at 0 each falls by itself, and
+    settled_s(of its release) is 1: `calc_carried_s` at a share of 1; at 0 each falls by itself, and
     those of a quicker shaft overtake."""
     if carried_share >= 1.0:
-        return carried_s(time_s, settled_s)
-    own = np.maximum(settled_s, SHORTEST_S)
+        return calc_carried_s(time_s, settled_s)
+    own = np.maximum(settled_s, MIN_DROP_S)
     if carried_share <= 0.0:
         return np.asarray(own, dtype=np.float64)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) / own[:-1])])
@@ -60,7 +60,7 @@ def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Arra
     last = np.append(time_s, time_s[-1] + 1e3 * own[-1])
     ways = np.append(way, way[-1] + 1e3)
     low, high = np.zeros(len(own)), np.full(len(own), float(own.max()))
-    for _ in range(HALVINGS):
+    for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)
         gone = (
             carried_share * (np.interp(time_s + middle, last, ways) - way)
@@ -70,7 +70,7 @@ def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Arra
     return np.asarray(0.5 * (low + high), dtype=np.float64)
 
 
-def landed(
+def bin_landings(
     time_s: Array,
     track_m: Array,
     mass_kg: Array,
@@ -99,11 +99,13 @@ def landed(
     origin = (np.floor(min(place.min(), following.min()) / bin_m) - 1.0) * bin_m
     count = int(np.ceil((max(place.max(), following.max()) - origin) / bin_m)) + 2
     return LandedGround(
-        float(origin), bin_m, _spread(place, following, mass_kg, float(origin), bin_m, count)
+        float(origin), bin_m, _spread_mass(place, following, mass_kg, float(origin), bin_m, count)
     ), place
 
 
-def _spread(a: Array, b: Array, mass_kg: Array, origin: float, bin_m: float, count: int) -> Array:
+def _spread_mass(
+    a: Array, b: Array, mass_kg: Array, origin: float, bin_m: float, count: int
+) -> Array:
     low, high = np.minimum(a, b), np.maximum(a, b)
     first = np.floor((low - origin) / bin_m).astype(np.int64)
     last = np.minimum(np.floor((high - origin) / bin_m).astype(np.int64), count - 1)

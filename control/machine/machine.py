@@ -9,14 +9,14 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 from topdress.control.frozen_model import FrozenModel
 
-from .effect import Entry, catalogue
+from .effect import CatalogueEntry, make_catalogue
 from .effort import Effort
 from .fall import Fall
 from .flow import Flow
 from .gate import Gate
 from .heads import Heads
 from .scale import Scale
-from .sections import MOST_SECTIONS, Section, SectionStrip, strips, trouble_of
+from .sections import MAX_SECTIONS, Section, SectionStrip, find_section_fault, make_section_strips
 from .shaft import Shaft
 from .speed import Speed
 from .terms import OLD_NOTE, Number, Term
@@ -31,7 +31,7 @@ STAGES: dict[str, Any] = {
     "fall": Fall,
     "effort": Effort,
 }
-CATALOGUE: dict[str, Entry] = catalogue(STAGES)
+CATALOGUE: dict[str, CatalogueEntry] = make_catalogue(STAGES)
 
 # Ranges of any machine: the widest booms and discs spread 54 m, the smallest bench has one row.
 Width = Annotated[float, Field(ge=0.1, le=60)]
@@ -44,7 +44,7 @@ Share = Annotated[float, Field(ge=1e-6, le=100)]  # %
 Seconds = Annotated[float, Field(ge=1e-6, le=60)]
 Member = Annotated[int, Field(ge=1, le=100)]  # a head or an outlet
 # Limits of a file that many diagnoses have changed.
-MOST_TERMS, MOST_ENTRIES = 100, 2000
+MAX_TERMS, MAX_ENTRIES = 100, 2000
 
 
 StageName = Literal["shaft", "gate", "flow", "scale", "speed", "heads", "effort"]
@@ -150,8 +150,8 @@ class Change(FrozenModel):
     date: str = ""
     data: str = ""
     sha256: str = ""
-    effects: Annotated[tuple[Resized, ...], Field(max_length=MOST_TERMS)] = ()
-    terms: Annotated[tuple[Term, ...], Field(max_length=MOST_TERMS)] = ()
+    effects: Annotated[tuple[Resized, ...], Field(max_length=MAX_TERMS)] = ()
+    terms: Annotated[tuple[Term, ...], Field(max_length=MAX_TERMS)] = ()
     undone: str = ""
 
 
@@ -180,18 +180,18 @@ class Machine(FrozenModel):
     noise: Noise = Noise()
     tolerance: Tolerance = Tolerance()
     # left to right; none: one whole
-    sections: Annotated[tuple[Section, ...], Field(max_length=MOST_SECTIONS)] = ()
-    terms: Annotated[tuple[Term, ...], Field(max_length=MOST_TERMS)] = ()
-    adopted: Annotated[tuple[Adopted, ...], Field(max_length=MOST_ENTRIES)] = ()
-    history: Annotated[tuple[Change, ...], Field(max_length=MOST_ENTRIES)] = ()
+    sections: Annotated[tuple[Section, ...], Field(max_length=MAX_SECTIONS)] = ()
+    terms: Annotated[tuple[Term, ...], Field(max_length=MAX_TERMS)] = ()
+    adopted: Annotated[tuple[Adopted, ...], Field(max_length=MAX_ENTRIES)] = ()
+    history: Annotated[tuple[Change, ...], Field(max_length=MAX_ENTRIES)] = ()
 
     @model_validator(mode="after")
-    def _agree(self) -> Machine:
+    def _check_consistency(self) -> Machine:
         if self.limits.shaft_low_rpm >= self.limits.shaft_high_rpm:
             raise ValueError("limits.shaft_low_rpm must be below limits.shaft_high_rpm")
         if self.limits.opening_low_mm >= self.limits.opening_high_mm:
             raise ValueError("limits.opening_low_mm must be below limits.opening_high_mm")
-        if self.shaft.zero_stops <= 0.0 and self.has("flow"):
+        if self.shaft.zero_stops <= 0.0 and self.has_stage("flow"):
             raise PydanticCustomError(
                 "size_of_effect",
                 "{allowed}",
@@ -201,7 +201,7 @@ class Machine(FrozenModel):
                     "must stop it; 0 of one whose stages are [shaft]",
                 },
             )
-        if -105.0 < self.shaft.gain_percent < -95.0 and self.has("flow"):
+        if -105.0 < self.shaft.gain_percent < -95.0 and self.has_stage("flow"):
             raise PydanticCustomError(
                 "size_of_effect",
                 "{allowed}",
@@ -212,13 +212,13 @@ class Machine(FrozenModel):
                     "hardly turns it",
                 },
             )
-        trouble = trouble_of(self.sections, self.geometry.outlets)
+        trouble = find_section_fault(self.sections, self.geometry.outlets)
         if trouble:
             raise PydanticCustomError(
                 "size_of_effect", "{allowed}", {"wrong_key": ("sections",), "allowed": trouble}
             )
         for effect_id, entry in CATALOGUE.items():
-            low, high = bounds(effect_id, self)
+            low, high = find_size_bounds(effect_id, self)
             value = getattr(getattr(self, entry.stage), entry.field)
             if not low <= value - entry.neutral <= high:
                 raise PydanticCustomError(
@@ -226,7 +226,7 @@ class Machine(FrozenModel):
                     "{allowed}",
                     {
                         "wrong_key": (entry.stage, entry.field),
-                        "allowed": allowed_sizes(effect_id, self),
+                        "allowed": describe_allowed_sizes(effect_id, self),
                     },
                 )
         ids = [term.id for term in self.terms]
@@ -239,7 +239,7 @@ class Machine(FrozenModel):
                 )
         return self
 
-    def has(self, stage: str) -> bool:
+    def has_stage(self, stage: str) -> bool:
         """Returns whether the machine has a stage: others are neither needed nor reported.
         `gate_effort`: the gate's drive reports its effort, `effort` the shaft's."""
         if stage in ("effort", "gate_effort"):
@@ -249,18 +249,18 @@ class Machine(FrozenModel):
         return not self.stages or stage in self.stages
 
     @property
-    def switched(self) -> tuple[SectionStrip, ...]:
+    def switched_strips(self) -> tuple[SectionStrip, ...]:
         """Returns the strips of the sections with valves, left to right; empty for a machine
         without sections."""
         if not self.sections or self.sections[0].valve is None:
             return ()
-        return strips(self.sections, self.geometry.working_width_m)
+        return make_section_strips(self.sections, self.geometry.working_width_m)
 
     @property
     def tube_is_settled(self) -> bool:
         """Returns whether somebody has measured how far the air stream sets the pace in the
         tube."""
-        return self.tolerance.carried_share <= SETTLED_SHARE
+        return self.tolerance.carried_share <= SETTLED_TUBE_SD
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -271,9 +271,9 @@ class Machine(FrozenModel):
 
 
 # Tolerance of the carried share up to which the tube counts as measured.
-SETTLED_SHARE = 0.2
+SETTLED_TUBE_SD = 0.2
 # The defaults of its parts; not validated, because validation needs this constant.
-NOMINAL = Machine.model_construct()
+NOMINAL_MACHINE = Machine.model_construct()
 
 
 def scale_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
@@ -281,52 +281,53 @@ def scale_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
     of the nominal machine's."""
     share = 1.0
     for figure in figures:
-        share *= _figure(machine, figure) / _figure(NOMINAL, figure)
+        share *= _read_figure(machine, figure) / _read_figure(NOMINAL_MACHINE, figure)
     return share
 
 
-def _figure(machine: Machine, name: str) -> float:
+def _read_figure(machine: Machine, name: str) -> float:
     value: Any = machine
     for part in name.split("."):
         value = getattr(value, part)
     return float(value)
 
 
-class Bounds(NamedTuple):
+class SizeBounds(NamedTuple):
     """Holds the range of an effect's size, in its unit."""
 
     low: float
     high: float
 
 
-def size_scale(effect_id: str, machine: Machine) -> float:
+def calc_size_scale(effect_id: str, machine: Machine) -> float:
     """Returns the factor of this machine on the bounds and tried sizes of an effect on the
     nominal machine."""
     return scale_nominal(machine, CATALOGUE[effect_id].effect.scales_with)
 
 
-def bounds(effect_id: str, machine: Machine) -> Bounds:
+def find_size_bounds(effect_id: str, machine: Machine) -> SizeBounds:
     """Returns the range of an effect's size on a machine. Raises KeyError for an id that is not
     catalogued."""
-    entry, scale = CATALOGUE[effect_id], size_scale(effect_id, machine)
-    return Bounds(scale * (entry.low - entry.neutral), scale * (entry.high - entry.neutral))
+    entry, scale = CATALOGUE[effect_id], calc_size_scale(effect_id, machine)
+    return SizeBounds(scale * (entry.low - entry.neutral), scale * (entry.high - entry.neutral))
 
 
-def unit_of(effect_id: str, machine: Machine) -> str:
+def describe_unit(effect_id: str, machine: Machine) -> str:
     """Returns the unit of an effect's size on a machine: it may contain a figure of its file."""
     return CATALOGUE[effect_id].effect.unit_form.format(
         **{name: getattr(machine, name) for name in STAGES}
     )
 
 
-def allowed_sizes(effect_id: str, machine: Machine) -> str:
+def describe_allowed_sizes(effect_id: str, machine: Machine) -> str:
     """Returns the allowed sizes in words: "allowed 0 to 390 r/min where limits.shaft_high_rpm is
     650"."""
-    low, high = bounds(effect_id, machine)
+    low, high = find_size_bounds(effect_id, machine)
     figures = [
-        f"{name} is {_figure(machine, name):g}" for name in CATALOGUE[effect_id].effect.scales_with
+        f"{name} is {_read_figure(machine, name):g}"
+        for name in CATALOGUE[effect_id].effect.scales_with
     ]
-    return f"allowed {low:g} to {high:g} {unit_of(effect_id, machine)}" + (
+    return f"allowed {low:g} to {high:g} {describe_unit(effect_id, machine)}" + (
         f" where {' and '.join(figures)}" if figures else ""
     )
 
@@ -340,9 +341,11 @@ def add_effect(machine: Machine, effect_id: str, size: float, member: int | None
     KeyError : the id is not catalogued.
     ValueError : size or member are out of the machine's bounds."""
     entry = CATALOGUE[effect_id]
-    low, high = bounds(effect_id, machine)
+    low, high = find_size_bounds(effect_id, machine)
     if not entry.effect.onset_only and not low <= size <= high:
-        raise ValueError(f"{effect_id}: size {size:g}: {allowed_sizes(effect_id, machine)}")
+        raise ValueError(
+            f"{effect_id}: size {size:g}: {describe_allowed_sizes(effect_id, machine)}"
+        )
     value = 1.0 if entry.effect.onset_only else entry.neutral + size
     changes: dict[str, float] = {entry.field: value}
     if entry.effect.member_field:

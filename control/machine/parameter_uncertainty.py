@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .machine import Machine, add_effect
-from .start import with_carried_share
+from .start import set_carried_share
 
 # Amplitude of the sum of six outlets, %; a single straight-fluted roller gives more.
 PULSATION_PERCENT = 5.0
@@ -18,24 +18,27 @@ FIRST_FILL_S = 0.86
 # Additional lag of the field over the rig, s (lag paper, tables 1 and 4: 0.32 s at 4.50 km/h).
 FIELD_LAG_S = 0.3
 # Factor on all times of a slow drive: cold grease, a weak supply.
-SLOWER = 1.2
+SLOW_DRIVE_FACTOR = 1.2
 
 
-def _slow_drives(machine: Machine) -> Machine:
+def _make_slow_drives(machine: Machine) -> Machine:
     shaft, gate = machine.shaft, machine.gate
     shaft = shaft._replace(
-        dead_time_s=SLOWER * shaft.dead_time_s,
-        time_constant_s=SLOWER * shaft.time_constant_s,
-        acceleration_rpm_s=shaft.acceleration_rpm_s / SLOWER,
+        dead_time_s=SLOW_DRIVE_FACTOR * shaft.dead_time_s,
+        time_constant_s=SLOW_DRIVE_FACTOR * shaft.time_constant_s,
+        acceleration_rpm_s=shaft.acceleration_rpm_s / SLOW_DRIVE_FACTOR,
     )
-    gate = gate._replace(dead_time_s=SLOWER * gate.dead_time_s, slew_mm_s=gate.slew_mm_s / SLOWER)
+    gate = gate._replace(
+        dead_time_s=SLOW_DRIVE_FACTOR * gate.dead_time_s,
+        slew_mm_s=gate.slew_mm_s / SLOW_DRIVE_FACTOR,
+    )
     return machine.model_copy(update={"shaft": shaft, "gate": gate})
 
 
-PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
-    "carried_along": lambda machine: with_carried_share(machine, 1.0),
-    "singly": lambda machine: with_carried_share(machine, 0.0),
-    "between": lambda machine: with_carried_share(machine, 0.5),
+PLAUSIBLE_MACHINES: dict[str, Callable[[Machine], Machine]] = {
+    "carried_along": lambda machine: set_carried_share(machine, 1.0),
+    "singly": lambda machine: set_carried_share(machine, 0.0),
+    "between": lambda machine: set_carried_share(machine, 0.5),
     # What a start takes may be the first fill of an empty tube, all of it but the free fall
     # from an outlet 0.5 m up: 0 to 0.86 s of the 1.18 to 1.75 s (docs/decisions/0005). The
     # middle, and the end.
@@ -49,7 +52,7 @@ PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
     "flow_3_more": lambda machine: add_effect(machine, "flow.gain", 3.0),
     "flow_6_more": lambda machine: add_effect(machine, "flow.gain", 6.0),
     "field_lag": lambda machine: add_effect(machine, "lag.offset", FIELD_LAG_S),
-    "slow_drives": _slow_drives,
+    "slow_drives": _make_slow_drives,
     # An open-loop motor loses 7 % a volt (docs/safety.md): a tired battery.
     "motor_12_slow": lambda machine: add_effect(machine, "shaft.gain", -12.0),
     # The trims correct 2 mm of it.
@@ -57,9 +60,9 @@ PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
 }
 
 
-def plausible(machine: Machine, name: str) -> Machine:
+def make_plausible_machine(machine: Machine, name: str) -> Machine:
     """Returns one of these machines, made from a machine. Raises ValueError, in one line, for an
     unknown name."""
-    if name not in PLAUSIBLE:
-        raise ValueError(f"plausible machine {name!r}: allowed {', '.join(PLAUSIBLE)}")
-    return PLAUSIBLE[name](machine)
+    if name not in PLAUSIBLE_MACHINES:
+        raise ValueError(f"plausible machine {name!r}: allowed {', '.join(PLAUSIBLE_MACHINES)}")
+    return PLAUSIBLE_MACHINES[name](machine)

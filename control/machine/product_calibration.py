@@ -9,17 +9,26 @@ from topdress.control.agronomy.product import Product
 from .machine import Adopted, Machine
 
 # Parameters that a catch test determines.
-REPLACED = ("flow.grams_per_rev_mm", "flow.gain", "flow.zero_offset", "flow.fill_falloff")
+CATCH_TEST_PARAMETERS = (
+    "flow.grams_per_rev_mm",
+    "flow.gain",
+    "flow.zero_offset",
+    "flow.fill_falloff",
+)
 
 
-def newest_test_date(machine: Machine) -> dt.date | None:
+def find_newest_test_date(machine: Machine) -> dt.date | None:
     """Returns the day of the newest catch test behind the machine's flow; None: no test, or no
     known day."""
-    days = [one.date for one in machine.adopted if one.id == REPLACED[0] and _is_date(one.date)]
+    days = [
+        one.date
+        for one in machine.adopted
+        if one.id == CATCH_TEST_PARAMETERS[0] and _is_iso_date(one.date)
+    ]
     return max(map(dt.date.fromisoformat, days), default=None)
 
 
-def _is_date(text: str) -> bool:
+def _is_iso_date(text: str) -> bool:
     try:
         dt.date.fromisoformat(text)
     except ValueError:
@@ -27,14 +36,14 @@ def _is_date(text: str) -> bool:
     return True
 
 
-def with_product(machine: Machine, product: Product) -> Machine:
+def apply_product(machine: Machine, product: Product) -> Machine:
     """Returns the machine with the product's flow; unchanged without a catch test with this
     machine.
 
     Raises
     ------
     ValueError : in one line, where a test does not fit the machine."""
-    test = product.newest_test(machine.id)
+    test = product.find_newest_test(machine.id)
     if test is None:
         return machine
     stage = machine.flow._replace(
@@ -60,5 +69,5 @@ def with_product(machine: Machine, product: Product) -> Machine:
         sha256=test.sha256,
         date=test.date.isoformat(),
     )
-    kept = tuple(one for one in machine.adopted if one.id not in REPLACED)
+    kept = tuple(one for one in machine.adopted if one.id not in CATCH_TEST_PARAMETERS)
     return checked.model_copy(update={"adopted": (*kept, said)})

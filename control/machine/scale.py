@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from .effect import HOPPER, Effect
+from .effect import HOPPER_CAPACITY, Effect
 
 
 class Scale(NamedTuple):
@@ -47,7 +47,7 @@ class Scale(NamedTuple):
             "Let the scale warm up; tare at the refill.",
             "Stand still with the shaft stopped for ten minutes.",
             bounds=(-30.0, 30.0),
-            scales_with=HOPPER,
+            scales_with=HOPPER_CAPACITY,
             says=(
                 "The hopper scale's zero rises by {size} kg every hour.",
                 "The hopper scale's zero falls by {size} kg every hour.",
@@ -84,7 +84,7 @@ class ScaleInput(NamedTuple):
     more_kg: float = 0.0  # of the machine file's terms
 
 
-def scale_reads(p: Scale, u: ScaleInput) -> float:
+def read_scale(p: Scale, u: ScaleInput) -> float:
     """Returns the reading before noise and rounding, kg."""
     read = (
         u.hopper_kg

@@ -13,7 +13,7 @@ from pydantic import Field
 from topdress.control.frozen_model import FrozenModel
 
 # Greatest number of sections: relays of a rate module, and bits of a board's command.
-MOST_SECTIONS = 16
+MAX_SECTIONS = 16
 
 
 class Valve(FrozenModel):
@@ -39,7 +39,7 @@ class SectionStrip(NamedTuple):
     share: float
 
 
-def strips(sections: Sequence[Section], width_m: float) -> tuple[SectionStrip, ...]:
+def make_section_strips(sections: Sequence[Section], width_m: float) -> tuple[SectionStrip, ...]:
     """Returns the strips of sections from left to right over the working width."""
     outlets = sum(section.outlets for section in sections)
     found, before = [], 0
@@ -62,12 +62,12 @@ class LoggedValves:
 
     def __init__(self, sections: Sequence[Section]) -> None:
         self._valves = [section.valve or Valve() for section in sections]
-        self._shares = [strip.share for strip in strips(sections, 1.0)]
+        self._shares = [strip.share for strip in make_section_strips(sections, 1.0)]
         self._commanded: list[bool] = [False] * len(self._valves)
         # from when, to what
         self._turns: list[tuple[float, bool]] = [(0.0, False)] * len(self._valves)
 
-    def open_at(self, time_s: float, commanded: str | None) -> tuple[bool, ...]:
+    def find_open_valves(self, time_s: float, commanded: str | None) -> tuple[bool, ...]:
         """Returns the positions at a row with this command; times rise."""
         cells = (commanded or "").split(";")
         if len(cells) != len(self._valves):
@@ -84,12 +84,12 @@ class LoggedValves:
             found.append(to if time_s >= from_s - 1e-6 else not to)
         return tuple(found)
 
-    def share(self, opened: Sequence[bool]) -> float:
+    def calc_open_share(self, opened: Sequence[bool]) -> float:
         """Returns the open share of the working width."""
         return sum(share for share, on in zip(self._shares, opened, strict=True) if on)
 
 
-def trouble_of(sections: Sequence[Section], outlets: int) -> str:
+def find_section_fault(sections: Sequence[Section], outlets: int) -> str:
     """Returns what is wrong with the sections of a machine with so many outlets, as what is
     allowed; empty: nothing."""
     if not sections:

@@ -13,20 +13,20 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import SHAFT_RANGE, Effect
-from .elements import DelayLine, put_in_line, read_held_line, start_line, stepped
+from .elements import DelayLine, make_line, put_in_line, read_held_line, round_to_step
 
 # Least time constant of a machine file, s.
-LEAST_LAG_S = 1e-4
+MIN_TIME_CONSTANT_S = 1e-4
 # Limit of (frequency x time)^2: so near to critical damping sin(w t) / w is t.
-CRITICAL = 1e-8
+CRITICAL_TOLERANCE = 1e-8
 # Tolerance of rounding.
-SURE = 1e-9
+ROUNDING_TOLERANCE = 1e-9
 # Greatest number of phases of a held command; usually some five.
-MOST_PHASES = 32
+MAX_PHASES = 32
 # Speed at which the shaft is stopped: none.
-NO_END = -1e100
+NO_STOP_RPM = -1e100
 # Bisection steps of the time at which the acceleration limit is reached: to rounding.
-HALVINGS = 50
+BISECTION_STEPS = 50
 
 
 class Shaft(NamedTuple):
@@ -342,7 +342,7 @@ class ShaftInput(NamedTuple):
     command_rpm: float
     opening_mm: float
     supply_v: float
-    more_percent: float = 0.0  # of the machine file's terms (`term_step`)
+    more_percent: float = 0.0  # of the machine file's terms (`step_term`)
     more_rpm: float = 0.0
 
 
@@ -361,10 +361,12 @@ class ShaftOutput(NamedTuple):
 
 def make_shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
     """Returns a shaft at rest in `rpm`, with that command for ever."""
-    return ShaftState(time_s, rpm, start_line(rpm))
+    return ShaftState(time_s, rpm, make_line(rpm))
 
 
-def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float) -> float:
+def step_first_order(
+    value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float
+) -> float:
     """Returns the value of a first-order system with a limited slope, exact for a held `wanted`:
     a ramp while the limit binds, then exponential."""
     gap = wanted - value
@@ -379,12 +381,14 @@ def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt
     return wanted + (value - wanted) * exp(-left_s / tau_s)
 
 
-def free_swing(x: float, v: float, tau_s: float, second_s: float, t: float) -> tuple[float, float]:
+def swing_freely(
+    x: float, v: float, tau_s: float, second_s: float, t: float
+) -> tuple[float, float]:
     """Returns the solution of tau second x'' + tau x' + x = 0 after t from x, v: exact, at any
     damping."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     beyond = sigma * sigma - square  # above 0: two time constants; below: it swings
-    if abs(beyond) * t * t < CRITICAL:
+    if abs(beyond) * t * t < CRITICAL_TOLERANCE:
         even, odd = exp(-sigma * t), t * exp(-sigma * t)
     elif beyond > 0.0:
         root = sqrt(beyond)
@@ -396,24 +400,32 @@ def free_swing(x: float, v: float, tau_s: float, second_s: float, t: float) -> t
     return x * even + (v + sigma * x) * odd, v * even - (sigma * v + square * x) * odd
 
 
-def passes_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
-    """Returns when a value of `free_swing` that is `at` now and falls with `falls` is next 0, s;
+def find_next_zero_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
+    """Returns when a value of `swing_freely` that is `at` now and falls with `falls` is next 0, s;
     1e300: never. It follows at C - falls S, where C and S are 1 and 0 now and S rises with 1."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     beyond = sigma * sigma - square
-    if abs(beyond) < CRITICAL * square:
-        return at / falls if at * falls > 0.0 and abs(at) > SURE * abs(falls) * tau_s else 1e300
+    if abs(beyond) < CRITICAL_TOLERANCE * square:
+        return (
+            at / falls
+            if at * falls > 0.0 and abs(at) > ROUNDING_TOLERANCE * abs(falls) * tau_s
+            else 1e300
+        )
     root = sqrt(abs(beyond))
     if beyond < 0.0:
         angle = atan2(root * at, falls)
         angle = angle if angle >= 0.0 else angle + pi
         # A zero that has just passed is not the next one.
-        return (angle if angle > SURE else angle + pi) / root
+        return (angle if angle > ROUNDING_TOLERANCE else angle + pi) / root
     share = root * at / falls if falls != 0.0 else 0.0
-    return 0.5 * log((1.0 + share) / (1.0 - share)) / root if SURE < share < 1.0 else 1e300
+    return (
+        0.5 * log((1.0 + share) / (1.0 - share)) / root
+        if ROUNDING_TOLERANCE < share < 1.0
+        else 1e300
+    )
 
 
-def free_for_s(
+def find_free_time_s(
     x: float,
     v: float,
     tau_s: float,
@@ -422,23 +434,25 @@ def free_for_s(
     room: float,
     left_s: float,
 ) -> float:
-    """Returns how long `free_swing` holds, s: until the slope reaches its limit or x reaches
+    """Returns how long `swing_freely` holds, s: until the slope reaches its limit or x reaches
     -room, at most `left_s`. Or until it reverses: then slopes and ways are examined again."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     pull = sigma * v + square * x
     slope = -sigma * v - pull
-    end_s = min(left_s, passes_s(slope, sigma * slope + square * v, tau_s, second_s))
+    end_s = min(left_s, find_next_zero_s(slope, sigma * slope + square * v, tau_s, second_s))
     swings = x * x + v * v / square > room * room  # else it stays within: what swings loses
     if swings:
-        end_s = min(end_s, passes_s(v, pull, tau_s, second_s))
+        end_s = min(end_s, find_next_zero_s(v, pull, tau_s, second_s))
     low, high = 0.0, end_s
-    x_end, v_end = free_swing(x, v, tau_s, second_s, end_s)
-    if abs(v_end) <= fastest_per_s * (1.0 + SURE) and x_end >= -room * (1.0 + SURE):
+    x_end, v_end = swing_freely(x, v, tau_s, second_s, end_s)
+    if abs(v_end) <= fastest_per_s * (1.0 + ROUNDING_TOLERANCE) and x_end >= -room * (
+        1.0 + ROUNDING_TOLERANCE
+    ):
         # a free swing's slope is the largest at its first turn
         return end_s if swings else left_s
-    for _ in range(HALVINGS):
+    for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)
-        x_end, v_end = free_swing(x, v, tau_s, second_s, middle)
+        x_end, v_end = swing_freely(x, v, tau_s, second_s, middle)
         if abs(v_end) > fastest_per_s or x_end < -room:
             high = middle
         else:
@@ -446,7 +460,7 @@ def free_for_s(
     return high
 
 
-def swung(
+def step_second_order(
     value: float,
     rate: float,
     wanted: float,
@@ -467,24 +481,24 @@ def swung(
         dt_s,
         wanted - least,
     )
-    for _ in range(MOST_PHASES):
+    for _ in range(MAX_PHASES):
         if left_s <= 0.0:
             break
         way = 1.0 if v > 0.0 else -1.0
         ramp_s = (-way * x - fastest_per_s * tau_s) / fastest_per_s
-        if abs(v) >= fastest_per_s and ramp_s > SURE * tau_s:
+        if abs(v) >= fastest_per_s and ramp_s > ROUNDING_TOLERANCE * tau_s:
             ramp_s = min(ramp_s, left_s)
             x, v, left_s = x + way * fastest_per_s * ramp_s, way * fastest_per_s, left_s - ramp_s
             continue
-        free_s = free_for_s(x, v, tau_s, second_s, fastest_per_s, room, left_s)
-        x, v = free_swing(x, v, tau_s, second_s, free_s)
+        free_s = find_free_time_s(x, v, tau_s, second_s, fastest_per_s, room, left_s)
+        x, v = swing_freely(x, v, tau_s, second_s, free_s)
         v, left_s = min(fastest_per_s, max(-fastest_per_s, v)), left_s - free_s
         if x < -room:
             x, v = -room, 0.0
     return wanted + x, v
 
 
-class Swing(NamedTuple):
+class StepResponse(NamedTuple):
     """Holds the response to a small step of the command. overshoot_percent: of the step.
     period_s: of the swing. lags_s: the two time constants; a swing has one, with which it
     decays."""
@@ -494,45 +508,58 @@ class Swing(NamedTuple):
     lags_s: tuple[float, ...]
 
 
-def swing(p: Shaft) -> Swing:
+def calc_step_response(p: Shaft) -> StepResponse:
     """Returns the step response of a shaft of second order (Ogata, Modern Control Engineering,
     2010, 5-3: damping ratio sqrt(T / T2) / 2)."""
-    tau_s, second_s = lag_s(p), p.second_order_s
+    tau_s, second_s = calc_time_constant_s(p), p.second_order_s
     square, sigma = 1.0 / (tau_s * second_s), 0.5 / second_s
     beyond = sigma * sigma - square
     if beyond < 0.0:
         root = sqrt(-beyond)
-        return Swing(100.0 * exp(-pi * sigma / root), 2.0 * pi / root, (1.0 / sigma,))
+        return StepResponse(100.0 * exp(-pi * sigma / root), 2.0 * pi / root, (1.0 / sigma,))
     quick = sigma + sqrt(beyond)
-    return Swing(0.0, 0.0, (quick / square, 1.0 / quick))
+    return StepResponse(0.0, 0.0, (quick / square, 1.0 / quick))
 
 
-def follows(p: Shaft, value: float, rate: float, wanted: float, dt_s: float) -> tuple[float, float]:
+def follow_command(
+    p: Shaft, value: float, rate: float, wanted: float, dt_s: float
+) -> tuple[float, float]:
     """Returns speed and slope `dt_s` later of a shaft that is to turn at `wanted`."""
     if p.second_order_s <= 0.0:
-        return approach(value, wanted, lag_s(p), fastest_rpm_s(p), dt_s), 0.0
-    least = 0.0 if p.one_way > 0.0 and value >= 0.0 and wanted >= 0.0 else NO_END
-    return swung(value, rate, wanted, lag_s(p), p.second_order_s, fastest_rpm_s(p), least, dt_s)
+        return step_first_order(
+            value, wanted, calc_time_constant_s(p), calc_acceleration_rpm_s(p), dt_s
+        ), 0.0
+    least = 0.0 if p.one_way > 0.0 and value >= 0.0 and wanted >= 0.0 else NO_STOP_RPM
+    return step_second_order(
+        value,
+        rate,
+        wanted,
+        calc_time_constant_s(p),
+        p.second_order_s,
+        calc_acceleration_rpm_s(p),
+        least,
+        dt_s,
+    )
 
 
-def lag_s(p: Shaft) -> float:
+def calc_time_constant_s(p: Shaft) -> float:
     """Returns the time constant of the shaft, s: a drive may be quicker than its data sheet, but
     never ahead."""
-    return max(LEAST_LAG_S, p.time_constant_s + p.slow_s)
+    return max(MIN_TIME_CONSTANT_S, p.time_constant_s + p.slow_s)
 
 
-def fastest_rpm_s(p: Shaft) -> float:
+def calc_acceleration_rpm_s(p: Shaft) -> float:
     """Returns the greatest change of the shaft's speed, r/min a second: the times of limit and
     ramp to full speed add up."""
     return 1.0 / (1.0 / p.acceleration_rpm_s + p.ramp_s / p.full_rpm)
 
 
-def dead_s(p: Shaft) -> float:
+def calc_dead_time_s(p: Shaft) -> float:
     """Returns the time from a command to the shaft's first move, s."""
     return max(0.0, p.dead_time_s + p.extra_dead_time_s)
 
 
-def beyond_rpm(p: Shaft, command_rpm: float) -> float:
+def calc_effective_command_rpm(p: Shaft, command_rpm: float) -> float:
     """Returns how far a command is beyond the one at which the shaft stands, r/min: below 0 it
     turns backwards.
 
@@ -544,9 +571,9 @@ def beyond_rpm(p: Shaft, command_rpm: float) -> float:
     return -beyond if p.gain_percent < -100.0 else beyond
 
 
-def asked_rpm(p: Shaft, beyond: float) -> float:
-    """Returns the magnitude of the settled speed for a command so far `beyond_rpm`, r/min,
-    before the factors on every speed.
+def calc_settled_rpm(p: Shaft, beyond: float) -> float:
+    """Returns the magnitude of the settled speed for a command so far
+    `calc_effective_command_rpm`, r/min, before the factors on every speed.
 
     A threshold holds the shaft until the command exceeds it; a zone is subtracted from every
     command: g (u - D). The curve bends evenly, u / (1 + k u / full): a motor's speed falls
@@ -565,7 +592,7 @@ def asked_rpm(p: Shaft, beyond: float) -> float:
     return size / (1.0 + p.saturation_percent / (100.0 - p.saturation_percent) * size / p.full_rpm)
 
 
-def shaft_step(
+def step_shaft(
     p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float
 ) -> tuple[ShaftState, ShaftOutput]:
     """Advances the shaft by one step of `dt_s` with the inputs held; the outputs are those at
@@ -573,7 +600,7 @@ def shaft_step(
 
     Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min at any
     set-point from 10 r/min up (lag paper, table 2)."""
-    late_s = dead_s(p)
+    late_s = calc_dead_time_s(p)
     short_v = p.nominal_supply_v - u.supply_v
     sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
@@ -584,14 +611,14 @@ def shaft_step(
     rpm, rate, at_s, end_s = s.rpm, s.rpm_s, s.time_s - late_s, s.time_s - late_s + dt_s
     while at_s < end_s:
         line, wanted, until_s = read_held_line(line, at_s, end_s)
-        beyond = beyond_rpm(p, wanted)
-        goal = turns * asked_rpm(p, beyond)
+        beyond = calc_effective_command_rpm(p, wanted)
+        goal = turns * calc_settled_rpm(p, beyond)
         # Terms have the speed's sign; none reverses it.
         if goal > 0.0:
             way = -1.0 if beyond < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)
-        rpm, rate = follows(p, rpm, rate, goal, until_s - at_s)
+        rpm, rate = follow_command(p, rpm, rate, goal, until_s - at_s)
         at_s = until_s
     return ShaftState(s.time_s + dt_s, rpm, line, rate), ShaftOutput(
-        rpm, stepped(rpm, p.encoder_step_rpm)
+        rpm, round_to_step(rpm, p.encoder_step_rpm)
     )

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import DelayLine, average_line, put_in_line, start_line
+from .elements import DelayLine, average_line, make_line, put_in_line
 
 # Growth of slip as a share of itself for each degree nose up.
 UPHILL_SHARE_PER_DEG = 0.15
@@ -103,7 +103,7 @@ class SpeedOutput(NamedTuple):
 
 
 def make_speed_start(speed_mps: float = 0.0, time_s: float = 0.0) -> SpeedState:
-    return SpeedState(time_s, start_line(speed_mps))
+    return SpeedState(time_s, make_line(speed_mps))
 
 
 def step_speed(

@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 # Longest model step, s: a quarter of a control tick of 0.05 s.
-MOST_STEP_S = 0.0125
+MAX_MODEL_STEP_S = 0.0125
 # Least number of model steps in a row.
-LEAST_STEPS = 4
+MIN_STEPS_PER_ROW = 4
 
 Run = Callable[..., npt.NDArray[np.float64]]
 
 
-def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
+def make_stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
     """Returns `run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows,
     outputs)`, interpreted.
 
@@ -29,11 +29,11 @@ def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
     show in it. Rows may come at any step; each is cut into at least LEAST_STEPS, but not for a
     step that is exact however long its inputs are held: there is nothing to be gained by
     cutting it."""
-    return with_room(filling(step, exact))
+    return allocate_output(make_fill(step, exact))
 
 
-def with_room(fill: Callable[..., None]) -> Run:
-    """Returns the run of `filling` with its own array."""
+def allocate_output(fill: Callable[..., None]) -> Run:
+    """Returns the run of `make_fill` with its own array."""
 
     def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         out = np.empty((len(rows), len(first)))
@@ -43,7 +43,7 @@ def with_room(fill: Callable[..., None]) -> Run:
     return run
 
 
-def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None]:
+def make_fill(step: Callable[..., Any], exact: bool = False) -> Callable[..., None]:
     """Returns the run of `over_log` into a given array: it makes none itself, so that it
     compiles without counting references."""
 
@@ -58,7 +58,7 @@ def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None
                 current += 1
             if row + 1 < count:
                 dt_s = time_s[row + 1] - time_s[row]
-                steps = 1 if exact else max(LEAST_STEPS, ceil(dt_s / most_step_s - 1e-9))
+                steps = 1 if exact else max(MIN_STEPS_PER_ROW, ceil(dt_s / most_step_s - 1e-9))
                 for _ in range(steps):
                     state, output = step(sets[current], state, rows[row], dt_s / steps)
 
@@ -74,7 +74,7 @@ def make_input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
     return rows
 
 
-def mapped(reads: Callable[..., float]) -> Run:
+def make_map_run(reads: Callable[..., float]) -> Run:
     """Returns `run(params, rows) -> (rows,)` for stages without memory."""
 
     def run(params, rows):  # type: ignore[no-untyped-def]

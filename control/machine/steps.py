@@ -7,6 +7,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 
-class Steps(NamedTuple):
+class CompiledSteps(NamedTuple):
     drives: Callable[..., Any]  # `machine.compiled_tick.CompiledDrives`
     cells: Any  # the module `field.compiled_cells`

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .form import TermParams
-from .forms import VALUES, clipped
+from .forms import FORM_VALUES, clip_value
 
 
 class TermState(NamedTuple):
@@ -22,7 +22,7 @@ class TermState(NamedTuple):
     known: float = 0.0
 
 
-def remembered(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
+def update_memory(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
     """Returns the memory after `dt_s` in which the last value was held; it begins settled. Exact
     for held inputs."""
     if s.known == 0.0:
@@ -31,23 +31,23 @@ def remembered(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
     return TermState(s.last + (s.slow - s.last) * keep, x, 1.0)
 
 
-def value_of(p: TermParams, x: float, y: float, slow: float) -> float:
+def calc_form_value(p: TermParams, x: float, y: float, slow: float) -> float:
     """Returns the value of the form with this number; `compiled.py` compiles it."""
-    return VALUES[p.form](p, x, y, slow)
+    return FORM_VALUES[p.form](p, x, y, slow)
 
 
-def term_step(
+def step_term(
     p: TermParams, s: TermState, x: float, y: float, dt_s: float
 ) -> tuple[TermState, float]:
     """Returns the value of a term whose variables are `x` and `y`, `dt_s` after the step before."""
-    x = clipped(x, p.low, p.high)
-    y = clipped(y, p.second_low, p.second_high)
+    x = clip_value(x, p.low, p.high)
+    y = clip_value(y, p.second_low, p.second_high)
     if p.tau_s > 0.0:
-        s = remembered(p, s, x, dt_s)
-    return s, p.level + value_of(p, x, y, s.slow)
+        s = update_memory(p, s, x, dt_s)
+    return s, p.level + calc_form_value(p, x, y, s.slow)
 
 
-def over_rows(step: Any) -> Any:
+def make_term_run(step: Any) -> Any:
     """Returns `run(params, x, y, time_s) -> (rows,)`: a term over a log. x, y: its variables at
     each row (rows,)."""
 

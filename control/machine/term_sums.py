@@ -8,17 +8,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .elements import Array, DelayLine, average_line, convert_to_lists, put_in_line, start_line
+from .elements import Array, DelayLine, average_line, convert_to_lists, make_line, put_in_line
 from .form import FORMS, SHAFT_ANGLE, TermParams, TermRun
 from .machine import Machine
-from .shaft import dead_s
-from .term_step import TermState, term_step
-from .terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, needed, params_of
+from .shaft import calc_dead_time_s
+from .term_step import TermState, step_term
+from .terms import (
+    COMMANDED_MM,
+    COMMANDED_RPM,
+    Term,
+    TermTarget,
+    list_needed_values,
+    make_term_params,
+)
 
 
-class More(NamedTuple):
-    """Holds the sum of the terms for each quantity, in its own unit (`terms.UNIT_OF`); the names
-    are those of `Acts`."""
+class TermTotals(NamedTuple):
+    """Holds the sum of the terms for each quantity, in its own unit (`terms.TARGET_UNITS`); the
+    names are those of `Acts`."""
 
     shaft_percent: float = 0.0
     shaft_rpm: float = 0.0
@@ -30,7 +37,7 @@ class More(NamedTuple):
     wheel_percent: float = 0.0
 
 
-NOTHING = More()
+NO_TERMS = TermTotals()
 
 
 class TermSums:
@@ -38,24 +45,26 @@ class TermSums:
     out."""
 
     def __init__(self, terms: Iterable[Term]) -> None:
-        self._terms = [(term.acts_on.value, params_of(term), needed(term)) for term in terms]
+        self._terms = [
+            (term.acts_on.value, make_term_params(term), list_needed_values(term)) for term in terms
+        ]
         self._states = [TermState()] * len(self._terms)
         self._dt_s = 0.0
 
     def __bool__(self) -> bool:
         return bool(self._terms)
 
-    def step(self, values: Mapping[str, float], dt_s: float) -> More:
+    def advance_terms(self, values: Mapping[str, float], dt_s: float) -> TermTotals:
         """Returns the sums where the variables are `values`, `dt_s` after the step before."""
-        more = dict.fromkeys(More._fields, 0.0)
+        more = dict.fromkeys(TermTotals._fields, 0.0)
         for k, (acts_on, params, names) in enumerate(self._terms):
             if all(name in values for name in names):
                 x, y = values[names[0]], values[names[-1]]
-                self._states[k], value = term_step(params, self._states[k], x, y, dt_s)
+                self._states[k], value = step_term(params, self._states[k], x, y, dt_s)
                 more[acts_on] += value
-        return More(**more)
+        return TermTotals(**more)
 
-    def frozen(self, values: Mapping[str, float]) -> StandingTerms:
+    def freeze_terms(self, values: Mapping[str, float]) -> StandingTerms:
         """Returns the terms in their present state, for other set-points."""
         return StandingTerms(tuple(self._terms), tuple(self._states), dict(values))
 
@@ -68,15 +77,15 @@ class StandingTerms(NamedTuple):
     states: tuple[TermState, ...]
     values: dict[str, float]
 
-    def at(self, only: Sequence[Acts], **set_points: float) -> More:
+    def find_totals(self, only: Sequence[TermTarget], **set_points: float) -> TermTotals:
         """Returns the sums of some quantities with some of the values replaced."""
         values = {**self.values, **set_points}
         more: dict[str, float] = {}
         for (acts_on, params, names), state in zip(self.terms, self.states, strict=True):
             if acts_on in only and all(name in values for name in names):
-                _, value = term_step(params, state, values[names[0]], values[names[-1]], 0.0)
+                _, value = step_term(params, state, values[names[0]], values[names[-1]], 0.0)
                 more[acts_on] = more.get(acts_on, 0.0) + value
-        return More(**more)
+        return TermTotals(**more)
 
 
 class HeldCommands:
@@ -84,13 +93,13 @@ class HeldCommands:
     times."""
 
     def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
-        self._dead_s = dead_times_s(machine)
+        self._dead_s = calc_dead_times_s(machine)
         self._lines: list[DelayLine] = [
-            convert_to_lists(start_line(shaft_rpm)),
-            convert_to_lists(start_line(opening_mm)),
+            convert_to_lists(make_line(shaft_rpm)),
+            convert_to_lists(make_line(opening_mm)),
         ]
 
-    def step(
+    def average_commands(
         self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float
     ) -> dict[str, float]:
         """Takes the commands given at `now_s` and held for `dt_s`."""
@@ -103,12 +112,12 @@ class HeldCommands:
         return found
 
 
-def dead_times_s(machine: Machine) -> tuple[float, float]:
+def calc_dead_times_s(machine: Machine) -> tuple[float, float]:
     """Returns the dead times of shaft and gate, s."""
-    return dead_s(machine.shaft), machine.gate.dead_time_s
+    return calc_dead_time_s(machine.shaft), machine.gate.dead_time_s
 
 
-def over_log(
+def sum_over_log(
     terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, run: TermRun
 ) -> dict[str, Array]:
     """Returns the sums over a log, (rows,) by quantity; quantities without a term are left out.
@@ -116,10 +125,10 @@ def over_log(
     values: by the names of `needed`, (rows,) each. Terms without their values add nothing."""
     found: dict[str, Array] = {}
     for term in terms:
-        names = needed(term)
+        names = list_needed_values(term)
         if all(name in values for name in names):
             series = run(
-                params_of(term),
+                make_term_params(term),
                 np.ascontiguousarray(values[names[0]], dtype=np.float64),
                 np.ascontiguousarray(values[names[-1]], dtype=np.float64),
                 time_s,
@@ -128,7 +137,7 @@ def over_log(
     return found
 
 
-def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
+def average_commands_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
     """Returns the values of `HeldCommands` over a log: mean of the held command over each row,
     `dead_s` late (rows,)."""
     if len(time_s) < 2:
@@ -149,34 +158,36 @@ def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
     return np.asarray((until(begin + width) - until(begin)) / width)
 
 
-def angle_over_log(shaft_rpm: Array, time_s: Array) -> Array:
+def calc_angle_over_log(shaft_rpm: Array, time_s: Array) -> Array:
     """Returns the shaft's angle in the middle of each row, degrees since the log began (rows,)."""
     spans = np.diff(time_s, append=time_s[-1])
     turned = 6.0 * shaft_rpm * spans
     return np.asarray(np.concatenate(([0.0], np.cumsum(turned)[:-1])) + 0.5 * turned)
 
 
-def not_compensated(term: Term, known: Iterable[str] = ()) -> str:
+def explain_not_compensated(term: Term, known: Iterable[str] = ()) -> str:
     """Returns why control cannot compensate a term; "" where it does. known: further columns of
     a device."""
     if FORMS[term.form].one_run:
         return "it holds for a span of one run"
-    if SHAFT_ANGLE in term.variables:
+    if SHAFT_ANGLE in term.variable_names:
         return "control does not know the shaft's angle when what it commands comes to pass"
     if term.stage == "speed":
         return "control does not read the wheel through it"
-    extra = [name for name in term.variables if name not in KNOWN_TO_CONTROL and name not in known]
+    extra = [
+        name for name in term.variable_names if name not in KNOWN_TO_CONTROL and name not in known
+    ]
     if extra:
         return f"no device tells control {extra[0]}"
     return ""
 
 
-def partly_compensated(term: Term) -> str:
+def explain_partly_compensated(term: Term) -> str:
     """Returns which part of a compensated term control cannot know in advance; "" where it knows
     all."""
-    if "speed_mps" in term.variables:
+    if "speed_mps" in term.variable_names:
         return "with the speed of now, not with that at landing"
-    if "time_s" in term.variables:
+    if "time_s" in term.variable_names:
         return "with the time since this run began"
     return ""
 

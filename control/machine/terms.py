@@ -1,4 +1,4 @@
-"""What does a machine do beyond the catalogue? Terms, as data in its file. `term_step` evaluates
+"""What does a machine do beyond the catalogue? Terms, as data in its file. `step_term` evaluates
 them.
 
 A term adds a value to one quantity of one stage (`acts_on`); the value is a form over one or two
@@ -18,10 +18,10 @@ from topdress.control.frozen_model import FrozenModel
 
 from .elements import Table
 from .form import FORMS, SHAFT_ANGLE, TermParams
-from .forms import NODES, Form, params
+from .forms import MAX_TABLE_NODES, Form, make_params
 
 
-class Acts(StrEnum):
+class TermTarget(StrEnum):
     """Names the quantity of a stage that a term acts on, with its unit."""
 
     SHAFT_PERCENT = "shaft_percent"  # of the speed that the shaft was commanded
@@ -35,25 +35,25 @@ class Acts(StrEnum):
     WHEEL_PERCENT = "wheel_percent"  # of the wheel's speed reading
 
 
-STAGE_OF = {
-    Acts.SHAFT_PERCENT: "shaft",
-    Acts.SHAFT_RPM: "shaft",
-    Acts.GATE_MM: "gate",
-    Acts.FLOW_PERCENT: "flow",
-    Acts.FLOW_KG_MIN: "flow",
-    Acts.SCALE_KG: "scale",
-    Acts.SCALE_KG_MIN: "scale",
-    Acts.WHEEL_PERCENT: "speed",
+TARGET_STAGES = {
+    TermTarget.SHAFT_PERCENT: "shaft",
+    TermTarget.SHAFT_RPM: "shaft",
+    TermTarget.GATE_MM: "gate",
+    TermTarget.FLOW_PERCENT: "flow",
+    TermTarget.FLOW_KG_MIN: "flow",
+    TermTarget.SCALE_KG: "scale",
+    TermTarget.SCALE_KG_MIN: "scale",
+    TermTarget.WHEEL_PERCENT: "speed",
 }
-UNIT_OF = {
-    Acts.SHAFT_PERCENT: "%",
-    Acts.SHAFT_RPM: "r/min",
-    Acts.GATE_MM: "mm",
-    Acts.FLOW_PERCENT: "%",
-    Acts.FLOW_KG_MIN: "kg/min",
-    Acts.SCALE_KG: "kg",
-    Acts.SCALE_KG_MIN: "kg/min",
-    Acts.WHEEL_PERCENT: "%",
+TARGET_UNITS = {
+    TermTarget.SHAFT_PERCENT: "%",
+    TermTarget.SHAFT_RPM: "r/min",
+    TermTarget.GATE_MM: "mm",
+    TermTarget.FLOW_PERCENT: "%",
+    TermTarget.FLOW_KG_MIN: "kg/min",
+    TermTarget.SCALE_KG: "kg",
+    TermTarget.SCALE_KG_MIN: "kg/min",
+    TermTarget.WHEEL_PERCENT: "%",
 }
 # Recorded variables with their units. For its own stage a term uses the command that the drive
 # follows by now; the shaft's angle counts from the beginning of the run.
@@ -83,7 +83,7 @@ class Variable(FrozenModel):
     valid: tuple[Number, Number] | None = None
 
     @model_validator(mode="after")
-    def _agree(self) -> Variable:
+    def _check_unit(self) -> Variable:
         if self.valid is not None and not self.valid[0] < self.valid[1]:
             raise PydanticCustomError(
                 "size_of_effect",
@@ -102,7 +102,7 @@ class Variable(FrozenModel):
         return self
 
     @property
-    def unit_shown(self) -> str:
+    def displayed_unit(self) -> str:
         return VARIABLES.get(self.name, self.unit)
 
 
@@ -128,7 +128,7 @@ class Term(FrozenModel):
 
     id: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z][a-z0-9_.]*$")]
     title: str = ""
-    acts_on: Acts
+    acts_on: TermTarget
     form: Form
     over: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=2)]
     coefficients: dict[str, Number] = {}
@@ -152,89 +152,93 @@ class Term(FrozenModel):
         )
 
     @model_validator(mode="after")
-    def _agree(self) -> Term:
-        self._numbers()
-        self._ends()
-        self._variables()
-        self._table()
+    def _check_consistency(self) -> Term:
+        self._check_numbers()
+        self._check_ends()
+        self._check_variables()
+        self._check_table()
         return self
 
-    def _numbers(self) -> None:
+    def _check_numbers(self) -> None:
         use = FORMS[self.form]
         allowed = (*use.needs, *use.may)
         for name in self.coefficients:
             if name not in allowed:
-                _wrong(
+                _raise_wrong_key(
                     ("coefficients", name),
-                    f"allowed: form {self.form.value} has {_listed(allowed)}",
+                    f"allowed: form {self.form.value} has {_join_names(allowed)}",
                 )
         for name in use.needs:
             if name not in self.coefficients:
-                _wrong(
+                _raise_wrong_key(
                     ("coefficients",),
-                    f"{name} is missing: form {self.form.value} needs {_listed(use.needs)}",
+                    f"{name} is missing: form {self.form.value} needs {_join_names(use.needs)}",
                 )
         for name in use.positive:
             if not self.coefficients.get(name, 1.0) > 0.0:
-                _wrong(("coefficients", name), "allowed more than 0")
+                _raise_wrong_key(("coefficients", name), "allowed more than 0")
 
-    def _variables(self) -> None:
-        form, names = FORMS[self.form], self.variables
+    def _check_variables(self) -> None:
+        form, names = FORMS[self.form], self.variable_names
         if len(names) != form.variables:
             many = "s" if form.variables > 1 else ""
-            _wrong(
+            _raise_wrong_key(
                 ("over",), f"allowed: form {self.form.value} has {form.variables} variable{many}"
             )
         if form.only_over and names[0] not in form.only_over:
-            _wrong(
+            _raise_wrong_key(
                 ("over", 0, "name"),
-                f"allowed: form {self.form.value} is over {_listed(form.only_over)}",
+                f"allowed: form {self.form.value} is over {_join_names(form.only_over)}",
             )
         if SHAFT_ANGLE in names and SHAFT_ANGLE not in form.only_over:
-            _wrong(("over", 0, "name"), f"allowed: {SHAFT_ANGLE} has form {Form.PERIODIC.value}")
+            _raise_wrong_key(
+                ("over", 0, "name"), f"allowed: {SHAFT_ANGLE} has form {Form.PERIODIC.value}"
+            )
 
-    def _ends(self) -> None:
+    def _check_ends(self) -> None:
         low, high = self.coefficients.get("low_end"), self.coefficients.get("high_end")
         if low is not None and high is not None and not low < high:
-            _wrong(("coefficients", "high_end"), f"allowed more than low_end, which is {low:g}")
+            _raise_wrong_key(
+                ("coefficients", "high_end"), f"allowed more than low_end, which is {low:g}"
+            )
 
-    def _table(self) -> None:
+    def _check_table(self) -> None:
         if self.form is not Form.TABLE:
             for name in ("nodes", "values"):
                 if getattr(self, name):
-                    _wrong((name,), "allowed: only form table has nodes and values")
+                    _raise_wrong_key((name,), "allowed: only form table has nodes and values")
             return
-        if not 2 <= len(self.nodes) <= NODES:
-            _wrong(("nodes",), f"allowed 2 to {NODES} rising numbers")
+        if not 2 <= len(self.nodes) <= MAX_TABLE_NODES:
+            _raise_wrong_key(("nodes",), f"allowed 2 to {MAX_TABLE_NODES} rising numbers")
         if any(b <= a for a, b in zip(self.nodes, self.nodes[1:], strict=False)):
-            _wrong(("nodes",), "allowed rising numbers")
+            _raise_wrong_key(("nodes",), "allowed rising numbers")
         if len(self.values) != len(self.nodes):
-            _wrong(("values",), f"allowed as many as nodes, {len(self.nodes)}")
+            _raise_wrong_key(("values",), f"allowed as many as nodes, {len(self.nodes)}")
 
     @property
     def stage(self) -> str:
-        return STAGE_OF[self.acts_on]
+        return TARGET_STAGES[self.acts_on]
 
     @property
     def unit(self) -> str:
         """Returns the unit of its value."""
-        return UNIT_OF[self.acts_on]
+        return TARGET_UNITS[self.acts_on]
 
     @property
-    def variables(self) -> tuple[str, ...]:
+    def variable_names(self) -> tuple[str, ...]:
         return tuple(one.name for one in self.over)
 
 
-def _wrong(key: tuple[str | int, ...], allowed: str) -> None:
+def _raise_wrong_key(key: tuple[str | int, ...], allowed: str) -> None:
     raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": key, "allowed": allowed})
 
 
-def _listed(names: Iterable[str]) -> str:
+def _join_names(names: Iterable[str]) -> str:
     return ", ".join(names)
 
 
 @lru_cache(maxsize=256)
-def params_of(term: Term) -> TermParams:
+def make_term_params(term: Term) -> TermParams:
     """Returns a term as the numbers of its evaluator."""
     low, high = term.over[0].valid or (-1e300, 1e300)
     second_low, second_high = (
@@ -242,8 +246,8 @@ def params_of(term: Term) -> TermParams:
     )
     numbers: dict[str, Any] = {name: float(value) for name, value in term.coefficients.items()}
     if term.nodes:
-        numbers |= {"nodes": _filled(term.nodes, 1.0), "values": _filled(term.values, 0.0)}
-    return params(
+        numbers |= {"nodes": _fill_table(term.nodes, 1.0), "values": _fill_table(term.values, 0.0)}
+    return make_params(
         term.form,
         low=float(low),
         high=float(high),
@@ -253,9 +257,9 @@ def params_of(term: Term) -> TermParams:
     )
 
 
-def _filled(numbers: tuple[float, ...], step: float) -> Table:
+def _fill_table(numbers: tuple[float, ...], step: float) -> Table:
     """Returns eight numbers: beyond the last node the table is constant."""
-    more = NODES - len(numbers)
+    more = MAX_TABLE_NODES - len(numbers)
     a, b, c, d, e, f, g, h = (
         *map(float, numbers),
         *(float(numbers[-1] + step * (k + 1)) for k in range(more)),
@@ -270,9 +274,9 @@ def name_own_command(stage: str, variable: str) -> str:
     return commands.get((stage, variable), variable)
 
 
-def needed(term: Term) -> tuple[str, ...]:
+def list_needed_values(term: Term) -> tuple[str, ...]:
     """Returns the names of the values that a term uses."""
-    return tuple(name_own_command(term.stage, name) for name in term.variables)
+    return tuple(name_own_command(term.stage, name) for name in term.variable_names)
 
 
 COMMANDED_RPM, COMMANDED_MM = "told_rpm", "told_mm"
@@ -281,18 +285,18 @@ COMMANDED_RPM, COMMANDED_MM = "told_rpm", "told_mm"
 # -------------------------------------------------------------------------------------------------
 
 _OLD_TABLES = {
-    "shaft": ("table_percent", Acts.SHAFT_PERCENT),
-    "gate": ("table_mm", Acts.GATE_MM),
-    "flow": ("table_percent", Acts.FLOW_PERCENT),
-    "scale": ("table_kg", Acts.SCALE_KG),
-    "speed": ("table_percent", Acts.WHEEL_PERCENT),
+    "shaft": ("table_percent", TermTarget.SHAFT_PERCENT),
+    "gate": ("table_mm", TermTarget.GATE_MM),
+    "flow": ("table_percent", TermTarget.FLOW_PERCENT),
+    "scale": ("table_kg", TermTarget.SCALE_KG),
+    "speed": ("table_percent", TermTarget.WHEEL_PERCENT),
     "heads": ("table_percent", None),
     "fall": ("table_s", None),
 }
 OLD_NOTE = "was a table in an older machine file (tables_over)"
 
 
-def without_old_tables(data: dict[str, Any]) -> dict[str, Any]:
+def convert_old_tables(data: dict[str, Any]) -> dict[str, Any]:
     """Converts a machine file from before there were terms: its tables become terms; tables
     without a variable are dropped."""
     over = data.get("tables_over")
@@ -329,9 +333,9 @@ def without_old_tables(data: dict[str, Any]) -> dict[str, Any]:
 # -- written by hand
 # --------------------------------------------------------------------------------------------------
 
-_ITEM = re.compile(r"(?P<key>[a-z_]+)=(?P<value>\S+)")
-GRAMMAR = "ACTS_ON FORM VARIABLE[,VARIABLE] COEFFICIENT=NUMBER ... [valid=LOW:HIGH[,LOW:HIGH]]"
-EXAMPLE = "flow_percent bend speed_mps bend=-4.4 at=1.2 valid=0.6:2.3"
+_COEFFICIENT_PATTERN = re.compile(r"(?P<key>[a-z_]+)=(?P<value>\S+)")
+TERM_GRAMMAR = "ACTS_ON FORM VARIABLE[,VARIABLE] COEFFICIENT=NUMBER ... [valid=LOW:HIGH[,LOW:HIGH]]"
+TERM_EXAMPLE = "flow_percent bend speed_mps bend=-4.4 at=1.2 valid=0.6:2.3"
 
 
 def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
@@ -341,9 +345,11 @@ def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
     ------
     ValueError : in one plain line."""
     words = text.split()
-    items = [_ITEM.fullmatch(word) for word in words[3:]]
+    items = [_COEFFICIENT_PATTERN.fullmatch(word) for word in words[3:]]
     if len(words) < 3 or any(item is None for item in items):
-        raise ValueError(f"term {text!r}: not understood: allowed {GRAMMAR}, e.g. {EXAMPLE}")
+        raise ValueError(
+            f"term {text!r}: not understood: allowed {TERM_GRAMMAR}, e.g. {TERM_EXAMPLE}"
+        )
     given = {item["key"]: item["value"] for item in items if item is not None}
     valid, numbers = given.pop("valid", ""), {}
     try:
@@ -358,7 +364,7 @@ def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
         )
     except ValueError:
         raise ValueError(
-            f"term {text!r}: coefficients and ranges are numbers, e.g. {EXAMPLE}"
+            f"term {text!r}: coefficients and ranges are numbers, e.g. {TERM_EXAMPLE}"
         ) from None
     over: list[dict[str, Any]] = [{"name": name} for name in words[2].split(",")]
     if len(ranges) > len(over):

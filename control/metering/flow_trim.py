@@ -8,24 +8,24 @@ working: the gain (density, product, head of the hopper, moisture: a slow random
 for each revolution whatever the opening, and an effect of pitch; and three of the scale itself:
 the error for a degree of pitch, the share of the cosine of the pitch in its reading, and the
 load of wind. So two readings at different pitch are compared only as closely as these are known.
-Wind is a load that returns to its mean (`SWAY_S`, first-order Gauss-Markov). Its variance is
+Wind is a load that returns to its mean (`SWAY_TAU_S`, first-order Gauss-Markov). Its variance is
 learnt from second differences of the readings, in which no straight line shows; on a calm scale
 it is 0, and the filter works as without it.
 
 The filter never goes faster than its evidence: where the estimate is x standard deviations from
-the trim, the trim goes 1 - (DOUBT_SD / x)^2 of the way, and below `DOUBT_SD` it does not move.
+the trim, the trim goes 1 - (DOUBT_SD / x)^2 of the way, and below `DEAD_BAND_SD` it does not move.
 The estimate is kept within `most_percent`, and weighted by the flow's own prior variance (by the
 age of its catch test) against the scale's.
 
 The watch compares the present reading with what the filter of 2, 4, ... 120 blocks ago predicts.
-Where they differ by more than `CHANGED_SD`:
+Where they differ by more than `CHANGE_SD`:
 
 - nothing turns and the scale falls: material leaves that nobody ordered (`unordered_kg`); the
 scale rises: the hopper is filled;
 - material flows: the trim returns to its value of then, and rests. A straight line through the
 blocks since then gives the share of the model's flow that really left; its standard deviation
-comes from its own residuals, so that a scale that sways shows nothing. From `DECIDED_S` of flow
-on the finding is `share` (too far off), `outlets` (closed ones, where the drive works harder
+comes from its own residuals, so that a scale that sways shows nothing. From `DECISION_FLOW_S` of
+flow on the finding is `share` (too far off), `outlets` (closed ones, where the drive works harder
 since then), `below_percent` (a fall that may be closed outlets), `beyond_percent` (more than is
 trimmed: the trim is 1), or a change that may be trimmed. The same line through the last two
 minutes finds what was wrong from the start.
@@ -48,7 +48,7 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.machine.scale import Scale
-from topdress.control.readings import NOTHING_SAID, Reading, ScaleSays
+from topdress.control.readings import NO_SCALE_FINDING, Reading, ScaleFinding
 
 
 @dataclass(frozen=True)
@@ -89,104 +89,104 @@ class FlowTrimLimits:
 # Weighings are averaged over this time, s.
 BLOCK_S = 1.0
 # An estimate closer to the trim than this, standard deviations, does not move it.
-DOUBT_SD = 1.2
+DEAD_BAND_SD = 1.2
 # A rise of the scale by this much from one weighing to the next, kg, is a refill.
 REFILL_KG = 2.0
 # Difference from the prediction that is a change, standard deviations: with 7 tests a second none
 # is wrong in months.
-CHANGED_SD = 5.0
+CHANGE_SD = 5.0
 # Lengths of the watch's windows, blocks; a quarter of each is averaged at its end.
-WINDOWS = (2, 4, 8, 16, 32, 64, 120)
+WINDOW_BLOCKS = (2, 4, 8, 16, 32, 64, 120)
 # Flow that a decision needs, s: a scale that sways by 1 kg in 30 s is a straight line for less.
-DECIDED_S = 24.0
+DECISION_FLOW_S = 24.0
 # Distance of a share beyond its limit that decides, standard deviations of the line's residuals.
-DECIDED_SD = 4.0
+DECISION_SD = 4.0
 # Least share of an error that must persist in the last third: that of a scale that sways returns.
-GOES_ON_SHARE = 0.75
+PERSISTING_SHARE = 0.75
 # Distance beyond `low_share` or `high_share` that rules out a healthy flow, standard deviations.
-FAR_SD = 2.0
+FAR_FROM_FLOW_SD = 2.0
 # Blocks at rest: material has left where the scale reads less than in all of these.
-SWAY_BLOCKS = 30
+STANDING_BLOCKS = 30
 # Variance of a load in gusts of 2 kg at three standard deviations, kg2, with the time constant
-# `SWAY_S`: a scale at rest may have it as far as its readings leave that likely.
-GUSTS_KG2 = 0.77
+# `SWAY_TAU_S`: a scale at rest may have it as far as its readings leave that likely.
+GUST_VARIANCE_KG2 = 0.77
 # Size of a fall in standard deviations, where the drive's effort confirms it in the same seconds.
-BLOCKED_SD = 3.0
+BLOCKAGE_SD = 3.0
 # Blocks of flow with normal effort before a blockage: a drive that is heavy from its start (cold
 # grease) shows that within some 6 s.
-EASY_BLOCKS = 12
+EASY_EFFORT_BLOCKS = 12
 # A blockage shows in the drive's effort within 4 to 6 s (`MEAN_S` of its watch).
-LATE_BLOCKS = 7
+EFFORT_DELAY_BLOCKS = 7
 # A share with a smaller standard deviation than this, within its limits, is a changed flow.
-KNOWN_SD = 0.03
+KNOWN_SHARE_SD = 0.03
 # Share by which each block moves the estimate of the scale's noise.
 NOISE_RATE = 0.02
 # The initial noise weighs as much as this many blocks.
-NOISE_BLOCKS = 2.0
+INITIAL_NOISE_BLOCKS = 2.0
 # Initial noise as a factor on the file's variance, a sway of 1 kg: a scale has to show that it is
 # calm.
-NOISE_FIRST = 20.0
+INITIAL_NOISE = 20.0
 # Greatest noise as a factor on the file's variance.
-NOISE_MOST = 100.0
+MAX_NOISE = 100.0
 # Time constant of the wind's load, s. Gusts last 3 to 30 s; against measured loads this value is
 # right for 8 s within a tenth, and too large for shorter ones.
-SWAY_S = 16.0
+SWAY_TAU_S = 16.0
 # Lags of the second differences, blocks: the first shows wind, the second does not. A straight line
 # shows in neither, so that a flow, a leak or a wrong gain is no sway.
 SWAY_LAG, NOISE_LAG = 8, 1
 # Number of second differences in the mean, and the least number that is used.
-SWAY_BENDS, LEAST_BENDS = 300, 12
+MAX_SWAY_BENDS, MIN_SWAY_BENDS = 300, 12
 # Second differences beyond the file's noise by this many standard deviations are sway.
-SWAY_SD = 4.0
+SWAY_DETECTION_SD = 4.0
 # Number of second differences of white noise that are worth one independent value.
-BENDS_ALIKE = 1.94
+NOISE_BENDS_ALIKE = 1.94
 # Number of second differences of gusts that are worth one independent value.
-BENDS_IN_GUSTS = 8.0
+GUST_BENDS_ALIKE = 8.0
 # Initial variance of the steps between weighings, kg2; its weight in weighings, at first and at
 # most.
-STEP_KG2, STEPS_FIRST, STEPS_MOST = 0.16, 20.0, 200.0
+INITIAL_STEP_KG2, INITIAL_STEPS, MAX_STEPS = 0.16, 20.0, 200.0
 # An older weighing is not used, s.
-STALE_S = 1.0
+WEIGHING_VALID_S = 1.0
 # Least mass of a revolution by the model, g, when an offset is converted to a share.
-LEAST_G_REV = 1.0
+MIN_GRAMS_PER_REV = 1.0
 # Noise of a scale whose file gives none, kg.
-LEAST_KG = 0.001
+MIN_SCALE_NOISE_KG = 0.001
 # A smaller flow is no evidence, kg/s.
-LEAST_KG_S = 0.005
+MIN_FLOW_KG_S = 0.005
 # After so many blocks without a further fall nothing leaves any more.
-ENDED_BLOCKS = 8
+LEAK_END_BLOCKS = 8
 # A fall faster than the machine's largest flow times this is no flow: a load was taken off the
 # hopper.
-FASTER = 1.5
+MAX_FLOW_FACTOR = 1.5
 # Error of the flow after a catch test of today, %.
-TEST_PERCENT = 1.5
+CATCH_TEST_PERCENT = 1.5
 # Growth of that error in the square root of a day by storage and weather, %: 5 % after three
 # months.
-TEST_WANDERS_PERCENT = 0.5
+CATCH_TEST_DRIFT_PERCENT = 0.5
 
 H, GAIN, OFFSET, SLOPE, TILT, COSINE, SWAY = range(7)
 # A row of the state as a tuple: calls of numpy take longer than so few numbers.
-Numbers = tuple[float, ...]
-Rows = tuple[Numbers, ...]
+Vector = tuple[float, ...]
+Matrix = tuple[Vector, ...]
 NO_TRIM = (0.0,) * 7
 # This scale reads the same at every pitch.
-UPRIGHT = Scale()
+LEVEL_SCALE = Scale()
 
 
 class _Block(NamedTuple):
     """Holds one block of the series, with the state of the filter after it."""
 
     # Sums since the beginning: expected kg, 1000 revolutions, kg x degrees of pitch.
-    sums: Numbers
+    sums: Vector
     # Mean reading of the scale, kg.
     kg: float
     # Row of the measurement: the level, and the share of each effect of pitch.
-    reads: Numbers
+    reads: Vector
     flows: bool
     labours: bool
-    state: Numbers
-    spread: Rows
-    trimmed: Numbers
+    state: Vector
+    spread: Matrix
+    trimmed: Vector
     number: int
     sway_kg2: float
 
@@ -203,7 +203,7 @@ class FlowTrim:
         *,
         outlets: int = 6,
         most_kg_s: float = inf,
-        scale: Scale = UPRIGHT,
+        scale: Scale = LEVEL_SCALE,
     ) -> None:
         """Starts without any weighing.
 
@@ -216,15 +216,19 @@ class FlowTrim:
         most_kg_s : largest flow of the machine, kg/s.
         scale : tilt and cosine share of the scale, from the machine file."""
         self._scale = scale
-        self._limits, self._outlets, self._most_kg = limits, outlets, FASTER * most_kg_s * BLOCK_S
-        self._scale_kg2, self._correlation_s = max(LEAST_KG, scale_kg) ** 2, correlation_s
+        self._limits, self._outlets, self._most_kg = (
+            limits,
+            outlets,
+            MAX_FLOW_FACTOR * most_kg_s * BLOCK_S,
+        )
+        self._scale_kg2, self._correlation_s = max(MIN_SCALE_NOISE_KG, scale_kg) ** 2, correlation_s
         # as if blocks were independent
         self._block_kg2 = self._scale_kg2 * min(4.0, 2.0 * correlation_s / BLOCK_S)
         self._gain_percent = limits.gain_percent
-        self._noise = NOISE_FIRST  # times the file's variance
+        self._noise = INITIAL_NOISE  # times the file's variance
         self._judged = 0  # blocks that spoke of the noise
         # variance of what sways, and of the steps from one weighing to the next
-        self._sway_kg2, self._step_kg2, self._steps = 0.0, STEP_KG2, STEPS_FIRST
+        self._sway_kg2, self._step_kg2, self._steps = 0.0, INITIAL_STEP_KG2, INITIAL_STEPS
         # second differences by their lag: mean of their squares beyond the file's, and of how many
         self._bends = {SWAY_LAG: (0.0, 0), NOISE_LAG: (0.0, 0)}
         self._number = 0
@@ -233,23 +237,23 @@ class FlowTrim:
         self._block: list[tuple[tuple[float, float, float], float, tuple[float, float]]] = []
         self._since_s = 0.0
         # the newest weighing, what it is made of, and what had gone by the model
-        self._last: tuple[float, Numbers, float] | None = None
+        self._last: tuple[float, Vector, float] | None = None
         self._weighed_s: float | None = None
         # the last step of the scale in this rest, kg, and what was known before it
-        self._stepped: tuple[float, Rows] | None = None
+        self._stepped: tuple[float, Matrix] | None = None
         self._filled_kg = 0.0  # ordered in this rest
         # read in it: the lowest, and what that is made of
-        self._lowest: tuple[float, Numbers] | None = None
+        self._lowest: tuple[float, Vector] | None = None
         self._unordered_kg = self._taken_kg = 0.0
         self.grams_per_rev, self.pitch_deg = 100.0, 0.0  # of the newest tick
-        self.forget()
+        self.reset_calibration()
 
-    def forget(self) -> None:
+    def reset_calibration(self) -> None:
         """Returns to the model's own calibration, as before the first weighing; the learnt noise
         of the scale stays."""
         limits = self._limits
         scale = self._scale
-        self._state: Numbers = (
+        self._state: Vector = (
             *NO_TRIM[:TILT],
             scale.tilt_percent_per_deg,
             scale.cosine_share,
@@ -264,68 +268,68 @@ class FlowTrim:
             limits.cosine_share,
             sqrt(self._sway_kg2),
         )
-        self._spread: Rows = tuple(
+        self._spread: Matrix = tuple(
             [
                 tuple([sd * sd if j == k else 0.0 for j in range(len(sds))])
                 for k, sd in enumerate(sds)
             ]
         )
         # of the state, without the level: as far as it is believed
-        self._trimmed: Numbers = NO_TRIM
+        self._trimmed: Vector = NO_TRIM
         self._value: float | None = None  # asked twice a tick
-        self._said = NOTHING_SAID
+        self._said = NO_SCALE_FINDING
         # the trim, while what the scale says is no trim, or not decided
         self._rests = False
-        self.restart()
+        self.restart_level()
 
     @property
-    def value(self) -> float:
+    def present_factor(self) -> float:
         """Returns the factor on the present flow."""
         if self._value is None:
-            self._value = self.at(self.grams_per_rev, self.pitch_deg)
+            self._value = self.find_factor(self.grams_per_rev, self.pitch_deg)
         return self._value
 
     @property
-    def agrees(self) -> bool:
+    def is_scale_agreeing(self) -> bool:
         """Returns whether the scale contradicts neither shaft nor gate."""
-        return self._said.agrees
+        return self._said.is_agreeing
 
     @property
-    def says(self) -> ScaleSays:
+    def scale_finding(self) -> ScaleFinding:
         """Returns the present finding of the scale."""
         return self._said._replace(
-            trimmed_percent=100.0 * (self.value - 1.0),
+            trimmed_percent=100.0 * (self.present_factor - 1.0),
             unordered_kg=self._unordered_kg,
             refill_percent=self._refill_percent,
         )
 
     @property
-    def sd_percent(self) -> float:
+    def flow_sd_percent(self) -> float:
         """Returns the standard deviation of the estimate for the present flow, %."""
-        shows = _shows(self.grams_per_rev, self.pitch_deg)
-        return sqrt(max(1e-12, _dot(shows, _along(self._spread, shows))))
+        shows = _make_flow_row(self.grams_per_rev, self.pitch_deg)
+        return sqrt(max(1e-12, _multiply_vectors(shows, _multiply_matrix(self._spread, shows))))
 
-    def at(self, grams_per_rev: float, pitch_deg: float) -> float:
+    def find_factor(self, grams_per_rev: float, pitch_deg: float) -> float:
         """Returns the factor on the model's flow. grams_per_rev: mass of a revolution by the
         model."""
         if self._refill_percent is not None:
             return 1.0
         most, trimmed = (
             self._limits.most_percent,
-            _dot(self._trimmed, _shows(grams_per_rev, pitch_deg)),
+            _multiply_vectors(self._trimmed, _make_flow_row(grams_per_rev, pitch_deg)),
         )
         own = self._gain_percent**2
         believed = own / (own + self._limits.scale_percent**2)
         return 1.0 + 0.01 * believed * min(most, max(-most, trimmed))
 
-    def restart(self, another_lot: bool = False) -> None:
+    def restart_level(self, another_lot: bool = False) -> None:
         """Starts a new level, as after a pause, a tare or a refill. another_lot: the product may
         have changed too."""
         self._block.clear()
-        self._blocks: deque[_Block] = deque(maxlen=WINDOWS[-1] + 1)
+        self._blocks: deque[_Block] = deque(maxlen=WINDOW_BLOCKS[-1] + 1)
         # of them, those with flow; since it changed, if it did
-        self._flow: deque[_Block] = deque(maxlen=WINDOWS[-1])
-        self._standing_kg: deque[float] = deque(maxlen=SWAY_BLOCKS)  # since it stands
+        self._flow: deque[_Block] = deque(maxlen=WINDOW_BLOCKS[-1])
+        self._standing_kg: deque[float] = deque(maxlen=STANDING_BLOCKS)  # since it stands
         # blocks of flow in a row in which the drive worked as it should; the one before it began
         # to work harder
         self._easy_blocks = 0
@@ -334,30 +338,30 @@ class FlowTrim:
         self._left: _Block | None = None
         self._unordered_kg = self._taken_kg = 0.0
         self._quiet = 0  # blocks in which nothing more left
-        self._spread = _of_level(self._spread, (self._limits.level_kg**2, *NO_TRIM[GAIN:]))
+        self._spread = _replace_level(self._spread, (self._limits.level_kg**2, *NO_TRIM[GAIN:]))
         if another_lot:
-            self._spread = _wider(self._spread, self._limits.another_lot_percent)
+            self._spread = _widen_gain(self._spread, self._limits.another_lot_percent)
 
-    def tested(self, age_days: float) -> None:
+    def set_catch_test_age(self, age_days: float) -> None:
         """Sets the age of the product's catch test before work begins: with a fresh test the
         model is trusted more than the scale."""
         self._gain_percent = min(
             self._limits.gain_percent,
-            sqrt(TEST_PERCENT**2 + TEST_WANDERS_PERCENT**2 * max(0.0, age_days)),
+            sqrt(CATCH_TEST_PERCENT**2 + CATCH_TEST_DRIFT_PERCENT**2 * max(0.0, age_days)),
         )
-        self.forget()
+        self.reset_calibration()
 
-    def started(self) -> None:
+    def begin_work(self) -> None:
         """Begins or resumes work: a fault may have been repaired and is judged anew."""
         self._flow.clear()
         if self._said.share is not None:
-            self._said = NOTHING_SAID
+            self._said = NO_SCALE_FINDING
 
-    def refilled(self, kg: float) -> None:
+    def record_refill(self, kg: float) -> None:
         """Takes note of an ordered refill. Where the scale rises by another amount before work
         resumes, its gain is wrong."""
         self._filled_kg += kg
-        self.restart(another_lot=True)
+        self.restart_level(another_lot=True)
 
     def take_unordered_kg(self) -> float:
         """Returns the mass that left without an order since the last call, kg."""
@@ -365,7 +369,7 @@ class FlowTrim:
         self._taken_kg += kg
         return kg
 
-    def update(
+    def update_trim(
         self,
         now_s: float,
         dt_s: float,
@@ -386,70 +390,77 @@ class FlowTrim:
         labours : whether the metering drive works harder than it should."""
         self._value = None
         if shaft_rpm > 0.0 and model_flow_kg_s > 0.0:
-            self.grams_per_rev = max(LEAST_G_REV, model_flow_kg_s * 60_000.0 / shaft_rpm)
+            self.grams_per_rev = max(MIN_GRAMS_PER_REV, model_flow_kg_s * 60_000.0 / shaft_rpm)
         self.pitch_deg = pitch_deg
         given_kg = model_flow_kg_s * dt_s
         turned = shaft_rpm / 60_000.0 * dt_s if given_kg > 0.0 else 0.0
         given, turns, on_slope = self._sums
         self._sums = given + given_kg, turns + turned, on_slope + given_kg * pitch_deg
-        if scale is None or now_s - scale.time_s > STALE_S or scale.time_s == self._weighed_s:
+        if (
+            scale is None
+            or now_s - scale.time_s > WEIGHING_VALID_S
+            or scale.time_s == self._weighed_s
+        ):
             return
         weighed_s, self._weighed_s = self._weighed_s, scale.time_s
         leans = pitch_deg, 100.0 * (cos(radians(pitch_deg)) - 1.0)
-        last, self._last = self._last, (scale.value, _reads(scale.value, leans), self._sums[0])
+        last, self._last = (
+            self._last,
+            (scale.value, _make_reading_row(scale.value, leans), self._sums[0]),
+        )
         if last is not None and weighed_s is not None:
-            self._step(last, self._last, scale.time_s - weighed_s)
+            self._judge_step(last, self._last, scale.time_s - weighed_s)
         if not self._block:
             self._since_s = now_s
         self._block.append((self._sums, scale.value, leans))
         if now_s - self._since_s + dt_s > BLOCK_S - 1e-6:
             self._take_block(labours)
 
-    def _step(
+    def _judge_step(
         self,
-        before: tuple[float, Numbers, float],
-        now: tuple[float, Numbers, float],
+        before: tuple[float, Vector, float],
+        now: tuple[float, Vector, float],
         elapsed_s: float,
     ) -> None:
         """Judges the step between two weighings: the hopper was filled, stepped on or unloaded,
         where it is larger than the scale's noise and any flow."""
-        rise_kg, unknown_kg2 = self._rise(before[:2], now[:2])
-        usual_kg = max(REFILL_KG, CHANGED_SD * sqrt(self._step_kg2))
-        usual_kg += CHANGED_SD * sqrt(unknown_kg2)
+        rise_kg, unknown_kg2 = self._calc_rise(before[:2], now[:2])
+        usual_kg = max(REFILL_KG, CHANGE_SD * sqrt(self._step_kg2))
+        usual_kg += CHANGE_SD * sqrt(unknown_kg2)
         if not -usual_kg - self._most_kg * abs(elapsed_s) / BLOCK_S < rise_kg < usual_kg:
             stepped, self._stepped = self._stepped, (rise_kg, self._spread)
             back = stepped is not None and abs(rise_kg + stepped[0]) < usual_kg
             if stepped is not None and back:
                 # A person who stepped up has stepped down: there is no new lot.
                 self._spread, self._stepped = stepped[1], None
-            self.restart(another_lot=rise_kg > 0.0 and not back)
+            self.restart_level(another_lot=rise_kg > 0.0 and not back)
             return
         more_kg = rise_kg + now[2] - before[2]
-        self._steps = min(STEPS_MOST, self._steps + 1.0)
+        self._steps = min(MAX_STEPS, self._steps + 1.0)
         self._step_kg2 += (more_kg**2 - self._step_kg2) / self._steps
 
     # -- blocks
     # ----------------------------------------------------------------------------------------------
 
     def _take_block(self, labours: bool) -> None:
-        sums = _means([sums for sums, _, _ in self._block])
+        sums = _average_columns([sums for sums, _, _ in self._block])
         kg = sum([kg for _, kg, _ in self._block]) / len(self._block)
-        reads = _reads(kg, _means([leans for _, _, leans in self._block]))
+        reads = _make_reading_row(kg, _average_columns([leans for _, _, leans in self._block]))
         self._block.clear()
         if not self._blocks:
-            self._level(kg, reads)
-            self._keep(sums, kg, reads, False, labours)
+            self._set_level(kg, reads)
+            self._append_block(sums, kg, reads, False, labours)
             return
         before = self._blocks[-1]
-        gone = _more(sums, -1.0, before.sums)
-        flows = gone[0] >= LEAST_KG_S * BLOCK_S
-        rise_kg, unknown_kg2 = self._rise((before.kg, before.reads), (kg, reads))
-        unknown_kg2 += 2.0 * (self._mean_kg2(1) + self._sway_kg2 * (1.0 - _stays(1)))
-        if abs(rise_kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(unknown_kg2):
+        gone = _add_scaled(sums, -1.0, before.sums)
+        flows = gone[0] >= MIN_FLOW_KG_S * BLOCK_S
+        rise_kg, unknown_kg2 = self._calc_rise((before.kg, before.reads), (kg, reads))
+        unknown_kg2 += 2.0 * (self._calc_mean_kg2(1) + self._sway_kg2 * (1.0 - _calc_sway_left(1)))
+        if abs(rise_kg + gone[0]) > self._most_kg + CHANGE_SD * sqrt(unknown_kg2):
             # Somebody stepped on the hopper, or took a load off.
-            self.restart()
-            self._level(kg, reads)
-            self._keep(sums, kg, reads, flows, labours)
+            self.restart_level()
+            self._set_level(kg, reads)
+            self._append_block(sums, kg, reads, flows, labours)
             return
         if flows:
             self._stepped = None
@@ -457,42 +468,44 @@ class FlowTrim:
         self._note_lowest(kg, reads, before.flows and not flows)
         if self._rests and flows:
             # The filter rests; a standstill begins with the present reading.
-            self._level(kg, reads)
+            self._set_level(kg, reads)
         elif self._left is None:
-            self._gone(gone)
+            self._predict_level(gone)
             # At rest a change of the level says nothing about the flow.
             if not flows:
-                self._spread = _level_alone(
+                self._spread = _separate_level(
                     self._spread, reads, 0.25 * self._noise * self._block_kg2
                 )
-            self._weighed(kg, reads)
+            self._update_with_weighing(kg, reads)
             if flows:
-                self._bound()
-        self._keep(sums, kg, reads, flows, labours)
+                self._bound_estimate()
+        self._append_block(sums, kg, reads, flows, labours)
         if not self._rests and self._left is None:
             self._note_sway()
         if flows:
-            self._with_flow()
+            self._judge_flow()
         else:
-            self._standing()
+            self._judge_standstill()
 
-    def _note_lowest(self, kg: float, reads: Numbers, begins: bool) -> None:
+    def _note_lowest(self, kg: float, reads: Vector, begins: bool) -> None:
         """Keeps the lowest reading of this rest. begins: it begins with this block."""
         lowest = self._lowest
-        if begins or lowest is None or self._rise(lowest, (kg, reads))[0] < 0.0:
+        if begins or lowest is None or self._calc_rise(lowest, (kg, reads))[0] < 0.0:
             self._lowest = kg, reads
 
-    def _rise(
-        self, before: tuple[float, Numbers], now: tuple[float, Numbers]
+    def _calc_rise(
+        self, before: tuple[float, Vector], now: tuple[float, Vector]
     ) -> tuple[float, float]:
         """Returns how much more is weighed than before, kg, without the effect of pitch on the
         scale, and the variance of that, kg2."""
-        apart = _more(now[1], -1.0, before[1])
-        return now[0] - before[0] - _dot(apart, self._state), _dot(
-            apart, _along(self._spread, apart)
+        apart = _add_scaled(now[1], -1.0, before[1])
+        return now[0] - before[0] - _multiply_vectors(apart, self._state), _multiply_vectors(
+            apart, _multiply_matrix(self._spread, apart)
         )
 
-    def _keep(self, sums: Numbers, kg: float, reads: Numbers, flows: bool, labours: bool) -> None:
+    def _append_block(
+        self, sums: Vector, kg: float, reads: Vector, flows: bool, labours: bool
+    ) -> None:
         self._number += 1
         state = self._state, self._spread, self._trimmed, self._number, self._sway_kg2
         self._blocks.append(_Block(sums, kg, reads, flows, labours, *state))
@@ -504,41 +517,47 @@ class FlowTrim:
         for lag, (mean_kg2, count) in self._bends.items():
             bent = newest[: 2 * lag + 1]
             if len(bent) > 2 * lag and len({one.flows for one in bent}) == 1:
-                count = min(SWAY_BENDS, count + 1)
-                beyond_kg2 = self._bend_kg2(bent[0], bent[lag], bent[-1])
-                beyond_kg2 -= _bend_kg2(self._covariance_kg2, lag)
+                count = min(MAX_SWAY_BENDS, count + 1)
+                beyond_kg2 = self._calc_bend_kg2(bent[0], bent[lag], bent[-1])
+                beyond_kg2 -= _calc_bend_variance(self._covariance_kg2, lag)
                 self._bends[lag] = mean_kg2 + (beyond_kg2 - mean_kg2) / count, count
         sways_kg2, count = self._bends[SWAY_LAG]
-        if count >= LEAST_BENDS:
+        if count >= MIN_SWAY_BENDS:
             # The second differences of white noise are the same at every lag.
             white_kg2 = max(0.0, self._bends[NOISE_LAG][0])
-            chance = SWAY_SD * sqrt(2.0 * BENDS_ALIKE / count)
+            chance = SWAY_DETECTION_SD * sqrt(2.0 * NOISE_BENDS_ALIKE / count)
             beyond_kg2 = sways_kg2 - white_kg2
-            by_chance_kg2 = chance * (_bend_kg2(self._covariance_kg2, SWAY_LAG) + white_kg2)
-            of_one = _bend_kg2(_stays, SWAY_LAG) - _bend_kg2(_stays, NOISE_LAG)
+            by_chance_kg2 = chance * (
+                _calc_bend_variance(self._covariance_kg2, SWAY_LAG) + white_kg2
+            )
+            of_one = _calc_bend_variance(_calc_sway_left, SWAY_LAG) - _calc_bend_variance(
+                _calc_sway_left, NOISE_LAG
+            )
             self._set_sway(beyond_kg2 / of_one if beyond_kg2 > by_chance_kg2 else 0.0)
 
-    def _bend_kg2(self, last: _Block, middle: _Block, first: _Block) -> float:
+    def _calc_bend_kg2(self, last: _Block, middle: _Block, first: _Block) -> float:
         """Returns the square of a second difference of the readings, without the effect of
         pitch, kg2."""
-        apart = _more(_more(last.reads, -2.0, middle.reads), 1.0, first.reads)
+        apart = _add_scaled(_add_scaled(last.reads, -2.0, middle.reads), 1.0, first.reads)
         gone_kg = last.sums[0] - 2.0 * middle.sums[0] + first.sums[0]
-        bend_kg = last.kg - 2.0 * middle.kg + first.kg + gone_kg - _dot(apart, self._state)
-        return bend_kg**2 - _dot(apart, _along(self._spread, apart))
+        bend_kg = (
+            last.kg - 2.0 * middle.kg + first.kg + gone_kg - _multiply_vectors(apart, self._state)
+        )
+        return bend_kg**2 - _multiply_vectors(apart, _multiply_matrix(self._spread, apart))
 
     @property
-    def _may_sway_kg2(self) -> float:
+    def _possible_sway_kg2(self) -> float:
         """Returns the variance of sway that is not ruled out: that of gusts, reduced by the
         likelihood that the readings are those of the file's scale."""
         evidence = 0.0
-        for lag, alike in ((SWAY_LAG, BENDS_IN_GUSTS), (NOISE_LAG, BENDS_ALIKE)):
+        for lag, alike in ((SWAY_LAG, GUST_BENDS_ALIKE), (NOISE_LAG, NOISE_BENDS_ALIKE)):
             beyond_kg2, count = self._bends[lag]
-            calm_kg2 = _bend_kg2(self._covariance_kg2, lag)
-            gusts_kg2 = calm_kg2 + GUSTS_KG2 * _bend_kg2(_stays, lag)
+            calm_kg2 = _calc_bend_variance(self._covariance_kg2, lag)
+            gusts_kg2 = calm_kg2 + GUST_VARIANCE_KG2 * _calc_bend_variance(_calc_sway_left, lag)
             times = (calm_kg2 + max(0.0, beyond_kg2)) / calm_kg2
             likelier = times * (1.0 - calm_kg2 / gusts_kg2) - log(gusts_kg2 / calm_kg2)
             evidence += 0.5 * count / alike * likelier
-        return max(self._sway_kg2, exp(min(0.0, evidence)) * GUSTS_KG2)
+        return max(self._sway_kg2, exp(min(0.0, evidence)) * GUST_VARIANCE_KG2)
 
     def _set_sway(self, kg2: float) -> None:
         if self._sway_kg2 == 0.0 and kg2 > 0.0:
@@ -559,23 +578,23 @@ class FlowTrim:
             return self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
         return self._scale_kg2 * ((1.0 - exp(-t)) / t) ** 2 * exp(-(blocks - 1) * t)
 
-    def _gone(self, gone: Numbers) -> None:
+    def _predict_level(self, gone: Vector) -> None:
         """Predicts the level after the flow since the block before, by the model and the
         estimate."""
-        level = _leaves(gone)
-        along = _along(self._spread, level)
-        self._state = (_dot(level, self._state) - gone[0], *self._state[GAIN:])
-        self._spread = _wider(
-            _of_level(self._spread, (_dot(level, along), *along[GAIN:])),
+        level = _make_level_row(gone)
+        along = _multiply_matrix(self._spread, level)
+        self._state = (_multiply_vectors(level, self._state) - gone[0], *self._state[GAIN:])
+        self._spread = _widen_gain(
+            _replace_level(self._spread, (_multiply_vectors(level, along), *along[GAIN:])),
             self._limits.wanders_percent * sqrt(BLOCK_S / 3600.0),
         )
-        self._sways()
+        self._predict_sway()
 
-    def _sways(self) -> None:
+    def _predict_sway(self) -> None:
         """Predicts the sway: it returns to its mean and is driven on."""
         if self._spread[SWAY][SWAY] == 0.0:
             return
-        stays = _stays(1)
+        stays = _calc_sway_left(1)
         self._state = (*self._state[:SWAY], stays * self._state[SWAY])
         of_sway = [stays * one for one in self._spread[SWAY][:SWAY]]
         own_kg2 = stays**2 * self._spread[SWAY][SWAY] + (1.0 - stays**2) * self._sway_kg2
@@ -584,53 +603,60 @@ class FlowTrim:
             (*of_sway, own_kg2),
         )
 
-    def _weighed(self, weighed_kg: float, reads: Numbers) -> None:
-        along = _along(self._spread, reads)
-        variance = _dot(reads, along) + self._noise * self._block_kg2
-        off_kg = weighed_kg - _dot(reads, self._state)
+    def _update_with_weighing(self, weighed_kg: float, reads: Vector) -> None:
+        along = _multiply_matrix(self._spread, reads)
+        variance = _multiply_vectors(reads, along) + self._noise * self._block_kg2
+        off_kg = weighed_kg - _multiply_vectors(reads, self._state)
         off = off_kg / sqrt(variance)
         gain = tuple([one / variance for one in along])
-        self._state = _more(self._state, off_kg, gain)
+        self._state = _add_scaled(self._state, off_kg, gain)
         self._spread = tuple(
-            [_more(row, -one, gain) for row, one in zip(self._spread, along, strict=True)]
+            [_add_scaled(row, -one, gain) for row, one in zip(self._spread, along, strict=True)]
         )
         self._judged += 1
-        rate = max(NOISE_RATE, 1.0 / (NOISE_BLOCKS + self._judged))
+        rate = max(NOISE_RATE, 1.0 / (INITIAL_NOISE_BLOCKS + self._judged))
         self._noise = min(
-            NOISE_MOST, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0)))
+            MAX_NOISE, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0)))
         )
 
-    def _bound(self) -> None:
+    def _bound_estimate(self) -> None:
         """Projects the estimate into its bounds, along its own uncertainty."""
-        shows, most = _shows(self.grams_per_rev, self.pitch_deg), self._limits.most_percent
-        percent = _dot(shows, self._state)
+        shows, most = _make_flow_row(self.grams_per_rev, self.pitch_deg), self._limits.most_percent
+        percent = _multiply_vectors(shows, self._state)
         over = percent - min(most, max(-most, percent))
-        along = _along(self._spread, shows)
-        self._state = _more(self._state, -over / max(1e-12, _dot(shows, along)), along)
+        along = _multiply_matrix(self._spread, shows)
+        self._state = _add_scaled(
+            self._state, -over / max(1e-12, _multiply_vectors(shows, along)), along
+        )
 
-    def _level(self, weighed_kg: float, reads: Numbers) -> None:
+    def _set_level(self, weighed_kg: float, reads: Vector) -> None:
         """Sets the level to the present weighing, whatever was estimated before."""
         by_pitch = (0.0, *reads[GAIN:])
-        along = _along(self._spread, by_pitch)
-        self._state = (weighed_kg - _dot(by_pitch, self._state), *self._state[GAIN:])
-        own_kg2 = self._noise * self._block_kg2 + _dot(by_pitch, along)
-        self._spread = _of_level(self._spread, (own_kg2, *[-one for one in along[GAIN:]]))
+        along = _multiply_matrix(self._spread, by_pitch)
+        self._state = (weighed_kg - _multiply_vectors(by_pitch, self._state), *self._state[GAIN:])
+        own_kg2 = self._noise * self._block_kg2 + _multiply_vectors(by_pitch, along)
+        self._spread = _replace_level(self._spread, (own_kg2, *[-one for one in along[GAIN:]]))
 
-    def _believe(self) -> None:
+    def _move_trim(self) -> None:
         """Moves the trim towards the estimate as far as the evidence for the present flow
         allows."""
-        apart = _more((0.0, *self._state[GAIN:TILT], 0.0, 0.0, 0.0), -1.0, self._trimmed)
-        percent, sd = _dot(apart, _shows(self.grams_per_rev, self.pitch_deg)), self.sd_percent
-        if abs(percent) > DOUBT_SD * sd:
-            self._trimmed = _more(self._trimmed, 1.0 - (DOUBT_SD * sd / percent) ** 2, apart)
+        apart = _add_scaled((0.0, *self._state[GAIN:TILT], 0.0, 0.0, 0.0), -1.0, self._trimmed)
+        percent, sd = (
+            _multiply_vectors(apart, _make_flow_row(self.grams_per_rev, self.pitch_deg)),
+            self.flow_sd_percent,
+        )
+        if abs(percent) > DEAD_BAND_SD * sd:
+            self._trimmed = _add_scaled(
+                self._trimmed, 1.0 - (DEAD_BAND_SD * sd / percent) ** 2, apart
+            )
 
     def _check_refill(self, before: _Block) -> None:
         """Compares the rise of the scale with the ordered refill when work resumes. before: the
         last block of the rest."""
         if self._filled_kg > 0.0 and self._lowest is not None:
-            rise_kg, unknown_kg2 = self._rise(self._lowest, (before.kg, before.reads))
+            rise_kg, unknown_kg2 = self._calc_rise(self._lowest, (before.kg, before.reads))
             off_kg = rise_kg - self._filled_kg
-            allowed = 0.01 * self._limits.refill_percent * self._filled_kg + CHANGED_SD * sqrt(
+            allowed = 0.01 * self._limits.refill_percent * self._filled_kg + CHANGE_SD * sqrt(
                 self._scale_kg2 + 2.0 * self._sway_kg2 + unknown_kg2
             )
             self._refill_percent = (
@@ -641,97 +667,110 @@ class FlowTrim:
     # -- the watch
     # ----------------------------------------------------------------------------------------------
 
-    def _mean_kg2(self, blocks: int) -> float:
+    def _calc_mean_kg2(self, blocks: int) -> float:
         """Returns the variance of the scale's mean over so many blocks, kg2."""
-        return self._noise * self._scale_kg2 * _averages(blocks * BLOCK_S / self._correlation_s)
+        return (
+            self._noise
+            * self._scale_kg2
+            * _calc_mean_variance(blocks * BLOCK_S / self._correlation_s)
+        )
 
-    def _excess(self, since: _Block, blocks: int, sway_kg2: float = 0.0) -> tuple[float, float]:
+    def _find_excess(
+        self, since: _Block, blocks: int, sway_kg2: float = 0.0
+    ) -> tuple[float, float]:
         """Returns the mass that left since a block beyond the prediction of that time, kg, by
         the mean of the newest blocks, and its standard deviation. sway_kg2: variance of sway
         where more is known of it now."""
         newest = list(islice(reversed(self._blocks), blocks))
-        gone = _more(_means([one.sums for one in newest]), -1.0, since.sums)
-        reads = _more(_leaves(gone), 1.0, (0.0, *_means([one.reads[GAIN:] for one in newest])))
-        age = self._number - since.number
-        stays = sum([_stays(age - k) for k in range(blocks)]) / blocks
-        reads = (*reads[:SWAY], stays)
-        variance = _dot(reads, _along(since.spread, reads)) + self._mean_kg2(blocks)
-        variance += since.sway_kg2 * (_averages(blocks * BLOCK_S / SWAY_S) - stays**2)
-        variance += 2.0 * max(0.0, sway_kg2 - since.sway_kg2) * (1.0 - stays)
-        return _dot(reads, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(
-            variance
+        gone = _add_scaled(_average_columns([one.sums for one in newest]), -1.0, since.sums)
+        reads = _add_scaled(
+            _make_level_row(gone),
+            1.0,
+            (0.0, *_average_columns([one.reads[GAIN:] for one in newest])),
         )
+        age = self._number - since.number
+        stays = sum([_calc_sway_left(age - k) for k in range(blocks)]) / blocks
+        reads = (*reads[:SWAY], stays)
+        variance = _multiply_vectors(
+            reads, _multiply_matrix(since.spread, reads)
+        ) + self._calc_mean_kg2(blocks)
+        variance += since.sway_kg2 * (_calc_mean_variance(blocks * BLOCK_S / SWAY_TAU_S) - stays**2)
+        variance += 2.0 * max(0.0, sway_kg2 - since.sway_kg2) * (1.0 - stays)
+        return _multiply_vectors(reads, since.state) - gone[0] - sum(
+            [one.kg for one in newest]
+        ) / blocks, sqrt(variance)
 
-    def _farthest(self, most: int, sway_kg2: float) -> tuple[int, float, float]:
+    def _find_farthest(self, most: int, sway_kg2: float) -> tuple[int, float, float]:
         """Returns window, excess in kg and standard deviation of the window with the most
-        significant excess, among windows of at most so many blocks. sway_kg2: as for `_excess`."""
+        significant excess, among windows of at most so many blocks. sway_kg2: as for
+        `_find_excess`."""
         asked = [
-            (window, *self._excess(self._blocks[-1 - window], max(1, window // 4), sway_kg2))
-            for window in {*WINDOWS, most}
+            (window, *self._find_excess(self._blocks[-1 - window], max(1, window // 4), sway_kg2))
+            for window in {*WINDOW_BLOCKS, most}
             if window <= min(most, len(self._blocks) - 1)
         ]
         return max(asked, key=lambda one: abs(one[1]) / one[2], default=(0, 0.0, 1.0))
 
-    def _standing(self) -> None:
+    def _judge_standstill(self) -> None:
         """Judges a change of the scale while nothing flows by the shaft: nobody ordered it."""
         if self._left is not None:
-            self._goes_on(self._left)
+            self._judge_leak(self._left)
             return
         newest = self._blocks[-1]
         # The effect of pitch on the scale is subtracted.
-        weight_kg = newest.kg - _dot((0.0, *newest.reads[GAIN:]), newest.state)
+        weight_kg = newest.kg - _multiply_vectors((0.0, *newest.reads[GAIN:]), newest.state)
         self._standing_kg.append(weight_kg)
         rest = next(
             (k for k, one in enumerate(reversed(self._blocks)) if one.flows), len(self._blocks) - 1
         )
-        window, kg, sd = self._farthest(rest, self._may_sway_kg2)
-        least_kg = CHANGED_SD * sd
+        window, kg, sd = self._find_farthest(rest, self._possible_sway_kg2)
+        least_kg = CHANGE_SD * sd
         # A rise means that the hopper is being filled.
         if kg < -least_kg:
-            self._back_to(self._blocks[-1 - window])
+            self._restore_block(self._blocks[-1 - window])
             self._blocks.clear()
-            self._level(newest.kg, newest.reads)
-            self._keep(newest.sums, newest.kg, newest.reads, False, newest.labours)
+            self._set_level(newest.kg, newest.reads)
+            self._append_block(newest.sums, newest.kg, newest.reads, False, newest.labours)
         elif (
             kg > least_kg
             and min(list(self._standing_kg)[:-window], default=inf) - weight_kg > 0.5 * kg
         ):
             rested = list(self._blocks)[-1 - rest : -1]
-            self._left = max(rested, key=lambda one: self._excess(one, 1)[0])
-            self._back_to(self._left)
-            self._goes_on(self._left)
+            self._left = max(rested, key=lambda one: self._find_excess(one, 1)[0])
+            self._restore_block(self._left)
+            self._judge_leak(self._left)
 
-    def _goes_on(self, since: _Block) -> None:
+    def _judge_leak(self, since: _Block) -> None:
         """Follows a leak: material leaves that nobody ordered, or has left."""
-        kg, sd = self._excess(since, min(ENDED_BLOCKS // 2, len(self._blocks) - 1))
+        kg, sd = self._find_excess(since, min(LEAK_END_BLOCKS // 2, len(self._blocks) - 1))
         self._quiet = 0 if kg > self._unordered_kg + sd else self._quiet + 1
         self._unordered_kg = max(self._unordered_kg, kg)
-        if self._quiet >= ENDED_BLOCKS:
-            self.restart()
+        if self._quiet >= LEAK_END_BLOCKS:
+            self.restart_level()
 
-    def _with_flow(self) -> None:
+    def _judge_flow(self) -> None:
         if self._left is not None:
-            self.restart()
+            self.restart_level()
             return
         self._standing_kg.clear()
         self._flow.append(self._blocks[-1])
         self._note_effort()
         if not self._rests:
-            window, kg, sd = self._farthest(WINDOWS[-1], self._sway_kg2)
-            if abs(kg) > CHANGED_SD * sd:
-                self._since_change(window)
-                self._said = ScaleSays(off_kg=kg)
-        if len(self._flow) * BLOCK_S >= DECIDED_S:
-            self._judge()
+            window, kg, sd = self._find_farthest(WINDOW_BLOCKS[-1], self._sway_kg2)
+            if abs(kg) > CHANGE_SD * sd:
+                self._return_to_change(window)
+                self._said = ScaleFinding(off_kg=kg)
+        if len(self._flow) * BLOCK_S >= DECISION_FLOW_S:
+            self._judge_share()
         if not self._rests:
-            self._believe()
+            self._move_trim()
 
-    def _since_change(self, window: int) -> None:
+    def _return_to_change(self, window: int) -> None:
         """Returns the trim to its value before the flow changed, and lets it rest. The change is
         the last block from which nine tenths of the window's excess are missing."""
         averaged = max(1, window // 4)
         off = [
-            abs(self._excess(one, averaged)[0])
+            abs(self._find_excess(one, averaged)[0])
             for one in list(self._blocks)[-1 - window : -averaged]
         ]
         latest = max(k for k, kg in enumerate(off) if kg >= 0.9 * off[0])
@@ -739,48 +778,52 @@ class FlowTrim:
         flow = [one for one in self._flow if one.sums[0] >= since.sums[0]]
         self._flow.clear()
         self._flow.extend(flow)
-        self._back_to(since)
+        self._restore_block(since)
         self._rests = True
 
-    def _back_to(self, since: _Block) -> None:
+    def _restore_block(self, since: _Block) -> None:
         self._state, self._spread, self._trimmed = since.state, since.spread, since.trimmed
 
-    def _judge(self) -> None:
+    def _judge_share(self) -> None:
         """Judges the share of the model's flow that left, since the flow changed or over the
         last two minutes."""
-        self._said = self._blockage() or self._said
+        self._said = self._find_blockage() or self._said
         limits, flow = self._limits, list(self._flow)
-        share, sd, noise_kg2 = self._share(flow)
-        off, lately = share - 1.0, self._share(flow[-len(flow) // 3 :])[0] - 1.0
-        goes_on = off * lately > GOES_ON_SHARE * off * off
-        fell = self._fall(-off, sd)
-        far = not limits.low_share - FAR_SD * sd < share < limits.high_share + FAR_SD * sd
+        share, sd, noise_kg2 = self._fit_share(flow)
+        off, lately = share - 1.0, self._fit_share(flow[-len(flow) // 3 :])[0] - 1.0
+        goes_on = off * lately > PERSISTING_SHARE * off * off
+        fell = self._explain_fall(-off, sd)
+        far = (
+            not limits.low_share - FAR_FROM_FLOW_SD * sd
+            < share
+            < limits.high_share + FAR_FROM_FLOW_SD * sd
+        )
         # In wind a few kilograms of flow are little evidence.
-        if goes_on and far and abs(off) > DECIDED_SD * sd:
-            self._no_trim(ScaleSays(share=share))
+        if goes_on and far and abs(off) > DECISION_SD * sd:
+            self._suspend_trim(ScaleFinding(share=share))
         elif goes_on and self._rests and fell is not None and self._said.beyond_percent is None:
             self._said = fell
-        elif goes_on and 100.0 * (abs(off) - DECIDED_SD * sd) > limits.most_percent:
-            window, kg, kg_sd = self._farthest(WINDOWS[-1], self._sway_kg2)
-            if not self._rests and abs(kg) > DECIDED_SD * kg_sd:
+        elif goes_on and 100.0 * (abs(off) - DECISION_SD * sd) > limits.most_percent:
+            window, kg, kg_sd = self._find_farthest(WINDOW_BLOCKS[-1], self._sway_kg2)
+            if not self._rests and abs(kg) > DECISION_SD * kg_sd:
                 # The share was different at the beginning.
-                self._since_change(window)
+                self._return_to_change(window)
                 return
-            self._no_trim(ScaleSays(beyond_percent=100.0 * off))
+            self._suspend_trim(ScaleFinding(beyond_percent=100.0 * off))
         elif self._rests and (
-            (sd < KNOWN_SD and 100.0 * abs(off) < limits.most_percent)
-            or (len(self._flow) == self._flow.maxlen and not self._said.fell)
+            (sd < KNOWN_SHARE_SD and 100.0 * abs(off) < limits.most_percent)
+            or (len(self._flow) == self._flow.maxlen and not self._said.has_fallen)
         ):
-            self._said, self._rests = NOTHING_SAID, False
+            self._said, self._rests = NO_SCALE_FINDING, False
             white_kg2 = noise_kg2 - self._sway_kg2
-            self._noise = max(self._noise, white_kg2 / (self._mean_kg2(1) / self._noise))
+            self._noise = max(self._noise, white_kg2 / (self._calc_mean_kg2(1) / self._noise))
             newest = self._blocks[-1]
             self._blocks.clear()
-            self._level(newest.kg, newest.reads)
-            self._spread = _wider(self._spread, limits.changed_percent)
-            self._keep(newest.sums, newest.kg, newest.reads, True, newest.labours)
+            self._set_level(newest.kg, newest.reads)
+            self._spread = _widen_gain(self._spread, limits.changed_percent)
+            self._append_block(newest.sums, newest.kg, newest.reads, True, newest.labours)
 
-    def _no_trim(self, said: ScaleSays) -> None:
+    def _suspend_trim(self, said: ScaleFinding) -> None:
         self._said, self._rests, self._trimmed = said, True, NO_TRIM
 
     def _note_effort(self) -> None:
@@ -788,54 +831,57 @@ class FlowTrim:
         effort."""
         if not self._blocks[-1].labours:
             self._easy_blocks += 1
-            if self._easy_blocks >= EASY_BLOCKS:
+            if self._easy_blocks >= EASY_EFFORT_BLOCKS:
                 self._easy = None
             return
-        if self._easy_blocks >= EASY_BLOCKS and len(self._blocks) > LATE_BLOCKS:
-            self._easy = self._blocks[-1 - LATE_BLOCKS]
+        if self._easy_blocks >= EASY_EFFORT_BLOCKS and len(self._blocks) > EFFORT_DELAY_BLOCKS:
+            self._easy = self._blocks[-1 - EFFORT_DELAY_BLOCKS]
         self._easy_blocks = 0
 
-    def _blockage(self) -> ScaleSays | None:
+    def _find_blockage(self) -> ScaleFinding | None:
         """Returns the closed outlets that two witnesses confirm: the drive works harder, as
         granules packed before a closed outlet make it do, and since then less leaves."""
         since = self._easy
         if since is None:
             return None
         flow = [one for one in self._flow if one.sums[0] >= since.sums[0]]
-        if len(flow) * BLOCK_S < DECIDED_S:
+        if len(flow) * BLOCK_S < DECISION_FLOW_S:
             return None
-        share, sd, _ = self._share(flow)
-        shows = _shows(self.grams_per_rev, self.pitch_deg)
-        before = 1.0 + 0.01 * _dot(since.state, shows)
+        share, sd, _ = self._fit_share(flow)
+        shows = _make_flow_row(self.grams_per_rev, self.pitch_deg)
+        before = 1.0 + 0.01 * _multiply_vectors(since.state, shows)
         fall = 1.0 - share / before
-        unknown = hypot(sd, 0.01 * sqrt(max(0.0, _dot(shows, _along(since.spread, shows)))))
+        unknown = hypot(
+            sd,
+            0.01 * sqrt(max(0.0, _multiply_vectors(shows, _multiply_matrix(since.spread, shows)))),
+        )
         silent = max(1, round(fall * self._outlets))
-        if silent > self._few or not BLOCKED_SD * unknown < fall:
+        if silent > self._closable_outlets or not BLOCKAGE_SD * unknown < fall:
             return None
         self._flow.clear()
         self._flow.extend(flow)
-        self._back_to(since)
+        self._restore_block(since)
         self._rests, self._easy = True, None
-        return ScaleSays(outlets=silent, of_outlets=self._outlets)
+        return ScaleFinding(outlets=silent, of_outlets=self._outlets)
 
-    def _fall(self, fall: float, sd: float) -> ScaleSays | None:
+    def _explain_fall(self, fall: float, sd: float) -> ScaleFinding | None:
         """Returns the finding for a flow that fell at once by such a share, no more than a few
         outlets less; None where it may be trimmed. Unless closed outlets are already known, the
         cause may also be another lot, or a wrong reading of gate or shaft."""
-        most, lost, few = self._limits.most_percent, fall * self._outlets, self._few
+        most, lost, few = self._limits.most_percent, fall * self._outlets, self._closable_outlets
         if self._said.outlets and 100.0 * fall > most:
             sure = abs(lost - self._said.outlets) < 0.75
             return self._said if sure else self._said._replace(outlets=min(few, round(lost)))
-        if lost > few + 0.5 or 100.0 * (fall - FAR_SD * sd) < most:
+        if lost > few + 0.5 or 100.0 * (fall - FAR_FROM_FLOW_SD * sd) < most:
             return None
-        return ScaleSays(below_percent=100.0 * fall)
+        return ScaleFinding(below_percent=100.0 * fall)
 
     @property
-    def _few(self) -> int:
+    def _closable_outlets(self) -> int:
         """Returns how many outlets may close while the rest of the machine is unchanged."""
         return max(1, self._outlets // 3)
 
-    def _share(self, flow: list[_Block]) -> tuple[float, float, float]:
+    def _fit_share(self, flow: list[_Block]) -> tuple[float, float, float]:
         """Fits a straight line of the scale's reading over the mass that left by the model.
 
         Returns
@@ -850,46 +896,46 @@ class FlowTrim:
         across = max(1e-12, float(gone @ gone))
         line = float(gone @ kg) / across
         left = kg - line * gone
-        noise_kg2 = max(float(left @ left) / (len(kg) - 2), self._mean_kg2(1))
+        noise_kg2 = max(float(left @ left) / (len(kg) - 2), self._calc_mean_kg2(1))
         alike = min(0.99, max(0.0, float(left[1:] @ left[:-1]) / max(1e-12, float(left @ left))))
         each_kg2 = noise_kg2 * max(
-            self._noise * self._block_kg2 / self._mean_kg2(1), (1.0 + alike) / (1.0 - alike)
+            self._noise * self._block_kg2 / self._calc_mean_kg2(1), (1.0 + alike) / (1.0 - alike)
         )
         # An unknown tilt turns the line where pitch changed along it.
         turned = gone @ by_pitch / across
         unknown = np.array([row[TILT:SWAY] for row in self._spread[TILT:SWAY]])
-        line_2 = max(each_kg2 / across, self._swayed(flow, gone / across))
+        line_2 = max(each_kg2 / across, self._calc_sway_variance(flow, gone / across))
         return -line, sqrt(line_2 + float(turned @ unknown @ turned)), noise_kg2
 
-    def _swayed(self, flow: list[_Block], weights: np.ndarray) -> float:
+    def _calc_sway_variance(self, flow: list[_Block], weights: np.ndarray) -> float:
         """Returns the variance of a weighted sum of such blocks by sway and noise, kg2."""
         if self._sway_kg2 == 0.0:
             return 0.0
         at = np.array([one.number for one in flow])
-        sways = self._sway_kg2 * np.exp(-np.abs(at[:, None] - at) * BLOCK_S / SWAY_S)
+        sways = self._sway_kg2 * np.exp(-np.abs(at[:, None] - at) * BLOCK_S / SWAY_TAU_S)
         white_kg2 = self._noise * self._block_kg2
         return float(weights @ sways @ weights + white_kg2 * (weights @ weights))
 
 
-def _leaves(gone: Numbers) -> Numbers:
+def _make_level_row(gone: Vector) -> Vector:
     """Returns the row of the level after so much has left by the model: the level before, and
     the effects of the flow."""
     return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2], 0.0, 0.0, 0.0
 
 
-def _reads(kg: float, leans: Numbers) -> Numbers:
+def _make_reading_row(kg: float, leans: Vector) -> Vector:
     """Returns the row of a reading: the level, and what a unit of each effect adds. leans:
     degrees of pitch, and how much its cosine is below 1, %."""
     return 1.0, 0.0, 0.0, 0.0, 0.01 * kg * leans[0], 0.01 * kg * leans[1], 1.0
 
 
-def _shows(grams_per_rev: float, pitch_deg: float) -> Numbers:
+def _make_flow_row(grams_per_rev: float, pitch_deg: float) -> Vector:
     """Returns the row of the flow in %, for a unit of each effect; the level and the scale's own
     effects are 0."""
-    return 0.0, 1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg, 0.0, 0.0, 0.0
+    return 0.0, 1.0, 100.0 / max(MIN_GRAMS_PER_REV, grams_per_rev), pitch_deg, 0.0, 0.0, 0.0
 
 
-def _dot(one: Numbers, other: Numbers) -> float:
+def _multiply_vectors(one: Vector, other: Vector) -> float:
     return (
         one[H] * other[H]
         + one[GAIN] * other[GAIN]
@@ -901,34 +947,34 @@ def _dot(one: Numbers, other: Numbers) -> float:
     )
 
 
-def _stays(blocks: int) -> float:
+def _calc_sway_left(blocks: int) -> float:
     """Returns the share of the sway that is left after so many blocks."""
-    return exp(-blocks * BLOCK_S / SWAY_S)
+    return exp(-blocks * BLOCK_S / SWAY_TAU_S)
 
 
-def _averages(t: float) -> float:
+def _calc_mean_variance(t: float) -> float:
     """Returns the variance of a mean over so many correlation times, for a variance of 1."""
     return 2.0 * (t - 1.0 + exp(-t)) / (t * t)
 
 
-def _bend_kg2(covariance: Callable[[int], float], lag: int) -> float:
+def _calc_bend_variance(covariance: Callable[[int], float], lag: int) -> float:
     """Returns the variance of the second difference of blocks so far apart."""
     return 6.0 * covariance(0) - 8.0 * covariance(lag) + 2.0 * covariance(2 * lag)
 
 
-def _along(spread: Rows, way: Numbers) -> Numbers:
-    return tuple([_dot(row, way) for row in spread])
+def _multiply_matrix(spread: Matrix, way: Vector) -> Vector:
+    return tuple([_multiply_vectors(row, way) for row in spread])
 
 
-def _more(numbers: Numbers, times: float, added: Numbers) -> Numbers:
+def _add_scaled(numbers: Vector, times: float, added: Vector) -> Vector:
     return tuple([one + times * more for one, more in zip(numbers, added, strict=True)])
 
 
-def _means(rows: Sequence[Numbers]) -> Numbers:
+def _average_columns(rows: Sequence[Vector]) -> Vector:
     return tuple([sum(column) / len(rows) for column in zip(*rows, strict=True)])
 
 
-def _of_level(spread: Rows, level: Numbers) -> Rows:
+def _replace_level(spread: Matrix, level: Vector) -> Matrix:
     """Returns the covariance with another row of the level."""
     return (
         level,
@@ -936,7 +982,7 @@ def _of_level(spread: Rows, level: Numbers) -> Rows:
     )
 
 
-def _level_alone(spread: Rows, reads: Numbers, least_kg2: float) -> Rows:
+def _separate_level(spread: Matrix, reads: Vector, least_kg2: float) -> Matrix:
     """Returns the covariance with level and scale independent of the flow's effects. least_kg2:
     least variance of a reading."""
     level = H, TILT, COSINE, SWAY
@@ -946,11 +992,11 @@ def _level_alone(spread: Rows, reads: Numbers, least_kg2: float) -> Rows:
             for j, row in enumerate(spread)
         ]
     )
-    more_kg2 = max(0.0, least_kg2 - _dot(reads, _along(alone, reads)))
+    more_kg2 = max(0.0, least_kg2 - _multiply_vectors(reads, _multiply_matrix(alone, reads)))
     return ((alone[H][H] + more_kg2, *alone[H][GAIN:]), *alone[GAIN:])
 
 
-def _wider(spread: Rows, percent: float) -> Rows:
+def _widen_gain(spread: Matrix, percent: float) -> Matrix:
     """Returns the covariance with a less known gain."""
     gain = spread[GAIN]
     return (spread[H], (gain[H], gain[GAIN] + percent**2, *gain[OFFSET:]), *spread[OFFSET:])

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from topdress.control.machine.machine import Machine
 from topdress.control.readings import RangeBreach
 
-from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s
-from .strategies import ROUNDED_TO_LOWEST, Pair
+from .inverse import Conditions, calc_flow_kg_s, calc_lowest_flow_kg_s
+from .strategies import ROUND_UP_SHARE, Pair
 
 # Square metres of a hectare.
 M2_PER_HA = 10_000.0
@@ -30,10 +30,10 @@ class SpeedRange(NamedTuple):
     high_mps: float
 
 
-def _flow_range_kg_s(machine: Machine, c: Conditions) -> tuple[float, float]:
+def _find_flow_range_kg_s(machine: Machine, c: Conditions) -> tuple[float, float]:
     limits = machine.limits
-    highest = flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm, c)
-    return lowest_flow_kg_s(machine, c), highest
+    highest = calc_flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm, c)
+    return calc_lowest_flow_kg_s(machine, c), highest
 
 
 def find_rate_range(
@@ -52,15 +52,17 @@ def find_rate_range(
     c
         What the flow depends on in addition to the two set-points.
     """
-    low, high = (M2_PER_HA * flow / (width_m * speed_mps) for flow in _flow_range_kg_s(machine, c))
+    low, high = (
+        M2_PER_HA * flow / (width_m * speed_mps) for flow in _find_flow_range_kg_s(machine, c)
+    )
     return RateRange(low, high)
 
 
-def least_rate_kg_ha(machine: Machine, speed_mps: float) -> float:
+def find_least_rate_kg_ha(machine: Machine, speed_mps: float) -> float:
     """Returns the rate below which nothing flows at this ground speed, kg/ha: half of what the
     drives' lowest set-points give. speed_mps: above 0."""
     of_range = find_rate_range(machine, speed_mps, machine.geometry.working_width_m)
-    return ROUNDED_TO_LOWEST * of_range.low_kg_ha
+    return ROUND_UP_SHARE * of_range.low_kg_ha
 
 
 def find_speed_range(
@@ -70,7 +72,9 @@ def find_speed_range(
 
     Parameters are those of `find_rate_range`.
     """
-    low, high = (M2_PER_HA * flow / (width_m * rate_kg_ha) for flow in _flow_range_kg_s(machine, c))
+    low, high = (
+        M2_PER_HA * flow / (width_m * rate_kg_ha) for flow in _find_flow_range_kg_s(machine, c)
+    )
     return SpeedRange(low, high)
 
 
@@ -95,5 +99,5 @@ def find_breach(
     if not pair.limited or min(rate_kg_ha, speed_mps, width_m) <= 0.0:
         return None
     above, usable = pair.limited == "highest", find_speed_range(machine, rate_kg_ha, width_m, c)
-    given = M2_PER_HA * flow_kg_s(machine, *pair[:2], c) / (width_m * speed_mps)
+    given = M2_PER_HA * calc_flow_kg_s(machine, *pair[:2], c) / (width_m * speed_mps)
     return RangeBreach(above, rate_kg_ha, given, usable.high_mps if above else usable.low_mps)

@@ -8,12 +8,18 @@ from typing import NamedTuple
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Strategy
 
-from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s, opening_for, shaft_for
-from .trims import NOTHING_LEFT, Left
+from .inverse import (
+    Conditions,
+    calc_flow_kg_s,
+    calc_lowest_flow_kg_s,
+    find_opening_mm,
+    find_shaft_rpm,
+)
+from .trims import NO_ERROR, UncorrectedError
 
 # Share of the lowest flow above which a wanted flow is rounded up to the lowest, and below which to
 # none.
-ROUNDED_TO_LOWEST = 0.5
+ROUND_UP_SHARE = 0.5
 
 
 class Pair(NamedTuple):
@@ -25,7 +31,7 @@ class Pair(NamedTuple):
     limited: str = ""
 
 
-class Reach(NamedTuple):
+class StrategyReach(NamedTuple):
     """Describes a strategy on one machine at one rate and ground speed: lowest and highest rate
     by its own drive, kg/ha; the smallest step of that drive, % of the flow; distance between the
     lumps of one row, m; change of the flow by 1 mm of the gate and by 1 r/min of the shaft, %."""
@@ -38,15 +44,15 @@ class Reach(NamedTuple):
     percent_rpm: float
 
 
-def reach(
+def describe_reach(
     machine: Machine, strategy: Strategy, rate_kg_ha: float, speed_mps: float
-) -> Reach | None:
+) -> StrategyReach | None:
     """Describes a strategy at this rate and speed; None where the machine stands or nothing
     flows. Beyond the ends of the range the other drive helps."""
     limits, sets = machine.limits, machine.set_points
     to_kg_ha = 10_000.0 / (machine.geometry.working_width_m * speed_mps) if speed_mps > 0.0 else 0.0
     pair = (
-        pair_for(machine, strategy, rate_kg_ha / to_kg_ha, sets.opening_mm)
+        find_pair(machine, strategy, rate_kg_ha / to_kg_ha, sets.opening_mm)
         if to_kg_ha
         else Pair(0.0, 0.0)
     )
@@ -56,18 +62,22 @@ def reach(
         if by_shaft
         else [(sets.shaft_rpm, mm) for mm in (limits.opening_low_mm, limits.opening_high_mm)]
     )
-    low, high = (to_kg_ha * flow_kg_s(machine, *end) for end in ends)
+    low, high = (to_kg_ha * calc_flow_kg_s(machine, *end) for end in ends)
     if pair.shaft_rpm <= 0.0:
         return None
-    flow = flow_kg_s(machine, *pair[:2])
-    percent_mm = 100.0 * (flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm + 1.0) / flow - 1.0)
-    percent_rpm = 100.0 * (flow_kg_s(machine, pair.shaft_rpm + 1.0, pair.opening_mm) / flow - 1.0)
+    flow = calc_flow_kg_s(machine, *pair[:2])
+    percent_mm = 100.0 * (
+        calc_flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm + 1.0) / flow - 1.0
+    )
+    percent_rpm = 100.0 * (
+        calc_flow_kg_s(machine, pair.shaft_rpm + 1.0, pair.opening_mm) / flow - 1.0
+    )
     step = (
         limits.shaft_resolution_rpm * percent_rpm
         if by_shaft
         else limits.opening_resolution_mm * percent_mm
     )
-    return Reach(
+    return StrategyReach(
         low,
         high,
         step,
@@ -77,14 +87,14 @@ def reach(
     )
 
 
-def pair_for(
+def find_pair(
     machine: Machine,
     strategy: Strategy,
     wanted_kg_s: float,
     opening_now_mm: float,
     c: Conditions = Conditions(),
     at_mm: float | None = None,
-    left: Left = NOTHING_LEFT,
+    left: UncorrectedError = NO_ERROR,
 ) -> Pair:
     """Returns the pair that gives `wanted_kg_s` within the limits of the drives. Below half the
     smallest flow it gives zero, between that and the smallest flow the smallest.
@@ -98,45 +108,53 @@ def pair_for(
     at_mm : opening of speed first, mm; None: the machine's set-point.
     left : errors of the drives, which the moving drive compensates."""
     limits = machine.limits
-    lowest = lowest_flow_kg_s(machine, c)
-    if not wanted_kg_s > ROUNDED_TO_LOWEST * lowest:
+    lowest = calc_lowest_flow_kg_s(machine, c)
+    if not wanted_kg_s > ROUND_UP_SHARE * lowest:
         return Pair(0.0, opening_now_mm, "" if wanted_kg_s <= 0.0 else "zero")
     if wanted_kg_s < lowest:
         return Pair(limits.shaft_low_rpm, limits.opening_low_mm, "lowest")
     if strategy is Strategy.SPEED_FIRST:
-        return _speed_first(machine, wanted_kg_s, at_mm or machine.set_points.opening_mm, c, left)
-    return _opening_first(machine, wanted_kg_s, c, left)
+        return _find_speed_first(
+            machine, wanted_kg_s, at_mm or machine.set_points.opening_mm, c, left
+        )
+    return _find_opening_first(machine, wanted_kg_s, c, left)
 
 
-def _opening_first(machine: Machine, wanted: float, c: Conditions, left: Left) -> Pair:
+def _find_opening_first(
+    machine: Machine, wanted: float, c: Conditions, left: UncorrectedError
+) -> Pair:
     low, high, shaft_rpm = (
         machine.limits.opening_low_mm,
         machine.limits.opening_high_mm,
         machine.set_points.shaft_rpm,
     )
-    opening = opening_for(machine, wanted, (1.0 + left.shaft_share) * shaft_rpm, c) - left.gate_mm
+    opening = (
+        find_opening_mm(machine, wanted, (1.0 + left.shaft_share) * shaft_rpm, c) - left.gate_mm
+    )
     if low <= opening <= high:
         return Pair(shaft_rpm, opening)
     opening = min(high, max(low, opening))
-    return _within_shaft(machine, wanted, opening, c)
+    return _find_shaft_within_limits(machine, wanted, opening, c)
 
 
-def _speed_first(
-    machine: Machine, wanted: float, opening_mm: float, c: Conditions, left: Left
+def _find_speed_first(
+    machine: Machine, wanted: float, opening_mm: float, c: Conditions, left: UncorrectedError
 ) -> Pair:
     low, high = machine.limits.shaft_low_rpm, machine.limits.shaft_high_rpm
-    shaft = shaft_for(machine, wanted, opening_mm + left.gate_mm, c) / (1.0 + left.shaft_share)
+    shaft = find_shaft_rpm(machine, wanted, opening_mm + left.gate_mm, c) / (1.0 + left.shaft_share)
     if low <= shaft <= high:
         return Pair(shaft, opening_mm)
     shaft = min(high, max(low, shaft))
-    opening = opening_for(machine, wanted, shaft, c)
+    opening = find_opening_mm(machine, wanted, shaft, c)
     if opening > machine.limits.opening_high_mm:
         return Pair(shaft, machine.limits.opening_high_mm, "highest")
     return Pair(shaft, max(machine.limits.opening_low_mm, opening))
 
 
-def _within_shaft(machine: Machine, wanted: float, opening_mm: float, c: Conditions) -> Pair:
-    shaft = shaft_for(machine, wanted, opening_mm, c)
+def _find_shaft_within_limits(
+    machine: Machine, wanted: float, opening_mm: float, c: Conditions
+) -> Pair:
+    shaft = find_shaft_rpm(machine, wanted, opening_mm, c)
     if shaft > machine.limits.shaft_high_rpm:
         return Pair(machine.limits.shaft_high_rpm, opening_mm, "highest")
     return Pair(max(machine.limits.shaft_low_rpm, shaft), opening_mm)

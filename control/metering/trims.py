@@ -18,16 +18,17 @@ class TrimLimits:
     # Greatest trim of the shaft, as a share of the command.
     shaft_share: float = 0.10
     # Beyond this error, as a share, the shaft is jammed and nothing is learnt (anti-windup).
-    held_share: float = 0.30
+    jammed_share: float = 0.30
     # Greatest trim of the gate, mm.
     gate_mm: float = 2.0
     # The expected value must have stood still for this long, s.
     settled_s: float = 0.6
-    # Time constant of the filter `left`, s: it reduces the encoder's noise of 0.3 r/min to 0.05.
+    # Time constant of the filter `find_uncorrected`, s: it reduces the encoder's noise of 0.3
+    # r/min to 0.05.
     left_tau_s: float = 1.0
 
 
-class Left(NamedTuple):
+class UncorrectedError(NamedTuple):
     """Holds the errors of the drives against their expected values, trims included, as far as
     they are to be compensated."""
 
@@ -36,7 +37,7 @@ class Left(NamedTuple):
     gate_mm: float = 0.0
 
 
-NOTHING_LEFT = Left()
+NO_ERROR = UncorrectedError()
 
 
 class DriveTrim:
@@ -46,8 +47,9 @@ class DriveTrim:
     def __init__(self, limits: TrimLimits, still: float) -> None:
         self.shaft_share = 0.0
         self.gate_mm = 0.0
-        # State of the filter `left`: the error that remains while the expected value stands still.
-        self._left = NOTHING_LEFT
+        # State of the filter `find_uncorrected`: the error that remains while the expected value
+        # stands still.
+        self._left = NO_ERROR
         self._limits = limits
         # Below this change the expected value stands still.
         self._still = still
@@ -55,7 +57,7 @@ class DriveTrim:
         self._shaft: tuple[float, float] = (0.0, -1e9)
         self._gate: tuple[float, float] = (0.0, -1e9)
 
-    def update(
+    def update_trims(
         self,
         now_s: float,
         dt_s: float,
@@ -67,8 +69,8 @@ class DriveTrim:
         """Takes the readings of one tick. The expected values are those of the nominal drive
         with the untrimmed set-points."""
         lim = self._limits
-        self._shaft = _stands(self._shaft, expected_rpm, now_s, self._still)
-        self._gate = _stands(self._gate, expected_mm, now_s, self._still)
+        self._shaft = _track_standstill(self._shaft, expected_rpm, now_s, self._still)
+        self._gate = _track_standstill(self._gate, expected_mm, now_s, self._still)
         share, left_share = dt_s / lim.tau_s, min(1.0, dt_s / lim.left_tau_s)
         left_shaft, left_mm = self._left
         if (
@@ -78,8 +80,8 @@ class DriveTrim:
             and now_s - self._shaft[1] > lim.settled_s
         ):
             off = (measured_rpm.value - expected_rpm) / expected_rpm
-            if abs(off) <= lim.held_share:
-                self.shaft_share = _bounded(self.shaft_share - share * off, lim.shaft_share)
+            if abs(off) <= lim.jammed_share:
+                self.shaft_share = _limit_magnitude(self.shaft_share - share * off, lim.shaft_share)
                 left_shaft += left_share * (off - left_shaft)
         if (
             measured_mm is not None
@@ -87,27 +89,29 @@ class DriveTrim:
             and now_s - self._gate[1] > lim.settled_s
         ):
             off_mm = measured_mm.value - expected_mm
-            self.gate_mm = _bounded(self.gate_mm - share * off_mm, lim.gate_mm)
-            if abs(off_mm) <= lim.held_share * expected_mm:
+            self.gate_mm = _limit_magnitude(self.gate_mm - share * off_mm, lim.gate_mm)
+            if abs(off_mm) <= lim.jammed_share * expected_mm:
                 left_mm += left_share * (off_mm - left_mm)
-        self._left = Left(left_shaft, left_mm)
+        self._left = UncorrectedError(left_shaft, left_mm)
 
-    def left(self, shaft_moves: bool) -> Left:
+    def find_uncorrected(self, shaft_moves: bool) -> UncorrectedError:
         """Returns the errors that the moving drive is to compensate: the present error of the
         drive that rests, and its own where its trim is at its bound."""
         shaft_share, gate_mm = self._left
         if shaft_moves:
-            return Left(
+            return UncorrectedError(
                 shaft_share if abs(self.shaft_share) >= self._limits.shaft_share else 0.0, gate_mm
             )
-        return Left(shaft_share, gate_mm if abs(self.gate_mm) >= self._limits.gate_mm else 0.0)
+        return UncorrectedError(
+            shaft_share, gate_mm if abs(self.gate_mm) >= self._limits.gate_mm else 0.0
+        )
 
 
-def _stands(
+def _track_standstill(
     held: tuple[float, float], value: float, now_s: float, still: float
 ) -> tuple[float, float]:
     return held if abs(value - held[0]) <= still else (value, now_s)
 
 
-def _bounded(value: float, most: float) -> float:
+def _limit_magnitude(value: float, most: float) -> float:
     return min(most, max(-most, value))

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import (
+    calc_requirement_kg_ha,
+    calc_yield_without_t_ha,
     make_rate_table,
-    n_requirement_kg_ha,
-    prepare,
-    yield_without,
+    prepare_rule,
 )
-from topdress.control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency
+from topdress.control.agronomy.sampling import FREQUENCIES_HZ, Evenness, choose_frequency
 
 from .page import DIGITS, Claim, How, Table, compared
 from .published import APPLIED, EXTRA_N_KG_HA, NDVI_OF, PLOTS, SAMPLING, UNIFORM_KG_HA, YIELDS
@@ -58,7 +58,9 @@ def yields() -> Table:
     rows = []
     for plot, (sample_kg, cv, kg_ha) in YIELDS.items():
         ndvi = NDVI_OF.get(plot)
-        potential = None if ndvi is None else 1000.0 * yield_without(ndvi / DAYS, *PAPER_CURVE)
+        potential = (
+            None if ndvi is None else 1000.0 * calc_yield_without_t_ha(ndvi / DAYS, *PAPER_CURVE)
+        )
         rows.append(
             (
                 plot,
@@ -141,7 +143,7 @@ def sampling_claims(simulated: Table) -> list[Claim]:
     plots = [
         {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
     ]
-    chosen = best_frequency(plots)
+    chosen = choose_frequency(plots)
     deviation = float(np.mean((100.0 - cuc) / table.ravel()))
     groups = {
         name: float(np.mean([cv[2.0][k] for k, plot in enumerate(PLOTS) if plot.startswith(name)]))
@@ -312,8 +314,10 @@ def ndvi_claims() -> list[Claim]:
 def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
     """Section 2.1 and table 2. `forward`: FC's target from its NDVI; `simulated`: table 2 on
     the machine."""
-    smooth = prepare(crop.model_copy(update={"grades": False}))
-    at_edge = n_requirement_kg_ha(WITHOUT_STRIP_T_HA, yield_without(0.75 / DAYS, *PAPER_CURVE))
+    smooth = prepare_rule(crop.model_copy(update={"grades": False}))
+    at_edge = calc_requirement_kg_ha(
+        WITHOUT_STRIP_T_HA, calc_yield_without_t_ha(0.75 / DAYS, *PAPER_CURVE)
+    )
     rates = {plot: rate_from_weighing_kg_ha(row[1], row[0]) for plot, row in APPLIED.items()}
     errors = {plot: 100.0 * (row[2] / row[1] - 1.0) for plot, row in APPLIED.items()}
     targets, applied = ([row[column] for row in APPLIED.values()] for column in (1, 2))
@@ -322,11 +326,14 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
         for amounts in (targets, applied)
     ]
     sown, sensed = dt.date(2013, 11, 1), dt.date(2014, 3, 7)
-    index = WITHOUT_STRIP_T_HA / yield_without(NDVI_OF["CK"] / DAYS, *PAPER_CURVE)
+    index = WITHOUT_STRIP_T_HA / calc_yield_without_t_ha(NDVI_OF["CK"] / DAYS, *PAPER_CURVE)
     grades = make_rate_table(crop)
     width = grades[0].ndvi_to - grades[0].ndvi_above
     reached = float(np.mean([YIELDS[plot][2] for plot in APPLIED])) / 1000.0
-    ck, fc = (1000.0 * yield_without(NDVI_OF[plot] / DAYS, *PAPER_CURVE) for plot in ("CK", "FC"))
+    ck, fc = (
+        1000.0 * calc_yield_without_t_ha(NDVI_OF[plot] / DAYS, *PAPER_CURVE)
+        for plot in ("CK", "FC")
+    )
     forward_kg = [float(cell or 0.0) for cell in forward.rows[0][2:]]
     sim = [abs(float(row[6] or 0.0)) for row in simulated.rows]
     return [
@@ -402,9 +409,9 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
             "figure 4",
             "rate over NDVI",
             "a curve without figures",
-            f"{smooth.decide(0.30).rate_kg_ha:.0f} kg/ha at 0.30, "
-            f"{smooth.decide(0.50).rate_kg_ha:.0f} at 0.50, "
-            f"{smooth.decide(0.70).rate_kg_ha:.0f} at 0.70",
+            f"{smooth.decide_rate(0.30).rate_kg_ha:.0f} kg/ha at 0.30, "
+            f"{smooth.decide_rate(0.50).rate_kg_ha:.0f} at 0.50, "
+            f"{smooth.decide_rate(0.70).rate_kg_ha:.0f} at 0.70",
             How.RECOMPUTED,
             None,
             "drawn below from eq 2 to 5; the figure itself is a picture and was not read off",

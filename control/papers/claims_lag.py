@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from topdress.control.geodesy import TangentPlane, distance_m, paper_distance_m
+from topdress.control.geodesy import TangentPlane, calc_ellipsoid_distance_m, calc_paper_distance_m
 from topdress.control.machine.fall import find_paper_lag_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import find_start_lag_s, response_s
+from topdress.control.machine.start import calc_response_s, find_start_lag_s
 
 from .map_geometry import AHEAD_M, AT, boundary_table, cells_that_agree
 from .page import DIGITS, Claim, How, compared
@@ -37,8 +37,8 @@ def rms(values: Iterable[float]) -> float:
 
 def equations() -> list[Claim]:
     plane = TangentPlane(*AT)
-    there = plane.to_deg(10.0, 0.0)
-    east = paper_distance_m(*AT, *there), distance_m(*AT, *there)
+    there = plane.convert_to_deg(10.0, 0.0)
+    east = calc_paper_distance_m(*AT, *there), calc_ellipsoid_distance_m(*AT, *there)
     agree, asked = cells_that_agree()
     printed_m, right_m = (float(cell or 0.0) for cell in boundary_table().rows[0][1:])
     rpm = np.array(UP_TO_70, dtype=np.float64)
@@ -116,9 +116,9 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
     repeats_m = float(np.sqrt(np.mean([np.var(values, ddof=1) for values in LAG_M.values()])))
     off_m = rms(MEAN_M[n] - MPS * first[n] for n in UP_TO_70)
     response = rms(
-        value - response_s(machine, n) for n, pair in RESPONSE_S.items() for value in pair
+        value - calc_response_s(machine, n) for n, pair in RESPONSE_S.items() for value in pair
     )
-    drop = rms(MEAN_DROP_S[n] - first[n] + response_s(machine, n) for n in UP_TO_70)
+    drop = rms(MEAN_DROP_S[n] - first[n] + calc_response_s(machine, n) for n in UP_TO_70)
     still, moving = (np.array([pair[k] for pair in RESPONSE_S.values()]) for k in (0, 1))
     apart = float((moving - still).mean())
     sure = float(1.833 * (moving - still).std(ddof=1) / np.sqrt(len(still)))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import Rule, make_rate_table, prepare
+from topdress.control.agronomy.noa import Rule, make_rate_table, prepare_rule
 from topdress.control.agronomy.sampling import (
     FREQUENCIES_HZ,
     Evenness,
-    best_frequency,
-    frequency_table,
+    choose_frequency,
+    tabulate_frequencies,
 )
 from topdress.control.field.job import Canopy, Job, Simulated
 from topdress.control.machine.elements import Array
@@ -17,12 +17,12 @@ from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.machine import Machine
 from topdress.control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
 from topdress.control.simulation.canopy import CanopyField
-from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.closed_loop import simulate_run
 
 from .claims_decision import decision_claims, found_in_grain, grain_n, yields
 from .page import Cell, Line, Picture, Section, Table, ledger
@@ -53,7 +53,7 @@ CANOPIES = (
 
 def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
     """Everything of the paper, published next to obtained."""
-    rule = prepare(crop)
+    rule = prepare_rule(crop)
     sampled, words = sampling(seed)
     forward, forward_words = forward_targets(crop)
     table_2 = amounts(machine, crop, rule, seed)
@@ -82,14 +82,15 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
     papers = [
         {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
     ]
-    chosen = best_frequency(papers)
+    chosen = choose_frequency(papers)
     rows: list[tuple[str | float, ...]] = [
         ("published", *(chosen.departure[hz] for hz in FREQUENCIES_HZ[1:]))
     ]
     apart: dict[str, float] = {}
     for name, length_m, correlation_m in CANOPIES:
         runs = [
-            best_frequency(_plots(length_m, correlation_m, seed + 100 * run)) for run in range(RUNS)
+            choose_frequency(_plots(length_m, correlation_m, seed + 100 * run))
+            for run in range(RUNS)
         ]
         mean = [float(np.mean([run.departure[hz] for run in runs])) for hz in FREQUENCIES_HZ[1:]]
         rows.append((name, *mean))
@@ -160,12 +161,12 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
 
 def _share(draws: list[list[dict[float, Evenness]]]) -> int:
     """In how many of these 1 Hz changes the canopy's picture least."""
-    return sum(best_frequency(draw).frequency_hz == 1.0 for draw in draws)
+    return sum(choose_frequency(draw).frequency_hz == 1.0 for draw in draws)
 
 
 def _plots(length_m: float, correlation_m: float, seed: int) -> list[dict[float, Evenness]]:
     return [
-        frequency_table(_readings(cv_percent, length_m, correlation_m, seed + k))
+        tabulate_frequencies(_readings(cv_percent, length_m, correlation_m, seed + k))
         for k, (cv_percent, _) in enumerate(SAMPLING[2.0])
     ]
 
@@ -181,7 +182,7 @@ def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: in
     ways = np.arange(0.0, length_m, MAIN_SPEED_KMH / 3.6 / 2.0)
     heads = (np.arange(6) - 2.5) * WIDTH_M / 6
     readings = np.mean(
-        [field.many_at(np.full(len(ways), 6.0 + aside), ways) for aside in heads], axis=0
+        [field.find_many_ndvi(np.full(len(ways), 6.0 + aside), ways) for aside in heads], axis=0
     )
     return np.asarray(
         MEAN_NDVI
@@ -227,9 +228,11 @@ def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
 
 def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
     """Of a canopy with this mean and CV, spread normally, kg/ha."""
-    rule = prepare(crop)
+    rule = prepare_rule(crop)
     z = np.linspace(-3.0, 3.0, 121) if cv_percent > 0.0 else np.zeros(1)
-    values = [rule.decide(float(ndvi * (1.0 + cv_percent / 100.0 * step))).rate_kg_ha for step in z]
+    values = [
+        rule.decide_rate(float(ndvi * (1.0 + cv_percent / 100.0 * step))).rate_kg_ha for step in z
+    ]
     return float(np.average(values, weights=np.exp(-0.5 * z * z)))
 
 
@@ -266,7 +269,7 @@ def _plot(
 ) -> tuple[float, float, float]:
     """Target kg, kg really released over the plot, error %."""
     canopy = Canopy(mean_ndvi=ndvi, cv_percent=CV_PERCENT, correlation_m=CORRELATION_M)
-    job = with_simulated_field(
+    job = add_simulated_field(
         Job(
             flow_trim=False,
             simulated=Simulated(
@@ -275,11 +278,11 @@ def _plot(
         ),
         machine,
     )
-    plant = simulated_machine(machine, job, seed, 0.05, [parse_planted(text) for text in effects])
-    loop = control_loop(machine, crop, rule, job)
+    plant = make_plant(machine, job, seed, 0.05, [parse_planted(text) for text in effects])
+    loop = make_control_loop(machine, crop, rule, job)
     seconds = (PLOT_M + 24.0) / (MAIN_SPEED_KMH / 3.6) + 6.0
     target = released = 0.0
-    for step in simulated_run(plant, loop, seconds):
+    for step in simulate_run(plant, loop, seconds):
         target += (
             step.target_rate_kg_ha
             * step.truth.speed_mps
@@ -381,7 +384,7 @@ def sampling_picture(table: Table) -> Picture:
 
 
 def rate_picture(crop: Crop) -> Picture:
-    smooth, graded = prepare(crop.model_copy(update={"grades": False})), prepare(crop)
+    smooth, graded = prepare_rule(crop.model_copy(update={"grades": False})), prepare_rule(crop)
     ndvi = np.linspace(0.2, 0.8, 601)
     at = rate_from_weighing_kg_ha(APPLIED["FC"][1], APPLIED["FC"][0])
     return Picture(
@@ -393,14 +396,14 @@ def rate_picture(crop: Crop) -> Picture:
                 "eq 2 to 4",
                 "other",
                 ndvi.tolist(),
-                [smooth.decide(float(v)).rate_kg_ha for v in ndvi],
+                [smooth.decide_rate(float(v)).rate_kg_ha for v in ndvi],
                 True,
             ),
             Line(
                 "grades",
                 "ours",
                 ndvi.tolist(),
-                [graded.decide(float(v)).rate_kg_ha for v in ndvi],
+                [graded.decide_rate(float(v)).rate_kg_ha for v in ndvi],
                 True,
             ),
             Line(

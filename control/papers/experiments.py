@@ -17,10 +17,10 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import stdtrit
 from topdress.control.machine.elements import Array
-from topdress.control.machine.fall import Fall, drop_s, find_start_drop_s
+from topdress.control.machine.fall import Fall, calc_drop_s, find_start_drop_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.shaft import approach
-from topdress.control.machine.start import find_first_fall_s, response_s
+from topdress.control.machine.shaft import step_first_order
+from topdress.control.machine.start import calc_response_s, find_first_fall_s
 
 from .page import Table
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
@@ -154,14 +154,16 @@ def overtaking_fall_s(
     shaft, rpm, at_s, first = machine.shaft, 2.0, 0.0, float("inf")
     while at_s < 1.5:
         first = min(first, at_s + intercept_s + slope_s_per_rpm * rpm)
-        rpm = approach(rpm, shaft_rpm, shaft.time_constant_s, shaft.acceleration_rpm_s, STEP_S)
+        rpm = step_first_order(
+            rpm, shaft_rpm, shaft.time_constant_s, shaft.acceleration_rpm_s, STEP_S
+        )
         at_s += STEP_S
     return first
 
 
 def starts(machine: Machine, falls: Callable[[float], float]) -> Array:
     """Whole lags of a start at the paper's shaft speeds, (10,) s."""
-    return np.array([response_s(machine, n) + falls(n) for n in SPEEDS_RPM])
+    return np.array([calc_response_s(machine, n) + falls(n) for n in SPEEDS_RPM])
 
 
 def field_of(lags_s: Array) -> PaperField:
@@ -199,7 +201,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
         ),
     )
     field, odds = field_of(lags), speed_or_delay()
-    turns = np.array([response_s(machine, n) for n in SPEEDS_RPM])
+    turns = np.array([calc_response_s(machine, n) for n in SPEEDS_RPM])
     driven = field.mps.value * lags
     detected, actual = (np.array([TOTAL_LAG_S[n][k] for n in SPEEDS_RPM]) for k in (1, 0))
     responses = np.array([np.mean(RESPONSE_S[n]) for n in SPEEDS_RPM])
@@ -242,7 +244,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
         ),
         ("table 1, m", MEAN_M, driven, WRITTEN_MPS * old, line),
     )
-    more = find_start_drop_s(machine.fall, 70.0) - drop_s(machine.fall, 70.0)
+    more = find_start_drop_s(machine.fall, 70.0) - calc_drop_s(machine.fall, 70.0)
     slopes = tuple(
         float(np.polyfit(np.array(SPEEDS_RPM)[line], lag[line], 1)[0]) for lag in (lags, old)
     )
@@ -278,7 +280,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
             f"{old[6]:.3f} s). "
             "There granules are carried along by the stream behind them and do not "
             "overtake; a running shaft's drop time "
-            f"at 70 r/min is then {drop_s(machine.fall, 70.0):.2f} s, {1000.0 * more:.0f} "
+            f"at 70 r/min is then {calc_drop_s(machine.fall, 70.0):.2f} s, {1000.0 * more:.0f} "
             "ms less than a start's. No table "
             f"settles that: granules that fall each by itself, {_singly(machine):.2f} s at "
             "70 r/min, give the same starts.",
@@ -408,13 +410,13 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
             ),
             (
                 "carrying along: a running shaft's drop at 70 r/min, s",
-                f"{drop_s(fall, 70.0):.2f} (carried along) to {singly:.2f} (each granule by "
+                f"{calc_drop_s(fall, 70.0):.2f} (carried along) to {singly:.2f} (each granule by "
                 "itself)",
                 "no table: every test is a start; a change between two rates would settle it",
             ),
             (
                 "first fill of an empty tube, s",
-                f"0 to {drop_s(fall, 70.0) - 0.32:.2f}",
+                f"0 to {calc_drop_s(fall, 70.0) - 0.32:.2f}",
                 "no table; bounded by a free fall of 0.32 s from the outlet's 0.5 m",
             ),
         ),

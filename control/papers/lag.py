@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 from topdress.control.geodesy import (
     TangentPlane,
-    distance_m,
-    paper_distance_corrected_m,
-    paper_distance_m,
+    calc_corrected_paper_distance_m,
+    calc_ellipsoid_distance_m,
+    calc_paper_distance_m,
 )
-from topdress.control.machine.fall import drop_s, find_paper_lag_s
+from topdress.control.machine.fall import calc_drop_s, find_paper_lag_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import find_first_fall_s, find_start_lag_s, response_s
+from topdress.control.machine.start import calc_response_s, find_first_fall_s, find_start_lag_s
 
 from .claims_lag import lag_claims
 from .correction import (
@@ -89,7 +89,9 @@ def distances(machine: Machine) -> Table:
 
 
 def responses(machine: Machine) -> Table:
-    rows = tuple((rpm, *values, response_s(machine, rpm)) for rpm, values in RESPONSE_S.items())
+    rows = tuple(
+        (rpm, *values, calc_response_s(machine, rpm)) for rpm, values in RESPONSE_S.items()
+    )
     return Table(
         "Table 2: from the command to 2 r/min, s",
         ("r/min", "standing", "moving", "machine model"),
@@ -105,7 +107,7 @@ def drops(machine: Machine) -> Table:
             float(np.mean(values)),
             float(np.std(values, ddof=1)),
             find_first_fall_s(machine, machine.fall, rpm),
-            drop_s(machine.fall, rpm),
+            calc_drop_s(machine.fall, rpm),
         )
         for rpm, values in DROP_S.items()
     )
@@ -275,13 +277,13 @@ def eq3() -> Table:
         ("10 m north", (0.0, 10.0)),
         ("10 m north-east", (7.0711, 7.0711)),
     ):
-        there = plane.to_deg(*place)
+        there = plane.convert_to_deg(*place)
         rows.append(
             (
                 name,
-                paper_distance_m(*EQ3_AT, *there),
-                paper_distance_corrected_m(*EQ3_AT, *there),
-                distance_m(*EQ3_AT, *there),
+                calc_paper_distance_m(*EQ3_AT, *there),
+                calc_corrected_paper_distance_m(*EQ3_AT, *there),
+                calc_ellipsoid_distance_m(*EQ3_AT, *there),
             )
         )
     return Table(

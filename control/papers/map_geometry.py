@@ -72,7 +72,7 @@ def boundary_table() -> Table:
     plane = TangentPlane(*AT)
 
     def point(east_m: float, north_m: float) -> Point:
-        lat, lon = plane.to_deg(east_m, north_m)
+        lat, lon = plane.convert_to_deg(east_m, north_m)
         return lon, lat
 
     rows: list[tuple[str | float | None, ...]] = []
@@ -95,8 +95,8 @@ def boundary_table() -> Table:
         rows.append(
             (
                 name,
-                None if printed is None else hypot(*plane.to_m(printed[1], printed[0])),
-                hypot(*plane.to_m(right[1], right[0])),
+                None if printed is None else hypot(*plane.project_to_m(printed[1], printed[0])),
+                hypot(*plane.project_to_m(right[1], right[0])),
             )
         )
     return Table(

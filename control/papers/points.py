@@ -4,8 +4,8 @@ but does not print."""
 from __future__ import annotations
 
 import numpy as np
-from topdress.control.simulation.point_run import point_run
-from topdress.control.targets.point import PointLag, fastest_mps, point_lag
+from topdress.control.simulation.point_run import simulate_point_run
+from topdress.control.targets.point import PointLag, calc_max_speed_mps, calc_point_lag
 
 from .page import DIGITS, Claim, How, Line, Picture, Section, Table, compared, ledger
 from .published import MICROSTEPS, POINT_DELAYS_S
@@ -18,7 +18,7 @@ def points_section(plants: int = 200) -> Section:
     """Everything of the paper, published next to obtained; dose placement on a simulated row of
     plants."""
     table, picture = placement(plants)
-    claims = tuple(points_claims(point_lag(TURN_DEG, SHAFT_RPM, FALL_M)))
+    claims = tuple(points_claims(calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)))
     return Section(
         "Point fertilisation: one dose a plant",
         (
@@ -38,7 +38,9 @@ def points_section(plants: int = 200) -> Section:
 
 
 def delays() -> Table:
-    lag = point_lag(TURN_DEG, SHAFT_RPM, FALL_M, POINT_DELAYS_S["vision"], POINT_DELAYS_S["link"])
+    lag = calc_point_lag(
+        TURN_DEG, SHAFT_RPM, FALL_M, POINT_DELAYS_S["vision"], POINT_DELAYS_S["link"]
+    )
     ours = {
         "turn": (lag.turn_s, "recomputed, eq 3"),
         "fall": (lag.fall_s, "recomputed, eq 4"),
@@ -84,19 +86,19 @@ def turning_picture() -> Picture:
 
 
 def placement(plants: int) -> tuple[Table, Picture]:
-    lag = point_lag(TURN_DEG, SHAFT_RPM, FALL_M)
+    lag = calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)
     rows = []
     missed: dict[float, list[float]] = {}
     for spacing in SPACINGS_M:
         for speed in SPEEDS_MPS:
             cells: list[float] = []
             for learn in (False, True):
-                run = point_run(lag, spacing, speed, plants, 1, learn)
+                run = simulate_point_run(lag, spacing, speed, plants, 1, learn)
                 size = np.abs(run.error_m[len(run.error_m) // 3 :])
                 cells += [float(np.median(size)), float(np.percentile(size, 95))]
             share = 100.0 * run.missed / plants
             missed.setdefault(spacing, []).append(share)
-            rows.append((spacing, fastest_mps(spacing, lag.turn_s), speed, *cells, share))
+            rows.append((spacing, calc_max_speed_mps(spacing, lag.turn_s), speed, *cells, share))
     return (
         Table(
             "Dose error, m, without and with the learned threshold, and doses missed, %",

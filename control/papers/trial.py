@@ -12,9 +12,9 @@ from scipy.special import stdtrit
 from topdress.control.agronomy.sampling import (
     Evenness,
     FrequencyChoice,
-    best_frequency,
-    frequency_table,
+    choose_frequency,
     measure_evenness,
+    tabulate_frequencies,
 )
 from topdress.control.machine.elements import Array
 
@@ -88,7 +88,7 @@ def choice_of(trial: Trial) -> FrequencyChoice | None:
     """The decision rate by the plots' own readings; None where they are too few."""
     plots = [_frequencies(plot, trial.hz) for plot in trial.plots]
     try:
-        return best_frequency(plots, trial.hz)
+        return choose_frequency(plots, trial.hz)
     except ValueError:
         return None
 
@@ -132,7 +132,7 @@ def frequencies(trial: Trial) -> tuple[Table, str]:
 
 def _frequencies(plot: Plot, hz: float) -> dict[float, Evenness]:
     wanted = [hz / 2**k for k in range(HALVINGS + 1) if len(plot.before) / 2**k >= LEAST_READINGS]
-    return frequency_table(plot.before, hz, wanted) if wanted else {}
+    return tabulate_frequencies(plot.before, hz, wanted) if wanted else {}
 
 
 def canopy(trial: Trial) -> Table:

@@ -8,29 +8,35 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import COLUMNS, FILE_BEGINS, LOG_BEGINS, PLAUSIBLE, TEXT_COLUMNS
+from topdress.control.log_row import (
+    COLUMNS,
+    FILE_BEGINS,
+    LOG_BEGINS,
+    PLAUSIBLE_RANGES,
+    TEXT_COLUMNS,
+)
 from topdress.control.recordings.finding import Finding
-from topdress.control.recordings.places import in_place
-from topdress.control.recordings.speeds import in_mps
-from topdress.control.recordings.times import mended_times
+from topdress.control.recordings.places import mend_places
+from topdress.control.recordings.speeds import mend_speeds
+from topdress.control.recordings.times import mend_times
 from topdress.control.recordings.values import (
-    ANYTHING,
-    NDVI,
+    NDVI_COLUMNS,
     SENTINELS,
-    from_percent,
-    known,
-    within,
+    UNLIMITED,
+    apply_limits,
+    blank_sentinels,
+    convert_percent,
 )
 
 Columns = dict[str, NDArray[Any]]
 
 # Range of each number of a log.
-LIMITS = PLAUSIBLE | {
-    name: ANYTHING for name in COLUMNS if name not in {*PLAUSIBLE, *TEXT_COLUMNS, "time_s"}
+COLUMN_LIMITS = PLAUSIBLE_RANGES | {
+    name: UNLIMITED for name in COLUMNS if name not in {*PLAUSIBLE_RANGES, *TEXT_COLUMNS, "time_s"}
 }
 
 
-def mended(
+def mend_recording(
     columns: Mapping[str, NDArray[Any]], utc_s: Callable[[], NDArray[np.float64]] | None = None
 ) -> tuple[Columns, list[Finding]]:
     """Repairs the columns of a run log; arrays that change are copied.
@@ -38,7 +44,7 @@ def mended(
     Parameters
     ----------
     columns : arrays (n,) by column name; `time_s` in any unit, the others as published.
-    utc_s : returns seconds since 1970 (n,), as for `mended_times`.
+    utc_s : returns seconds since 1970 (n,), as for `mend_times`.
 
     Returns
     -------
@@ -48,9 +54,10 @@ def mended(
     ------
     ValueError : in one line, where too few rows have usable times."""
     begins = np.array(
-        [k for k, text in enumerate(columns.get("events", ())) if text and _begins(text)], np.intp
+        [k for k, text in enumerate(columns.get("events", ())) if text and _is_file_begin(text)],
+        np.intp,
     )
-    times = mended_times(np.asarray(columns["time_s"], np.float64), utc_s, begins)
+    times = mend_times(np.asarray(columns["time_s"], np.float64), utc_s, begins)
     found = {
         name: values if isinstance(times.rows, slice) else values[times.rows]
         for name, values in columns.items()
@@ -59,7 +66,7 @@ def mended(
     return mend_values({**found, "time_s": times.time_s}, findings), findings
 
 
-def _begins(events: object) -> bool:
+def _is_file_begin(events: object) -> bool:
     """Returns whether the events of a row mark the beginning of a joined file, as `import`
     writes them."""
     return isinstance(events, str) and any(
@@ -73,17 +80,17 @@ def mend_values(columns: Columns, findings: list[Finding]) -> Columns:
     # A longitude of -99 degrees is a place in Mexico: it is a sentinel only where the latitude is
     # a sentinel too.
     nowhere = np.isin(columns.get("lat_deg", np.zeros_like(columns["time_s"])), SENTINELS)
-    for name, limits in LIMITS.items():
+    for name, limits in COLUMN_LIMITS.items():
         if name in columns:
-            columns[name] = known(
+            columns[name] = blank_sentinels(
                 name, columns[name], limits, findings, nowhere if name == "lon_deg" else None
             )
-    in_place(columns, findings)
-    for name in NDVI:
+    mend_places(columns, findings)
+    for name in NDVI_COLUMNS:
         if name in columns:
-            columns[name] = from_percent(name, columns[name], findings)
-    for name, limits in PLAUSIBLE.items():
+            columns[name] = convert_percent(name, columns[name], findings)
+    for name, limits in PLAUSIBLE_RANGES.items():
         if name in columns:
-            columns[name] = within(name, columns[name], limits, findings)
-    in_mps(columns, findings)
+            columns[name] = apply_limits(name, columns[name], limits, findings)
+    mend_speeds(columns, findings)
     return columns

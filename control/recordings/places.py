@@ -13,21 +13,21 @@ Floats = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 # Length of a degree of latitude, m; one percent is enough to tell units apart.
-M_PER_DEG = 111_200.0
+METRES_PER_DEGREE = 111_200.0
 # Length of a piece of track, s: at 1 m/s fifty times a receiver's noise from place to place.
 PIECE_S = 5.0
 # A piece is straight where the heading turns by less than this, degrees.
 STRAIGHT_DEG = 10.0
 # Least length of a piece whose course is used, m.
-LEAST_WAY_M = 1.0
+MIN_PIECE_M = 1.0
 # Least number of straight pieces.
-MIN_STRAIGHT = 5
+MIN_STRAIGHT_PIECES = 5
 # Mean difference of headings and courses, degrees: below the first they agree, above the second
 # they do not.
-FITS_DEG, FITS_NOT_DEG = 5.0, 10.0
+AGREEING_DEG, DISAGREEING_DEG = 5.0, 10.0
 
 
-def in_place(columns: Columns, findings: list[Finding]) -> None:
+def mend_places(columns: Columns, findings: list[Finding]) -> None:
     """Blanks places that are none, exchanges coordinates where latitudes prove it, and reports a
     doubt where only headings suggest it."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
@@ -60,7 +60,7 @@ def in_place(columns: Columns, findings: list[Finding]) -> None:
             )
         )
         lat_deg, lon_deg = lon_deg, lat_deg
-    elif _fits_swapped(columns, lat_deg, lon_deg):
+    elif _are_places_swapped(columns, lat_deg, lon_deg):
         findings.append(
             Finding(
                 "swapped_position_likely",
@@ -71,36 +71,38 @@ def in_place(columns: Columns, findings: list[Finding]) -> None:
     columns["lat_deg"], columns["lon_deg"] = lat_deg, lon_deg
 
 
-def _fits_swapped(columns: Columns, lat_deg: Floats, lon_deg: Floats) -> bool:
+def _are_places_swapped(columns: Columns, lat_deg: Floats, lon_deg: Floats) -> bool:
     """Returns whether headings agree with the exchanged places but not with the places as they
     stand."""
     heading_deg = columns.get("heading_deg")
     if heading_deg is None:
         return False
-    chord = pieces(columns["time_s"], lat_deg, lon_deg)
+    chord = cut_track_pieces(columns["time_s"], lat_deg, lon_deg)
     if chord is None:
         return False
     start, end, east_m, north_m = chord
-    steady = np.abs(_turn_deg(heading_deg[start], heading_deg[end])) < STRAIGHT_DEG
-    far = steady & (np.hypot(east_m, north_m) > LEAST_WAY_M)
-    if far.sum() < MIN_STRAIGHT:
+    steady = np.abs(_calc_turns_deg(heading_deg[start], heading_deg[end])) < STRAIGHT_DEG
+    far = steady & (np.hypot(east_m, north_m) > MIN_PIECE_M)
+    if far.sum() < MIN_STRAIGHT_PIECES:
         return False
-    swapped = pieces(columns["time_s"], lon_deg, lat_deg)
+    swapped = cut_track_pieces(columns["time_s"], lon_deg, lat_deg)
     if swapped is None:
         return False
-    as_is_deg = np.abs(_turn_deg(heading_deg[start], np.degrees(np.arctan2(east_m, north_m))))[far]
-    other_deg = np.abs(
-        _turn_deg(heading_deg[start], np.degrees(np.arctan2(swapped[2], swapped[3])))
+    as_is_deg = np.abs(
+        _calc_turns_deg(heading_deg[start], np.degrees(np.arctan2(east_m, north_m)))
     )[far]
-    return bool(np.median(other_deg) < FITS_DEG and np.median(as_is_deg) > FITS_NOT_DEG)
+    other_deg = np.abs(
+        _calc_turns_deg(heading_deg[start], np.degrees(np.arctan2(swapped[2], swapped[3])))
+    )[far]
+    return bool(np.median(other_deg) < AGREEING_DEG and np.median(as_is_deg) > DISAGREEING_DEG)
 
 
-def _turn_deg(from_deg: Floats, to_deg: Floats) -> Floats:
+def _calc_turns_deg(from_deg: Floats, to_deg: Floats) -> Floats:
     turn: Floats = (to_deg - from_deg + 180.0) % 360.0 - 180.0
     return turn
 
 
-def pieces(
+def cut_track_pieces(
     time_s: Floats, lat_deg: Floats, lon_deg: Floats
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats] | None:
     """Returns first row, last row, metres east and metres north of pieces of track about five
@@ -114,6 +116,8 @@ def pieces(
     begins = np.flatnonzero(np.diff(piece, prepend=-1.0) > 0.0)
     picked = known[begins[known_s[0] + piece[begins] * PIECE_S < known_s[-1]]]
     start, end = picked[:-1], picked[1:]
-    north_m = (lat_deg[end] - lat_deg[start]) * M_PER_DEG
-    east_m = (lon_deg[end] - lon_deg[start]) * M_PER_DEG * np.cos(np.radians(lat_deg[start]))
+    north_m = (lat_deg[end] - lat_deg[start]) * METRES_PER_DEGREE
+    east_m = (
+        (lon_deg[end] - lon_deg[start]) * METRES_PER_DEGREE * np.cos(np.radians(lat_deg[start]))
+    )
     return start, end, east_m, north_m

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import SPEEDS
+from topdress.control.log_row import SPEED_COLUMNS
 from topdress.control.recordings.finding import Finding
-from topdress.control.recordings.places import pieces
+from topdress.control.recordings.places import cut_track_pieces
 
 Floats = NDArray[np.float64]
 
@@ -23,14 +23,14 @@ UNIT_TOLERANCE = 0.11
 # Below this, m/s, a speed may be held at zero and a course is noise.
 MOVING_MPS = 0.3
 # No spreader works faster than 29 km/h.
-FAST_MPS = 8.0
+IMPLAUSIBLE_MPS = 8.0
 # Least number of pieces of track for a ratio.
 MIN_PIECES = 5
 # Least number of moving rows: four seconds at 10 Hz, as long as a piece of track.
-MIN_MOVING = 40
+MIN_MOVING_ROWS = 40
 
 
-def unit_of(ratio: float, units: Mapping[str, float] = UNITS) -> str | None:
+def identify_unit(ratio: float, units: Mapping[str, float] = UNITS) -> str | None:
     """Returns the unit of a speed whose numbers are `ratio` times those in m/s; None where it is
     none of these units.
 
@@ -42,12 +42,12 @@ def unit_of(ratio: float, units: Mapping[str, float] = UNITS) -> str | None:
     return near[0] if near[0] in units and abs(ratio / near[1] - 1.0) < UNIT_TOLERANCE else None
 
 
-def over_track(columns: Mapping[str, NDArray[Any]], name: str) -> float | None:
+def compare_with_track(columns: Mapping[str, NDArray[Any]], name: str) -> float | None:
     """Returns the median of a speed column over the speed between places; None where there are
     too few rows."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return None
-    found = pieces(columns["time_s"], columns["lat_deg"], columns["lon_deg"])
+    found = cut_track_pieces(columns["time_s"], columns["lat_deg"], columns["lon_deg"])
     if found is None:
         return None
     start, end, east_m, north_m = found
@@ -59,22 +59,22 @@ def over_track(columns: Mapping[str, NDArray[Any]], name: str) -> float | None:
     )
 
 
-def in_mps(columns: dict[str, NDArray[Any]], findings: list[Finding]) -> None:
+def mend_speeds(columns: dict[str, NDArray[Any]], findings: list[Finding]) -> None:
     """Converts speeds of other units where places or another speed prove them; a speed that is
     only implausibly fast is reported.
 
     The other speed proves km/h alone: a wheel that reads twice the speed may just as well count
     its pulses twice."""
-    for name in SPEEDS:
+    for name in SPEED_COLUMNS:
         if name not in columns:
             continue
-        ratio, by = over_track(columns, name), "the speed along the track"
-        unit = None if ratio is None else unit_of(ratio)
+        ratio, by = compare_with_track(columns, name), "the speed along the track"
+        unit = None if ratio is None else identify_unit(ratio)
         if ratio is None:
-            ratio, by = over_other(columns, name)
-            unit = None if ratio is None else unit_of(ratio, {"km/h": KMH_PER_MPS})
+            ratio, by = compare_with_other(columns, name)
+            unit = None if ratio is None else identify_unit(ratio, {"km/h": KMH_PER_MPS})
             if unit is None:
-                _doubt(name, columns[name], findings)
+                _report_doubt(name, columns[name], findings)
         if unit is not None:
             findings.append(
                 Finding(
@@ -86,26 +86,26 @@ def in_mps(columns: dict[str, NDArray[Any]], findings: list[Finding]) -> None:
             columns[name] = columns[name] / UNITS[unit]
 
 
-def over_other(columns: Mapping[str, NDArray[Any]], name: str) -> tuple[float | None, str]:
+def compare_with_other(columns: Mapping[str, NDArray[Any]], name: str) -> tuple[float | None, str]:
     """Returns the median of a moving speed over that of the first other speed column, and the
     other's name."""
-    own = _typical(columns[name])
-    for other in SPEEDS:
+    own = _find_typical_speed(columns[name])
+    for other in SPEED_COLUMNS:
         if other != name and other in columns and own is not None:
-            theirs = _typical(columns[other])
+            theirs = _find_typical_speed(columns[other])
             if theirs is not None:
                 return own / theirs, other
     return None, ""
 
 
-def _typical(speed: Floats) -> float | None:
+def _find_typical_speed(speed: Floats) -> float | None:
     moving = speed[speed > MOVING_MPS]
-    return float(np.median(moving)) if moving.size > MIN_MOVING else None
+    return float(np.median(moving)) if moving.size > MIN_MOVING_ROWS else None
 
 
-def _doubt(name: str, speed: Floats, findings: list[Finding]) -> None:
+def _report_doubt(name: str, speed: Floats, findings: list[Finding]) -> None:
     moving = speed[speed > MOVING_MPS]
-    if moving.size and np.median(moving) > FAST_MPS:
+    if moving.size and np.median(moving) > IMPLAUSIBLE_MPS:
         findings.append(
             Finding(
                 "speed_unit_likely",

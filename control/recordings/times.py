@@ -34,21 +34,21 @@ SPREADSHEET_DAYS = (30_000, 80_000)
 # 1970-01-01 in days of a spreadsheet.
 SPREADSHEET_EPOCH_DAYS = 25_569
 # Few loggers are as slow as this step, s.
-SELDOM_STEP_S = 60.0
+LONG_STEP_S = 60.0
 # Digits of a second in days of a spreadsheet that were printed with nine digits after the point.
 SPREADSHEET_DIGITS = 4
 # Least median step of times that may be milliseconds, where utc proves it.
-MS_STEP = 5.0
+MAX_MILLISECOND_STEP = 5.0
 # Ratio of the spans of time_s and utc that proves milliseconds.
-MS_OVER_S = (900.0, 1100.0)
+MILLISECOND_RATIO = (900.0, 1100.0)
 # A step that differs from the median by more than this share is another sample time.
 MIXED_STEP = 0.25
 # The sample time is mixed where this share of the rows has another one.
-MIXED_ROWS = 0.2
+MIXED_ROWS_SHARE = 0.2
 # A step longer than this many medians has missing rows.
 GAP_STEPS = 1.5
 # Where more than this share of the rows would be left out, the times are unusable.
-MOST_LEFT_OUT = 0.5
+MAX_LEFT_OUT_SHARE = 0.5
 
 
 class RecordingTimes(NamedTuple):
@@ -61,7 +61,7 @@ class RecordingTimes(NamedTuple):
     spread: bool = False
 
 
-def mended_times(
+def mend_times(
     time_s: Floats, utc_s: Callable[[], Floats] | None = None, begins: Rows | None = None
 ) -> RecordingTimes:
     """Returns times as seconds from 0 or a little later, strictly increasing.
@@ -85,14 +85,14 @@ def mended_times(
         findings.append(Finding("no_time", f"{many(lost)} without a time left out", "time_s", lost))
     rows = np.flatnonzero(with_time)
     all_there = len(rows) == len(time_s)
-    seconds = in_seconds(
+    seconds = convert_to_seconds(
         time_s if all_there else time_s[rows],
         None if utc_s is None else lambda: utc_s()[rows],
         findings,
     )
-    spread = _spread(seconds, findings)
+    spread = _spread_coarse_times(seconds, findings)
     were_coarse, seconds = spread is not seconds, spread
-    kept = increasing(seconds, findings)
+    kept = find_increasing_rows(seconds, findings)
     if len(kept) < len(seconds) or np.any(np.diff(kept) < 0):
         seconds, rows, as_they_are = seconds[kept], rows[kept], False
     else:
@@ -101,12 +101,12 @@ def mended_times(
     return RecordingTimes(
         seconds,
         slice(None) if as_they_are else rows,
-        (*findings, *steps(seconds, starts)),
+        (*findings, *report_steps(seconds, starts)),
         were_coarse,
     )
 
 
-def in_seconds(
+def convert_to_seconds(
     times: Floats, utc_s: Callable[[], Floats] | None, findings: list[Finding]
 ) -> Floats:
     """Converts times (n,) in days of a spreadsheet, of an epoch, or in milliseconds to seconds."""
@@ -116,7 +116,7 @@ def in_seconds(
     if (
         SPREADSHEET_DAYS[0] < first < SPREADSHEET_DAYS[1]
         and forward.size
-        and np.median(forward) < SELDOM_STEP_S / DAY_S
+        and np.median(forward) < LONG_STEP_S / DAY_S
     ):
         findings.append(
             Finding(
@@ -142,14 +142,14 @@ def in_seconds(
             )
         )
         times = times - first
-    if utc_s is not None and times.size > 2 and np.median(np.diff(times)) >= MS_STEP:
+    if utc_s is not None and times.size > 2 and np.median(np.diff(times)) >= MAX_MILLISECOND_STEP:
         seconds = utc_s()
         both = np.isfinite(seconds)
         if (
             both.any()
-            and MS_OVER_S[0]
+            and MILLISECOND_RATIO[0]
             < np.ptp(times[both]) / max(float(np.ptp(seconds[both])), 1e-3)
-            < MS_OVER_S[1]
+            < MILLISECOND_RATIO[1]
         ):
             findings.append(
                 Finding(
@@ -162,7 +162,7 @@ def in_seconds(
     return times
 
 
-def _spread(times: Floats, findings: list[Finding]) -> Floats:
+def _spread_coarse_times(times: Floats, findings: list[Finding]) -> Floats:
     """Spreads rows that share one coarse time, e.g. whole seconds at 10 Hz, evenly over it."""
     starts = np.flatnonzero(np.diff(times, prepend=np.nan) != 0)
     sizes = np.diff(starts, append=times.size)
@@ -183,7 +183,7 @@ def _spread(times: Floats, findings: list[Finding]) -> Floats:
     )
 
 
-def increasing(times: Floats, findings: list[Finding]) -> Rows:
+def find_increasing_rows(times: Floats, findings: list[Finding]) -> Rows:
     """Returns the rows (m,) of times (n,) in an order in which each is later than the one
     before.
 
@@ -194,8 +194,8 @@ def increasing(times: Floats, findings: list[Finding]) -> Rows:
         return every
     order = every
     if np.any(np.diff(times) < 0.0):
-        order = np.asarray(_longest_increasing(times))
-        if _in_another_order(times, order):
+        order = np.asarray(_find_longest_increasing(times))
+        if _are_rows_reordered(times, order):
             order = np.argsort(times, kind="stable")
             moved = int(np.sum(order != every))
             findings.append(
@@ -209,17 +209,17 @@ def increasing(times: Floats, findings: list[Finding]) -> Rows:
             )
     kept = order[np.concatenate(([True], np.diff(times[order]) > SAME_TIME_S))]
     left_out = np.setdiff1d(every, kept)
-    if len(left_out) > MOST_LEFT_OUT * len(times):
+    if len(left_out) > MAX_LEFT_OUT_SHARE * len(times):
         raise ValueError(
             f"column time_s: {len(left_out)} of {len(times)} rows are not later than the "
             "rows before "
             "them: allowed times that increase (sort the log by time_s)"
         )
-    _said(times, kept, left_out, findings)
+    _report_left_out(times, kept, left_out, findings)
     return kept
 
 
-def _said(times: Floats, kept: Rows, left_out: Rows, findings: list[Finding]) -> None:
+def _report_left_out(times: Floats, kept: Rows, left_out: Rows, findings: list[Finding]) -> None:
     """Reports why each row was left out."""
     at = np.searchsorted(times[kept], times[left_out])
     off = np.minimum(
@@ -247,7 +247,7 @@ def _said(times: Floats, kept: Rows, left_out: Rows, findings: list[Finding]) ->
             )
 
 
-def _in_another_order(times: Floats, rising: Rows) -> bool:
+def _are_rows_reordered(times: Floats, rising: Rows) -> bool:
     """Returns whether rows that do not rise with the others were only reordered: once sorted,
     they lie within the span of the others or are most of the rows, and their steps are usual."""
     others = np.setdiff1d(np.arange(len(times)), rising)
@@ -256,15 +256,15 @@ def _in_another_order(times: Floats, rising: Rows) -> bool:
     if step <= SAME_TIME_S:
         return False
     inside = (times[others] > times[rising[0]]) & (times[others] < times[rising[-1]])
-    if not inside.all() and len(others) <= MOST_LEFT_OUT * len(times):
+    if not inside.all() and len(others) <= MAX_LEFT_OUT_SHARE * len(times):
         return False
     at = np.searchsorted(in_order, times[others])
     padded = np.concatenate(([-np.inf], in_order, [np.inf]))
     near = np.minimum(padded[at + 1] - padded[at], padded[at + 2] - padded[at + 1])
-    return bool(np.mean(near < (1.0 - MIXED_STEP) * step) <= MIXED_ROWS)
+    return bool(np.mean(near < (1.0 - MIXED_STEP) * step) <= MIXED_ROWS_SHARE)
 
 
-def _longest_increasing(times: Floats) -> list[int]:
+def _find_longest_increasing(times: Floats) -> list[int]:
     """Returns the rows of a longest subsequence of strictly increasing times, by patience
     sorting (n log n). It runs from the last row to the first, so that of equally long ones the
     earliest rows are taken."""
@@ -288,7 +288,7 @@ def _longest_increasing(times: Floats) -> list[int]:
     return found
 
 
-def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
+def report_steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
     """Reports missing rows and mixed sample times. begins (n,): rows with which another file
     begins; no rows are missing before them."""
     between = begins[1:]
@@ -296,8 +296,8 @@ def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
     if spans.size < 2:
         return []
     step = float(np.median(spans))
-    findings = _joined(np.diff(time_s)[between], step)
-    if np.mean(np.abs(spans / step - 1.0) > MIXED_STEP) > MIXED_ROWS:
+    findings = _report_joined_files(np.diff(time_s)[between], step)
+    if np.mean(np.abs(spans / step - 1.0) > MIXED_STEP) > MIXED_ROWS_SHARE:
         low, high = np.quantile(spans, (0.05, 0.95))
         return [
             *findings,
@@ -327,7 +327,7 @@ def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
     ]
 
 
-def _joined(between_s: Floats, step_s: float) -> list[Finding]:
+def _report_joined_files(between_s: Floats, step_s: float) -> list[Finding]:
     """Reports that a log consists of several files. between_s (files - 1,): from the last row of
     a file to the first of the next."""
     apart_s = between_s[between_s > GAP_STEPS * step_s]

@@ -11,7 +11,7 @@ from topdress.control.recordings.finding import Finding, many
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-ANYTHING = (-np.inf, np.inf)
+UNLIMITED = (-np.inf, np.inf)
 SENTINELS = (
     -999.0,
     -9999.0,
@@ -32,37 +32,37 @@ SENTINELS = (
     -2147483648.0,
 )
 # A sentinel within the plausible range is this many times larger than any other value.
-SENTINEL_APART = 3.0
+SENTINEL_RATIO = 3.0
 # A larger number is no reading of a machine in any unit (as in machine files).
-MOST = 1e9
+MAX_READABLE = 1e9
 # A smaller number is 0: its square would be lost next to any other.
-LEAST = 1e-9
+MIN_READABLE = 1e-9
 # Decimals that logs print: three to six, eight for places, which are not rounded.
 PRINTED_DIGITS = 8
 # A cell is empty after so long without a reading, s: a longer run of equal values is no dropout.
 MAX_HELD_S = 3.0
 # Probability that equal readings in a row occur by chance anywhere in the log.
-HELD_P = 0.01
+HELD_PROBABILITY = 0.01
 # Window of the median, cells: a reading of one row or two does not move it.
-LONE_WITHIN = 5
+OUTLIER_WINDOW = 5
 # Window in which the usual distance of readings from that median is measured, cells.
-LONE_AMONG = 15
+OUTLIER_SPREAD_WINDOW = 15
 # Limit in standard deviations: a normal distribution reaches 6 once in a thousand million.
-LONE_SD = 10.0
+OUTLIER_SD = 10.0
 # Standard deviation of a normal distribution over its median absolute deviation, for the cells
 # around.
 MAD_SD = 1.4826
 # Nine in ten normal values are within this many standard deviations: a column that jumps more often
 # has no outliers.
 NINE_IN_TEN_SD = 1.645
-NDVI = (*HEAD_COLUMNS, "ndvi")
+NDVI_COLUMNS = (*HEAD_COLUMNS, "ndvi")
 
 # Vegetation indices and places are blanked outside their range, because their definition limits
 # them.
-EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *NDVI, *NDRE_COLUMNS, "ndre"})
+BLANKED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *NDVI_COLUMNS, *NDRE_COLUMNS, "ndre"})
 
 
-def known(
+def blank_sentinels(
     name: str,
     values: Floats,
     limits: tuple[float, float],
@@ -70,8 +70,8 @@ def known(
     inside: Flags | None = None,
 ) -> Floats:
     """Returns values (n,) with NaN for unreadable numbers and sentinels; the same array where
-    there are none. limits: range of the quantity. inside: as for `stand_for_nothing`."""
-    marked = stand_for_nothing(values, limits, inside)
+    there are none. limits: range of the quantity. inside: as for `flag_sentinels`."""
+    marked = flag_sentinels(values, limits, inside)
     if marked.any():
         kinds = ", ".join(f"{value:g}" for value in np.unique(values[marked])[:3])
         count = int(marked.sum())
@@ -84,10 +84,10 @@ def known(
             )
         )
         values = np.where(marked, np.nan, values)
-    infinite, beyond = np.isinf(values), np.isfinite(values) & (np.abs(values) > MOST)
+    infinite, beyond = np.isinf(values), np.isfinite(values) & (np.abs(values) > MAX_READABLE)
     for marked, id_, what in (
         (infinite, "infinite", "infinite"),
-        (beyond, "beyond", f"beyond {MOST:.0e}"),
+        (beyond, "beyond", f"beyond {MAX_READABLE:.0e}"),
     ):
         if marked.any():
             count = int(marked.sum())
@@ -103,18 +103,18 @@ def known(
     return values
 
 
-def readable(values: Floats) -> Floats:
+def blank_unreadable(values: Floats) -> Floats:
     """Returns numbers (n,) that arithmetic can use: NaN for unreadable ones, 0 for those lost in
     any sum."""
-    sane = np.where(np.isfinite(values) & ~(np.abs(values) > MOST), values, np.nan)
-    sane[np.abs(sane) < LEAST] = 0.0
+    sane = np.where(np.isfinite(values) & ~(np.abs(values) > MAX_READABLE), values, np.nan)
+    sane[np.abs(sane) < MIN_READABLE] = 0.0
     if np.array_equal(sane, values, equal_nan=True) and not np.signbit(values[values == 0.0]).any():
         # Nothing has changed: a million rows are not stored twice.
         return values
     return sane
 
 
-def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
+def blank_outliers(name: str, values: Floats, findings: list[Finding]) -> Floats:
     """Blanks readings of one row or two that are far from those before and after (Hampel's
     identifier: Davies and Gather, JASA 88, 1993, 782): a few such cells would dominate any
     correlation with the column.
@@ -122,20 +122,21 @@ def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
     The limit follows from the spread around each cell, from that of the whole column, and from
     the steps in which the column is written."""
     rows = np.flatnonzero(np.isfinite(values))
-    if len(rows) < LONE_AMONG:
+    if len(rows) < OUTLIER_SPREAD_WINDOW:
         return values
     seen = values[rows]
     # The import takes a third of a second, and most recordings do not need it.
     from scipy.ndimage import median_filter
 
-    off = np.abs(seen - median_filter(seen, LONE_WITHIN, mode="nearest"))
+    off = np.abs(seen - median_filter(seen, OUTLIER_WINDOW, mode="nearest"))
     steps = np.diff(np.unique(seen))
     scale = np.maximum(
-        MAD_SD * median_filter(off, LONE_AMONG), np.percentile(off, 90.0) / NINE_IN_TEN_SD
+        MAD_SD * median_filter(off, OUTLIER_SPREAD_WINDOW),
+        np.percentile(off, 90.0) / NINE_IN_TEN_SD,
     )
     far = rows[
         off
-        > LONE_SD * np.maximum(scale, float(np.percentile(steps, 5.0)) if len(steps) else np.inf)
+        > OUTLIER_SD * np.maximum(scale, float(np.percentile(steps, 5.0)) if len(steps) else np.inf)
     ]
     if not len(far):
         return values
@@ -153,28 +154,28 @@ def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
     return alone
 
 
-def stand_for_nothing(
-    values: Floats, limits: tuple[float, float] = ANYTHING, inside: Flags | None = None
+def flag_sentinels(
+    values: Floats, limits: tuple[float, float] = UNLIMITED, inside: Flags | None = None
 ) -> Flags:
     """Returns which values (n,) are sentinels: out of the limits or far larger than all others;
     or in the rows `inside` (n,) where those are given."""
     low, high = limits
-    if not values.size or not _reaches_one(values, limits):
+    if not values.size or not _may_have_sentinels(values, limits):
         return np.zeros(values.shape, bool)
     suspect = np.isin(values, SENTINELS)
     if inside is None:
-        others = np.abs(values[~suspect & np.isfinite(values) & ~(np.abs(values) > MOST)])
-        inside = np.abs(values) > SENTINEL_APART * (others.max() if others.size else np.inf)
+        others = np.abs(values[~suspect & np.isfinite(values) & ~(np.abs(values) > MAX_READABLE)])
+        inside = np.abs(values) > SENTINEL_RATIO * (others.max() if others.size else np.inf)
     return np.asarray(suspect & ((values < low) | (values > high) | inside), bool)
 
 
-def _reaches_one(values: Floats, limits: tuple[float, float]) -> bool:
+def _may_have_sentinels(values: Floats, limits: tuple[float, float]) -> bool:
     """Returns quickly whether a column may contain sentinels at all; most do not."""
     low, high = np.fmin.reduce(values), np.fmax.reduce(values)
     return bool(low <= -99.0 or high >= 999.0 or low < limits[0] or high > limits[1])
 
 
-def within(
+def apply_limits(
     name: str, values: Floats, limits: tuple[float, float], findings: list[Finding]
 ) -> Floats:
     """Reports values outside the limits, and blanks them where a definition excludes them."""
@@ -184,7 +185,7 @@ def within(
         return values
     example = f"{values[outside][0]:g}"
     allowed = f"allowed {limits[0]:g} to {limits[1]:g}"
-    if name in EMPTIED_OUTSIDE:
+    if name in BLANKED_OUTSIDE:
         findings.append(
             Finding(
                 "outside",
@@ -205,7 +206,7 @@ def within(
     return values
 
 
-def from_percent(name: str, values: Floats, findings: list[Finding]) -> Floats:
+def convert_percent(name: str, values: Floats, findings: list[Finding]) -> Floats:
     """Converts an NDVI in percent to a share."""
     seen = values[np.isfinite(values)]
     if not seen.size or np.median(seen) <= 1.0 or seen.min() < 0.0 or seen.max() > 100.0:
@@ -218,7 +219,7 @@ def from_percent(name: str, values: Floats, findings: list[Finding]) -> Floats:
     return values / 100.0
 
 
-def as_printed(values: Floats) -> Floats:
+def round_as_printed(values: Floats) -> Floats:
     """Rounds readings to the last digit that a log prints: repeats and steps of a column are
     evidence, and must not depend on the last bits of a float."""
     with np.errstate(over="ignore"):
@@ -230,7 +231,9 @@ def as_printed(values: Floats) -> Floats:
     return np.where(np.isfinite(rounded), rounded, values)
 
 
-def without_held(name: str, values: Floats, step_s: float, findings: list[Finding]) -> Floats:
+def blank_held_readings(
+    name: str, values: Floats, step_s: float, findings: list[Finding]
+) -> Floats:
     """Blanks readings that were repeated through a dropout: of an improbably long run of equal
     readings only the first is kept."""
     same = np.concatenate(([False], (values[1:] == values[:-1]) & (values[1:] != 0.0)))
@@ -238,7 +241,9 @@ def without_held(name: str, values: Floats, step_s: float, findings: list[Findin
     # Where most readings repeat, the resolution is coarse and no dropout is proved.
     if share == 0.0 or share > 0.5:
         return values
-    longest = max(3, int(np.ceil(np.log(HELD_P / len(values)) / np.log(min(0.9, share + 1e-4)))))
+    longest = max(
+        3, int(np.ceil(np.log(HELD_PROBABILITY / len(values)) / np.log(min(0.9, share + 1e-4))))
+    )
     starts = np.flatnonzero(~same)
     lengths = np.diff(np.append(starts, len(values)))
     held = np.zeros(len(values), bool)

@@ -21,29 +21,34 @@ Files:
 from __future__ import annotations
 
 from topdress.control.safety.alarms import ALARMS, AlarmKind
-from topdress.control.safety.drive_gate import limited, limited_dose, limited_valves
+from topdress.control.safety.drive_gate import limit_command, limit_dose, limit_valves
 from topdress.control.safety.interlocks import INTERLOCKS
 from topdress.control.safety.limits import DriveLimits, SafetyLimits
 from topdress.control.safety.memory import Allowances
-from topdress.control.safety.order_handlers import SETTINGS, BenchRun, BenchSetting, after_setting
+from topdress.control.safety.order_handlers import (
+    BENCH_ORDERS,
+    BenchRun,
+    BenchSetting,
+    apply_bench_order,
+)
 from topdress.control.safety.watchdog import Safety
 from topdress.control.safety.words import (
-    POWERED,
+    POWERED_STATES,
     REFUSALS,
     STATE_REASONS,
     Commanded,
     Situation,
     Verdict,
+    make_refusal,
     read_refusal,
-    refusal,
 )
 
 __all__ = [
     "ALARMS",
+    "BENCH_ORDERS",
     "INTERLOCKS",
-    "POWERED",
+    "POWERED_STATES",
     "REFUSALS",
-    "SETTINGS",
     "STATE_REASONS",
     "AlarmKind",
     "Allowances",
@@ -55,10 +60,10 @@ __all__ = [
     "SafetyLimits",
     "Situation",
     "Verdict",
-    "after_setting",
-    "limited",
-    "limited_dose",
-    "limited_valves",
+    "apply_bench_order",
+    "limit_command",
+    "limit_dose",
+    "limit_valves",
+    "make_refusal",
     "read_refusal",
-    "refusal",
 ]

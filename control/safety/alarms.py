@@ -26,7 +26,7 @@ class AlarmKind(NamedTuple):
 
 _AMBER, _RED = Severity.AMBER, Severity.RED
 
-_KINDS = (
+_ALARM_KINDS = (
     AlarmKind(
         "shaft_turns",
         _RED,
@@ -542,20 +542,20 @@ _KINDS = (
     ),
 )
 
-ALARMS: Mapping[str, AlarmKind] = MappingProxyType({kind.id: kind for kind in _KINDS})
-_RANK = {kind.id: rank for rank, kind in enumerate(_KINDS)}
+ALARMS: Mapping[str, AlarmKind] = MappingProxyType({kind.id: kind for kind in _ALARM_KINDS})
+_ALARM_RANK = {kind.id: rank for rank, kind in enumerate(_ALARM_KINDS)}
 
 
-class Live(NamedTuple):
+class LiveAlarm(NamedTuple):
     """Holds a live alarm and the time when its cause was last present, s."""
 
     alarm: Alarm
     seen_s: float
 
 
-def booked(
-    live: tuple[Live, ...], now_s: float, troubles: Mapping[str, Details], clear_s: float
-) -> tuple[Live, ...]:
+def update_alarms(
+    live: tuple[LiveAlarm, ...], now_s: float, troubles: Mapping[str, Details], clear_s: float
+) -> tuple[LiveAlarm, ...]:
     """Returns the live alarms after this tick, worst first.
 
     An alarm ends when its cause has been away for `clear_s`, a red one only once it is also
@@ -569,7 +569,7 @@ def booked(
         if details is not None:
             same = details == alarm.details and alarm.gone_s is None
             kept.append(
-                Live(alarm if same else alarm._replace(details=details, gone_s=None), now_s)
+                LiveAlarm(alarm if same else alarm._replace(details=details, gone_s=None), now_s)
             )
         elif now_s - entry.seen_s < clear_s or (
             alarm.severity is Severity.RED and not alarm.acknowledged
@@ -580,14 +580,14 @@ def booked(
             )
     booked_ids = {entry.alarm.id for entry in kept}
     new = [
-        Live(Alarm(i, ALARMS[i].severity, now_s, False, details), now_s)
+        LiveAlarm(Alarm(i, ALARMS[i].severity, now_s, False, details), now_s)
         for i, details in troubles.items()
         if i not in booked_ids
     ]
-    return tuple(sorted(kept + new, key=_worst_first)) if new else tuple(kept)
+    return tuple(sorted(kept + new, key=_sort_key)) if new else tuple(kept)
 
 
-def acknowledged(live: tuple[Live, ...], alarm_id: str) -> tuple[Live, ...]:
+def acknowledge_alarms(live: tuple[LiveAlarm, ...], alarm_id: str) -> tuple[LiveAlarm, ...]:
     """Returns the alarms with one acknowledged, or all for an empty id."""
     return tuple(
         e._replace(alarm=e.alarm._replace(acknowledged=True)) if alarm_id in ("", e.alarm.id) else e
@@ -595,7 +595,7 @@ def acknowledged(live: tuple[Live, ...], alarm_id: str) -> tuple[Live, ...]:
     )
 
 
-def unacknowledged_red(live: tuple[Live, ...]) -> str | None:
+def find_unacknowledged_red(live: tuple[LiveAlarm, ...]) -> str | None:
     """Returns the id of the worst red alarm that nobody has acknowledged, or None."""
     return next(
         (e.alarm.id for e in live if e.alarm.severity is Severity.RED and not e.alarm.acknowledged),
@@ -603,5 +603,5 @@ def unacknowledged_red(live: tuple[Live, ...]) -> str | None:
     )
 
 
-def _worst_first(entry: Live) -> tuple[int, float]:
-    return _RANK[entry.alarm.id], entry.alarm.since_s
+def _sort_key(entry: LiveAlarm) -> tuple[int, float]:
+    return _ALARM_RANK[entry.alarm.id], entry.alarm.since_s

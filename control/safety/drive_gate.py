@@ -9,10 +9,10 @@ from topdress.control.readings import DoseOrder, DriveCommand
 from topdress.control.safety.limits import DriveLimits
 
 # Greatest angle of a dose, degrees.
-LARGEST_DOSE_DEG = 3600.0
+MAX_DOSE_DEG = 3600.0
 
 
-def limited(
+def limit_command(
     cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool, opening_now_mm: float | None = None
 ) -> DriveCommand:
     """Returns the command that may be sent. Never raises.
@@ -28,16 +28,16 @@ def limited(
     flow_allowed : whether material may flow.
     opening_now_mm : the gate's present set-point; None: the gate goes to the commanded opening
         if that is a number, else to `opening_min_mm`."""
-    opening_mm = _clamped(cmd.opening_mm, limits)
+    opening_mm = _clamp_opening(cmd.opening_mm, limits)
     if flow_allowed and opening_mm is not None and isfinite(cmd.shaft_rpm):
-        return DriveCommand(_turning(cmd.shaft_rpm, limits), opening_mm)
-    staying_mm = None if opening_now_mm is None else _clamped(opening_now_mm, limits)
+        return DriveCommand(_clamp_shaft(cmd.shaft_rpm, limits), opening_mm)
+    staying_mm = None if opening_now_mm is None else _clamp_opening(opening_now_mm, limits)
     if staying_mm is None:
         staying_mm = limits.opening_min_mm if opening_mm is None else opening_mm
     return DriveCommand(0.0, staying_mm)
 
 
-def limited_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> DoseOrder | None:
+def limit_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> DoseOrder | None:
     """Returns the dose that may be sent; None without flow, or for an angle or a speed that is
     not a number above 0. Never raises.
 
@@ -52,24 +52,24 @@ def limited_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> Do
     ):
         return None
     return DoseOrder(
-        min(angle_deg, LARGEST_DOSE_DEG),
+        min(angle_deg, MAX_DOSE_DEG),
         min(max(shaft_rpm, limits.shaft_min_rpm), limits.shaft_max_rpm),
     )
 
 
-def limited_valves(valves: tuple[bool, ...], flow_allowed: bool) -> tuple[bool, ...]:
+def limit_valves(valves: tuple[bool, ...], flow_allowed: bool) -> tuple[bool, ...]:
     """Returns the valves that may be opened. Closed is the safe state: without flow all are
     closed, and every value that is not True."""
     return tuple([flow_allowed is True and wanted is True for wanted in valves])
 
 
-def _clamped(opening_mm: float, limits: DriveLimits) -> float | None:
+def _clamp_opening(opening_mm: float, limits: DriveLimits) -> float | None:
     if not isfinite(opening_mm):
         return None
     return min(max(opening_mm, limits.opening_min_mm), limits.opening_max_mm)
 
 
-def _turning(shaft_rpm: float, limits: DriveLimits) -> float:
+def _clamp_shaft(shaft_rpm: float, limits: DriveLimits) -> float:
     if shaft_rpm <= 0 or shaft_rpm < limits.shaft_min_rpm / 2:
         return 0.0
     return min(max(shaft_rpm, limits.shaft_min_rpm), limits.shaft_max_rpm)

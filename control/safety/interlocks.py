@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from topdress.control.orders import BY_PLACE, State
-from topdress.control.safety.alarm_conditions import target_acceptable
+from topdress.control.orders import PLACE_SOURCES, State
+from topdress.control.safety.alarm_conditions import is_target_acceptable
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Allowances
-from topdress.control.safety.motion import Motion, awaits_course
-from topdress.control.safety.sensor_validity import Senses
+from topdress.control.safety.motion import Motion, is_awaiting_course
+from topdress.control.safety.sensor_validity import ValidReadings
 from topdress.control.safety.words import N_, Situation
 
 INTERLOCKS: Mapping[str, str] = MappingProxyType(
@@ -43,10 +43,10 @@ INTERLOCKS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def forbidding(
+def find_interlocks(
     state: State,
     s: Situation,
-    seen: Senses,
+    seen: ValidReadings,
     motion: Motion,
     allow: Allowances,
     has_work_switch: bool,
@@ -57,7 +57,7 @@ def forbidding(
 
     `below_range`: less has been wanted than the machine can give (the alarm). Calibrating has
     its own rules in place of the speed, field and target interlocks."""
-    drives = () if seen.shaft_ok and seen.gate_ok else ("drive_silent",)
+    drives = () if seen.is_shaft_heard and seen.is_gate_heard else ("drive_silent",)
     switch_up = s.measurements.work_switch is False or (
         has_work_switch and s.measurements.work_switch is None
     )
@@ -68,21 +68,21 @@ def forbidding(
         return ("not_working", *drives) if state is not State.OFF else ("not_working",)
     return (
         *drives,
-        *_speed(s, seen, motion, allow, limits),
-        *_place(s, allow),
+        *_check_speed(s, seen, motion, allow, limits),
+        *_check_place(s, allow),
         *switch,
-        *_record(s, allow, limits),
-        *(("below_range",) if below_range and _rests(s) else ()),
+        *_check_records(s, allow, limits),
+        *(("below_range",) if below_range and _is_shaft_resting(s) else ()),
     )
 
 
-def _rests(s: Situation) -> bool:
+def _is_shaft_resting(s: Situation) -> bool:
     """Returns whether the wanted rate is so far below the machine's range that its shaft rests."""
     return s.range_breach is not None and s.range_breach.given_kg_ha <= 0.0
 
 
-def _speed(
-    s: Situation, seen: Senses, motion: Motion, allow: Allowances, limits: SafetyLimits
+def _check_speed(
+    s: Situation, seen: ValidReadings, motion: Motion, allow: Allowances, limits: SafetyLimits
 ) -> tuple[str, ...]:
     if seen.speed_mps is None:
         return ("speed_silent",)
@@ -90,13 +90,13 @@ def _speed(
         return ("standstill",)
     if not motion.moving and not motion.launching:
         fast_enough = seen.speed_mps >= limits.start_speed_mps
-        if fast_enough and awaits_course(motion):
+        if fast_enough and is_awaiting_course(motion):
             return ("course_unknown",)
-        return (_missing_speed(s, seen, limits) if fast_enough else "low_speed",)
+        return (_name_missing_speed(s, seen, limits) if fast_enough else "low_speed",)
     return ("reversing",) if motion.reversing and not allow.reverse else ()
 
 
-def _missing_speed(s: Situation, seen: Senses, limits: SafetyLimits) -> str:
+def _name_missing_speed(s: Situation, seen: ValidReadings, limits: SafetyLimits) -> str:
     """Returns the interlock of a machine that is fast enough by the speed in use but does not
     start."""
     if not limits.both_speeds_to_start or s.speed_doubt is not None:
@@ -106,14 +106,14 @@ def _missing_speed(s: Situation, seen: Senses, limits: SafetyLimits) -> str:
     return "gnss_speed_missing" if seen.gnss_speed_mps is None else "low_speed"
 
 
-def _place(s: Situation, allow: Allowances) -> tuple[str, ...]:
+def _check_place(s: Situation, allow: Allowances) -> tuple[str, ...]:
     where = "course_unknown" if s.course_awaited else "position_lost"
-    lost = (where,) if s.target_source in BY_PLACE and not s.position_ok else ()
+    lost = (where,) if s.target_source in PLACE_SOURCES and not s.position_ok else ()
     outside = ("outside_field",) if s.landing_inside is False and not allow.outside else ()
     elsewhere = ("map_elsewhere",) if s.map_elsewhere and not allow.map_elsewhere else ()
     return lost + outside + elsewhere
 
 
-def _record(s: Situation, allow: Allowances, limits: SafetyLimits) -> tuple[str, ...]:
+def _check_records(s: Situation, allow: Allowances, limits: SafetyLimits) -> tuple[str, ...]:
     log = () if s.log_ok or allow.unlogged else ("log_failed",)
-    return log if target_acceptable(s, limits) else (*log, "target_refused")
+    return log if is_target_acceptable(s, limits) else (*log, "target_refused")

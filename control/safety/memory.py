@@ -6,9 +6,9 @@ from math import inf
 from typing import NamedTuple
 
 from topdress.control.orders import State
-from topdress.control.safety.alarms import Live
+from topdress.control.safety.alarms import LiveAlarm
 from topdress.control.safety.motion import Motion
-from topdress.control.safety.standstill_monitor import Stand
+from topdress.control.safety.standstill_monitor import StandstillWatch
 from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 
@@ -40,13 +40,13 @@ class Memory(NamedTuple):
     motion: Motion = Motion()
     rate: RateWatch = RateWatch()
     hopper: HopperWatch = HopperWatch()
-    stand: Stand = Stand()
+    stand: StandstillWatch = StandstillWatch()
     follow: FollowWatch = FollowWatch()
     scale_heard: bool = False
     heads_full_since_s: float | None = None
     # The wanted rate has been beyond the machine's range since then.
     beyond_range_since_s: float | None = None
-    live: tuple[Live, ...] = ()
+    live: tuple[LiveAlarm, ...] = ()
     checked_s: float = -inf  # what follows is from that check
     # wheel and GNSS known, both slow enough to calibrate
     still: bool = False

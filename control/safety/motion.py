@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.sensor_validity import Senses, since
+from topdress.control.safety.sensor_validity import ValidReadings, find_since_s
 from topdress.control.safety.words import Situation
 
 
@@ -28,11 +28,11 @@ class Motion(NamedTuple):
     course_since_stood: bool = False  # a course was believed since it last stood still
 
 
-def moved(
+def update_motion(
     before: Motion,
     now_s: float,
     s: Situation,
-    seen: Senses,
+    seen: ValidReadings,
     allow_reverse: bool,
     limits: SafetyLimits,
     start_held: bool = False,
@@ -64,7 +64,7 @@ def moved(
         if (
             stood
             and course is not None
-            and _turn_deg(course, seen.gnss_course_deg) > limits.reverse_flip_deg
+            and _calc_turn_deg(course, seen.gnss_course_deg) > limits.reverse_flip_deg
         ):
             reversing = not reversing
         course, epoch, stood = seen.gnss_course_deg, seen.gnss_epoch_s, False
@@ -75,16 +75,19 @@ def moved(
     moving = _is_moving(before.moving, may_start, seen, s.wheel_standstill, limits, both)
     way_known = allow_reverse or before.course_deg is None or since_stood
     creeping = (
-        start_held and not moving and way_known and _creeps(seen, s.wheel_standstill, limits, both)
+        start_held
+        and not moving
+        and way_known
+        and _is_creeping(seen, s.wheel_standstill, limits, both)
     )
     launched = before.launched_since_s if start_held and not moving else None
     if launched is None and creeping:
         launched = now_s
     return Motion(
         moving,
-        since(before.standing_since_s, now_s, standing),
-        since(before.speed_lost_since_s, now_s, speed is None),
-        since(
+        find_since_s(before.standing_since_s, now_s, standing),
+        find_since_s(before.speed_lost_since_s, now_s, speed is None),
+        find_since_s(
             before.wheel_doubt_since_s,
             now_s,
             (s.wheel_standstill or by_gnss)
@@ -101,7 +104,7 @@ def moved(
     )
 
 
-def awaits_course(motion: Motion) -> bool:
+def is_awaiting_course(motion: Motion) -> bool:
     """Returns whether the machine has stood since its last course, so that its direction is
     unknown."""
     return motion.stood and motion.course_deg is not None
@@ -110,7 +113,7 @@ def awaits_course(motion: Motion) -> bool:
 def _is_moving(
     was: bool,
     may_start: bool,
-    seen: Senses,
+    seen: ValidReadings,
     wheel_standstill: bool,
     limits: SafetyLimits,
     both_to_start: bool,
@@ -129,8 +132,8 @@ def _is_moving(
     return may_start and speed >= limits.start_speed_mps and (both or not both_to_start)
 
 
-def _creeps(
-    seen: Senses, wheel_standstill: bool, limits: SafetyLimits, both_to_start: bool
+def _is_creeping(
+    seen: ValidReadings, wheel_standstill: bool, limits: SafetyLimits, both_to_start: bool
 ) -> bool:
     """Returns whether the speed in use and both speed sensors show that it has set off; one of
     them where only one is fitted."""
@@ -140,5 +143,5 @@ def _creeps(
     return not wheel_standstill and seen.speed_mps is not None and both
 
 
-def _turn_deg(a: float, b: float) -> float:
+def _calc_turn_deg(a: float, b: float) -> float:
     return abs((b - a + 180.0) % 360.0 - 180.0)

@@ -5,12 +5,18 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from topdress.control.readings import AHEAD_S, Doubted, Reading, held, is_fresh
+from topdress.control.readings import (
+    MAX_AHEAD_S,
+    Reading,
+    RefusedSpeed,
+    find_valid_value,
+    is_reading_fresh,
+)
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.words import Situation
 
 
-class Senses(NamedTuple):
+class ValidReadings(NamedTuple):
     """Holds the valid readings of this tick; None: silent, missing or not a number, and of a
     speed also: not trusted."""
 
@@ -32,15 +38,15 @@ class Senses(NamedTuple):
     heads_full: bool
 
     @property
-    def shaft_ok(self) -> bool:
+    def is_shaft_heard(self) -> bool:
         return self.shaft_rpm is not None
 
     @property
-    def gate_ok(self) -> bool:
+    def is_gate_heard(self) -> bool:
         return self.opening_mm is not None
 
 
-def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
+def judge_readings(now_s: float, s: Situation, limits: SafetyLimits) -> ValidReadings:
     """Returns the readings of situation `s` that are valid at `now_s` (seconds on the loop's
     clock)."""
     m = s.measurements
@@ -50,58 +56,58 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
         epoch = fix.time_s
         period_s = min(s.gnss_period_s, limits.gnss_period_max_s)
         silent_s = max(limits.gnss_silent_s, limits.gnss_silent_periods * period_s)
-        gnss_ok = is_fresh(epoch, now_s, silent_s) and fix.fix_quality > 0
+        gnss_ok = is_reading_fresh(epoch, now_s, silent_s) and fix.fix_quality > 0
         if gnss_ok:
-            gnss_speed, course = _number(fix.speed_mps), _number(fix.heading_deg)
+            gnss_speed, course = _select_finite(fix.speed_mps), _select_finite(fix.heading_deg)
     wheel, refused = m.wheel_speed_mps, None if s.speed_doubt is None else s.speed_doubt.refused
-    if refused in (Doubted.GNSS, Doubted.EITHER):
+    if refused in (RefusedSpeed.GNSS, RefusedSpeed.EITHER):
         gnss_speed = None
     wheel_speed = (
         0.0
         if s.wheel_standstill
         else None
-        if refused in (Doubted.WHEEL, Doubted.EITHER)
-        else held(wheel, now_s, limits.wheel_silent_s)
+        if refused in (RefusedSpeed.WHEEL, RefusedSpeed.EITHER)
+        else find_valid_value(wheel, now_s, limits.wheel_silent_s)
     )
-    heard_s = epoch if fix is not None and _number(fix.speed_mps) is not None else None
-    if heard_s is not None and not heard_s <= now_s + AHEAD_S:
+    heard_s = epoch if fix is not None and _select_finite(fix.speed_mps) is not None else None
+    if heard_s is not None and not heard_s <= now_s + MAX_AHEAD_S:
         heard_s = None
     if (
         wheel is not None
-        and wheel.time_s <= now_s + AHEAD_S
+        and wheel.time_s <= now_s + MAX_AHEAD_S
         and (heard_s is None or wheel.time_s > heard_s)
     ):
         heard_s = wheel.time_s
-    return Senses(
+    return ValidReadings(
         gnss_ok,
         gnss_speed,
         course,
         epoch,
         wheel_speed,
-        _number(s.speed_used_mps),
+        _select_finite(s.speed_used_mps),
         heard_s,
-        held(m.hopper_kg, now_s, limits.scale_silent_s),
-        held(m.shaft_rpm, now_s, limits.drive_silent_s),
-        held(m.opening_mm, now_s, limits.drive_silent_s),
-        _heads_full(now_s, m.ndvi, limits),
+        find_valid_value(m.hopper_kg, now_s, limits.scale_silent_s),
+        find_valid_value(m.shaft_rpm, now_s, limits.drive_silent_s),
+        find_valid_value(m.opening_mm, now_s, limits.drive_silent_s),
+        _are_heads_full(now_s, m.ndvi, limits),
     )
 
 
-def _heads_full(now_s: float, heads: tuple[Reading | None, ...], limits: SafetyLimits) -> bool:
+def _are_heads_full(now_s: float, heads: tuple[Reading | None, ...], limits: SafetyLimits) -> bool:
     heard = False
     for head in heads:
-        value = held(head, now_s, limits.ndvi_silent_s)
+        value = find_valid_value(head, now_s, limits.ndvi_silent_s)
         if value is not None and not value >= limits.heads_full_ndvi:
             return False
         heard = heard or value is not None
     return heard
 
 
-def _number(value: float | None) -> float | None:
+def _select_finite(value: float | None) -> float | None:
     return value if value is not None and isfinite(value) else None
 
 
-def since(before_s: float | None, now_s: float, condition: bool) -> float | None:
+def find_since_s(before_s: float | None, now_s: float, condition: bool) -> float | None:
     """Returns the time since when a condition holds without a break; None while it does not
     hold."""
     if not condition:
@@ -109,6 +115,6 @@ def since(before_s: float | None, now_s: float, condition: bool) -> float | None
     return now_s if before_s is None else before_s
 
 
-def lasted(since_s: float | None, now_s: float, for_s: float) -> bool:
+def has_lasted(since_s: float | None, now_s: float, for_s: float) -> bool:
     """Returns whether a condition has held for at least `for_s` seconds."""
     return since_s is not None and now_s - since_s >= for_s

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from topdress.control.readings import is_fresh
+from topdress.control.readings import is_reading_fresh
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.sensor_validity import Senses, lasted, since
+from topdress.control.safety.sensor_validity import ValidReadings, find_since_s, has_lasted
 from topdress.control.safety.words import Situation
 
 # A shaft below this share of its highest speed since it last slowed down is slowing down.
@@ -50,31 +50,33 @@ class ValveStand(NamedTuple):
     stuck: tuple[int, ...] = ()  # sections, from 1, that stay open
 
 
-TURNS, NO_VALVES = ShaftStand(), ValveStand()
+SHAFT_TURNING, NO_VALVES = ShaftStand(), ValveStand()
 
 
-class Stand(NamedTuple):
+class StandstillWatch(NamedTuple):
     """Holds the watch of all drives that must stand."""
 
-    shaft: ShaftStand = TURNS
+    shaft: ShaftStand = SHAFT_TURNING
     gate: GateStand = GateStand()
     valves: ValveStand = NO_VALVES
 
 
-def stood(before: Stand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> Stand:
+def update_standstill(
+    before: StandstillWatch, now_s: float, s: Situation, seen: ValidReadings, limits: SafetyLimits
+) -> StandstillWatch:
     """Returns the watch after this tick."""
-    return Stand(
-        _shaft(before.shaft, now_s, s, seen, limits),
-        _gate(before.gate, now_s, s, seen, limits),
-        _valves(before.valves, now_s, s, limits),
+    return StandstillWatch(
+        _watch_shaft(before.shaft, now_s, s, seen, limits),
+        _watch_gate(before.gate, now_s, s, seen, limits),
+        _watch_valves(before.valves, now_s, s, limits),
     )
 
 
-def _shaft(
-    before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits
+def _watch_shaft(
+    before: ShaftStand, now_s: float, s: Situation, seen: ValidReadings, limits: SafetyLimits
 ) -> ShaftStand:
     if s.commanded.turn:
-        return TURNS
+        return SHAFT_TURNING
     rpm = seen.shaft_rpm
     turning = rpm is not None and rpm >= limits.shaft_stands_rpm
     slows_from, slowed_s = before.slows_from_rpm, before.slowed_s
@@ -83,11 +85,11 @@ def _shaft(
     elif rpm is not None and slows_from is not None:
         # A shaft that is stopped within its dead time first speeds up.
         slows_from = max(slows_from, rpm)
-    settled = since(
+    settled = find_since_s(
         before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm
     )
-    turning_since = since(before.turning_since_s, now_s, turning)
-    runs_down = not lasted(slowed_s, now_s, limits.stand_confirm_s) and not lasted(
+    turning_since = find_since_s(before.turning_since_s, now_s, turning)
+    runs_down = not has_lasted(slowed_s, now_s, limits.stand_confirm_s) and not has_lasted(
         settled, now_s, limits.run_down_max_s
     )
     return ShaftStand(
@@ -96,14 +98,14 @@ def _shaft(
         slows_from,
         slowed_s,
         turning_since,
-        lasted(turning_since, now_s, limits.stand_confirm_s)
-        and lasted(settled, now_s, limits.stand_settle_s)
+        has_lasted(turning_since, now_s, limits.stand_confirm_s)
+        and has_lasted(settled, now_s, limits.stand_settle_s)
         and not runs_down,
     )
 
 
-def _gate(
-    before: GateStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits
+def _watch_gate(
+    before: GateStand, now_s: float, s: Situation, seen: ValidReadings, limits: SafetyLimits
 ) -> GateStand:
     """Watches the gate: it may be neither above its set-point nor above its earlier place. A
     board without enable keeps the last set-point that it followed, and at power-on the gate's
@@ -116,24 +118,32 @@ def _gate(
         return GateStand(commanded_mm, before.lowest_mm)
     lowest = read if before.lowest_mm is None else min(before.lowest_mm, read)
     most_mm = lowest if commanded_mm is None else max(lowest, commanded_mm)
-    opening = since(before.opening_since_s, now_s, read > most_mm + limits.gate_stands_mm)
-    return GateStand(commanded_mm, lowest, opening, lasted(opening, now_s, limits.stand_confirm_s))
+    opening = find_since_s(before.opening_since_s, now_s, read > most_mm + limits.gate_stands_mm)
+    return GateStand(
+        commanded_mm, lowest, opening, has_lasted(opening, now_s, limits.stand_confirm_s)
+    )
 
 
-def _valves(before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits) -> ValveStand:
+def _watch_valves(
+    before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits
+) -> ValveStand:
     commanded, seen = s.commanded.valves, s.measurements.valves
-    if not commanded or seen is None or not is_fresh(seen.time_s, now_s, limits.drive_silent_s):
+    if (
+        not commanded
+        or seen is None
+        or not is_reading_fresh(seen.time_s, now_s, limits.drive_silent_s)
+    ):
         return NO_VALVES
     count = min(len(commanded), len(seen.open))
-    closed = _each(before.closed_since_s, count)
-    opened = _each(before.open_since_s, count)
-    closed_since = tuple([since(closed[k], now_s, not commanded[k]) for k in range(count)])
+    closed = _match_count(before.closed_since_s, count)
+    opened = _match_count(before.open_since_s, count)
+    closed_since = tuple([find_since_s(closed[k], now_s, not commanded[k]) for k in range(count)])
     open_since = tuple(
         [
-            since(
+            find_since_s(
                 opened[k],
                 now_s,
-                seen.open[k] and lasted(closed_since[k], now_s, limits.valve_closes_s),
+                seen.open[k] and has_lasted(closed_since[k], now_s, limits.valve_closes_s),
             )
             for k in range(count)
         ]
@@ -142,10 +152,14 @@ def _valves(before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits
         open_since,
         closed_since,
         tuple(
-            [k + 1 for k in range(count) if lasted(open_since[k], now_s, limits.stand_confirm_s)]
+            [
+                k + 1
+                for k in range(count)
+                if has_lasted(open_since[k], now_s, limits.stand_confirm_s)
+            ]
         ),
     )
 
 
-def _each(before: tuple[float | None, ...], count: int) -> tuple[float | None, ...]:
+def _match_count(before: tuple[float | None, ...], count: int) -> tuple[float | None, ...]:
     return before if len(before) == count else (None,) * count

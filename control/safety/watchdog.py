@@ -11,17 +11,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from topdress.control.orders import Answer, Order, State
-from topdress.control.safety.alarm_conditions import troubles
-from topdress.control.safety.alarms import ALARMS, booked
-from topdress.control.safety.interlocks import forbidding
+from topdress.control.safety.alarm_conditions import find_causes
+from topdress.control.safety.alarms import ALARMS, update_alarms
+from topdress.control.safety.interlocks import find_interlocks
 from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.memory import Memory
-from topdress.control.safety.motion import Motion, moved
-from topdress.control.safety.order_handlers import after_order
-from topdress.control.safety.sensor_validity import Senses, lasted, senses, since
-from topdress.control.safety.standstill_monitor import stood
+from topdress.control.safety.motion import Motion, update_motion
+from topdress.control.safety.order_handlers import handle_order
+from topdress.control.safety.sensor_validity import (
+    ValidReadings,
+    find_since_s,
+    has_lasted,
+    judge_readings,
+)
+from topdress.control.safety.standstill_monitor import update_standstill
 from topdress.control.safety.words import Details, Situation, Verdict
-from topdress.control.safety.work_watch import followed, rated, watched
+from topdress.control.safety.work_watch import watch_drives, watch_hopper, watch_rate
 
 
 class Safety:
@@ -47,40 +52,42 @@ class Safety:
         """Returns whether START was reported as held so recently that it still is."""
         return now_s - self._memory.start_held_s < self._limits.launch_confirm_s
 
-    def order(self, order: Order, now_s: float) -> Answer:
+    def handle_order(self, order: Order, now_s: float) -> Answer:
         """Executes or refuses an order that concerns state, alarms or allowances; it takes
         effect at once.
 
         `read_refusal` reads `Answer.why`. Orders of other rooms are answered with
         `not_for_safety`."""
-        self._memory, answer = after_order(self._memory, order, now_s, self._limits)
+        self._memory, answer = handle_order(self._memory, order, now_s, self._limits)
         return answer
 
-    def check(self, now_s: float, s: Situation) -> Verdict:
+    def check_tick(self, now_s: float, s: Situation) -> Verdict:
         """Processes one tick: takes the situation, changes the state, updates the alarms, and
         decides whether material may flow."""
         m, limits = self._memory, self._limits
-        seen = senses(now_s, s, limits)
+        seen = judge_readings(now_s, s, limits)
         start_held = m.state is State.WORKING and self.start_is_held(now_s)
         wheel_dead = s.wheel_standstill or seen.wheel_speed_mps is None
-        by_gnss = m.allow.no_wheel and wheel_dead and _gnss_serves(s, seen, limits)
+        by_gnss = m.allow.no_wheel and wheel_dead and _can_gnss_serve(s, seen, limits)
         if by_gnss:
             s = s._replace(wheel_standstill=False)
-        motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits, start_held, by_gnss)
+        motion = update_motion(
+            m.motion, now_s, s, seen, m.allow.reverse, limits, start_held, by_gnss
+        )
         at_work = m.flowing and m.state is State.WORKING
-        rate = rated(m.rate, now_s, s, at_work, limits)
-        follow = followed(m.follow, now_s, s, seen, at_work, limits)
-        hopper = watched(m.hopper, now_s, seen.hopper_kg, limits)
-        stand = stood(m.stand, now_s, s, seen, limits)
+        rate = watch_rate(m.rate, now_s, s, at_work, limits)
+        follow = watch_drives(m.follow, now_s, s, seen, at_work, limits)
+        hopper = watch_hopper(m.hopper, now_s, seen.hopper_kg, limits)
+        stand = update_standstill(m.stand, now_s, s, seen, limits)
         scale_heard = m.scale_heard or seen.hopper_kg is not None
-        heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)
+        heads_full = find_since_s(m.heads_full_since_s, now_s, seen.heads_full)
         if heads_full != m.heads_full_since_s:
             m = m._replace(heads_full_since_s=heads_full)
         beyond_range = m.state is State.WORKING and motion.moving and s.range_breach is not None
-        beyond_range_since_s = since(m.beyond_range_since_s, now_s, beyond_range)
+        beyond_range_since_s = find_since_s(m.beyond_range_since_s, now_s, beyond_range)
         if beyond_range_since_s != m.beyond_range_since_s:
             m = m._replace(beyond_range_since_s=beyond_range_since_s)
-        found = troubles(
+        found = find_causes(
             m,
             now_s,
             s,
@@ -93,11 +100,11 @@ class Safety:
             scale_heard=scale_heard,
             limits=limits,
         )
-        state, why = after_tick(m, now_s, s, motion, found, limits)
+        state, why = find_next_state(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
         if state is State.OFF and m.state is not State.OFF:
             allow = Memory().allow
-        forbidden = forbidding(
+        forbidden = find_interlocks(
             state,
             s,
             seen,
@@ -107,7 +114,7 @@ class Safety:
             "rate_below_range" in found,
             limits,
         )
-        live = booked(m.live, now_s, found, limits.alarm_clear_s)
+        live = update_alarms(m.live, now_s, found, limits.alarm_clear_s)
         self._memory = Memory(
             state=state,
             why_state=why,
@@ -128,14 +135,14 @@ class Safety:
             beyond_range_since_s=m.beyond_range_since_s,
             live=live,
             checked_s=now_s,
-            still=_still(seen, limits),
-            fault_cause=leading_to(found, State.FAULT),
+            still=_is_still(seen, limits),
+            fault_cause=find_cause_leading_to(found, State.FAULT),
             log_ok=s.log_ok,
         )
         return Verdict(state, not forbidden, forbidden, tuple([entry.alarm for entry in live]), why)
 
 
-def _gnss_serves(s: Situation, seen: Senses, limits: SafetyLimits) -> bool:
+def _can_gnss_serve(s: Situation, seen: ValidReadings, limits: SafetyLimits) -> bool:
     """Returns whether GNSS alone can measure the machine's speed."""
     return (
         seen.gnss_speed_mps is not None
@@ -144,7 +151,7 @@ def _gnss_serves(s: Situation, seen: Senses, limits: SafetyLimits) -> bool:
     )
 
 
-def _still(seen: Senses, limits: SafetyLimits) -> bool:
+def _is_still(seen: ValidReadings, limits: SafetyLimits) -> bool:
     wheel, gnss = seen.wheel_speed_mps, seen.gnss_speed_mps
     if wheel is None or gnss is None:
         known = gnss if wheel is None else wheel
@@ -156,7 +163,7 @@ def _still(seen: Senses, limits: SafetyLimits) -> bool:
     return wheel < limits.calibrate_speed_mps and gnss < limits.calibrate_speed_mps
 
 
-def after_tick(
+def find_next_state(
     m: Memory,
     now_s: float,
     s: Situation,
@@ -171,24 +178,24 @@ def after_tick(
     back."""
     if m.state is State.OFF:
         return m.state, m.why_state
-    cause = leading_to(troubles, State.FAULT)
+    cause = find_cause_leading_to(troubles, State.FAULT)
     if m.state is State.FAULT or cause is not None:
         return State.FAULT, m.why_state if m.state is State.FAULT else cause or ""
     if s.console_age_s is not None and s.console_age_s > limits.console_off_s:
         return State.OFF, "console_gone"
     if m.state is State.CALIBRATING:
-        return _calibrating(m, now_s, limits)
+        return _leave_calibrating(m, now_s, limits)
     if m.state is State.WORKING:
-        return _working(m, now_s, motion, troubles, limits)
+        return _leave_working(m, now_s, motion, troubles, limits)
     return m.state, m.why_state
 
 
-def leading_to(troubles: Mapping[str, Details], state: State) -> str | None:
+def find_cause_leading_to(troubles: Mapping[str, Details], state: State) -> str | None:
     """Returns the first alarm with a cause that leads to `state`, or None."""
     return next((i for i in troubles if ALARMS[i].leads_to is state), None) if troubles else None
 
 
-def _calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[State, str]:
+def _leave_calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[State, str]:
     if not now_s - m.calibrate_s < limits.calibrate_confirm_s:
         return State.READY, "released"
     if not now_s < m.calibrate_until_s:
@@ -196,13 +203,13 @@ def _calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[State, 
     return m.state, m.why_state
 
 
-def _working(
+def _leave_working(
     m: Memory, now_s: float, motion: Motion, troubles: Mapping[str, Details], limits: SafetyLimits
 ) -> tuple[State, str]:
-    cause = leading_to(troubles, State.HELD)
+    cause = find_cause_leading_to(troubles, State.HELD)
     if cause is not None:
         return State.HELD, cause
-    if motion.standing_since_s is not None and lasted(
+    if motion.standing_since_s is not None and has_lasted(
         max(motion.standing_since_s, m.entered_s), now_s, limits.standstill_hold_s
     ):
         return State.HELD, "standstill"

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from topdress.control.orders import Alarm, State, TargetSource
 from topdress.control.readings import (
-    NO_EFFORT,
-    NOTHING_SAID,
-    EffortSays,
+    NO_EFFORT_FINDING,
+    NO_SCALE_FINDING,
+    EffortFinding,
     Measurements,
     RangeBreach,
-    ScaleSays,
+    ScaleFinding,
     SpeedDoubt,
 )
 
@@ -27,7 +27,7 @@ def N_(message: str) -> str:
 
 
 # The drives have power in these states.
-POWERED = (State.WORKING, State.HELD, State.CALIBRATING)
+POWERED_STATES = (State.WORKING, State.HELD, State.CALIBRATING)
 
 
 class Commanded(NamedTuple):
@@ -78,9 +78,9 @@ class Situation(NamedTuple):
     cut_from_kg_ha: float | None = None
     commanded: Commanded = Commanded()
     # what the hopper scale says of the flow, and of material that nobody ordered
-    scale: ScaleSays = NOTHING_SAID
+    scale: ScaleFinding = NO_SCALE_FINDING
     # what the metering drive's effort says of its load
-    effort: EffortSays = NO_EFFORT
+    effort: EffortFinding = NO_EFFORT_FINDING
     map_elsewhere: bool = False  # the map does not lie where work was started
     # what is spread while the other display tells no target; None: it tells one, or is not asked
     silent_rate_kg_ha: float | None = None
@@ -141,7 +141,7 @@ REFUSALS: Mapping[str, str] = {
 }
 
 
-def refusal(message_id: str, **details: str | float) -> str:
+def make_refusal(message_id: str, **details: str | float) -> str:
     """Returns the text of `Answer.why`: the id, then `;key=value` for each detail."""
     return ";".join((message_id, *(f"{key}={value}" for key, value in details.items())))
 

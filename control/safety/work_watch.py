@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from topdress.control.safety.limits import SafetyLimits
-from topdress.control.safety.sensor_validity import Senses, lasted, since
+from topdress.control.safety.sensor_validity import ValidReadings, find_since_s, has_lasted
 from topdress.control.safety.words import Situation
 
 
@@ -28,14 +28,14 @@ class FollowWatch(NamedTuple):
     gate_off_since_s: float | None = None
 
 
-FOLLOWS = FollowWatch()
+DRIVES_FOLLOWING = FollowWatch()
 
 
-def followed(
+def watch_drives(
     before: FollowWatch,
     now_s: float,
     s: Situation,
-    seen: Senses,
+    seen: ValidReadings,
     flowing: bool,
     limits: SafetyLimits,
 ) -> FollowWatch:
@@ -44,7 +44,7 @@ def followed(
     set-point, or to the model's rest of the one before."""
     commanded = s.commanded
     if not flowing or not commanded.shaft_rpm > 0.0:
-        return FOLLOWS
+        return DRIVES_FOLLOWING
     share = limits.drive_far_percent / 100.0
     shaft_off = 0.0 if seen.shaft_rpm is None else seen.shaft_rpm - commanded.expected_rpm
     gate_off = 0.0 if seen.opening_mm is None else seen.opening_mm - commanded.expected_mm
@@ -55,8 +55,8 @@ def followed(
     return FollowWatch(
         shaft_off,
         gate_off,
-        since(before.shaft_far_since_s, now_s, abs(shaft_off) > shaft_most),
-        since(
+        find_since_s(before.shaft_far_since_s, now_s, abs(shaft_off) > shaft_most),
+        find_since_s(
             before.shaft_off_since_s,
             now_s,
             abs(shaft_off)
@@ -64,8 +64,8 @@ def followed(
                 limits.shaft_stands_rpm, limits.shaft_off_percent / 100.0 * commanded.expected_rpm
             ),
         ),
-        since(before.gate_far_since_s, now_s, abs(gate_off) > gate_most),
-        since(before.gate_off_since_s, now_s, abs(gate_off) > limits.gate_off_mm),
+        find_since_s(before.gate_far_since_s, now_s, abs(gate_off) > gate_most),
+        find_since_s(before.gate_off_since_s, now_s, abs(gate_off) > limits.gate_off_mm),
     )
 
 
@@ -79,10 +79,10 @@ class RateWatch(NamedTuple):
     above_since_s: float | None = None  # above the product's absolute limit
 
 
-NOT_JUDGED = RateWatch()
+RATE_NOT_JUDGED = RateWatch()
 
 
-def rated(
+def watch_rate(
     before: RateWatch, now_s: float, s: Situation, flowing: bool, limits: SafetyLimits
 ) -> RateWatch:
     """Returns the watch of the rate after this tick; every break in an excess and every stop of
@@ -91,16 +91,16 @@ def rated(
     The error is applied minus expected rate (the target passed through the nominal response of
     the actuators), relative to the larger of the target and `rate_floor_kg_ha`."""
     if not flowing or s.applied_rate_kg_ha is None:
-        return NOT_JUDGED
+        return RATE_NOT_JUDGED
     error = 0.0
     if s.expected_rate_kg_ha is not None:
         off_kg_ha = s.applied_rate_kg_ha - s.expected_rate_kg_ha
         error = 100.0 * off_kg_ha / max(limits.rate_floor_kg_ha, s.target_rate_kg_ha)
     return RateWatch(
         error,
-        since(before.amber_since_s, now_s, abs(error) > limits.rate_amber_percent),
-        since(before.red_since_s, now_s, abs(error) > limits.rate_red_percent),
-        since(before.above_since_s, now_s, s.applied_rate_kg_ha > limits.rate_max_kg_ha),
+        find_since_s(before.amber_since_s, now_s, abs(error) > limits.rate_amber_percent),
+        find_since_s(before.red_since_s, now_s, abs(error) > limits.rate_red_percent),
+        find_since_s(before.above_since_s, now_s, s.applied_rate_kg_ha > limits.rate_max_kg_ha),
     )
 
 
@@ -112,7 +112,7 @@ class HopperWatch(NamedTuple):
     low: bool = False
 
 
-def watched(
+def watch_hopper(
     before: HopperWatch, now_s: float, hopper_kg: float | None, limits: SafetyLimits
 ) -> HopperWatch:
     """Returns the watch of the hopper after this tick. `hopper_kg` None: no scale, or silent;
@@ -120,15 +120,15 @@ def watched(
     if hopper_kg is None:
         return HopperWatch(low=before.low)
     edge_kg = limits.hopper_low_kg + (limits.hopper_clear_kg if before.low else 0.0)
-    low_since = since(before.low_since_s, now_s, hopper_kg <= edge_kg)
+    low_since = find_since_s(before.low_since_s, now_s, hopper_kg <= edge_kg)
     # Noise of the scale must not end a confirmed empty hopper.
-    empty = lasted(before.empty_since_s, now_s, limits.hopper_confirm_s)
-    empty_since = since(
+    empty = has_lasted(before.empty_since_s, now_s, limits.hopper_confirm_s)
+    empty_since = find_since_s(
         before.empty_since_s,
         now_s,
         hopper_kg <= limits.hopper_empty_kg + (limits.hopper_clear_kg if empty else 0.0),
     )
     low = low_since is not None and (
-        before.low or lasted(low_since, now_s, limits.hopper_confirm_s)
+        before.low or has_lasted(low_since, now_s, limits.hopper_confirm_s)
     )
     return HopperWatch(empty_since, low_since, low)

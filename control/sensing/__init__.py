@@ -17,8 +17,8 @@ from topdress.control.sensing.sensing import Sensed, Sensing, SensingLimits
 from topdress.control.sensing.speed_ahead import (
     Forecaster,
     SpeedAhead,
-    speed_ahead_mps,
-    travelled_ahead_m,
+    predict_speed_ahead_mps,
+    predict_way_ahead_m,
 )
 
 __all__ = [
@@ -27,6 +27,6 @@ __all__ = [
     "Sensing",
     "SensingLimits",
     "SpeedAhead",
-    "speed_ahead_mps",
-    "travelled_ahead_m",
+    "predict_speed_ahead_mps",
+    "predict_way_ahead_m",
 ]

@@ -16,34 +16,34 @@ from math import exp, sqrt
 from typing import NamedTuple
 
 # Candidate delays, s: GNSS speeds arrive 0.1 to 1 s late (effect `speed.gnss_latency`).
-DELAYS_S = tuple(0.1 * k for k in range(11))
+CANDIDATE_DELAYS_S = tuple(0.1 * k for k in range(11))
 # A change of speed is the difference over this time, s.
-OVER_S = 1.0
+CHANGE_SPAN_S = 1.0
 # The wheel's speed at a moment is its mean over this time, s: some pulses.
-MEAN_S = 0.2
+WHEEL_AVERAGE_S = 0.2
 # Least change of GNSS's speed that a delay is learnt from, m/s: seven times its noise.
-TELLS_MPS = 0.2
+MIN_CHANGE_MPS = 0.2
 # Standard deviation of the difference of the two changes at the right delay, m/s: noise of both.
 # Epochs 0.2 s apart share most of their second.
-APART_MPS = 0.1
+CHANGE_SD_MPS = 0.1
 # Time constant of forgetting, s of driving with changes of speed: receivers are exchanged.
-FORGETS_S = 600.0
+MEMORY_S = 600.0
 # Standard deviation of the delay within a step of the candidates, s.
-SPREAD_S = 0.03
-# Standard deviation of a GNSS speed, m/s, as `walk_watch.SPEED_STEP_MPS`.
+DELAY_STEP_SD_S = 0.03
+# Standard deviation of a GNSS speed, m/s, as `walk_watch.SPEED_STEP_SD_MPS`.
 SPEED_SD_MPS = 0.03
 
 
-class WheelThen(NamedTuple):
+class DelayedWheel(NamedTuple):
     """Holds the wheel's mean speed at the moment that an epoch's speed belongs to, and the
     weight of the comparison, 0 to 1: with a poorly known delay it falls as the machine's speed
     changes."""
 
-    mps: float
+    speed_mps: float
     weight: float
 
 
-class GnssLate:
+class GnssDelay:
     """Estimates the delay of a receiver's speed. `moved` is called once a tick with a trusted
     wheel, `epoch` once for each trusted GNSS speed."""
 
@@ -52,30 +52,35 @@ class GnssLate:
         self._ways_m: deque[float] = deque()
         # epochs of the last second: time, m/s
         self._epochs: deque[tuple[float, float]] = deque()
-        self._squares = [0.0] * len(DELAYS_S)
-        self.delay_s = self._delay_s()  # mean and standard deviation
+        self._squares = [0.0] * len(CANDIDATE_DELAYS_S)
+        self.delay_and_sd_s = self._estimate_delay_s()  # mean and standard deviation
 
-    def moved(self, time_s: float, wheel_mps: float, dt_s: float) -> None:
+    def record_wheel(self, time_s: float, wheel_mps: float, dt_s: float) -> None:
         """Adds the wheel's way of one tick."""
-        if self._times_s and not 0.0 < time_s - self._times_s[-1] < OVER_S:
+        if self._times_s and not 0.0 < time_s - self._times_s[-1] < CHANGE_SPAN_S:
             self._times_s.clear()
             self._ways_m.clear()
         self._ways_m.append((self._ways_m[-1] if self._ways_m else 0.0) + wheel_mps * dt_s)
         self._times_s.append(time_s)
-        while time_s - self._times_s[0] > DELAYS_S[-1] + OVER_S + MEAN_S + 0.1:
+        while (
+            time_s - self._times_s[0]
+            > CANDIDATE_DELAYS_S[-1] + CHANGE_SPAN_S + WHEEL_AVERAGE_S + 0.1
+        ):
             self._times_s.popleft()
             self._ways_m.popleft()
 
-    def _delay_s(self) -> tuple[float, float]:
+    def _estimate_delay_s(self) -> tuple[float, float]:
         least = min(self._squares)
-        odds = [exp(-0.5 * (squares - least) / APART_MPS**2) for squares in self._squares]
-        mean = sum(delay * odd for delay, odd in zip(DELAYS_S, odds, strict=True)) / sum(odds)
+        odds = [exp(-0.5 * (squares - least) / CHANGE_SD_MPS**2) for squares in self._squares]
+        mean = sum(delay * odd for delay, odd in zip(CANDIDATE_DELAYS_S, odds, strict=True)) / sum(
+            odds
+        )
         spread = sum(
-            odd * (delay - mean) ** 2 for delay, odd in zip(DELAYS_S, odds, strict=True)
+            odd * (delay - mean) ** 2 for delay, odd in zip(CANDIDATE_DELAYS_S, odds, strict=True)
         ) / sum(odds)
-        return mean, sqrt(spread + SPREAD_S**2)
+        return mean, sqrt(spread + DELAY_STEP_SD_S**2)
 
-    def epoch(self, time_s: float, gnss_mps: float, ratio: float) -> WheelThen | None:
+    def take_epoch(self, time_s: float, gnss_mps: float, ratio: float) -> DelayedWheel | None:
         """Takes a GNSS speed and returns the wheel speed to compare it with; None where the
         wheel has not been trusted for long enough.
 
@@ -84,44 +89,51 @@ class GnssLate:
         time_s : of the epoch, s.
         gnss_mps : the receiver's speed, m/s.
         ratio : the present correction factor of the wheel."""
-        while self._epochs and time_s - self._epochs[0][0] > OVER_S + 1e-6:
+        while self._epochs and time_s - self._epochs[0][0] > CHANGE_SPAN_S + 1e-6:
             self._epochs.popleft()
         before = (
-            self._epochs[0] if self._epochs and time_s - self._epochs[0][0] > 0.5 * OVER_S else None
+            self._epochs[0]
+            if self._epochs and time_s - self._epochs[0][0] > 0.5 * CHANGE_SPAN_S
+            else None
         )
         self._epochs.append((time_s, gnss_mps))
         change_mps = 0.0 if before is None else (gnss_mps - before[1]) / (time_s - before[0])
-        if before is not None and abs(gnss_mps - before[1]) >= TELLS_MPS:
-            self._learn(time_s, gnss_mps - before[1], before[0], ratio)
-        delay_s, sd_s = self.delay_s
-        then_mps = self._wheel_mps(time_s - delay_s)
+        if before is not None and abs(gnss_mps - before[1]) >= MIN_CHANGE_MPS:
+            self._learn_delay(time_s, gnss_mps - before[1], before[0], ratio)
+        delay_s, sd_s = self.delay_and_sd_s
+        then_mps = self._average_wheel_mps(time_s - delay_s)
         if then_mps is None:
             return None
-        return WheelThen(then_mps, SPEED_SD_MPS**2 / (SPEED_SD_MPS**2 + (change_mps * sd_s) ** 2))
+        return DelayedWheel(
+            then_mps, SPEED_SD_MPS**2 / (SPEED_SD_MPS**2 + (change_mps * sd_s) ** 2)
+        )
 
-    def _learn(self, time_s: float, change_mps: float, before_s: float, ratio: float) -> None:
+    def _learn_delay(self, time_s: float, change_mps: float, before_s: float, ratio: float) -> None:
         changes = []
-        for delay_s in DELAYS_S:
-            now, then = self._wheel_mps(time_s - delay_s), self._wheel_mps(before_s - delay_s)
+        for delay_s in CANDIDATE_DELAYS_S:
+            now, then = (
+                self._average_wheel_mps(time_s - delay_s),
+                self._average_wheel_mps(before_s - delay_s),
+            )
             if now is None or then is None:
                 return
             changes.append(ratio * (now - then))
-        keep = exp(-(time_s - self._epochs[-2][0]) / FORGETS_S)
+        keep = exp(-(time_s - self._epochs[-2][0]) / MEMORY_S)
         self._squares = [
             keep * squares + (change_mps - change) ** 2
             for squares, change in zip(self._squares, changes, strict=True)
         ]
-        self.delay_s = self._delay_s()
+        self.delay_and_sd_s = self._estimate_delay_s()
 
-    def _wheel_mps(self, at_s: float) -> float | None:
+    def _average_wheel_mps(self, at_s: float) -> float | None:
         """Returns the mean wheel speed around a moment, m/s; None where it is not known."""
-        if not self._times_s or at_s - 0.5 * MEAN_S < self._times_s[0]:
+        if not self._times_s or at_s - 0.5 * WHEEL_AVERAGE_S < self._times_s[0]:
             return None
-        end_s = min(at_s + 0.5 * MEAN_S, self._times_s[-1])
-        begin_s = min(at_s - 0.5 * MEAN_S, end_s - 0.5 * MEAN_S)
-        return (self._way_m(end_s) - self._way_m(begin_s)) / (end_s - begin_s)
+        end_s = min(at_s + 0.5 * WHEEL_AVERAGE_S, self._times_s[-1])
+        begin_s = min(at_s - 0.5 * WHEEL_AVERAGE_S, end_s - 0.5 * WHEEL_AVERAGE_S)
+        return (self._find_way_m(end_s) - self._find_way_m(begin_s)) / (end_s - begin_s)
 
-    def _way_m(self, at_s: float) -> float:
+    def _find_way_m(self, at_s: float) -> float:
         k = bisect_right(self._times_s, at_s)
         if k >= len(self._times_s):
             return self._ways_m[-1]

@@ -22,36 +22,36 @@ from topdress.control.geodesy import Place
 from topdress.control.sensing.walk_watch import (
     WINDOWS_S,
     Mark,
-    Reckoned,
+    ReckonedWay,
     Velocity,
     Walk,
     WalkWatch,
-    walk_between,
+    find_walk_between,
 )
 
 # Chi-square with 2 degrees of freedom that one healthy epoch in a million exceeds.
-GATE = 27.6
+GATE_CHI_SQUARE = 27.6
 # Standard deviation of a place by GGA fix quality, m. They are wide because the antenna sways and
 # errors persist.
-SPREAD_M = {2: 1.5, 4: 0.5, 5: 1.0}
+PLACE_SD_M = {2: 1.5, 4: 0.5, 5: 1.0}
 # Standard deviation at all other qualities, m, times HDOP: 2.5 m CEP in the data sheets of
 # receivers is 2.1 m an axis. From plain GNSS to RTK a place may jump 12 m.
-PLAIN_SPREAD_M = 2.2
-HDOP_MOST = 10.0
+DEFAULT_PLACE_SD_M = 2.2
+MAX_HDOP = 10.0
 # Standard deviation of an epoch's time, s: epochs arrive late by uneven times.
-TIMING_S = 0.1
+EPOCH_TIMING_SD_S = 0.1
 # Standard deviation of the reckoned way as a share of it: speed, slip, and in a turn the filtered
 # course.
-WAY_SHARE = 0.25
+WAY_SD_SHARE = 0.25
 # Age of the last place, s, beyond which the course since is unknown: any place within the way is
 # possible.
-RECKONED_S = 2.0
+MAX_RECKONING_S = 2.0
 # Upper limit of an unknown speed, m/s: the machine on a lorry.
-FASTEST_MPS = 30.0
+MAX_SPEED_MPS = 30.0
 # A new place needs so many epochs that agree with each other.
-AGREE_EPOCHS = 3
+AGREEING_EPOCHS = 3
 # A new place needs epochs that agree over this time, s.
-AGREE_S = 1.0
+AGREEING_S = 1.0
 
 
 class JudgedPlace(NamedTuple):
@@ -83,7 +83,7 @@ class _ReckonedPlace(NamedTuple):
 
 class PositionGate:
     """Accepts or refuses the places of a receiver, in constant time for each epoch. `moved` or
-    `lost` is called once a tick, then `judge` for a new epoch."""
+    `lost` is called once a tick, then `judge_epoch` for a new epoch."""
 
     def __init__(self) -> None:
         self._taken: _ReckonedPlace | None = None
@@ -102,36 +102,36 @@ class PositionGate:
         # how long places must agree with speed and course
         self._again_s = 0.0
 
-    def moved(self, way_m: float, east_m: float, north_m: float) -> None:
+    def add_way(self, way_m: float, east_m: float, north_m: float) -> None:
         """Adds the reckoned way of a tick: its length and its two components, m."""
         self._way_m += way_m
         self._east_m += east_m
         self._north_m += north_m
 
-    def lost(self, speed_mps: float | None, dt_s: float) -> None:
+    def add_unknown_way(self, speed_mps: float | None, dt_s: float) -> None:
         """Adds a tick whose heading or speed (None) is unknown."""
         self._lost += 1
-        self._way_m += (FASTEST_MPS if speed_mps is None else speed_mps) * dt_s
+        self._way_m += (MAX_SPEED_MPS if speed_mps is None else speed_mps) * dt_s
 
-    def on_plane(self, place: Place) -> None:
+    def move_to_plane(self, place: Place) -> None:
         """Moves the last accepted place to another tangent plane, where it has these
         coordinates."""
         if self._taken is not None:
             self._taken = self._taken._replace(place=place)
-        self._watch.restart()
+        self._watch.forget_marks()
         self._before_walk = None
 
     @property
-    def walks(self) -> bool:
+    def is_walking(self) -> bool:
         """Returns whether the places have drifted off and do not agree again yet."""
         return self._before_walk is not None
 
-    def speed_refused(self) -> None:
+    def forget_places(self) -> None:
         """Forgets the recent places, because the receiver's speed that they were compared with
         was wrong."""
-        self._watch.restart()
+        self._watch.forget_marks()
 
-    def judge(
+    def judge_epoch(
         self,
         place: Place,
         quality: int,
@@ -153,61 +153,63 @@ class PositionGate:
             none."""
         if not (isfinite(place[0]) and isfinite(place[1])):
             return JudgedPlace(False, float("inf"))
-        mark = self._watch.epoch(
+        mark = self._watch.record_epoch(
             time_s,
             place,
-            spread_m(quality, hdop),
+            find_place_sd_m(quality, hdop),
             velocity,
-            Reckoned(self._east_m, self._north_m, self._way_m, self._lost),
+            ReckonedWay(self._east_m, self._north_m, self._way_m, self._lost),
         )
-        timing_m = TIMING_S * (speed_mps or 0.0)
+        timing_m = EPOCH_TIMING_SD_S * (speed_mps or 0.0)
         if self._before_walk is not None:
-            return self._in_doubt(mark, quality, hdop, timing_m)
-        judged = self._by_epoch(place, quality, hdop, timing_m, time_s)
+            return self._judge_during_walk(mark, quality, hdop, timing_m)
+        judged = self._judge_innovation(place, quality, hdop, timing_m, time_s)
         if judged.anew:
-            self._watch.restart(mark)
+            self._watch.forget_marks(mark)
         elif judged.taken:
-            walk = self._watch.walked(mark, GATE, timing_m)
+            walk = self._watch.find_walk(mark, GATE_CHI_SQUARE, timing_m)
             if walk is not None:
-                return self._begin_doubt(walk, mark)
-            self._watch.taken(mark)
+                return self._begin_walk(walk, mark)
+            self._watch.keep_mark(mark)
         return judged
 
-    def _begin_doubt(self, walk: Walk, mark: Mark) -> JudgedPlace:
+    def _begin_walk(self, walk: Walk, mark: Mark) -> JudgedPlace:
         self._before_walk, self._back = walk.since, 0
-        self._again_s = min(WINDOWS_S[-1], max(AGREE_S, mark.time_s - self._watch.started_s))
-        self._watch.restart(mark)
+        self._again_s = min(
+            WINDOWS_S[-1], max(AGREEING_S, mark.time_s - self._watch.agreeing_since_s)
+        )
+        self._watch.forget_marks(mark)
         return JudgedPlace(False, walk.off_m, walks=True, back=walk.place)
 
-    def _in_doubt(
+    def _judge_during_walk(
         self, mark: Mark, quality: int, hdop: float | None, timing_m: float
     ) -> JudgedPlace:
         """Judges a place after a drift: whether it agrees with the place before, or for long
         enough with speed and course."""
         assert self._before_walk is not None
-        walk = walk_between(self._before_walk, mark, GATE, timing_m)
+        walk = find_walk_between(self._before_walk, mark, GATE_CHI_SQUARE, timing_m)
         self._back = self._back + 1 if walk is None else 0
-        long_enough = mark.time_s - self._watch.started_s >= self._again_s - 1e-6
-        if self._watch.walked(mark, GATE, timing_m) is not None:
-            self._watch.restart(mark)
-        elif self._back >= AGREE_EPOCHS or long_enough:
+        long_enough = mark.time_s - self._watch.agreeing_since_s >= self._again_s - 1e-6
+        if self._watch.find_walk(mark, GATE_CHI_SQUARE, timing_m) is not None:
+            self._watch.forget_marks(mark)
+        elif self._back >= AGREEING_EPOCHS or long_enough:
             self._before_walk, self._taken = None, None
             if walk is None:
-                self._watch.restart(mark)
-            self._by_epoch(mark.place, quality, hdop, timing_m, mark.time_s)
+                self._watch.forget_marks(mark)
+            self._judge_innovation(mark.place, quality, hdop, timing_m, mark.time_s)
             return (
                 JudgedPlace(True, 0.0) if walk is None else JudgedPlace(True, walk.off_m, anew=True)
             )
-        self._watch.taken(mark)
+        self._watch.keep_mark(mark)
         return JudgedPlace(False, 0.0 if walk is None else walk.off_m, walks=True)
 
-    def _by_epoch(
+    def _judge_innovation(
         self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float
     ) -> JudgedPlace:
         """Judges a place by this epoch and the last accepted one alone."""
         now = _ReckonedPlace(
             place,
-            spread_m(quality, hdop),
+            find_place_sd_m(quality, hdop),
             time_s,
             self._way_m,
             self._east_m,
@@ -215,27 +217,29 @@ class PositionGate:
             self._lost,
         )
         if self._taken is None:
-            return self._take(now, 0.0)
-        off_m = _off_m(self._taken, now)
-        if _passes(off_m, self._taken, now, timing_m):
-            return self._take(now, off_m)
-        if self._other is None or not _passes(_off_m(self._other, now), self._other, now, timing_m):
+            return self._accept_place(now, 0.0)
+        off_m = _find_innovation_m(self._taken, now)
+        if _is_within_gate(off_m, self._taken, now, timing_m):
+            return self._accept_place(now, off_m)
+        if self._other is None or not _is_within_gate(
+            _find_innovation_m(self._other, now), self._other, now, timing_m
+        ):
             self._other, self._agreeing = now, 1
             return JudgedPlace(False, off_m)
         self._agreeing += 1
-        if self._agreeing < AGREE_EPOCHS or time_s - self._other.time_s < AGREE_S - 1e-6:
+        if self._agreeing < AGREEING_EPOCHS or time_s - self._other.time_s < AGREEING_S - 1e-6:
             return JudgedPlace(False, off_m)
-        return self._take(now, off_m, anew=True)
+        return self._accept_place(now, off_m, anew=True)
 
-    def _take(self, mark: _ReckonedPlace, off_m: float, anew: bool = False) -> JudgedPlace:
+    def _accept_place(self, mark: _ReckonedPlace, off_m: float, anew: bool = False) -> JudgedPlace:
         self._taken, self._other, self._agreeing = mark, None, 0
         return JudgedPlace(True, off_m, anew)
 
 
-def _off_m(before: _ReckonedPlace, now: _ReckonedPlace) -> float:
+def _find_innovation_m(before: _ReckonedPlace, now: _ReckonedPlace) -> float:
     """Returns the innovation, m; infinite where a place is not a number."""
     east, north = now.place[0] - before.place[0], now.place[1] - before.place[1]
-    reckoned = now.lost == before.lost and now.time_s - before.time_s <= RECKONED_S
+    reckoned = now.lost == before.lost and now.time_s - before.time_s <= MAX_RECKONING_S
     if reckoned:
         off_m = hypot(east - (now.east_m - before.east_m), north - (now.north_m - before.north_m))
     else:
@@ -243,17 +247,19 @@ def _off_m(before: _ReckonedPlace, now: _ReckonedPlace) -> float:
     return off_m if isfinite(off_m) else float("inf")
 
 
-def _passes(off_m: float, before: _ReckonedPlace, now: _ReckonedPlace, timing_m: float) -> bool:
-    way_m = WAY_SHARE * (now.way_m - before.way_m)
+def _is_within_gate(
+    off_m: float, before: _ReckonedPlace, now: _ReckonedPlace, timing_m: float
+) -> bool:
+    way_m = WAY_SD_SHARE * (now.way_m - before.way_m)
     variance = before.spread_m**2 + now.spread_m**2 + way_m**2 + timing_m**2
-    return off_m * off_m <= GATE * variance
+    return off_m * off_m <= GATE_CHI_SQUARE * variance
 
 
-def spread_m(quality: int, hdop: float | None) -> float:
+def find_place_sd_m(quality: int, hdop: float | None) -> float:
     """1 s.d. of a place, m an axis."""
-    known = SPREAD_M.get(quality)
+    known = PLACE_SD_M.get(quality)
     if known is not None:
         return known
-    return PLAIN_SPREAD_M * min(
-        HDOP_MOST, max(1.0, hdop if hdop is not None and isfinite(hdop) else 1.0)
+    return DEFAULT_PLACE_SD_M * min(
+        MAX_HDOP, max(1.0, hdop if hdop is not None and isfinite(hdop) else 1.0)
     )

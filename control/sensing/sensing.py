@@ -12,40 +12,45 @@ from typing import NamedTuple
 
 from topdress.control.geodesy import Place, TangentPlane
 from topdress.control.readings import (
-    AHEAD_S,
-    Doubted,
+    MAX_AHEAD_S,
     GnssFix,
     Measurements,
     Reading,
+    RefusedSpeed,
     SpeedDoubt,
-    is_fresh,
+    is_reading_fresh,
 )
-from topdress.control.sensing.gnss_late import GnssLate
-from topdress.control.sensing.position_gate import FASTEST_MPS, JudgedPlace, PositionGate, spread_m
-from topdress.control.sensing.speed_ahead import QUICK_TAU_S, Moving
-from topdress.control.sensing.speed_check import SLIP, SpeedCheck
+from topdress.control.sensing.gnss_late import GnssDelay
+from topdress.control.sensing.position_gate import (
+    MAX_SPEED_MPS,
+    JudgedPlace,
+    PositionGate,
+    find_place_sd_m,
+)
+from topdress.control.sensing.speed_ahead import QUICK_TAU_S, SpeedFilter
+from topdress.control.sensing.speed_check import SLIP_RANGE, SpeedCheck
 from topdress.control.sensing.walk_watch import Velocity
 
 # Time constant of the first-order filter `ratio`, by which GNSS corrects the wheel, s. Slip comes
 # in bursts of some 20 s.
 RATIO_TAU_S = 3.0
 # A wheel speed is valid for this long, s.
-WHEEL_HOLDS_S = 0.5
+WHEEL_VALID_S = 0.5
 # Without a wheel pulse for this long, s, the machine stands.
-STANDSTILL_S = 0.8
+NO_PULSE_STANDSTILL_S = 0.8
 # While both speeds are silent the last speed is held for this long, s.
-HELD_SPEED_S = 2.0
+SPEED_HOLD_S = 2.0
 # A place without GNSS is trusted for this long, s. On a straight way it is trusted for as long as
 # its standard deviation is below `SensingLimits.reckoned_m`; that comes from the last accepted
 # place and the three values below.
 DEAD_RECKONING_S = 2.0
 # Standard deviation along the way as a share of it: slip of a wheel that was corrected just now
 # (`speed_check`).
-WHEEL_SHARE = 0.1
+WHEEL_SLIP_SD_SHARE = 0.1
 # Standard deviation across the way as a share of it: 3 degrees, as well as a driver holds a course.
-COURSE_SHARE = 0.05
+COURSE_SD_SHARE = 0.05
 # A way is straight below this rate of turn, degrees/s: the noise of the course alone makes 2.
-STRAIGHT_DEG_S = 6.0
+STRAIGHT_BELOW_DEG_S = 6.0
 # Below this speed, m/s, the course over ground is mostly noise.
 HEADING_FROM_MPS = 0.3
 # The first heading is taken from this speed on, m/s: it is 9 degrees uncertain with 0.03 m/s of
@@ -54,16 +59,16 @@ FIRST_HEADING_FROM_MPS = 0.2
 # Time constant of the first-order filter `heading`, s.
 HEADING_TAU_S = 0.5
 # Below this speed, m/s, the direction of travel may reverse unseen.
-STOOD_BELOW_MPS = 0.3
+STANDSTILL_BELOW_MPS = 0.3
 # From this GNSS speed on, m/s, its course shows the direction of travel.
 COURSE_FROM_MPS = 0.2
 # A course that differs by more than this across a standstill, degrees, is the opposite direction.
-BACKWARDS_DEG = 120.0
+REVERSED_COURSE_DEG = 120.0
 # A place that GNSS loses and finds again within this distance, m, is the same place.
-MOVED_M = 1.0
+PLACE_JUMP_M = 1.0
 # A tangent plane that began with a wrong place is recognised by having had no more epochs than
 # these.
-FIRST_EPOCHS = 2
+UNSETTLED_EPOCHS = 2
 
 
 class Sensed(NamedTuple):
@@ -92,7 +97,7 @@ class Sensed(NamedTuple):
     # the refused epoch has walked off from the receiver's own speed and course
     walks: bool = False
     # filter `quick`; as `speed_used` where only GNSS speaks
-    quick: Moving = Moving()
+    quick: SpeedFilter = SpeedFilter()
     # a place is known, and it never moved: where it points is not
     course_awaited: bool = False
     # wheel and GNSS do not tell one speed: which is not believed
@@ -117,12 +122,12 @@ class Sensing:
         self._antenna_m = antenna_m
         self._limits = limits or SensingLimits()
         self._time_s: float | None = None
-        self._moving = Moving()  # filter `speed_used`
-        self._quick = Moving()  # filter `quick`
+        self._moving = SpeedFilter()  # filter `speed_used`
+        self._quick = SpeedFilter()  # filter `quick`
         self._filtered_s: float | None = None  # time of the sample last taken in
         self._source = "none"  # of the speed, when one was last heard
         self._ratio = 1.0
-        self._late = GnssLate()
+        self._late = GnssDelay()
         self._track_m = 0.0
         self._fix_s: float | None = None
         # between epochs, and whether two were heard; a plain receiver is not silent until then
@@ -135,7 +140,7 @@ class Sensing:
         self._heard_s: float | None = None
         self._wheel_s: float | None = None
         self._turned_s: float | None = None  # newest time that the wheel reported anything
-        self._direction = _Direction()
+        self._direction = _TravelDirection()
         self._gate = PositionGate()
         self._check = SpeedCheck()
         self._placed_s: float | None = None  # epoch of the place last taken
@@ -146,14 +151,16 @@ class Sensing:
         self._walks = False
         self._own_epochs: int | None = None  # taken on a plane that the first of them began
 
-    def update(self, m: Measurements) -> Sensed:
+    def sense_motion(self, m: Measurements) -> Sensed:
         """Returns speed, place and heading of this tick."""
-        m = _believable(m)
+        m = _drop_impossible(m)
         now = m.time_s
         dt = 0.0 if self._time_s is None else max(0.0, now - self._time_s)
         self._time_s = now
         fix_new = (
-            m.gnss is not None and m.gnss.time_s != self._fix_s and m.gnss.time_s <= now + AHEAD_S
+            m.gnss is not None
+            and m.gnss.time_s != self._fix_s
+            and m.gnss.time_s <= now + MAX_AHEAD_S
         )
         if fix_new and m.gnss is not None and self._fix_s is not None:
             gap = m.gnss.time_s - self._fix_s
@@ -164,40 +171,40 @@ class Sensing:
         silent_s = max(
             self._limits.gnss_silent_s, self._limits.gnss_silent_periods * self._period_s
         )
-        gnss_ok = m.gnss is not None and is_fresh(m.gnss.time_s, now, silent_s)
+        gnss_ok = m.gnss is not None and is_reading_fresh(m.gnss.time_s, now, silent_s)
         gnss_speed = m.gnss.speed_mps if m.gnss is not None and gnss_ok else None
         wheel = m.wheel_speed_mps
-        wheel_ok = wheel is not None and is_fresh(wheel.time_s, now, WHEEL_HOLDS_S)
-        standstill = self._wheel_stands(wheel, now)
-        self._check.moved(
+        wheel_ok = wheel is not None and is_reading_fresh(wheel.time_s, now, WHEEL_VALID_S)
+        standstill = self._is_wheel_standing(wheel, now)
+        self._check.record_tick(
             wheel.value if wheel is not None and wheel_ok and not standstill else None,
             self._heading,
             self._direction.backwards,
             self._ratio,
             dt,
         )
-        if not self._gnss_speed_serves(gnss_speed, wheel if wheel_ok else None):
+        if not self._is_gnss_speed_usable(gnss_speed, wheel if wheel_ok else None):
             gnss_speed = None
         wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
-        wheel_ok = wheel_ok and not wheel_faulty and self._wheel_serves(gnss_speed)
-        source = self._take_speed(m, now, dt, gnss_speed, wheel_ok, fix_new)
+        wheel_ok = wheel_ok and not wheel_faulty and self._is_wheel_usable(gnss_speed)
+        source = self._update_speed(m, now, dt, gnss_speed, wheel_ok, fix_new)
         speed = self._moving.speed_mps if source != "none" else None
-        self._track_m += self._direction.moved_m(
+        self._track_m += self._direction.find_signed_way_m(
             (speed or 0.0) * dt,
-            standstill or (speed or 0.0) < STOOD_BELOW_MPS,
+            standstill or (speed or 0.0) < STANDSTILL_BELOW_MPS,
             m.gnss if fix_new else None,
         )
-        moved_m = self._take_place(m, speed, dt, fix_new)
+        moved_m = self._update_place(m, speed, dt, fix_new)
         if fix_new and m.gnss is not None:
             self._fix_s = m.gnss.time_s
         heard = (
             self._placed_s is not None
-            and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
+            and is_reading_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
             and (m.gnss is None or m.gnss.fix_quality > 0)
         )
-        placed = self._east is not None and (heard or self._reckons(source))
+        placed = self._east is not None and (heard or self._can_reckon(source))
         position_ok = placed and self._heading is not None
-        east, north = self._outlet()
+        east, north = self._locate_outlet()
         return Sensed(
             now,
             speed,
@@ -221,45 +228,45 @@ class Sensing:
             self._check.doubt,
         )
 
-    def _reckons(self, source: str) -> bool:
+    def _can_reckon(self, source: str) -> bool:
         """Returns whether the place is good enough without GNSS: it is silent or has no fix, and
         the wheel is trusted."""
-        off_m = hypot(self._spread_m, hypot(WHEEL_SHARE, COURSE_SHARE) * self._way_m)
+        off_m = hypot(self._spread_m, hypot(WHEEL_SLIP_SD_SHARE, COURSE_SD_SHARE) * self._way_m)
         return (
             off_m <= self._limits.reckoned_m
-            and abs(self._turn) <= STRAIGHT_DEG_S
+            and abs(self._turn) <= STRAIGHT_BELOW_DEG_S
             and self._refused_m is None
             and source in ("wheel", "both")
             and self._check.doubt is None
         )
 
-    def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
+    def _is_wheel_standing(self, wheel: Reading | None, now: float) -> bool:
         """Returns whether the wheel reads 0 or has been silent for long. A wheel that was heard
         once is fitted: it stands also when its readings are impossible."""
-        if wheel is not None and wheel.time_s <= now + AHEAD_S:
+        if wheel is not None and wheel.time_s <= now + MAX_AHEAD_S:
             self._turned_s = (
                 wheel.time_s if self._turned_s is None else max(self._turned_s, wheel.time_s)
             )
             if wheel.value <= 0.0:
                 return True
-        return self._turned_s is not None and now - self._turned_s > STANDSTILL_S
+        return self._turned_s is not None and now - self._turned_s > NO_PULSE_STANDSTILL_S
 
-    def _gnss_speed_serves(self, gnss_mps: float | None, wheel: Reading | None) -> bool:
+    def _is_gnss_speed_usable(self, gnss_mps: float | None, wheel: Reading | None) -> bool:
         """Returns whether GNSS's speed is used. While it is unknown which of the two is wrong,
         the slower one is used: too little product can be made up for."""
         doubt = self._check.doubt
-        if doubt is None or doubt.refused is Doubted.WHEEL or gnss_mps is None:
+        if doubt is None or doubt.refused is RefusedSpeed.WHEEL or gnss_mps is None:
             return True
-        return doubt.refused is Doubted.EITHER and (
+        return doubt.refused is RefusedSpeed.EITHER and (
             wheel is None or gnss_mps < wheel.value * self._ratio
         )
 
-    def _wheel_serves(self, gnss_mps: float | None) -> bool:
+    def _is_wheel_usable(self, gnss_mps: float | None) -> bool:
         """Returns whether the wheel's speed is used. gnss_mps: GNSS's speed where that is used."""
         doubt = self._check.doubt
-        return doubt is None or (doubt.refused is not Doubted.WHEEL and gnss_mps is None)
+        return doubt is None or (doubt.refused is not RefusedSpeed.WHEEL and gnss_mps is None)
 
-    def _take_speed(
+    def _update_speed(
         self,
         m: Measurements,
         now: float,
@@ -272,15 +279,20 @@ class Sensing:
         source = "none"
         wheel = m.wheel_speed_mps
         if wheel_ok and wheel is not None:
-            self._late.moved(now, wheel.value, dt)
+            self._late.record_wheel(now, wheel.value, dt)
             then = (
-                self._late.epoch(now, gnss_mps, self._ratio)
+                self._late.take_epoch(now, gnss_mps, self._ratio)
                 if gnss_mps is not None and fix_new
                 else None
             )
-            if then is not None and gnss_mps is not None and then.mps > 0.5 and gnss_mps > 0.5:
+            if (
+                then is not None
+                and gnss_mps is not None
+                and then.speed_mps > 0.5
+                and gnss_mps > 0.5
+            ):
                 share = then.weight * (1.0 - exp(-self._period_s / RATIO_TAU_S))
-                self._ratio += share * (_within_slip(gnss_mps / then.mps) - self._ratio)
+                self._ratio += share * (_limit_ratio(gnss_mps / then.speed_mps) - self._ratio)
             if wheel.time_s != self._wheel_s:
                 sample = wheel.value * self._ratio
                 self._wheel_s = wheel.time_s
@@ -289,7 +301,7 @@ class Sensing:
             sample = gnss_mps if fix_new else None
             source = "gnss"
         if source == "none":
-            if self._heard_s is not None and now - self._heard_s <= HELD_SPEED_S:
+            if self._heard_s is not None and now - self._heard_s <= SPEED_HOLD_S:
                 return "held"
             self._moving = self._quick = self._moving._replace(acceleration_mps2=0.0)
             return "none"
@@ -297,19 +309,21 @@ class Sensing:
         # what the refused one said is no movement
         if source != self._source and self._check.doubt is not None:
             believed = gnss_mps if wheel is None or source == "gnss" else wheel.value * self._ratio
-            self._moving, self._filtered_s = Moving(believed or 0.0), now
+            self._moving, self._filtered_s = SpeedFilter(believed or 0.0), now
             self._quick, sample = self._moving, None
         self._source = source
-        self._moving, self._quick = self._moving.on(dt), self._quick.on(dt)
+        self._moving, self._quick = self._moving.extrapolate(dt), self._quick.extrapolate(dt)
         if sample is not None:
             gap = 0.0 if self._filtered_s is None else now - self._filtered_s
-            self._moving, self._filtered_s = self._moving.taking(sample, gap), now
+            self._moving, self._filtered_s = self._moving.take_sample(sample, gap), now
             self._quick = (
-                self._quick.taking(sample, gap, QUICK_TAU_S) if source != "gnss" else self._moving
+                self._quick.take_sample(sample, gap, QUICK_TAU_S)
+                if source != "gnss"
+                else self._moving
             )
         return source
 
-    def _take_place(
+    def _update_place(
         self, m: Measurements, speed: float | None, dt: float, fix_new: bool
     ) -> float | None:
         """Updates the place by a new epoch, else by reckoning. Returns how far off the old place
@@ -317,16 +331,16 @@ class Sensing:
         fix, backwards = m.gnss, self._direction.backwards
         east_m = north_m = 0.0
         if self._heading is None or speed is None:
-            self._gate.lost(speed, dt)
+            self._gate.add_unknown_way(speed, dt)
             self._way_m = inf
         else:
             way = -speed * dt if backwards else speed * dt
             self._way_m += abs(way)
             east_m, north_m = way * sin(radians(self._heading)), way * cos(radians(self._heading))
-            self._gate.moved(abs(way), east_m, north_m)
+            self._gate.add_way(abs(way), east_m, north_m)
         if fix_new and fix is not None:
             before, walked = (self._east, self._north), self._walks
-            judged = self._judged(fix, speed)
+            judged = self._judge_fix(fix, speed)
             self._refused_m = None if judged is None or judged.taken else judged.off_m
             self._walks = judged is not None and judged.walks
             # a course may be right where a place is not
@@ -334,11 +348,11 @@ class Sensing:
                 if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= (
                     FIRST_HEADING_FROM_MPS if self._heading is None else HEADING_FROM_MPS
                 ):
-                    self._take_heading(fix.heading_deg + (180.0 if backwards else 0.0))
+                    self._update_heading(fix.heading_deg + (180.0 if backwards else 0.0))
                 if judged.back is not None:
                     self._east, self._north = judged.back
                 if judged.back is not None or (walked and judged.taken):
-                    return self._gone_m(before)
+                    return self._find_jump_m(before)
                 if judged.taken:
                     return judged.off_m if judged.anew else None
         if self._east is not None and self._north is not None:
@@ -346,15 +360,15 @@ class Sensing:
             self._north += north_m
         return None
 
-    def _gone_m(self, before: tuple[float | None, float | None]) -> float | None:
+    def _find_jump_m(self, before: tuple[float | None, float | None]) -> float | None:
         """Returns the distance of the antenna from its assumed place, m; None where it is
         negligible."""
         if self._east is None or self._north is None or before[0] is None or before[1] is None:
             return None
         gone_m = hypot(self._east - before[0], self._north - before[1])
-        return gone_m if gone_m >= MOVED_M else None
+        return gone_m if gone_m >= PLACE_JUMP_M else None
 
-    def _judged(self, fix: GnssFix, speed: float | None) -> JudgedPlace | None:
+    def _judge_fix(self, fix: GnssFix, speed: float | None) -> JudgedPlace | None:
         """Passes the place of a new epoch through the gate and stores it where it is accepted;
         None where the epoch has no place."""
         if fix.fix_quality <= 0:
@@ -363,49 +377,49 @@ class Sensing:
             return JudgedPlace(False, float("inf"))
         if self.plane is None:
             self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
-        place = self.plane.to_m(fix.lat_deg, fix.lon_deg)
+        place = self.plane.project_to_m(fix.lat_deg, fix.lon_deg)
         believes_speed = self._check_speed(fix, place)
-        judged = self._gate.judge(
+        judged = self._gate.judge_epoch(
             place,
             fix.fix_quality,
             fix.hdop,
             speed,
             fix.time_s,
-            _velocity(fix) if believes_speed else None,
+            _find_velocity(fix) if believes_speed else None,
         )
         if not judged.taken:
             return judged
         if judged.anew:
-            self._check.restart()
-        if judged.anew and self._own_epochs is not None and self._own_epochs <= FIRST_EPOCHS:
+            self._check.forget_places()
+        if judged.anew and self._own_epochs is not None and self._own_epochs <= UNSETTLED_EPOCHS:
             self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
             place = (0.0, 0.0)
-            self._gate.on_plane(place)
+            self._gate.move_to_plane(place)
         if self._own_epochs is not None:
             self._own_epochs += 1
         self._east, self._north = place
         self._placed_s, self._spread_m, self._way_m = (
             fix.time_s,
-            spread_m(fix.fix_quality, fix.hdop),
+            find_place_sd_m(fix.fix_quality, fix.hdop),
             0.0,
         )
         return judged
 
     def _check_speed(self, fix: GnssFix, place: Place) -> bool:
         """Returns whether the receiver's speed is trusted with this epoch."""
-        of_place_m = inf if self._gate.walks else spread_m(fix.fix_quality, fix.hdop)
-        changed = self._check.epoch(fix.time_s, place, of_place_m, _velocity(fix))
+        of_place_m = inf if self._gate.is_walking else find_place_sd_m(fix.fix_quality, fix.hdop)
+        changed = self._check.take_epoch(fix.time_s, place, of_place_m, _find_velocity(fix))
         doubt = self._check.doubt
         if changed and doubt is not None:
             self._ratio = doubt.ratio
-            if doubt.refused is not Doubted.WHEEL:
-                self._gate.speed_refused()
-        if doubt is not None and doubt.refused is Doubted.GNSS:
-            ratio = self._check.corrected_ratio()
-            self._ratio = self._ratio if ratio is None else _within_slip(ratio)
-        return doubt is None or doubt.refused is Doubted.WHEEL
+            if doubt.refused is not RefusedSpeed.WHEEL:
+                self._gate.forget_places()
+        if doubt is not None and doubt.refused is RefusedSpeed.GNSS:
+            ratio = self._check.measure_wheel_ratio()
+            self._ratio = self._ratio if ratio is None else _limit_ratio(ratio)
+        return doubt is None or doubt.refused is RefusedSpeed.WHEEL
 
-    def _take_heading(self, course: float) -> None:
+    def _update_heading(self, course: float) -> None:
         if self._heading is None:
             self._heading = course % 360.0
             return
@@ -417,18 +431,18 @@ class Sensing:
         self._turn = keep * self._turn + (1.0 - keep) * turned / self._period_s
         self._heading = (self._heading + turned) % 360.0
 
-    def _outlet(self) -> tuple[float | None, float | None]:
+    def _locate_outlet(self) -> tuple[float | None, float | None]:
         if self._east is None or self._north is None or self._heading is None:
             return self._east, self._north
         angle = radians(self._heading)
         return self._east - self._antenna_m * sin(angle), self._north - self._antenna_m * cos(angle)
 
 
-def _within_slip(ratio: float) -> float:
-    return min(SLIP[1], max(SLIP[0], ratio))
+def _limit_ratio(ratio: float) -> float:
+    return min(SLIP_RANGE[1], max(SLIP_RANGE[0], ratio))
 
 
-def _velocity(fix: GnssFix) -> Velocity | None:
+def _find_velocity(fix: GnssFix) -> Velocity | None:
     """Returns the receiver's velocity east and north, m/s; at a standstill it may report no
     course."""
     if fix.speed_mps is None or (fix.heading_deg is None and fix.speed_mps >= COURSE_FROM_MPS):
@@ -437,20 +451,20 @@ def _velocity(fix: GnssFix) -> Velocity | None:
     return fix.speed_mps * sin(angle), fix.speed_mps * cos(angle)
 
 
-def _believable(m: Measurements) -> Measurements:
+def _drop_impossible(m: Measurements) -> Measurements:
     """Returns the measurements without speeds and courses that are not numbers or faster than
     any spreader."""
     wheel, fix = m.wheel_speed_mps, m.gnss
-    if wheel is not None and not wheel.value <= FASTEST_MPS:
+    if wheel is not None and not wheel.value <= MAX_SPEED_MPS:
         m = m._replace(wheel_speed_mps=None)
-    if fix is not None and fix.speed_mps is not None and not 0.0 <= fix.speed_mps <= FASTEST_MPS:
+    if fix is not None and fix.speed_mps is not None and not 0.0 <= fix.speed_mps <= MAX_SPEED_MPS:
         fix = fix._replace(speed_mps=None, heading_deg=None)
     if fix is not None and fix.heading_deg is not None and not isfinite(fix.heading_deg):
         fix = fix._replace(heading_deg=None)
     return m if fix is m.gnss else m._replace(gnss=fix)
 
 
-class _Direction:
+class _TravelDirection:
     """Tells forwards from backwards: the wheel cannot, but the GNSS course reverses across a
     standstill when the direction changes.
 
@@ -463,7 +477,7 @@ class _Direction:
         self._stood = False
         self._unsure_m = 0.0  # signed as if the direction had not changed
 
-    def moved_m(self, way_m: float, slow: bool, fix: GnssFix | None) -> float:
+    def find_signed_way_m(self, way_m: float, slow: bool, fix: GnssFix | None) -> float:
         """Returns the signed way of this tick, m. way_m: unsigned; fix: a new one, or None."""
         signed = -way_m if self.backwards else way_m
         self._stood = self._stood or slow
@@ -476,7 +490,8 @@ class _Direction:
         if (
             self._stood
             and self._course_deg is not None
-            and abs((fix.heading_deg - self._course_deg + 180.0) % 360.0 - 180.0) > BACKWARDS_DEG
+            and abs((fix.heading_deg - self._course_deg + 180.0) % 360.0 - 180.0)
+            > REVERSED_COURSE_DEG
         ):
             self.backwards = not self.backwards
             signed -= 2.0 * self._unsure_m

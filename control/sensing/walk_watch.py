@@ -7,11 +7,11 @@ speed and course add up to. The square of the residual over its variance has a c
 distribution with two degrees of freedom for a healthy receiver (`position_gate`).
 
 The variance has these terms, all as 1 standard deviation: the error of the two places; the
-relative error of a receiver's speed (`SPEED_SHARE` of the way) and the step in which it is
-reported (`SPEED_STEP_MPS`); the delay of speed behind place (`LATE_S` of the change of velocity:
-nothing on a straight pass); creeping that is reported as standing (`CREEP_MPS`); a quarter of
-the reckoned way where epochs have no speed, all of it where epochs are missing. The wheel is not
-used here, so that a wheel that slips, spins or is calibrated wrongly accuses nobody.
+relative error of a receiver's speed (`SPEED_SD_SHARE` of the way) and the step in which it is
+reported (`SPEED_STEP_SD_MPS`); the delay of speed behind place (`SPEED_DELAY_S` of the change of
+velocity: nothing on a straight pass); creeping that is reported as standing (`CREEP_MPS`); a
+quarter of the reckoned way where epochs have no speed, all of it where epochs are missing. The
+wheel is not used here, so that a wheel that slips, spins or is calibrated wrongly accuses nobody.
 
 So a steady drift is detected from 5.25 (the gate's root) times the terms that grow with time:
 0.2 m/s at 1.25 m/s, over a minute. A slower drift is not detected, nor a receiver whose speed
@@ -30,31 +30,31 @@ from topdress.control.geodesy import Place
 
 WINDOWS_S = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0)
 # Marks are kept at this interval, s.
-MARK_S = 0.5
+MARK_INTERVAL_S = 0.5
 # Marks are kept for this long, s.
-LONGEST_S = WINDOWS_S[-1] + 1.0
+MARKS_KEPT_S = WINDOWS_S[-1] + 1.0
 # Relative error of a receiver's speed (1 standard deviation).
-SPEED_SHARE = 0.01
+SPEED_SD_SHARE = 0.01
 # Error of a reported speed, m/s (1 standard deviation): a step of a tenth of a knot, 0.05 m/s, has
 # 0.015, and a bias as much again.
-SPEED_STEP_MPS = 0.03
+SPEED_STEP_SD_MPS = 0.03
 # GNSS speeds arrive 0.1 to 1 s late.
-LATE_S = 1.0
+SPEED_DELAY_S = 1.0
 # Speed that may be reported as standing, m/s: receivers cut speeds below some 0.1 to 0.2 m/s to 0.
 CREEP_MPS = 0.05
-STANDS_MPS = 0.2
+STANDSTILL_MPS = 0.2
 # Between epochs farther apart than this, s, the course is unknown.
-GAP_S = 2.0
+MAX_EPOCH_GAP_S = 2.0
 # Error of the reckoned way where epochs have no speed, as `position_gate.WAY_SHARE`.
-GAP_SHARE = 0.25
+UNKNOWN_WAY_SHARE = 0.25
 
 # Key of binary searches in a list of marks.
-TIME_S = attrgetter("time_s")
+get_time_s = attrgetter("time_s")
 # Velocity east and north, m/s.
 Velocity = tuple[float, float]
 
 
-class Reckoned(NamedTuple):
+class ReckonedWay(NamedTuple):
     """Holds the way by wheel and heading since the beginning. `lost` counts ticks whose heading
     or speed was unknown. `ratio` and `mps` are the correction factor of the wheel and its
     uncorrected reading (`speed_check`)."""
@@ -64,7 +64,7 @@ class Reckoned(NamedTuple):
     way_m: float
     lost: int
     ratio: float = 1.0
-    mps: float = 0.0
+    wheel_mps: float = 0.0
 
 
 class Mark(NamedTuple):
@@ -79,7 +79,7 @@ class Mark(NamedTuple):
     creep_m: float
     gap_m: float
     velocity: Velocity
-    reckoned: Reckoned
+    reckoned: ReckonedWay
 
 
 class Walk(NamedTuple):
@@ -94,34 +94,34 @@ class Walk(NamedTuple):
 
 class WalkWatch:
     """Detects a drift of places, in constant time for each epoch. `epoch` is called for every
-    epoch, then `walked` with its mark, then `taken` where the place is accepted."""
+    epoch, then `find_walk` with its mark, then `keep_mark` where the place is accepted."""
 
     def __init__(self) -> None:
         self._marks: deque[Mark] = deque()
         self._last: Mark | None = None  # of the newest epoch, taken or not
 
     @property
-    def marks(self) -> Sequence[Mark]:
+    def recent_marks(self) -> Sequence[Mark]:
         """Returns the marks of the last minute, oldest first."""
         return self._marks
 
     @property
-    def newest_s(self) -> float:
+    def newest_epoch_s(self) -> float:
         """Returns the time of the newest epoch, s; minus infinity before the first."""
         return -inf if self._last is None else self._last.time_s
 
     @property
-    def started_s(self) -> float:
+    def agreeing_since_s(self) -> float:
         """Returns the time since when places agree, s; infinity before the first."""
         return self._marks[0].time_s if self._marks else inf
 
-    def epoch(
+    def record_epoch(
         self,
         time_s: float,
         place: Place,
         spread_m: float,
         velocity: Velocity | None,
-        reckoned: Reckoned,
+        reckoned: ReckonedWay,
     ) -> Mark:
         """Returns the mark of a new epoch. velocity: as the receiver reports it; None: it
         reports none."""
@@ -131,41 +131,41 @@ class WalkWatch:
                 time_s, place, spread_m, 0.0, 0.0, 0.0, 0.0, 0.0, velocity or (0.0, 0.0), reckoned
             )
         else:
-            now = _on(before, time_s, place, spread_m, velocity, reckoned)
+            now = _advance_mark(before, time_s, place, spread_m, velocity, reckoned)
         self._last = now
         return now
 
-    def walked(self, now: Mark, gate: float, timing_m: float) -> Walk | None:
+    def find_walk(self, now: Mark, gate: float, timing_m: float) -> Walk | None:
         """Returns the drift over the longest window that shows one; None where none does."""
         found, over_s, marks, now_s = None, 0.0, self._marks, now.time_s
         for window_s in WINDOWS_S:
             if window_s <= over_s:  # of the mark that spoke for the window before
                 continue
-            k = bisect_right(marks, now_s - window_s + 1e-6, key=TIME_S)
+            k = bisect_right(marks, now_s - window_s + 1e-6, key=get_time_s)
             # nearer by less than the arithmetic
             if k and now_s - marks[k - 1].time_s < window_s:
                 k -= 1
             if k == 0:
                 break
             over_s = now_s - marks[k - 1].time_s
-            found = walk_between(marks[k - 1], now, gate, timing_m) or found
+            found = find_walk_between(marks[k - 1], now, gate, timing_m) or found
         return found
 
-    def taken(self, now: Mark) -> None:
+    def keep_mark(self, now: Mark) -> None:
         """Keeps the mark of an accepted place."""
-        if not self._marks or now.time_s - self._marks[-1].time_s >= MARK_S - 1e-6:
+        if not self._marks or now.time_s - self._marks[-1].time_s >= MARK_INTERVAL_S - 1e-6:
             self._marks.append(now)
-            while now.time_s - self._marks[0].time_s > LONGEST_S:
+            while now.time_s - self._marks[0].time_s > MARKS_KEPT_S:
                 self._marks.popleft()
 
-    def restart(self, now: Mark | None = None) -> None:
+    def forget_marks(self, now: Mark | None = None) -> None:
         """Forgets earlier marks, because they say nothing about later ones."""
         self._marks.clear()
         if now is not None:
             self._marks.append(now)
 
 
-def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk | None:
+def find_walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk | None:
     """Returns the drift between two epochs, compared with the receiver's own speed; None where
     it is within the gate (chi-square)."""
     (east1, north1), (east0, north0) = now.place, before.place
@@ -180,13 +180,13 @@ def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk 
         now.creep_m - before.creep_m,
         now.gap_m - before.gap_m,
     )
-    late_m = LATE_S * hypot(
+    late_m = SPEED_DELAY_S * hypot(
         now.velocity[0] - before.velocity[0], now.velocity[1] - before.velocity[1]
     )
     variance = (
         places
-        + (SPEED_SHARE * way_m) ** 2
-        + (SPEED_STEP_MPS * over_s) ** 2
+        + (SPEED_SD_SHARE * way_m) ** 2
+        + (SPEED_STEP_SD_MPS * over_s) ** 2
         + creep_m**2
         + gap_m**2
         + late_m**2
@@ -196,20 +196,20 @@ def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk 
     return None
 
 
-def _on(
+def _advance_mark(
     before: Mark,
     time_s: float,
     place: Place,
     spread_m: float,
     velocity: Velocity | None,
-    reckoned: Reckoned,
+    reckoned: ReckonedWay,
 ) -> Mark:
     """Advances the sums to a new epoch."""
     step_s = max(0.0, time_s - before.time_s)
-    if velocity is None or step_s > GAP_S:
+    if velocity is None or step_s > MAX_EPOCH_GAP_S:
         way_m = reckoned.way_m - before.reckoned.way_m
-        on_course = step_s <= GAP_S and reckoned.lost == before.reckoned.lost
-        share = GAP_SHARE if on_course else 1.0
+        on_course = step_s <= MAX_EPOCH_GAP_S and reckoned.lost == before.reckoned.lost
+        share = UNKNOWN_WAY_SHARE if on_course else 1.0
         return Mark(
             time_s,
             place,
@@ -231,7 +231,7 @@ def _on(
         before.east_m + 0.5 * (east0 + east1) * step_s,
         before.north_m + 0.5 * (north0 + north1) * step_s,
         before.way_m + speed_mps * step_s,
-        before.creep_m + (CREEP_MPS * step_s if speed_mps < STANDS_MPS else 0.0),
+        before.creep_m + (CREEP_MPS * step_s if speed_mps < STANDSTILL_MPS else 0.0),
         before.gap_m,
         velocity,
         reckoned,

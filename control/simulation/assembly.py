@@ -10,14 +10,14 @@ from topdress.control.field.boundary import Boundary
 from topdress.control.field.done_ground import DoneGround
 from topdress.control.field.job import Job
 from topdress.control.loop import ControlLoop
-from topdress.control.machine.fall import drop_s
-from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.fall import calc_drop_s
+from topdress.control.machine.fault_injection import PlantedEffect
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.steps import Steps
+from topdress.control.machine.steps import CompiledSteps
 from topdress.control.machine.terms import Term
 from topdress.control.orders import TargetSource
 from topdress.control.readings import DoseOrder
-from topdress.control.targets.boundary_profile import Fence
+from topdress.control.targets.boundary_profile import BoundaryAhead
 from topdress.control.targets.index_map import IndexMap
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.plants import PlantList
@@ -25,20 +25,20 @@ from topdress.control.targets.point import PointLag
 from topdress.control.targets.point_source import DoseError, PointSource
 
 from .plant import Plant, Truth
-from .tractor import field_boundary
+from .tractor import make_field_boundary
 
 
-def with_simulated_field(job: Job, machine: Machine) -> Job:
+def add_simulated_field(job: Job, machine: Machine) -> Job:
     """Returns the job with the rectangle of its simulated passes where it has no boundary."""
     if job.field.boundary_m:
         return job
-    corners = field_boundary(
+    corners = make_field_boundary(
         job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg
     )
     return job.model_copy(update={"field": job.field.model_copy(update={"boundary_m": corners})})
 
 
-def control_loop(
+def make_control_loop(
     machine: Machine,
     crop: Crop,
     rule: Rule,
@@ -52,7 +52,7 @@ def control_loop(
     index_map: IndexMap | None = None,
     zone_map: IndexMap | None = None,
     done: DoneGround | None = None,
-    steps: Steps | None = None,
+    steps: CompiledSteps | None = None,
     record_only: bool = False,
 ) -> ControlLoop:
     """Returns the loop of a job, bounded where the job has a field.
@@ -68,17 +68,19 @@ def control_loop(
     Raises
     ------
     ValueError : headland or margins leave nothing of the field."""
-    strips = [strip.right_m - strip.left_m for strip in machine.switched] or [
+    strips = [strip.right_m - strip.left_m for strip in machine.switched_strips] or [
         machine.geometry.working_width_m
     ]
-    boundary = job.field.spread_ground(0.5 * max(strips))
-    fence = Fence(boundary) if boundary is not None else None
+    boundary = job.field.make_spread_ground(0.5 * max(strips))
+    fence = BoundaryAhead(boundary) if boundary is not None else None
     headland = (
-        Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
+        BoundaryAhead(_subtract_headland(job))
+        if fence is not None and job.field.headland_m > 0.0
+        else None
     )
     points = None
     if plants is not None or job.target.source is TargetSource.POINT:
-        points = point_source(machine, job, plants, dose_errors)
+        points = make_point_source(machine, job, plants, dose_errors)
     return ControlLoop(
         machine,
         crop,
@@ -98,9 +100,9 @@ def control_loop(
     )
 
 
-def _without_headland(job: Job) -> Boundary:
+def _subtract_headland(job: Job) -> Boundary:
     """Returns the field without its headland. Raises ValueError where nothing is left."""
-    inner = Boundary(job.field.boundary_m, job.field.holes_m).inset(job.field.headland_m)
+    inner = Boundary(job.field.boundary_m, job.field.holes_m).inset_margin(job.field.headland_m)
     if inner.is_empty:
         raise ValueError(
             f"job {job.id}: field.headland_m {job.field.headland_m:g}: leaves nothing of the field"
@@ -108,7 +110,7 @@ def _without_headland(job: Job) -> Boundary:
     return inner
 
 
-def point_source(
+def make_point_source(
     machine: Machine, job: Job, plants: PlantList | None, dose_errors: Sequence[DoseError] = ()
 ) -> PointSource:
     """Returns the point mode of a job. Its lag follows the machine file: the time between
@@ -120,7 +122,7 @@ def point_source(
         0.0,
         shaft.dead_time_s + shaft.extra_dead_time_s,
         dose.angle_deg / (6.0 * dose.shaft_rpm),
-        drop_s(machine.fall, dose.shaft_rpm),
+        calc_drop_s(machine.fall, dose.shaft_rpm),
     )
     return PointSource(
         lag,
@@ -133,17 +135,17 @@ def point_source(
     )
 
 
-def simulated_machine(
+def make_plant(
     machine: Machine,
     job: Job,
     seed: int,
     dt_s: float,
-    planted: Sequence[Planted] = (),
+    planted: Sequence[PlantedEffect] = (),
     *,
     keep: Callable[[Truth], None] | None = None,
     plants: PlantList | None = None,
     terms: Sequence[Term] = (),
-    steps: Steps | None = None,
+    steps: CompiledSteps | None = None,
 ) -> Plant:
     """Returns the plant of a job.
 

@@ -11,17 +11,17 @@ from topdress.control.field.job import Canopy
 from topdress.control.machine.elements import Array
 
 # Cell size of the canopy, m.
-CELL_M = 0.4
+CANOPY_CELL_M = 0.4
 # Greatest number of cells: 0.8 km by 0.8 km, 32 MB, four times that to make; beyond it the canopy
 # repeats.
-MOST_CELLS = 4_000_000
+MAX_CANOPY_CELLS = 4_000_000
 # Both indices saturate with leaf area, NDVI much sooner (form after Baret and Guyot 1991,
 # Remote Sens. Environ. 35:161-173; the figures are typical of wheat, nobody's in particular).
 SOIL_NDVI, DENSE_NDVI, NDVI_PER_LEAF = 0.15, 0.95, 0.70
 SOIL_NDRE, DENSE_NDRE, NDRE_PER_LEAF = 0.08, 0.60, 0.25
 
 
-def ndre_of(ndvi: float) -> float:
+def convert_to_ndre(ndvi: float) -> float:
     """Returns the NDRE of the canopy that has this NDVI."""
     bare = (DENSE_NDVI - min(ndvi, DENSE_NDVI - 0.005)) / (DENSE_NDVI - SOIL_NDVI)
     leaf_area = max(0.0, -log(bare) / NDVI_PER_LEAF)
@@ -38,10 +38,10 @@ class CanopyField:
         self, canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int
     ) -> None:
         self._east0, self._north0 = east_m[0], north_m[0]
-        columns, rows = _grid(east_m[1] - east_m[0], north_m[1] - north_m[0])
+        columns, rows = _choose_grid(east_m[1] - east_m[0], north_m[1] - north_m[0])
         rng = np.random.default_rng(seed)
-        x = CELL_M * np.minimum(np.arange(columns), columns - np.arange(columns))
-        y = CELL_M * np.minimum(np.arange(rows), rows - np.arange(rows))
+        x = CANOPY_CELL_M * np.minimum(np.arange(columns), columns - np.arange(columns))
+        y = CANOPY_CELL_M * np.minimum(np.arange(rows), rows - np.arange(rows))
         covariance = np.exp(-np.hypot(x[None, :], y[:, None]) / canopy.correlation_m)
         spectrum = np.sqrt(np.maximum(0.0, np.fft.rfft2(covariance).real))
         white = np.fft.rfft2(rng.standard_normal((rows, columns)))
@@ -54,10 +54,10 @@ class CanopyField:
         # by row: its single cells are read quicker than the array's
         self._cells = memoryview(self.ndvi.ravel())
 
-    def at(self, east_m: float, north_m: float) -> float:
+    def find_ndvi(self, east_m: float, north_m: float) -> float:
         """Returns the NDVI at a place of the field's plane."""
-        x = (east_m - self._east0) / CELL_M
-        y = (north_m - self._north0) / CELL_M
+        x = (east_m - self._east0) / CANOPY_CELL_M
+        y = (north_m - self._north0) / CANOPY_CELL_M
         i, j = int(x // 1.0), int(y // 1.0)
         u, v = x - i, y - j
         columns, g = self._columns, self._cells
@@ -68,9 +68,9 @@ class CanopyField:
         )
         return here
 
-    def many_at(self, east_m: Array, north_m: Array) -> Array:
+    def find_many_ndvi(self, east_m: Array, north_m: Array) -> Array:
         """Returns the values of `at` for places (n,), (n,) -> (n,), to the last bit."""
-        x, y = (east_m - self._east0) / CELL_M, (north_m - self._north0) / CELL_M
+        x, y = (east_m - self._east0) / CANOPY_CELL_M, (north_m - self._north0) / CANOPY_CELL_M
         i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
         u, v, g = x - i, y - j, self.ndvi
         i0, i1, j0, j1 = (
@@ -86,7 +86,7 @@ class CanopyField:
 
 
 @lru_cache(maxsize=1)
-def canopy_field(
+def make_canopy_field(
     canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int
 ) -> CanopyField:
     """Returns a `CanopyField`, the same one where the same field is used again: making it takes
@@ -94,7 +94,7 @@ def canopy_field(
     return CanopyField(canopy, east_m, north_m, seed)
 
 
-class AcrossWidth:
+class HeadRow:
     """Reads a canopy with a row of heads across the working width: NDVI or NDRE, `index`.
 
     Places are those of the row's middle on the field's plane."""
@@ -103,15 +103,16 @@ class AcrossWidth:
         self._field, self._by_ndre = field, index != "ndvi"
         self._asides = [(head - 0.5 * (heads - 1)) * (width_m / heads) for head in range(heads)]
 
-    def at(self, east_m: float, north_m: float, heading_deg: float) -> list[float]:
+    def read_heads(self, east_m: float, north_m: float, heading_deg: float) -> list[float]:
         angle = radians(heading_deg)
         right, back = cos(angle), sin(angle)
         ndvi = [
-            self._field.at(east_m + aside * right, north_m - aside * back) for aside in self._asides
+            self._field.find_ndvi(east_m + aside * right, north_m - aside * back)
+            for aside in self._asides
         ]
-        return [ndre_of(one) for one in ndvi] if self._by_ndre else ndvi
+        return [convert_to_ndre(one) for one in ndvi] if self._by_ndre else ndvi
 
-    def means(self, east_m: Array, north_m: Array, heading_deg: Array) -> Array:
+    def calc_means(self, east_m: Array, north_m: Array, heading_deg: Array) -> Array:
         """Returns the mean of `at` for a whole run, (n,) each -> (n,)."""
         headings, which = np.unique(heading_deg, return_inverse=True)
         right, back = (
@@ -120,18 +121,22 @@ class AcrossWidth:
         )
         total = np.zeros(len(east_m))
         for aside in self._asides:
-            ndvi = self._field.many_at(east_m + aside * right, north_m - aside * back)
-            total += [ndre_of(one) for one in ndvi.tolist()] if self._by_ndre else ndvi
+            ndvi = self._field.find_many_ndvi(east_m + aside * right, north_m - aside * back)
+            total += [convert_to_ndre(one) for one in ndvi.tolist()] if self._by_ndre else ndvi
         return total / len(self._asides)
 
 
-def _grid(wide_m: float, long_m: float) -> tuple[int, int]:
+def _choose_grid(wide_m: float, long_m: float) -> tuple[int, int]:
     """Returns columns and rows for all of the ground; the longer side is cut where there would
     be more than `MAX_CELL_COUNT`."""
-    columns, rows = (max(8, int(np.ceil(m / CELL_M))) for m in (wide_m, long_m))
-    if columns * rows <= MOST_CELLS:
+    columns, rows = (max(8, int(np.ceil(m / CANOPY_CELL_M))) for m in (wide_m, long_m))
+    if columns * rows <= MAX_CANOPY_CELLS:
         return columns, rows
-    side = int(MOST_CELLS**0.5)
+    side = int(MAX_CANOPY_CELLS**0.5)
     if min(columns, rows) >= side:
         return side, side
-    return (columns, MOST_CELLS // columns) if columns < rows else (MOST_CELLS // rows, rows)
+    return (
+        (columns, MAX_CANOPY_CELLS // columns)
+        if columns < rows
+        else (MAX_CANOPY_CELLS // rows, rows)
+    )

@@ -10,21 +10,21 @@ from topdress.control.loop import ControlLoop, Tick
 from topdress.control.machine.elements import Array
 from topdress.control.orders import Do, Order, State
 from topdress.control.readings import DriveCommand, Measurements, Reading, ValvesSeen
-from topdress.control.targets.lag_correction import Fired
+from topdress.control.targets.lag_correction import FiredChange
 
-from .canopy import AcrossWidth
+from .canopy import HeadRow
 from .dose_watch import DoseWatch
 from .plant import Plant, SensorReadings, Truth
 
 
-class Measuring:
+class MeasurementHold:
     """Holds the newest readings of the plant's sensors as measurements of the loop, as the
     drivers do, without bytes."""
 
     def __init__(self, heads: int) -> None:
         self._now = Measurements(0.0, ndvi=(None,) * heads)
 
-    def take(self, s: SensorReadings) -> Measurements:
+    def take_readings(self, s: SensorReadings) -> Measurements:
         t = s.time_s
         ndvi = self._now.ndvi if s.ndvi is None else tuple(Reading(v, t) for v in s.ndvi)
         self._now = Measurements(
@@ -50,7 +50,7 @@ class Measuring:
 
 
 # Least mass of a refill that the operator reports, kg.
-REFILL_SEEN_KG = 5.0
+MIN_REFILL_KG = 5.0
 
 
 class SimulatedTick(NamedTuple):
@@ -62,7 +62,7 @@ class SimulatedTick(NamedTuple):
     target_rate_kg_ha: float
 
 
-def simulated_run(
+def simulate_run(
     plant: Plant,
     loop: ControlLoop,
     seconds: float,
@@ -76,25 +76,25 @@ def simulated_run(
     orders : (time_s, order) of the operator; None: ready, start, and start again whenever a
         refill has held the work.
     doses : measures dose errors in point mode and reports them to the loop."""
-    measuring = Measuring(plant.machine.geometry.heads)
+    measuring = MeasurementHold(plant.machine.geometry.heads)
     waiting = sorted(orders or (), key=lambda item: item[0])
     opening = plant.machine.set_points.opening_mm
-    sensed = plant.step(DriveCommand(0.0, opening), False)
+    sensed = plant.advance_plant(DriveCommand(0.0, opening), False)
     operator = _SimulatedOperator() if orders is None else None
     for _ in range(round(seconds / plant.dt_s)):
         while waiting and waiting[0][0] <= sensed.time_s:
-            loop.order(waiting.pop(0)[1])
-        tick = loop.tick(measuring.take(sensed))
+            loop.handle_order(waiting.pop(0)[1])
+        tick = loop.run_tick(measuring.take_readings(sensed))
         if operator is not None:
-            operator.act(tick, plant.truth, loop.order)
-        target = loop.target_at(tick.sensed.track_m)
+            operator.act_on_tick(tick, plant.truth, loop.handle_order)
+        target = loop.find_target(tick.sensed.track_m)
         if doses is not None and tick.command.dose is not None and plant.truth is not None:
-            doses.ordered(plant.truth.driven_m + loop.dose_ahead_m)
-        sensed = plant.step(tick.command, tick.enabled)
+            doses.record_order(plant.truth.driven_m + loop.dose_ahead_m)
+        sensed = plant.advance_plant(tick.command, tick.is_enabled)
         assert plant.truth is not None
         if doses is not None:
-            for error_m in doses.take(plant.truth, tick.row.state == State.WORKING):
-                loop.order(Order(Do.DOSE_ERROR, round(error_m, 4)))
+            for error_m in doses.take_step(plant.truth, tick.row.state == State.WORKING):
+                loop.handle_order(Order(Do.DOSE_ERROR, round(error_m, 4)))
         yield SimulatedTick(tick, plant.truth, target.rate_kg_ha)
 
 
@@ -104,10 +104,12 @@ class _SimulatedOperator:
     def __init__(self) -> None:
         self._wait_s = 0.0
 
-    def act(self, tick: Tick, truth: Truth | None, order: Callable[[Order], object]) -> None:
+    def act_on_tick(
+        self, tick: Tick, truth: Truth | None, order: Callable[[Order], object]
+    ) -> None:
         now = tick.row.time_s
         state = tick.row.state
-        if truth is not None and truth.refill_kg > REFILL_SEEN_KG:
+        if truth is not None and truth.refill_kg > MIN_REFILL_KG:
             order(Order(Do.REFILL, round(truth.refill_kg, 1)))
         if now < self._wait_s:
             return
@@ -121,10 +123,10 @@ class _SimulatedOperator:
             self._wait_s = now + 1.0
 
 
-class Record:
+class RunRecord:
     """Records the columns by which a run is judged, a row for each tick."""
 
-    KEPT = (
+    RECORDED_COLUMNS = (
         "time_s",
         "shaft_rpm",
         "opening_mm",
@@ -147,14 +149,14 @@ class Record:
         "heading_deg",
     )
     # of the canopy at the outlets, mean over the working width
-    NAMES = (*KEPT, "ndvi")
+    COLUMN_NAMES = (*RECORDED_COLUMNS, "ndvi")
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
-        self._canopy: AcrossWidth | None = None
-        self.fired: list[Fired] = []
+        self._canopy: HeadRow | None = None
+        self.fired: list[FiredChange] = []
 
-    def add(self, step: SimulatedTick) -> None:
+    def add_tick(self, step: SimulatedTick) -> None:
         t = step.truth
         self._canopy = t.canopy
         self.fired.extend(step.tick.fired)
@@ -183,13 +185,13 @@ class Record:
             )
         )
 
-    def columns(self) -> dict[str, Array]:
-        table = np.array(self._rows, dtype=np.float64).reshape(-1, len(self.KEPT))
-        found = {name: table[:, k] for k, name in enumerate(self.KEPT)}
+    def make_columns(self) -> dict[str, Array]:
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, len(self.RECORDED_COLUMNS))
+        found = {name: table[:, k] for k, name in enumerate(self.RECORDED_COLUMNS)}
         canopy = self._canopy
         found["ndvi"] = (
             np.zeros(len(table))
             if canopy is None
-            else canopy.means(found["east_m"], found["north_m"], found["heading_deg"])
+            else canopy.calc_means(found["east_m"], found["north_m"], found["heading_deg"])
         )
         return found

@@ -5,6 +5,6 @@ from __future__ import annotations
 
 from topdress.control.field import compiled_cells
 from topdress.control.machine.compiled_tick import CompiledDrives
-from topdress.control.machine.steps import Steps
+from topdress.control.machine.steps import CompiledSteps
 
-STEPS = Steps(CompiledDrives, compiled_cells)
+COMPILED_STEPS = CompiledSteps(CompiledDrives, compiled_cells)

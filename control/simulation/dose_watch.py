@@ -11,16 +11,16 @@ from topdress.control.machine.elements import Array
 from .plant import Truth
 
 # A smaller flow ends a dose, kg/s.
-LEAST_KG_S = 1e-4
+MIN_DOSE_FLOW_KG_S = 1e-4
 # A smaller mass is no dose, kg.
-LEAST_KG = 1e-6
+MIN_DOSE_KG = 1e-6
 # A dose ends after this time without flow, s.
-ENDS_S = 0.1
+DOSE_END_S = 0.1
 # Doses are measured this far behind their place, m.
-MEASURED_M = 1.0
-KEPT_S = 30.0
+MEASURED_BEHIND_M = 1.0
+WAY_KEPT_S = 30.0
 # Plants closer ahead than this when work begins cannot be met, m.
-STARTED_M = 5.0
+UNREACHABLE_M = 5.0
 
 
 class DoseErrors(NamedTuple):
@@ -57,20 +57,20 @@ class DoseWatch:
         self._from_m = float("inf")
         self._to_m = float("-inf")
 
-    def ordered(self, place_m: float) -> None:
+    def record_order(self, place_m: float) -> None:
         """Records that a dose was ordered for the plant at this place of the way."""
         if len(self.plants_m):
             self.for_plant.append(int(np.argmin(np.abs(self.plants_m - place_m))))
 
-    def take(self, truth: Truth, at_work: bool) -> list[float]:
+    def take_step(self, truth: Truth, at_work: bool) -> list[float]:
         """Takes one step and returns the errors measured in it, m."""
         step_s, self._last_s = truth.time_s - self._last_s, truth.time_s
         self._way.append((truth.time_s, truth.driven_m))
-        while self._way[0][0] < truth.time_s - KEPT_S:
+        while self._way[0][0] < truth.time_s - WAY_KEPT_S:
             self._way.popleft()
         if at_work:
             self._from_m, self._to_m = min(self._from_m, truth.driven_m), truth.driven_m
-        self._collect(truth, step_s)
+        self._collect_flow(truth, step_s)
         while self._falling and self._falling[0][0] <= truth.time_s:
             lands_s, kg = self._falling.popleft()
             place = float(np.interp(lands_s, [t for t, _ in self._way], [d for _, d in self._way]))
@@ -81,16 +81,17 @@ class DoseWatch:
                 )
                 self._lying.append((place, self.errors_m[-1]))
         found = []
-        while self._lying and self._lying[0][0] <= truth.driven_m - MEASURED_M:
+        while self._lying and self._lying[0][0] <= truth.driven_m - MEASURED_BEHIND_M:
             found.append(self._lying.popleft()[1] + self._sd_m * float(self._rng.standard_normal()))
         return found
 
-    def errors(self, settle: int = 0) -> DoseErrors:
+    def judge_doses(self, settle: int = 0) -> DoseErrors:
         """Returns the errors of the run. `settle`: so many doses at the start are left out of
         the errors, but not of the misses."""
         last_m = float(self.plants_m[self.for_plant[-1]]) if self.for_plant else float("-inf")
         passed = np.flatnonzero(
-            (self.plants_m > self._from_m + STARTED_M) & (self.plants_m <= max(last_m, self._to_m))
+            (self.plants_m > self._from_m + UNREACHABLE_M)
+            & (self.plants_m <= max(last_m, self._to_m))
         )
         doses = np.bincount(np.array(self.for_plant, dtype=np.int64), minlength=len(self.plants_m))[
             passed
@@ -108,20 +109,22 @@ class DoseWatch:
             1000.0 * float(np.mean(self.mass_kg)) if self.mass_kg else 0.0,
         )
 
-    def _collect(self, truth: Truth, step_s: float) -> None:
+    def _collect_flow(self, truth: Truth, step_s: float) -> None:
         if truth.doses != self._number and self._dose is not None:
-            self._let_fall()
+            self._finish_dose()
         self._number = truth.doses
         if truth.flow_kg_s > 0.0 and truth.doses > 0:
             part = truth.flow_kg_s * step_s
             kg, moment = self._dose or (0.0, 0.0)
             self._dose = (kg + part, moment + part * (truth.time_s - 0.5 * step_s + truth.drop_s))
-            self._flowed_s = truth.time_s if truth.flow_kg_s > LEAST_KG_S else self._flowed_s
-        if self._dose is not None and truth.time_s - self._flowed_s > ENDS_S:
-            self._let_fall()
+            self._flowed_s = (
+                truth.time_s if truth.flow_kg_s > MIN_DOSE_FLOW_KG_S else self._flowed_s
+            )
+        if self._dose is not None and truth.time_s - self._flowed_s > DOSE_END_S:
+            self._finish_dose()
 
-    def _let_fall(self) -> None:
-        if self._dose is not None and self._dose[0] > LEAST_KG:
+    def _finish_dose(self) -> None:
+        if self._dose is not None and self._dose[0] > MIN_DOSE_KG:
             kg, moment = self._dose
             self._falling.append((moment / kg, kg))
         self._dose = None

@@ -20,26 +20,26 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.agronomy.noa import Rule
 from topdress.control.machine.elements import Array
-from topdress.control.machine.landing import LandedGround, landed
-from topdress.control.machine.landing import falls_s as tube_falls_s
-from topdress.control.targets.lag_correction import Fired
+from topdress.control.machine.landing import LandedGround, bin_landings
+from topdress.control.machine.landing import calc_fall_times_s as tube_falls_s
+from topdress.control.targets.lag_correction import FiredChange
 
 # Rates are judged on stretches of this length, m.
-BIN_M = 0.25
+RATE_BIN_M = 0.25
 # Half-way points are located on bins of this length, m.
-FINE_BIN_M = 0.05
+PLACE_BIN_M = 0.05
 # The landed step is looked for this far beyond its place, m.
-FARTHEST_M = 12.0
+MAX_PLACE_ERROR_M = 12.0
 # The landed step is looked for from this far before its place, m: a drive may answer sooner than
 # control assumes.
-EARLY_M = 0.25
+EARLY_LANDING_M = 0.25
 # Least share of a bin's area: less was covered by the last grains of a closing valve.
-LEAST_OPEN = 0.1
+MIN_OPEN_SHARE = 0.1
 # Smaller steps of the target, as a share of it, have no detectable half-way point.
-LEAST_STEP = 0.03
+MIN_STEP_SHARE = 0.03
 
 
-class Errors(NamedTuple):
+class RunErrors(NamedTuple):
     """Holds the errors of a run. Place errors are signed: landed minus wanted along the travel,
     late positive."""
 
@@ -73,7 +73,7 @@ class CropNeeds(NamedTuple):
     smooth_kg_ha: Array
 
 
-class Landing(NamedTuple):
+class RunLanding(NamedTuple):
     """Holds the ground of a run and where the material of each tick landed."""
 
     ground: LandedGround
@@ -86,21 +86,25 @@ class Landing(NamedTuple):
     ndvi: Array
 
 
-def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0) -> Landing:
+def find_landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0) -> RunLanding:
     """Bins a run on the ground along its own way. `columns`: see `closed_loop.Record`."""
     time, driven = columns["time_s"], columns["driven_m"]
-    mass = columns["flow_kg_s"] * _row_s(time)
-    ground, place = landed(time, driven, mass, falls_s(columns), BIN_M, lever_arm_m)
-    centres = ground.centres_m()
-    rate, passed = _rates(columns, ground, width_m, lever_arm_m)
+    mass = columns["flow_kg_s"] * _calc_row_durations(time)
+    ground, place = bin_landings(
+        time, driven, mass, find_fall_times_s(columns), RATE_BIN_M, lever_arm_m
+    )
+    centres = ground.calc_centres_m()
+    rate, passed = _calc_bin_rates(columns, ground, width_m, lever_arm_m)
     # Where the machine reversed, the first passage counts.
     at = np.interp(centres, np.maximum.accumulate(driven), np.arange(len(driven)))
     row = np.clip(np.round(at).astype(np.int64), 0, len(driven) - 1)
     target = columns["target_kg_ha"][row]
     inside = (columns["working"][row] > 0.0) & (columns["in_pass"][row] > 0.0) & (target > 0.0)
     inside &= (centres >= driven[0]) & (centres <= driven[-1]) & passed
-    here = np.clip(np.floor((driven - ground.origin_m) / BIN_M).astype(np.int64), 0, len(rate) - 1)
-    return Landing(
+    here = np.clip(
+        np.floor((driven - ground.origin_m) / RATE_BIN_M).astype(np.int64), 0, len(rate) - 1
+    )
+    return RunLanding(
         ground,
         place,
         rate[here],
@@ -112,14 +116,14 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
     )
 
 
-def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Array]:
+def find_true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Array]:
     """Returns the rate that landed at the outlet's place at the end of each row's step, kg/ha,
     and where the first material of that step landed, m along the way; both (n,).
 
-    A row holds the flow of the step that ends with it. `landing` takes that as released from the
-    row on, a tick late, as it takes the row's target: for comparing the two, its purpose, that
+    A row holds the flow of the step that ends with it. `find_landing` takes that as released from
+    the row on, a tick late, as it takes the row's target: for comparing the two, its purpose, that
     is the same. It is not a true place."""
-    step = _row_s(columns["time_s"])
+    step = _calc_row_durations(columns["time_s"])
     first = {name: column[:1] for name, column in columns.items()} | {
         "time_s": columns["time_s"][:1] - step[:1],
         "driven_m": columns["driven_m"][:1] - step[:1] * columns["speed_mps"][:1],
@@ -127,22 +131,22 @@ def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Arra
     started = {name: np.concatenate((first[name], column)) for name, column in columns.items()}
     for name in ("flow_kg_s", "drop_s", "settled_drop_s"):
         started[name] = np.append(columns[name], 0.0 if name == "flow_kg_s" else columns[name][-1:])
-    land = landing(started, width_m)
+    land = find_landing(started, width_m)
     return land.rate_kg_ha[1:], land.place_m[:-1]
 
 
-def needs(rule: Rule, ndvi: Array) -> CropNeeds:
+def find_crop_needs(rule: Rule, ndvi: Array) -> CropNeeds:
     """Returns the crop's need at canopies (n,), with the cut-offs and limits of its rule."""
     smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))
     return CropNeeds(
         *(
-            np.array([one.decide(value).rate_kg_ha for value in ndvi.tolist()])
+            np.array([one.decide_rate(value).rate_kg_ha for value in ndvi.tolist()])
             for one in (rule, smooth)
         )
     )
 
 
-def falls_s(columns: dict[str, Array]) -> Array:
+def find_fall_times_s(columns: dict[str, Array]) -> Array:
     """Returns each parcel's time to the ground, (n,) s: by its machine's tube, plus its own
     effects."""
     settled, share = columns["settled_drop_s"], columns.get("carried_share")
@@ -150,26 +154,26 @@ def falls_s(columns: dict[str, Array]) -> Array:
     return tube_falls_s(columns["time_s"], settled, carried) + columns["drop_s"] - settled
 
 
-def errors(
+def judge_run(
     columns: dict[str, Array],
-    fired: Sequence[Fired],
+    fired: Sequence[FiredChange],
     width_m: float,
     lever_arm_m: float = 0.0,
     rule: Rule | None = None,
-) -> Errors:
+) -> RunErrors:
     """Returns the errors of a run. The first metres after work begins count: a late start is an
     error too. rule: of the crop, where the canopy is the source."""
-    land = landing(columns, width_m, lever_arm_m)
+    land = find_landing(columns, width_m, lever_arm_m)
     inside = land.inside > 0.0
     target, got = land.target_kg_ha[inside], land.landed_kg_ha[inside]
-    places, lost = place_errors(columns, fired, land, width_m)
+    places, lost = find_place_errors(columns, fired, land, width_m)
     mean_target = float(target.mean()) if len(target) else 0.0
     mean_got = float(got.mean()) if len(got) else 0.0
     miss = float(np.abs(got - target).mean()) if len(target) else 0.0
     size = np.abs(places)
-    needed: tuple[Array, ...] = () if rule is None else needs(rule, land.ndvi[inside])
-    against = [_missed(got, need) for need in needed] or [(None, None), (None, None)]
-    return Errors(
+    needed: tuple[Array, ...] = () if rule is None else find_crop_needs(rule, land.ndvi[inside])
+    against = [_calc_mean_miss(got, need) for need in needed] or [(None, None), (None, None)]
+    return RunErrors(
         miss,
         100.0 * miss / mean_target if mean_target else 0.0,
         mean_got - mean_target,
@@ -181,15 +185,15 @@ def errors(
         float(np.percentile(size, 95)) if len(places) else 0.0,
         len(places),
         lost,
-        float((columns["flow_kg_s"] * _row_s(columns["time_s"])).sum()),
+        float((columns["flow_kg_s"] * _calc_row_durations(columns["time_s"])).sum()),
         float(land.ground.mass_kg.sum()),
-        float(inside.sum() * BIN_M * width_m / 10_000.0),
+        float(inside.sum() * RATE_BIN_M * width_m / 10_000.0),
         *against[0],
         *against[1],
     )
 
 
-def _missed(got: Array, need: Array) -> tuple[float | None, float | None]:
+def _calc_mean_miss(got: Array, need: Array) -> tuple[float | None, float | None]:
     """Returns the mean of |got - need|, kg/ha, and the same in % of the mean need."""
     if not need.sum() > 0.0:
         return None, None
@@ -197,8 +201,8 @@ def _missed(got: Array, need: Array) -> tuple[float | None, float | None]:
     return miss, 100.0 * miss / float(need.mean())
 
 
-def place_errors(
-    columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float
+def find_place_errors(
+    columns: dict[str, Array], fired: Sequence[FiredChange], land: RunLanding, width_m: float
 ) -> tuple[Array, int]:
     """Returns the signed place errors (k,), m, and how many steps never came half-way before the
     next one.
@@ -208,16 +212,16 @@ def place_errors(
     rate best (`_half_way`): a single noisy bin that touches the middle early does not count."""
     time, track, driven = columns["time_s"], columns["track_m"], columns["driven_m"]
     share = columns.get("open_share")
-    falls = falls_s(columns)
-    fine, _ = landed(
+    falls = find_fall_times_s(columns)
+    fine, _ = bin_landings(
         time,
         driven,
-        columns["flow_kg_s"] * _row_s(time),
+        columns["flow_kg_s"] * _calc_row_durations(time),
         falls,
-        FINE_BIN_M,
+        PLACE_BIN_M,
         float(np.median(land.place_m - np.interp(time + falls, time, driven))),
     )
-    rate, _ = _rates(
+    rate, _ = _calc_bin_rates(
         columns,
         fine,
         width_m,
@@ -227,7 +231,7 @@ def place_errors(
     lost = 0
     for k, change in enumerate(fired):
         before, after = change.before.rate_kg_ha, change.after.rate_kg_ha
-        if abs(after - before) < max(LEAST_STEP * max(after, before), 1.0):
+        if abs(after - before) < max(MIN_STEP_SHARE * max(after, before), 1.0):
             continue
         row = int(np.searchsorted(time, change.time_s))
         if row >= len(time) or not columns["working"][row]:
@@ -240,25 +244,25 @@ def place_errors(
         )
         if share is not None and min(share[row], share[answers]) <= 0.0:
             continue
-        begin_m = float(land.place_m[answers]) - EARLY_M
-        end_m = begin_m + FARTHEST_M
+        begin_m = float(land.place_m[answers]) - EARLY_LANDING_M
+        end_m = begin_m + MAX_PLACE_ERROR_M
         if k + 1 < len(fired):
             following = fired[k + 1]
             shows_s = following.time_s + following.lag.response_s
             end_m = min(
                 end_m, float(land.place_m[min(len(time) - 1, int(np.searchsorted(time, shows_s)))])
             )
-        begin = max(0, int((begin_m - fine.origin_m) / FINE_BIN_M))
-        end = min(len(rate), int((end_m - fine.origin_m) / FINE_BIN_M) + 1)
-        half_way = _half_way(rate[begin:end], before, after)
+        begin = max(0, int((begin_m - fine.origin_m) / PLACE_BIN_M))
+        end = min(len(rate), int((end_m - fine.origin_m) / PLACE_BIN_M) + 1)
+        half_way = _find_half_way(rate[begin:end], before, after)
         if half_way is None:
             lost += 1
             continue
-        found.append(fine.origin_m + FINE_BIN_M * (begin + half_way) - wanted)
+        found.append(fine.origin_m + PLACE_BIN_M * (begin + half_way) - wanted)
     return np.array(found), lost
 
 
-def _half_way(rate: Array, before: float, after: float) -> int | None:
+def _find_half_way(rate: Array, before: float, after: float) -> int | None:
     """Returns the bins before the best fitting step from `before` to `after` (least squares);
     None: no step inside."""
     if len(rate) < 3:
@@ -269,7 +273,7 @@ def _half_way(rate: Array, before: float, after: float) -> int | None:
     return None if at == len(rate) else at
 
 
-def _rates(
+def _calc_bin_rates(
     columns: dict[str, Array], ground: LandedGround, width_m: float, lever_arm_m: float
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Returns the rate by bin of the ground under the open width, kg/ha, and whether any was
@@ -279,12 +283,14 @@ def _rates(
     if share is None or bool(np.all(share >= 1.0)):
         return ground.mass_kg / whole_m2 * 10_000.0, np.ones(len(ground.mass_kg), dtype=np.bool_)
     way_m2 = width_m * share * np.abs(np.diff(driven, prepend=driven[0]))
-    area, _ = landed(time, driven, way_m2, falls_s(columns), ground.bin_m, lever_arm_m)
-    passed = area.mass_kg > LEAST_OPEN * whole_m2
+    area, _ = bin_landings(
+        time, driven, way_m2, find_fall_times_s(columns), ground.bin_m, lever_arm_m
+    )
+    passed = area.mass_kg > MIN_OPEN_SHARE * whole_m2
     return np.where(
         passed, ground.mass_kg / np.where(passed, area.mass_kg, 1.0) * 10_000.0, 0.0
     ), passed
 
 
-def _row_s(time_s: Array) -> Array:
+def _calc_row_durations(time_s: Array) -> Array:
     return np.diff(time_s, prepend=time_s[0] - (time_s[1] - time_s[0] if len(time_s) > 1 else 0.05))

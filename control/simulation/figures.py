@@ -8,16 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 from topdress.control.machine.elements import Array
-from topdress.control.targets.lag_correction import Fired
+from topdress.control.targets.lag_correction import FiredChange
 
 # Share of a step at which the new rate is reached.
 REACHED_SHARE = 0.9
-LONGEST_S = 5.0
+MAX_REACH_S = 5.0
 # Smaller steps, as a share of the larger rate, are lost in changes of speed.
-LEAST_STEP = 0.03
+MIN_STEP_SHARE = 0.03
 
 
-class Moves(NamedTuple):
+class DriveMoves(NamedTuple):
     """Holds the moves of one run: changed set-points in an hour of work with flow allowed."""
 
     # from the command to 90 % of the step in the stream that leaves; None: no step
@@ -29,7 +29,9 @@ class Moves(NamedTuple):
     gate_travel_mm_per_h: float
 
 
-def moves(columns: dict[str, Array], fired: Sequence[Fired], width_m: float) -> Moves:
+def count_moves(
+    columns: dict[str, Array], fired: Sequence[FiredChange], width_m: float
+) -> DriveMoves:
     """Counts the moves of a run. `columns`: see `closed_loop.Record`; `width_m`: working width.
     Steps from or to 0 are left out, and steps that the next one overtakes."""
     time = columns["time_s"]
@@ -37,7 +39,7 @@ def moves(columns: dict[str, Array], fired: Sequence[Fired], width_m: float) -> 
     released = columns["flow_kg_s"] * 10_000.0 / (width_m * speed)
     taken = [
         t
-        for t in (_reached_s(time, released, fired, k) for k in range(len(fired)))
+        for t in (_find_reach_time_s(time, released, fired, k) for k in range(len(fired)))
         if t is not None
     ]
     flowing = columns["flowing"] > 0.0
@@ -48,7 +50,7 @@ def moves(columns: dict[str, Array], fired: Sequence[Fired], width_m: float) -> 
     shaft = (np.abs(np.diff(columns["shaft_rpm_cmd"])) > 0.0)[at_work]
     gate = np.abs(np.diff(columns["opening_mm_cmd"]))[at_work]
     per_h = 1.0 / hours if hours > 0.0 else 0.0
-    return Moves(
+    return DriveMoves(
         float(np.percentile(taken, 50)) if taken else None,
         float(np.percentile(taken, 95)) if taken else None,
         len(taken),
@@ -58,12 +60,14 @@ def moves(columns: dict[str, Array], fired: Sequence[Fired], width_m: float) -> 
     )
 
 
-def _reached_s(time: Array, released: Array, fired: Sequence[Fired], k: int) -> float | None:
+def _find_reach_time_s(
+    time: Array, released: Array, fired: Sequence[FiredChange], k: int
+) -> float | None:
     change = fired[k]
     before, after = change.before.rate_kg_ha, change.after.rate_kg_ha
-    if min(before, after) <= 0.0 or abs(after - before) < LEAST_STEP * max(before, after):
+    if min(before, after) <= 0.0 or abs(after - before) < MIN_STEP_SHARE * max(before, after):
         return None
-    ends = change.time_s + LONGEST_S
+    ends = change.time_s + MAX_REACH_S
     if k + 1 < len(fired):
         ends = min(ends, fired[k + 1].time_s)
     first, last = int(np.searchsorted(time, change.time_s)), int(np.searchsorted(time, ends))

@@ -8,33 +8,33 @@ from math import exp, sqrt
 
 import numpy as np
 
-BLOCK = 8192
+BLOCK_SIZE = 8192
 
 
-class Normals:
-    """Draws standard normal numbers, one with each call of `next`."""
+class NormalNumbers:
+    """Draws standard normal numbers, one with each call of `draw_number`."""
 
     def __init__(self, seed: int) -> None:
         draw = np.random.default_rng(seed).standard_normal
-        self.next: Callable[[], float] = chain.from_iterable(
-            reversed(draw(BLOCK).tolist()) for _ in count()
+        self.draw_number: Callable[[], float] = chain.from_iterable(
+            reversed(draw(BLOCK_SIZE).tolist()) for _ in count()
         ).__next__
 
 
-class Slow:
+class CorrelatedNoise:
     """Draws first-order correlated noise of a given standard deviation and correlation time."""
 
-    def __init__(self, normals: Normals, sd: float, correlation_s: float) -> None:
+    def __init__(self, normals: NormalNumbers, sd: float, correlation_s: float) -> None:
         self._normals = normals
         self._sd = sd
         self._correlation_s = correlation_s
-        self.value = sd * normals.next()
+        self.value = sd * normals.draw_number()
         # of the step before; steps are mostly alike
         self._dt_s = self._keep = self._fresh_sd = 0.0
 
-    def step(self, dt_s: float) -> float:
+    def advance_noise(self, dt_s: float) -> float:
         if dt_s != self._dt_s:
             self._dt_s, self._keep = dt_s, exp(-dt_s / self._correlation_s)
             self._fresh_sd = self._sd * sqrt(1.0 - self._keep * self._keep)
-        self.value = self._keep * self.value + self._fresh_sd * self._normals.next()
+        self.value = self._keep * self.value + self._fresh_sd * self._normals.draw_number()
         return self.value

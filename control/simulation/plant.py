@@ -11,42 +11,42 @@ from typing import Any, NamedTuple
 
 from topdress.control.field.job import Job
 from topdress.control.geodesy import TangentPlane
-from topdress.control.machine.effort import EffortInput, gate_effort, shaft_effort
-from topdress.control.machine.elements import Array, convert_to_lists, stepped
-from topdress.control.machine.fall import FallInput, drop_s, fall_start, step_fall
-from topdress.control.machine.fault_injection import Planted, schedule
-from topdress.control.machine.flow import FlowInput, in_flutes, make_flow_start, step_flow
+from topdress.control.machine.effort import EffortInput, calc_gate_effort, calc_shaft_effort
+from topdress.control.machine.elements import Array, convert_to_lists, round_to_step
+from topdress.control.machine.fall import FallInput, calc_drop_s, make_fall_start, step_fall
+from topdress.control.machine.fault_injection import PlantedEffect, schedule_effects
+from topdress.control.machine.flow import FlowInput, calc_flute_load, make_flow_start, step_flow
 from topdress.control.machine.form import SHAFT_ANGLE
-from topdress.control.machine.gate import GateInput, GateOutput, gate_step, make_gate_start
+from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start, step_gate
 from topdress.control.machine.heads import HeadInput, read_head
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.scale import ScaleInput, scale_reads
-from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start, shaft_step
+from topdress.control.machine.scale import ScaleInput, read_scale
+from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start, step_shaft
 from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
-from topdress.control.machine.steps import Steps
-from topdress.control.machine.term_sums import NOTHING, HeldCommands, More, TermSums
+from topdress.control.machine.steps import CompiledSteps
+from topdress.control.machine.term_sums import NO_TERMS, HeldCommands, TermSums, TermTotals
 from topdress.control.machine.terms import Term
 from topdress.control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
 
-from .canopy import AcrossWidth, canopy_field
-from .noise import Normals, Slow
-from .on_hopper import OnHopper
-from .plant_rows import along_way, simulated_plants
-from .rest import later, rest, stands, waited
-from .tractor import Driver, Path, Pose, field_boundary, field_path
-from .valves import Valves
-from .vision import Vision
+from .canopy import HeadRow, make_canopy_field
+from .noise import CorrelatedNoise, NormalNumbers
+from .on_hopper import HopperDisturbance
+from .plant_rows import find_plants_along_way, make_simulated_plants
+from .rest import advance_idle_hopper, advance_resting, is_drive_resting, is_hopper_unchanged
+from .tractor import TractorDriver, TractorPath, TractorPose, make_field_boundary, make_field_path
+from .valves import SimulatedValves
+from .vision import SimulatedCamera
 
 # Time after a refill to close the lid, s.
-LEAVES_S = 6.0
+REFILL_LID_S = 6.0
 # Steps of the model in a control tick.
 MODEL_STEPS = 4
 # The day of topdressing in the decision paper.
-BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)
+START_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)
 # Wander of the supply by engine speed and consumers, V (1 standard deviation).
 SUPPLY_WANDER_V = 0.25
 # A rise or fall of the flow counts as a change for this long, s.
-CHANGE_SHOWS_S = 1.0
+FLOW_CHANGE_S = 1.0
 
 
 class SensorReadings(NamedTuple):
@@ -93,7 +93,7 @@ class Truth(NamedTuple):
     in_pass: bool
     refill_kg: float
     doses: int = 0  # of point mode that the shaft has started
-    canopy: AcrossWidth | None = None  # that the outlets pass
+    canopy: HeadRow | None = None  # that the outlets pass
     heading_deg: float = 0.0
     # released in the step by each section; none: no valves
     section_kg: tuple[float, ...] = ()
@@ -110,13 +110,13 @@ class Plant:
         job: Job,
         seed: int,
         dt_s: float = 0.05,
-        planted: Sequence[Planted] = (),
+        planted: Sequence[PlantedEffect] = (),
         *,
-        path: Path | None = None,
+        path: TractorPath | None = None,
         keep: Callable[[Truth], None] | None = None,
         plants: Array | None = None,
         terms: Sequence[Term] = (),
-        steps: Steps | None = None,
+        steps: CompiledSteps | None = None,
     ) -> None:
         """Starts at rest.
 
@@ -136,21 +136,21 @@ class Plant:
         self.truth: Truth | None = None
         self._sim = sim
         self._keep = keep
-        self._stages = schedule(machine, planted)
+        self._stages = schedule_effects(machine, planted)
         self._true = self._stages[0][1]
-        self.valves = Valves(machine) if machine.switched else None
+        self.valves = SimulatedValves(machine) if machine.switched_strips else None
         self._terms = TermSums((*machine.terms, *terms))
         self._commands = HeldCommands(machine, 0.0, machine.set_points.opening_mm)
-        self._more, self._ran_away_kg, self._angle_deg = NOTHING, 0.0, 0.0
+        self._more, self._ran_away_kg, self._angle_deg = NO_TERMS, 0.0, 0.0
         width = machine.geometry.working_width_m
-        self._path = path or field_path(sim, width, job.field.pass_heading_deg)
-        self.plants_m = along_way(
+        self._path = path or make_field_path(sim, width, job.field.pass_heading_deg)
+        self.plants_m = find_plants_along_way(
             self._path,
-            simulated_plants(job, width, seed) if plants is None else plants,
+            make_simulated_plants(job, width, seed) if plants is None else plants,
             0.5 * width,
         )
         self._vision = (
-            Vision(sim.camera, self.plants_m, seed + 2) if sim.camera is not None else None
+            SimulatedCamera(sim.camera, self.plants_m, seed + 2) if sim.camera is not None else None
         )
         self._dose: DoseOrder | None = None
         # when the shaft will begin the doses that were accepted
@@ -160,11 +160,11 @@ class Plant:
         self.parked = False  # the driver stops, or does not start
         self._heading0 = job.field.pass_heading_deg
         self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
-        corners = field_boundary(sim, width, job.field.pass_heading_deg)
+        corners = make_field_boundary(sim, width, job.field.pass_heading_deg)
         east, north = [e for e, _ in corners], [n for _, n in corners]
         rim = sim.run_in_m + machine.geometry.heads_m
-        self._canopy = AcrossWidth(
-            canopy_field(
+        self._canopy = HeadRow(
+            make_canopy_field(
                 sim.canopy,
                 (min(east) - rim, max(east) + rim),
                 (min(north) - rim, max(north) + rim),
@@ -174,19 +174,19 @@ class Plant:
             width,
             sim.heads_index,
         )
-        self._driver = Driver(sim, seed + 4)
-        self._normal = Normals(seed + 1)
+        self._driver = TractorDriver(sim, seed + 4)
+        self._normal = NormalNumbers(seed + 1)
         # of its own: a drive that tells its effort changes nothing else
-        self._effort_normal = Normals(seed + 5)
-        self._on_hopper, self._lot_percent = OnHopper(sim, seed + 6), 0.0
+        self._effort_normal = NormalNumbers(seed + 5)
+        self._on_hopper, self._lot_percent = HopperDisturbance(sim, seed + 6), 0.0
         # speed, opening, and the gate's speed
         self._before = 0.0, machine.set_points.opening_mm, 0.0
         self._asked_rpm = 0.0
         noise = machine.noise
-        self._scale_noise = Slow(self._normal, noise.scale_kg, noise.scale_correlation_s)
-        self._supply = Slow(self._normal, SUPPLY_WANDER_V, 30.0)
-        self._pitch = Slow(self._normal, sim.roughness_deg, 3.0)
-        self._roll = Slow(self._normal, sim.roughness_deg, 3.0)
+        self._scale_noise = CorrelatedNoise(self._normal, noise.scale_kg, noise.scale_correlation_s)
+        self._supply = CorrelatedNoise(self._normal, SUPPLY_WANDER_V, 30.0)
+        self._pitch = CorrelatedNoise(self._normal, sim.roughness_deg, 3.0)
+        self._roll = CorrelatedNoise(self._normal, sim.roughness_deg, 3.0)
         self._ticks = 0
         self._driven_m = sim.begin_m
         self._wheel_m = 0.0
@@ -206,7 +206,7 @@ class Plant:
         self._drives: Any = None
         if steps is not None and self.valves is None:
             self._drives = steps.drives(shaft, gate, self._flow)
-        self._fall = fall_start()
+        self._fall = make_fall_start()
         self._shaft_out = ShaftOutput(0.0, 0.0)
         self._gate_out = GateOutput(machine.set_points.opening_mm, machine.set_points.opening_mm)
         self._next_gnss_s = 0.0
@@ -219,40 +219,42 @@ class Plant:
     def time_s(self) -> float:
         return self._ticks * self.dt_s
 
-    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
+    def advance_plant(self, command: DriveCommand, enabled: bool) -> SensorReadings:
         """Advances by `dt_s` with the command held, and reads the sensors at the end."""
         dt, begin = self.dt_s, self.time_s
         while len(self._stages) > 1 and begin >= self._stages[1][0]:
             self._stages.pop(0)
             self._true = self._stages[0][1]
-        speed = self._driver.step(begin, self.parked or self._stopped(), self._normal.next(), dt)
+        speed = self._driver.advance_speed(
+            begin, self.parked or self._is_stopped(), self._normal.draw_number(), dt
+        )
         self._driven_m += speed * dt
-        pose = self._path.at(self._driven_m)
+        pose = self._path.find_pose(self._driven_m)
         pitch = self._sim.slope_deg * cos(
             radians(pose.heading_deg - self._heading0)
-        ) + self._pitch.step(dt)
-        supply = self.machine.shaft.nominal_supply_v + self._supply.step(dt)
-        refill = self._refill(speed, dt)
+        ) + self._pitch.advance_noise(dt)
+        supply = self.machine.shaft.nominal_supply_v + self._supply.advance_noise(dt)
+        refill = self._refill_hopper(speed, dt)
         if refill > 0.0:
-            self._lot_percent = self._on_hopper.lot()
+            self._lot_percent = self._on_hopper.draw_lot_percent()
         self._asked_rpm = command.shaft_rpm if enabled else 0.0
         # Without power the shaft stands.
         rpm = command.shaft_rpm if enabled else self._true.shaft.neutral_rpm
-        self._take_dose(command.dose, enabled)
+        self._accept_dose(command.dose, enabled)
         if self.valves is not None:
-            self.valves.tell(begin, command.valves if enabled else ())
+            self.valves.command_valves(begin, command.valves if enabled else ())
         if self._terms:
-            self._more = self._terms_now(rpm, command.opening_mm, supply, pitch, speed, pose)
-        flow = self._move(rpm, command.opening_mm, supply, pitch, refill)
+            self._more = self._calc_terms(rpm, command.opening_mm, supply, pitch, speed, pose)
+        flow = self._move_drives(rpm, command.opening_mm, supply, pitch, refill)
         self._ticks += 1
-        drop = self._drop(flow)
+        drop = self._calc_drop_s(flow)
         self.truth = Truth(
             self.time_s,
             self._shaft_out[0],
             self._gate_out[0],
             flow,
             drop,
-            drop_s(self._true.fall, self._shaft_out[0]),
+            calc_drop_s(self._true.fall, self._shaft_out[0]),
             self._driven_m,
             speed,
             self._flow.hopper_kg,
@@ -271,15 +273,21 @@ class Plant:
             )
         if self._keep is not None:
             self._keep(self.truth)
-        return self._read(speed, pose, pitch, supply, flow)
+        return self._read_sensors(speed, pose, pitch, supply, flow)
 
-    def _terms_now(
-        self, rpm: float, opening_mm: float, supply: float, pitch: float, speed: float, pose: Pose
-    ) -> More:
+    def _calc_terms(
+        self,
+        rpm: float,
+        opening_mm: float,
+        supply: float,
+        pitch: float,
+        speed: float,
+        pose: TractorPose,
+    ) -> TermTotals:
         """Returns the sums of the machine's terms in this step."""
         dt, shaft = self.dt_s, self._shaft_out[0]
         turned = 6.0 * shaft * dt
-        more = self._terms.step(
+        more = self._terms.advance_terms(
             {
                 "shaft_rpm": shaft,
                 "opening_mm": self._gate_out[0],
@@ -291,7 +299,7 @@ class Plant:
                 "heading_deg": pose.heading_deg,
                 "time_s": self.time_s,
                 SHAFT_ANGLE: self._angle_deg + 0.5 * turned,
-                **self._commands.step(self.time_s, rpm, opening_mm, dt),
+                **self._commands.average_commands(self.time_s, rpm, opening_mm, dt),
             },
             dt,
         )
@@ -299,7 +307,7 @@ class Plant:
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt
         return more
 
-    def _take_dose(self, dose: DoseOrder | None, enabled: bool) -> None:
+    def _accept_dose(self, dose: DoseOrder | None, enabled: bool) -> None:
         """Accepts a dose. A stop ends the present dose; a dose that comes while another turns is
         refused."""
         if not enabled:
@@ -313,7 +321,7 @@ class Plant:
             self._begins_s.popleft()
             self._doses += 1
 
-    def _dose_rpm(self, step_s: float) -> float:
+    def _calc_dose_rpm(self, step_s: float) -> float:
         """Returns the mean speed of the present dose in this model step, r/min."""
         if self._dose is None:
             return 0.0
@@ -323,41 +331,41 @@ class Plant:
         self._dose = DoseOrder(left_deg, rpm) if left_deg > 1e-6 else None
         return turned_deg / (6.0 * step_s)
 
-    def _stopped(self) -> bool:
+    def _is_stopped(self) -> bool:
         return self.time_s < self._leaves_s or self._is_empty()
 
     def _is_empty(self) -> bool:
         return self._sim.refill_at_kg > 0.0 and self._flow.hopper_kg <= self._sim.refill_at_kg
 
-    def _refill(self, speed: float, dt: float) -> float:
+    def _refill_hopper(self, speed: float, dt: float) -> float:
         if not self._is_empty() or speed > 0.0:
             self._standing_s = 0.0
             return 0.0
         self._standing_s += dt
         if self._standing_s < self._sim.refill_stop_s:
             return 0.0
-        self._leaves_s = self.time_s + LEAVES_S
+        self._leaves_s = self.time_s + REFILL_LID_S
         return self._true.flow.full_kg - self._flow.hopper_kg
 
-    def _move(
+    def _move_drives(
         self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float
     ) -> float:
         true, step, more, valves = self._true, self.dt_s / MODEL_STEPS, self._more, self.valves
         if self._lot_percent != 0.0:
             more = more._replace(flow_percent=more.flow_percent + self._lot_percent)
         if self._drives is not None:
-            self._drives.of(true.shaft, true.gate, true.flow)
+            self._drives.set_stages(true.shaft, true.gate, true.flow)
             turns = (
                 (rpm,) * MODEL_STEPS
                 if self._dose is None
                 else tuple(
                     [
-                        rpm if self._dose is None else max(rpm, self._dose_rpm(step))
+                        rpm if self._dose is None else max(rpm, self._calc_dose_rpm(step))
                         for _ in range(MODEL_STEPS)
                     ]
                 )
             )
-            flow_kg_s, self._shaft_out, self._gate_out, self._flow = self._drives.tick(
+            flow_kg_s, self._shaft_out, self._gate_out, self._flow = self._drives.step_tick(
                 turns, opening_mm, supply, pitch, refill, more, step
             )
             return float(flow_kg_s)
@@ -368,11 +376,11 @@ class Plant:
         rests = False
         for k in range(MODEL_STEPS):
             if rests:
-                shaft_state, gate_state = later(shaft_state, gate_state, step)
+                shaft_state, gate_state = advance_resting(shaft_state, gate_state, step)
             else:
-                turn_rpm = rpm if self._dose is None else max(rpm, self._dose_rpm(step))
+                turn_rpm = rpm if self._dose is None else max(rpm, self._calc_dose_rpm(step))
                 shaft_was, gate_was, stood = shaft_state, gate_state, gate_out
-                shaft_state, shaft_out = shaft_step(
+                shaft_state, shaft_out = step_shaft(
                     shafts,
                     shaft_state,
                     ShaftInput(
@@ -380,15 +388,15 @@ class Plant:
                     ),
                     step,
                 )
-                gate_state, gate_out = gate_step(gates, gate_state, moves, step)
+                gate_state, gate_out = step_gate(gates, gate_state, moves, step)
                 rests = (
                     self._dose is None
                     and gate_out == stood
-                    and rest(shaft_was, shaft_state, gate_was, gate_state)
+                    and is_drive_resting(shaft_was, shaft_state, gate_was, gate_state)
                 )
-            opened = valves is None or valves.any_open(self.time_s + (k + 0.5) * step)
-            if rests and valves is None and stands(flows, shaft_out.rpm, refill):
-                flow_state = waited(flow_state, step)
+            opened = valves is None or valves.is_any_open(self.time_s + (k + 0.5) * step)
+            if rests and valves is None and is_hopper_unchanged(flows, shaft_out.rpm, refill):
+                flow_state = advance_idle_hopper(flow_state, step)
                 continue
             flow_state, flow = step_flow(
                 flows,
@@ -406,24 +414,24 @@ class Plant:
             refill = 0.0
             total += flow.flow_kg_s
             if valves is not None:
-                valves.pass_on(flow.flow_kg_s * step)
+                valves.distribute_kg(flow.flow_kg_s * step)
         self._shaft, self._gate, self._flow = shaft_state, gate_state, flow_state
         self._shaft_out, self._gate_out = shaft_out, gate_out
         return total / MODEL_STEPS
 
-    def _drop(self, flow: float) -> float:
+    def _calc_drop_s(self, flow: float) -> float:
         if abs(flow - self._flow_before) > 0.02 * max(flow, self._flow_before):
             self._change = (1.0 if flow > self._flow_before else -1.0, self.time_s)
         self._flow_before = flow
-        change = self._change[0] if self.time_s - self._change[1] < CHANGE_SHOWS_S else 0.0
+        change = self._change[0] if self.time_s - self._change[1] < FLOW_CHANGE_S else 0.0
         parcel = FallInput(self._shaft_out[0], flow, change)
         self._fall, drop = step_fall(self._true.fall, self._fall, parcel, self.dt_s)
         return drop
 
-    def _read(
-        self, speed: float, pose: Pose, pitch: float, supply: float, flow: float
+    def _read_sensors(
+        self, speed: float, pose: TractorPose, pitch: float, supply: float, flow: float
     ) -> SensorReadings:
-        now, dt, normal = self.time_s, self.dt_s, self._normal.next
+        now, dt, normal = self.time_s, self.dt_s, self._normal.draw_number
         true, noise = self._true, self.machine.noise
         self._speed, reads = step_speed(
             true.speed,
@@ -432,33 +440,35 @@ class Plant:
             dt,
         )
         wheel = max(0.0, reads.wheel_mps + (noise.wheel_mps * normal() if speed != 0.0 else 0.0))
-        self._roll_wheel(wheel, dt)
-        more_kg = self._more.scale_kg + self._ran_away_kg + self._on_hopper.step(speed, dt)
-        scale = scale_reads(
+        self._count_wheel_pulses(wheel, dt)
+        more_kg = (
+            self._more.scale_kg + self._ran_away_kg + self._on_hopper.advance_disturbance(speed, dt)
+        )
+        scale = read_scale(
             true.scale, ScaleInput(self._flow.hopper_kg, now, pitch, more_kg)
-        ) + self._scale_noise.step(dt)
+        ) + self._scale_noise.advance_noise(dt)
         return SensorReadings(
             now,
-            self._gnss(pose, reads.gnss_mps, speed < 0.0),
+            self._make_gnss_fix(pose, reads.gnss_mps, speed < 0.0),
             wheel,
             self._pulses,
-            self._ndvi(pose),
+            self._read_heads(pose),
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()),
             self._gate_out[1] + noise.opening_mm * normal(),
-            stepped(scale, true.scale.resolution_kg),
+            round_to_step(scale, true.scale.resolution_kg),
             supply + noise.supply_v * normal(),
             pitch + noise.pitch_deg * normal(),
-            self._roll.step(dt),
+            self._roll.advance_noise(dt),
             None,
             self._pulse_s,
-            () if self._vision is None else self._vision.look(now, self._driven_m),
-            self._driver.announced(),
+            () if self._vision is None else self._vision.report_plants(now, self._driven_m),
+            self._driver.announce_speeds(),
             self._sim.heads_index,
-            None if self.valves is None else self.valves.open_now,
-            *self._efforts(pitch, supply),
+            None if self.valves is None else self.valves.open_valves,
+            *self._calc_efforts(pitch, supply),
         )
 
-    def _efforts(self, pitch: float, supply: float) -> tuple[float | None, float | None]:
+    def _calc_efforts(self, pitch: float, supply: float) -> tuple[float | None, float | None]:
         """Returns the efforts of shaft and gate; None of a drive that reports none."""
         true, dt = self._true, self.dt_s
         rpm, opening = self._shaft_out[0], self._gate_out[0]
@@ -467,10 +477,10 @@ class Plant:
         self._before = rpm, opening, moves
         share = true.shaft.nominal_supply_v / max(1.0, supply)
         shaft = gate = None
-        if true.has("effort"):
+        if true.has_stage("effort"):
             # A term changes what lands, not the filling of the flutes: the drive's load is that
             # of the flow without it.
-            flutes = in_flutes(
+            flutes = calc_flute_load(
                 true.flow,
                 rpm,
                 opening,
@@ -483,20 +493,22 @@ class Plant:
             shaft = (
                 true.effort.limit
                 if true.shaft.stalled > 0.0 and self._asked_rpm != 0.0
-                else shaft_effort(
+                else calc_shaft_effort(
                     true.effort, EffortInput(rpm, (rpm - turned_rpm) / dt, share, *flutes)
                 )
             )
             shaft = min(
-                max(0.0, shaft + self.machine.noise.effort * self._effort_normal.next()),
+                max(0.0, shaft + self.machine.noise.effort * self._effort_normal.draw_number()),
                 true.effort.limit or 1000.0,
             )
-        if true.has("gate_effort"):
-            gate = gate_effort(true.effort, EffortInput(moves, (moves - moved_mm_s) / dt, share))
-            gate = max(0.0, gate + self.machine.noise.effort * self._effort_normal.next())
+        if true.has_stage("gate_effort"):
+            gate = calc_gate_effort(
+                true.effort, EffortInput(moves, (moves - moved_mm_s) / dt, share)
+            )
+            gate = max(0.0, gate + self.machine.noise.effort * self._effort_normal.draw_number())
         return shaft, gate
 
-    def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
+    def _count_wheel_pulses(self, wheel_mps: float, dt: float) -> None:
         """Counts pulses; the time of the newest is when its distance was reached within the
         step."""
         speed = self._true.speed
@@ -507,21 +519,21 @@ class Plant:
             self._pulses = pulses
             self._pulse_s = self.time_s - (self._wheel_m - pulses * pulse_m) / wheel_mps
 
-    def _gnss(self, pose: Pose, speed: float, backwards: bool) -> GnssFix | None:
+    def _make_gnss_fix(self, pose: TractorPose, speed: float, backwards: bool) -> GnssFix | None:
         now = self.time_s
         if now < self._next_gnss_s - 1e-9:
             return None
         self._next_gnss_s += 1.0 / self._sim.gnss_hz
-        noise, normal = self.machine.noise, self._normal.next
+        noise, normal = self.machine.noise, self._normal.draw_number
         ahead, angle = self.machine.geometry.antenna_m, radians(pose.heading_deg)
-        lat, lon = self._plane.to_deg(
+        lat, lon = self._plane.convert_to_deg(
             pose.east_m + ahead * sin(angle) + noise.gnss_m * normal(),
             pose.north_m + ahead * cos(angle) + noise.gnss_m * normal(),
         )
         course = pose.heading_deg + (180.0 if backwards else 0.0)
         course += degrees(noise.gnss_mps / max(0.1, speed)) * normal()
         utc = (
-            (BEGIN_UTC + timedelta(seconds=round(now, 3)))
+            (START_UTC + timedelta(seconds=round(now, 3)))
             .isoformat(timespec="milliseconds")
             .replace("+00:00", "Z")
         )
@@ -537,14 +549,14 @@ class Plant:
             utc,
         )
 
-    def _ndvi(self, pose: Pose) -> tuple[float, ...] | None:
+    def _read_heads(self, pose: TractorPose) -> tuple[float, ...] | None:
         now = self.time_s
         if now < self._next_heads_s - 1e-9:
             return None
         self._next_heads_s += 1.0 / self._sim.heads_hz
         ahead_m, angle, readings = self.machine.geometry.heads_m, radians(pose.heading_deg), []
         for head, here in enumerate(
-            self._canopy.at(
+            self._canopy.read_heads(
                 pose.east_m + ahead_m * sin(angle),
                 pose.north_m + ahead_m * cos(angle),
                 pose.heading_deg,
@@ -552,6 +564,6 @@ class Plant:
         ):
             reads = read_head(self._true.heads, HeadInput(here, head + 1.0, now))
             readings.append(
-                min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next()))
+                min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.draw_number()))
             )
         return tuple(readings)

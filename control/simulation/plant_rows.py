@@ -8,10 +8,10 @@ import numpy as np
 from topdress.control.field.job import Job
 from topdress.control.machine.elements import Array
 
-from .tractor import Path, pass_order
+from .tractor import TractorPath, order_passes
 
 
-def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
+def make_simulated_plants(job: Job, width_m: float, seed: int) -> Array:
     """Returns the places (n, 2) of the plants of `simulated.plants`, east and north, m; empty
     without it."""
     plants, sim = job.simulated.plants, job.simulated
@@ -20,7 +20,7 @@ def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     north = radians(job.field.pass_heading_deg)
     rows = []
-    for k in pass_order(sim.passes):
+    for k in order_passes(sim.passes):
         along = np.arange(plants.spacing_m, sim.pass_length_m, plants.spacing_m)
         along = along + plants.scatter_percent / 100.0 * plants.spacing_m * rng.standard_normal(
             len(along)
@@ -34,11 +34,11 @@ def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
     return np.concatenate(rows)
 
 
-def along_way(path: Path, places: Array, half_width_m: float) -> Array:
+def find_plants_along_way(path: TractorPath, places: Array, half_width_m: float) -> Array:
     """Returns the rising distances (k,) at which the outlet passes the plants (n, 2) within
     `half_width_m`, on the straight legs of its way, m."""
     found = []
-    for begin_m, leg in path.straight_legs():
+    for begin_m, leg in path.list_straight_legs():
         angle = radians(leg.heading_deg)
         off = places - np.array([leg.east_m, leg.north_m])
         ahead = off[:, 0] * sin(angle) + off[:, 1] * cos(angle)

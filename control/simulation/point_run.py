@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.machine.elements import Array
 from topdress.control.targets.plants import PlantRow, SeenPlant
-from topdress.control.targets.point import PointLag, PointMode, Threshold
+from topdress.control.targets.point import DoseThreshold, PointLag, PointMode
 
 # Begin and end of the camera's picture beyond its own place, m.
-CAMERA_FROM_M, CAMERA_TO_M = 0.2, 1.2
+PICTURE_FROM_M, PICTURE_TO_M = 0.2, 1.2
 
 
 class PointTruth(NamedTuple):
@@ -39,7 +39,7 @@ class PointRun(NamedTuple):
     threshold_m: Array  # (doses,) that each was commanded with
 
 
-def point_run(
+def simulate_point_run(
     lag: PointLag,
     spacing_m: float,
     speed_mps: float,
@@ -70,12 +70,12 @@ def point_run(
     places = 5.0 + spacing_m * np.arange(plants) + 0.1 * spacing_m * rng.standard_normal(plants)
     places.sort()
     camera = (
-        lag.distance_m(1.3 * speed_mps) + 1.3 * speed_mps * vision_s + 0.5
+        lag.find_distance_m(1.3 * speed_mps) + 1.3 * speed_mps * vision_s + 0.5
         if camera_m is None
         else camera_m
     )
     row = PlantRow()
-    mode = PointMode(lag, row, Threshold())
+    mode = PointMode(lag, row, DoseThreshold())
     way, odometer, now, wander, off = 0.0, 0.0, 0.0, 0.0, 0.0
     ways = [0.0]
     waiting: list[tuple[float, list[SeenPlant]]] = []
@@ -84,7 +84,7 @@ def point_run(
     thresholds: list[float] = []
     learned = 0
     scale = 1.0 + really.odometer_percent / 100.0
-    settle_m = lag.distance_m(2.0 * speed_mps) + 1.0
+    settle_m = lag.find_distance_m(2.0 * speed_mps) + 1.0
     while way < places[-1] + settle_m:
         wander += (
             -wander * tick_s / 4.0
@@ -96,18 +96,18 @@ def point_run(
         now += tick_s
         ways.append(way)
         in_view = places[
-            (places > way + camera + CAMERA_FROM_M) & (places < way + camera + CAMERA_TO_M)
+            (places > way + camera + PICTURE_FROM_M) & (places < way + camera + PICTURE_TO_M)
         ]
         looks = in_view - way + really.seen_sd_m * rng.standard_normal(len(in_view))
         waiting.append((now + vision_s, [SeenPlant(odometer, float(ahead)) for ahead in looks]))
         while waiting and waiting[0][0] <= now:
-            row.look(waiting.pop(0)[1], mode.fixed_to_m)
+            row.add_plants(waiting.pop(0)[1], mode.fixed_to_m)
         off += (
             -off * tick_s / 0.25
             + really.speed_sd_mps * (2.0 * tick_s / 0.25) ** 0.5 * rng.standard_normal()
         )
         measured_mps = max(0.0, speed + off)
-        doses, _ = mode.tick(now, odometer, measured_mps, tick_s)
+        doses, _ = mode.plan_doses(now, odometer, measured_mps, tick_s)
         for dose in doses:
             begins = now + (dose.in_s if within_tick else 0.0)
             lands = (
@@ -130,7 +130,7 @@ def point_run(
             learned += 1
             known = learned - 1 - measured_after
             if learn and known >= 0:
-                mode.threshold.learn(
+                mode.threshold.learn_error(
                     found[known] + really.measured_sd_m * rng.standard_normal(),
                     ordered[known][3],
                     ordered[known][2],

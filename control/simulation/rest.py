@@ -11,7 +11,9 @@ from topdress.control.machine.gate import GateState
 from topdress.control.machine.shaft import ShaftState
 
 
-def rest(shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: GateState) -> bool:
+def is_drive_resting(
+    shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: GateState
+) -> bool:
     """Returns whether further steps with the same inputs leave both drives unchanged: no command
     is pending, and neither moved."""
     return (
@@ -25,7 +27,9 @@ def rest(shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: Ga
     )
 
 
-def later(shaft: ShaftState, gate: GateState, dt_s: float) -> tuple[ShaftState, GateState]:
+def advance_resting(
+    shaft: ShaftState, gate: GateState, dt_s: float
+) -> tuple[ShaftState, GateState]:
     """Returns resting drives a step later."""
     return (
         ShaftState(shaft.time_s + dt_s, shaft.rpm, shaft.line, shaft.rpm_s),
@@ -35,11 +39,11 @@ def later(shaft: ShaftState, gate: GateState, dt_s: float) -> tuple[ShaftState, 
     )
 
 
-def stands(flow: Flow, shaft_rpm: float, refill_kg: float) -> bool:
+def is_hopper_unchanged(flow: Flow, shaft_rpm: float, refill_kg: float) -> bool:
     """Returns whether nothing leaves the hopper and nothing is filled in."""
     return shaft_rpm == 0.0 and refill_kg == 0.0 and flow.leak_kg_h == 0.0
 
 
-def waited(flow: FlowState, dt_s: float) -> FlowState:
+def advance_idle_hopper(flow: FlowState, dt_s: float) -> FlowState:
     """Returns an unchanged hopper a step later."""
     return FlowState(flow.time_s + dt_s, flow.hopper_kg, flow.angle_rev, flow.refills)

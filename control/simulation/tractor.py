@@ -12,17 +12,17 @@ from topdress.control.field.job import Simulated
 from topdress.control.readings import SpeedPlan
 
 # Passes in a block; neighbours in time are four widths apart, so that turns are wide enough.
-BLOCK = 8
+PASS_BLOCK = 8
 
 
-class Pose(NamedTuple):
+class TractorPose(NamedTuple):
     east_m: float
     north_m: float
     heading_deg: float
     in_pass: bool
 
 
-class Leg(NamedTuple):
+class PathLeg(NamedTuple):
     """Holds a straight (turn_deg 0) or an arc of some length from a pose on."""
 
     east_m: float
@@ -32,24 +32,24 @@ class Leg(NamedTuple):
     turn_deg: float
 
 
-class Path:
+class TractorPath:
     """Holds the way of the outlets' middle by distance driven."""
 
-    def __init__(self, legs: list[Leg]) -> None:
+    def __init__(self, legs: list[PathLeg]) -> None:
         self._legs = legs
         self._begin_m: list[float] = [0.0]
         for leg in legs:
             self._begin_m.append(self._begin_m[-1] + leg.length_m)
         self.length_m = self._begin_m[-1]
 
-    def at(self, driven_m: float) -> Pose:
+    def find_pose(self, driven_m: float) -> TractorPose:
         """Returns the pose after a distance; beyond both ends the way continues straight."""
         k = min(len(self._legs) - 1, max(0, bisect_right(self._begin_m, driven_m) - 1))
         leg = self._legs[k]
         along = driven_m - self._begin_m[k]
         heading = radians(leg.heading_deg)
         if leg.turn_deg == 0.0:
-            return Pose(
+            return TractorPose(
                 leg.east_m + along * sin(heading),
                 leg.north_m + along * cos(heading),
                 leg.heading_deg,
@@ -60,14 +60,14 @@ class Path:
         centre_e = leg.east_m + radius * cos(heading)
         centre_n = leg.north_m - radius * sin(heading)
         angle = heading + turned
-        return Pose(
+        return TractorPose(
             centre_e - radius * cos(angle),
             centre_n + radius * sin(angle),
             (leg.heading_deg + leg.turn_deg * along / leg.length_m) % 360.0,
             False,
         )
 
-    def straight_legs(self) -> list[tuple[float, Leg]]:
+    def list_straight_legs(self) -> list[tuple[float, PathLeg]]:
         """Returns each straight leg with the distance driven at its beginning, m."""
         return [
             (begin, leg)
@@ -76,12 +76,12 @@ class Path:
         ]
 
 
-def pass_order(passes: int) -> list[int]:
+def order_passes(passes: int) -> list[int]:
     """Returns the order of passes 0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in
     time are three or four widths apart."""
     order: list[int] = []
-    for block in range(0, passes, BLOCK):
-        members = list(range(block, min(block + BLOCK, passes)))
+    for block in range(0, passes, PASS_BLOCK):
+        members = list(range(block, min(block + PASS_BLOCK, passes)))
         half = (len(members) + 1) // 2
         for low, high in zip(members[:half], [*members[half:], None], strict=False):
             order.append(low)
@@ -90,7 +90,7 @@ def pass_order(passes: int) -> list[int]:
     return order
 
 
-def field_path(sim: Simulated, width_m: float, heading_deg: float) -> Path:
+def make_field_path(sim: Simulated, width_m: float, heading_deg: float) -> TractorPath:
     """Returns the passes of the simulated field; the first begins at the origin, the others lie
     to its right."""
     north = radians(heading_deg)
@@ -100,25 +100,25 @@ def field_path(sim: Simulated, width_m: float, heading_deg: float) -> Path:
     def place(along: float, across: float) -> tuple[float, float]:
         return along * ahead[0] + across * right[0], along * ahead[1] + across * right[1]
 
-    legs: list[Leg] = []
-    order = pass_order(sim.passes)
+    legs: list[PathLeg] = []
+    order = order_passes(sim.passes)
     for number, k in enumerate(order):
         up = number % 2 == 0
         across = (k + 0.5) * width_m
         begin = -sim.run_in_m if up else sim.pass_length_m + sim.run_in_m
         course = heading_deg if up else (heading_deg + 180.0) % 360.0
         e, n = place(begin, across)
-        legs.append(Leg(e, n, course, sim.pass_length_m + 2.0 * sim.run_in_m, 0.0))
+        legs.append(PathLeg(e, n, course, sim.pass_length_m + 2.0 * sim.run_in_m, 0.0))
         if number + 1 == len(order):
             break
         sideways = (order[number + 1] - k) * width_m
         to_right = (sideways > 0.0) == up
         e, n = place(sim.pass_length_m + sim.run_in_m if up else -sim.run_in_m, across)
-        legs.append(Leg(e, n, course, pi * abs(sideways) / 2.0, 180.0 if to_right else -180.0))
-    return Path(legs)
+        legs.append(PathLeg(e, n, course, pi * abs(sideways) / 2.0, 180.0 if to_right else -180.0))
+    return TractorPath(legs)
 
 
-def field_boundary(
+def make_field_boundary(
     sim: Simulated, width_m: float, heading_deg: float
 ) -> tuple[tuple[float, float], ...]:
     """Returns the rectangle that the passes cover, east and north, m."""
@@ -137,10 +137,10 @@ def field_boundary(
 # Span and step of the announced speeds, s.
 ANNOUNCED_AHEAD_S, ANNOUNCED_STEP_S = 5.0, 0.1
 # Correlation time of the throttle's wander, s.
-WANDER_S = 8.0
+WANDER_TAU_S = 8.0
 
 
-class Driver:
+class TractorDriver:
     """Simulates the driver: bounded acceleration, a slow wander of the throttle, stops for
     refills.
 
@@ -157,32 +157,32 @@ class Driver:
         self._to_come: deque[float] = deque()  # wander of the next ticks
         self._rng = np.random.default_rng(seed)
 
-    def step(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:
+    def advance_speed(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:
         """Returns the speed at the end of the step, m/s; `kick`: a standard normal number."""
         self._time_s, self._stopped, self._dt_s = time_s + dt_s, stopped, dt_s
-        wanted, most = self._wanted(time_s)
+        wanted, most = self._find_wanted_speed(time_s)
         if self._sim.speed_told == "drive":
-            wander = self._drawn_ahead(dt_s)
+            wander = self._draw_wander_ahead(dt_s)
         else:
-            wander = self._wander = self._wandered(self._wander, kick, dt_s)
+            wander = self._wander = self._advance_wander(self._wander, kick, dt_s)
         wanted = 0.0 if stopped else wanted * (1.0 + wander)
         step = min(most * dt_s, max(-most * dt_s, wanted - self.speed_mps))
         self.speed_mps += step
         return self.speed_mps
 
-    def announced(self) -> SpeedPlan | None:
+    def announce_speeds(self) -> SpeedPlan | None:
         """Returns the tractor's present announcement."""
         how = self._sim.speed_told
         if how == "none":
             return None
-        now, most = self._wanted(self._time_s)
+        now, most = self._find_wanted_speed(self._time_s)
         if self._stopped or how == "set":
             return SpeedPlan(self._time_s, ((0.0, 0.0 if self._stopped else now),), most)
         steps = [
             round(k * ANNOUNCED_STEP_S, 3)
             for k in range(round(ANNOUNCED_AHEAD_S / ANNOUNCED_STEP_S))
         ]
-        aims = [self._wanted(self._time_s + in_s) for in_s in steps]
+        aims = [self._find_wanted_speed(self._time_s + in_s) for in_s in steps]
         wander = [
             0.0
             if how == "plan"
@@ -198,7 +198,7 @@ class Driver:
             max(a for _, a in aims),
         )
 
-    def _wanted(self, time_s: float) -> tuple[float, float]:
+    def _find_wanted_speed(self, time_s: float) -> tuple[float, float]:
         """Returns the driver's wanted speed, m/s, and acceleration, m/s2, at a time."""
         wanted, most = self._sim.speed_kmh / 3.6, 0.5
         for change in self._changes:
@@ -206,14 +206,16 @@ class Driver:
                 wanted, most = change.speed_kmh / 3.6, change.acceleration_mps2
         return wanted, most
 
-    def _wandered(self, before: float, kick: float, dt_s: float) -> float:
+    def _advance_wander(self, before: float, kick: float, dt_s: float) -> float:
         share = self._sim.speed_wander_percent / 100.0
         return float(
-            (1.0 - dt_s / WANDER_S) * before + share * (2.0 * dt_s / WANDER_S) ** 0.5 * kick
+            (1.0 - dt_s / WANDER_TAU_S) * before + share * (2.0 * dt_s / WANDER_TAU_S) ** 0.5 * kick
         )
 
-    def _drawn_ahead(self, dt_s: float) -> float:
+    def _draw_wander_ahead(self, dt_s: float) -> float:
         while len(self._to_come) * dt_s <= ANNOUNCED_AHEAD_S:
             last = self._to_come[-1] if self._to_come else 0.0
-            self._to_come.append(self._wandered(last, float(self._rng.standard_normal()), dt_s))
+            self._to_come.append(
+                self._advance_wander(last, float(self._rng.standard_normal()), dt_s)
+            )
         return self._to_come.popleft()

@@ -11,7 +11,7 @@ from topdress.control.machine.elements import Array
 from topdress.control.readings import PlantSeen
 
 
-class Vision:
+class SimulatedCamera:
     """Simulates the camera. `plants_m`: rising places of the plants along the way."""
 
     def __init__(self, camera: Camera, plants_m: Array, seed: int) -> None:
@@ -21,7 +21,7 @@ class Vision:
         self._next_s = 0.0
         self._pictures: deque[tuple[float, list[PlantSeen]]] = deque()
 
-    def look(self, now_s: float, driven_m: float) -> tuple[PlantSeen, ...]:
+    def report_plants(self, now_s: float, driven_m: float) -> tuple[PlantSeen, ...]:
         """Returns the plants reported at `now_s`; takes a new picture where one is due."""
         camera = self._camera
         if now_s >= self._next_s - 1e-9:

@@ -9,18 +9,18 @@ from topdress.control.agronomy.noa import Rule
 from topdress.control.agronomy.strips import StripValue
 from topdress.control.orders import TargetSource
 
-from .profile import Profile, Stretches, Target, TargetChange
+from .profile import DecidedStretches, Target, TargetChange, TargetProfile
 
 # H, the way over which a deficit is made up, m: long against the lead and lag of the heads, short
 # against a field.
-HORIZON_M = 200.0
+HOLD_HORIZON_M = 200.0
 # Greatest deficit, as a share of R over H.
-MOST_OWED = 0.5
+MAX_OWED_SHARE = 0.5
 # Limits of the factor k.
-LEAST_FACTOR, MOST_FACTOR = 0.2, 5.0
+MIN_FACTOR, MAX_FACTOR = 0.2, 5.0
 
 
-class HoldMean:
+class MeanRateHold:
     """Scales the canopy's rates so that the field's mean is a given rate: the canopy decides
     where, the farmer how much in all.
 
@@ -35,12 +35,12 @@ class HoldMean:
     on which the rule gives nothing gets nothing, and its deficit beyond that limit is not made
     up elsewhere: a bare half of a field is no reason to overdose the other.
 
-    There is one in a run. `on`: the canopy decides alone; `learns`: the machine is at work."""
+    There is one in a run. `on`: the canopy decides alone; `is_learning`: the machine is at work."""
 
     def __init__(self, mean_kg_ha: float) -> None:
         self.mean_kg_ha = mean_kg_ha
-        self.on = True
-        self.learns = False
+        self.is_active = True
+        self.is_learning = False
         # Way with a decided rate above 0, m, and the sum of rate times way.
         self._way_m = self._rule = 0.0
         # The deficit, kg/ha x m.
@@ -48,14 +48,15 @@ class HoldMean:
 
     @property
     def owed_kg_ha(self) -> float:
-        """Returns how much more than the mean the coming `HORIZON_M` get, kg/ha; negative: less."""
-        return self._owed / HORIZON_M
+        """Returns how much more than the mean the coming `HOLD_HORIZON_M` get, kg/ha; negative:
+        less."""
+        return self._owed / HOLD_HORIZON_M
 
-    def decided(self, rule_kg_ha: float, way_m: float) -> float:
+    def scale_decision(self, rule_kg_ha: float, way_m: float) -> float:
         """Returns the rate to give where the rule decides `rule_kg_ha` for the next `way_m`."""
-        if not self.on or rule_kg_ha <= 0.0:
+        if not self.is_active or rule_kg_ha <= 0.0:
             return rule_kg_ha
-        if self.learns and way_m > 0.0:
+        if self.is_learning and way_m > 0.0:
             self._way_m += way_m
             self._rule += rule_kg_ha * way_m
         mean = self._rule / self._way_m if self._way_m > 0.0 else rule_kg_ha
@@ -63,24 +64,24 @@ class HoldMean:
         if mean <= 0.0:
             return rule_kg_ha
         factor = (self.mean_kg_ha + self.owed_kg_ha) / mean
-        return rule_kg_ha * min(MOST_FACTOR, max(LEAST_FACTOR, factor))
+        return rule_kg_ha * min(MAX_FACTOR, max(MIN_FACTOR, factor))
 
-    def landed(self, rate_kg_ha: float, way_m: float) -> None:
+    def record_landed(self, rate_kg_ha: float, way_m: float) -> None:
         """Adds worked ground: over `way_m` this rate landed, without the operator's nudge."""
-        if not self.on:
+        if not self.is_active:
             return
-        most = MOST_OWED * self.mean_kg_ha * HORIZON_M
+        most = MAX_OWED_SHARE * self.mean_kg_ha * HOLD_HORIZON_M
         self._owed = min(most, max(-most, self._owed + (self.mean_kg_ha - rate_kg_ha) * way_m))
 
-    def go_on(self, area_m: float, given_kg_ha: float) -> None:
+    def resume_job(self, area_m: float, given_kg_ha: float) -> None:
         """Resumes a job that was cut off: so many metres of way had this mean."""
-        self.landed(given_kg_ha, area_m)
+        self.record_landed(given_kg_ha, area_m)
 
 
 # When turning faster, degrees/s, the outlets do not follow the heads, and samples are left out.
-STRAIGHT_DEG_S = 8.0
+STRAIGHT_BELOW_DEG_S = 8.0
 # While the heads are silent the last decision is kept for this long, s.
-SILENT_HOLDS_S = 2.0
+DECISION_HOLD_S = 2.0
 
 
 class CanopyDecisions:
@@ -92,8 +93,8 @@ class CanopyDecisions:
         rule: Rule,
         heads_m: float,
         decision_hz: float,
-        stretches: Stretches,
-        hold: HoldMean | None = None,
+        stretches: DecidedStretches,
+        hold: MeanRateHold | None = None,
     ) -> None:
         """Starts without decisions. hold: holds the field's mean; None: the rule's rate is used
         as it is."""
@@ -114,16 +115,16 @@ class CanopyDecisions:
         # Source of the newest sample.
         self._source = TargetSource.CANOPY
 
-    def take_strip(self, strip: StripValue) -> None:
+    def replace_strip(self, strip: StripValue) -> None:
         """Takes a newly measured strip; later decisions use it."""
-        self.rule = self.rule.with_strip(strip)
+        self.rule = self.rule.replace_strip(strip)
 
-    def pause(self) -> None:
+    def pause_sampling(self) -> None:
         """Drops the samples while reversing: the heads see ground again that is already decided."""
         self._samples.clear()
         self._from_m = None
 
-    def sample(
+    def take_sample(
         self,
         ndvi: float | None,
         track_m: float,
@@ -133,9 +134,9 @@ class CanopyDecisions:
     ) -> None:
         """Takes one fused reading (None: no valid head), with the outlets at `track_m`. source:
         INDEX_MAP where the map replaces the heads."""
-        if abs(turn_deg_s) > STRAIGHT_DEG_S:
-            self.pause()
-            self.stretches.forget()
+        if abs(turn_deg_s) > STRAIGHT_BELOW_DEG_S:
+            self.pause_sampling()
+            self.stretches.forget_stretches()
             return
         if ndvi is None:
             return
@@ -148,7 +149,7 @@ class CanopyDecisions:
         self._samples.append(ndvi)
         self._sampled_s = now_s
 
-    def decide(self, track_m: float, now_s: float) -> bool:
+    def decide_stretch(self, track_m: float, now_s: float) -> bool:
         """Decides a new stretch once a decision period has passed; True when that happened in
         this tick."""
         if self._from_m is None or now_s - self._started_s < self.period_s - 1e-6:
@@ -156,38 +157,38 @@ class CanopyDecisions:
         here = track_m + self._heads_m
         if self._samples:
             self.ndvi = sum(self._samples) / len(self._samples)
-            self.rate_kg_ha = self._rate(here - self._from_m)
-        elif self._sampled_s is None or now_s - self._sampled_s > SILENT_HOLDS_S:
+            self.rate_kg_ha = self._decide_rate(here - self._from_m)
+        elif self._sampled_s is None or now_s - self._sampled_s > DECISION_HOLD_S:
             self._from_m = None
             return False
         if here > self._from_m and self.rate_kg_ha is not None:
-            self.stretches.append(self._from_m, here, self.rate_kg_ha, self._source)
+            self.stretches.append_stretch(self._from_m, here, self.rate_kg_ha, self._source)
             self._from_m = here
         self._samples.clear()
         self._started_s = now_s
         return True
 
-    def _rate(self, way_m: float) -> float | None:
+    def _decide_rate(self, way_m: float) -> float | None:
         """Returns the rate for the next `way_m` by the newest NDVI; None while the rule waits
         for its strips."""
         if not self.rule.is_ready:
             return None
-        rate = self.rule.decide(self.ndvi, self.zone_factor).rate_kg_ha
+        rate = self.rule.decide_rate(self.ndvi, self.zone_factor).rate_kg_ha
         return (
             rate
             if self.hold is None
-            else min(self.rule.crop.max_rate_kg_ha, self.hold.decided(rate, way_m))
+            else min(self.rule.crop.max_rate_kg_ha, self.hold.scale_decision(rate, way_m))
         )
 
 
-class Around(NamedTuple):
+class RateBounds(NamedTuple):
     """Limits how far the heads may move from the map's rate: kg/ha where given, else a share of
     it."""
 
     percent: float = 20.0
     kg_ha: float | None = None
 
-    def held(self, base_kg_ha: float, wanted_kg_ha: float) -> float:
+    def limit_rate(self, base_kg_ha: float, wanted_kg_ha: float) -> float:
         most = self.kg_ha if self.kg_ha is not None else base_kg_ha * self.percent / 100.0
         return max(0.0, min(base_kg_ha + most, max(base_kg_ha - most, wanted_kg_ha)))
 
@@ -204,34 +205,36 @@ class MapAndCanopy:
 
     `base`: profile of the map; `canopy`: profile of the heads' decisions, with fallbacks."""
 
-    def __init__(self, base: Profile, canopy: Profile, around: Around) -> None:
+    def __init__(self, base: TargetProfile, canopy: TargetProfile, around: RateBounds) -> None:
         self._base, self._canopy, self._around = base, canopy, around
 
-    def at(self, place_m: float) -> Target:
-        base = self._base.at(place_m)
+    def find_target(self, place_m: float) -> Target:
+        base = self._base.find_target(place_m)
         if base.source is not TargetSource.MAP or base.rate_kg_ha <= 0.0:
             return base
-        seen = self._canopy.at(place_m)
+        seen = self._canopy.find_target(place_m)
         if seen.source is not TargetSource.CANOPY:
             return base
         return Target(
-            self._around.held(base.rate_kg_ha, seen.rate_kg_ha), TargetSource.MAP_AND_CANOPY
+            self._around.limit_rate(base.rate_kg_ha, seen.rate_kg_ha), TargetSource.MAP_AND_CANOPY
         )
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
+    def find_next_change(
+        self, after_m: float, before_m: float, holding: Target
+    ) -> TargetChange | None:
         """Returns the first place at which either profile changes and the combined target
         differs from the one in force."""
         place: float | None = after_m
         while place is not None and place <= before_m:
-            target = self.at(place)
+            target = self.find_target(place)
             if target != holding:
                 return TargetChange(place, target)
-            place = self._next_edge(place, before_m)
+            place = self._find_next_edge(place, before_m)
         return None
 
-    def _next_edge(self, after_m: float, before_m: float) -> float | None:
+    def _find_next_edge(self, after_m: float, before_m: float) -> float | None:
         changes = [
-            one.next_change(after_m, before_m, one.at(after_m))
+            one.find_next_change(after_m, before_m, one.find_target(after_m))
             for one in (self._base, self._canopy)
         ]
         places = [

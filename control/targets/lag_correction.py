@@ -15,22 +15,22 @@ from typing import NamedTuple, Protocol
 
 from topdress.control.machine.change_lag import Lag
 
-from .profile import Profile, Target, TargetChange
+from .profile import Target, TargetChange, TargetProfile
 
 
-class Reach(Protocol):
+class LookAheadReach(Protocol):
     """Returns how far ahead a change must be made at the present speed: the queue asks, the loop
     answers."""
 
     # Beyond this distance no change is looked for, m.
-    farthest_m: float
+    max_reach_m: float
 
-    def lag(self, before: Target, change: TargetChange) -> Lag: ...
+    def find_lag(self, before: Target, change: TargetChange) -> Lag: ...
 
-    def distance_m(self, lag: Lag) -> float: ...
+    def find_distance_m(self, lag: Lag) -> float: ...
 
 
-class Fired(NamedTuple):
+class FiredChange(NamedTuple):
     """Holds a change that was made: when, its place, the targets before and after, and where the
     outlet was."""
 
@@ -50,24 +50,28 @@ class ChangeQueue:
         # Changes up to this place have been made, m.
         self.fired_to_m = float("-inf")
 
-    def restart(self, target: Target, place_m: float) -> None:
+    def restart_queue(self, target: Target, place_m: float) -> None:
         """Starts anew with the target that holds at `place_m`, as at the start of a pass or with
         another source."""
         self.holding = target
         self.fired_to_m = place_m
 
-    def advance(self, profile: Profile, now_s: float, track_m: float, reach: Reach) -> list[Fired]:
+    def fire_changes(
+        self, profile: TargetProfile, now_s: float, track_m: float, reach: LookAheadReach
+    ) -> list[FiredChange]:
         """Makes every change whose distance is at most its lag distance, in order, each once."""
-        fired: list[Fired] = []
+        fired: list[FiredChange] = []
         while True:
-            change = profile.next_change(
-                max(self.fired_to_m, track_m), track_m + reach.farthest_m, self.holding
+            change = profile.find_next_change(
+                max(self.fired_to_m, track_m), track_m + reach.max_reach_m, self.holding
             )
             if change is None:
                 return fired
-            lag = reach.lag(self.holding, change)
-            if change.place_m - track_m > reach.distance_m(lag):
+            lag = reach.find_lag(self.holding, change)
+            if change.place_m - track_m > reach.find_distance_m(lag):
                 return fired
-            fired.append(Fired(now_s, change.place_m, self.holding, change.target, track_m, lag))
+            fired.append(
+                FiredChange(now_s, change.place_m, self.holding, change.target, track_m, lag)
+            )
             self.holding = change.target
             self.fired_to_m = change.place_m

@@ -10,9 +10,9 @@ import shapely
 from topdress.control.field.boundary import Boundary
 from topdress.control.geodesy import TangentPlane
 
-from .prescription import LEAST_M2, MapData, fields_on, ground_of
+from .prescription import MIN_GROUND_M2, MapData, find_rated_ground, project_fields
 
-HECTARE_M2 = 10_000.0
+M2_PER_HA = 10_000.0
 
 
 class MapCheck(NamedTuple):
@@ -40,7 +40,7 @@ class MapCheck(NamedTuple):
     swapped: bool = False
 
 
-def map_check(
+def check_map(
     data: MapData,
     limit_kg_ha: float | None = None,
     field: Boundary | None = None,
@@ -58,19 +58,19 @@ def map_check(
     Raises
     ------
     ValueError : in one line, where a field's outline of the map is unusable."""
-    plane = plane or data.plane()
-    ground = ground_of(data, plane)
+    plane = plane or data.make_plane()
+    ground = find_rated_ground(data, plane)
     shape = (
-        shapely.union_all([one.shape for one in fields_on(data, plane)])
+        shapely.union_all([one.shape for one in project_fields(data, plane)])
         if data.fields_deg
         else None
     )
     if field is not None:
         shape = field.shape if shape is None else shapely.intersection(shape, field.shape)
-    inside_m2 = ground.areas_m2 if shape is None else ground.inside_m2(shape)
+    inside_m2 = ground.areas_m2 if shape is None else ground.calc_areas_inside_m2(shape)
     mapped = float(ground.areas_m2.sum())
     inside = float(inside_m2.sum())
-    here = inside_m2 > LEAST_M2
+    here = inside_m2 > MIN_GROUND_M2
     above = (
         here & (ground.rates > limit_kg_ha)
         if limit_kg_ha is not None
@@ -82,29 +82,29 @@ def map_check(
         min(limit, data.fallbacks.outside_kg_ha),
         min(limit, data.fallbacks.default_kg_ha),
     )
-    away_m = 0.0 if shape is None or here.any() else ground.away_m(shape)
+    away_m = 0.0 if shape is None or here.any() else ground.calc_distance_m(shape)
     return MapCheck(
-        mapped / HECTARE_M2,
-        None if shape is None else float(shape.area) / HECTARE_M2,
-        max(0.0, mapped - inside) / HECTARE_M2,
-        0.0 if shape is None else max(0.0, float(shape.area) - inside) / HECTARE_M2,
+        mapped / M2_PER_HA,
+        None if shape is None else float(shape.area) / M2_PER_HA,
+        max(0.0, mapped - inside) / M2_PER_HA,
+        0.0 if shape is None else max(0.0, float(shape.area) - inside) / M2_PER_HA,
         away_m,
-        ground.overlap_m2 / HECTARE_M2,
+        ground.overlap_m2 / M2_PER_HA,
         limit_kg_ha,
-        float(inside_m2[above].sum()) / HECTARE_M2,
-        float((inside_m2[above] * over).sum()) / HECTARE_M2,
+        float(inside_m2[above].sum()) / M2_PER_HA,
+        float((inside_m2[above] * over).sum()) / M2_PER_HA,
         float(ground.rates[here].max()) if here.any() else 0.0,
         0.0 if field is not None else outside,
         default if data.fields_deg else outside,
         outside,
-        away_m > 0.0 and field is not None and _swapped_on(data, plane, field),
+        away_m > 0.0 and field is not None and _is_swapped(data, plane, field),
     )
 
 
-def _swapped_on(data: MapData, plane: TangentPlane, field: Boundary) -> bool:
+def _is_swapped(data: MapData, plane: TangentPlane, field: Boundary) -> bool:
     """Returns whether the map lies on the field once latitude and longitude are exchanged."""
     south, west, north, east = data.box_deg
     if max(abs(west), abs(east)) > 90.0:
         return False
-    low, high = plane.to_m(west, south), plane.to_m(east, north)
+    low, high = plane.project_to_m(west, south), plane.project_to_m(east, north)
     return bool(field.shape.intersects(shapely.box(*low, *high)))

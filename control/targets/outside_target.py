@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from topdress.control.orders import TargetSource
-from topdress.control.readings import Reading, is_fresh
-from topdress.control.targets.profile import Everywhere, Target
+from topdress.control.readings import Reading, is_reading_fresh
+from topdress.control.targets.profile import ConstantProfile, Target
 
 # Flow begins at this speed, m/s (`SafetyLimits.start_speed_mps`): a target that arrives while the
 # machine stands is judged by it.
 JUDGED_FROM_MPS = 0.5
 
 
-class OutsideTarget:
+class ExternalTarget:
     """Holds the newest target of another display.
 
     A display stops sending where it leaves its field. So a last target of 0, or below the
@@ -35,14 +35,14 @@ class OutsideTarget:
         self._heard_s: float | None = None
         self._wants_nothing = False
         self.speaks = False
-        self.profile = self._silent_profile()
+        self.profile = self._make_silent_profile()
 
     @property
     def silent_rate_kg_ha(self) -> float:
         """Returns the rate while the display is silent, by its last target."""
         return 0.0 if self._wants_nothing else self._silent_rate_kg_ha
 
-    def hear(self, wanted: Reading | None, now_s: float, speed_mps: float) -> None:
+    def take_reading(self, wanted: Reading | None, now_s: float, speed_mps: float) -> None:
         """Takes the display's newest target, kg/ha, however old.
 
         Parameters
@@ -50,21 +50,21 @@ class OutsideTarget:
         wanted : None where the display never sent any.
         now_s : time of this tick, s.
         speed_mps : ground speed, m/s; 0 where it is unknown."""
-        self.speaks = wanted is not None and is_fresh(wanted.time_s, now_s, self._holds_s)
+        self.speaks = wanted is not None and is_reading_fresh(wanted.time_s, now_s, self._holds_s)
         if wanted is None or not self.speaks:
-            self.profile = self._silent_profile()
+            self.profile = self._make_silent_profile()
             return
         if wanted.time_s != self._heard_s:
             self._heard_s = wanted.time_s
             least_kg_ha = self._least_rate_kg_ha(max(JUDGED_FROM_MPS, speed_mps))
             self._wants_nothing = wanted.value <= least_kg_ha
-        self.profile = Everywhere(Target(wanted.value, TargetSource.EXTERNAL))
+        self.profile = ConstantProfile(Target(wanted.value, TargetSource.EXTERNAL))
 
     def forbid_flow_in_silence(self) -> None:
         """Forbids flow until the display sends again, because its last target is not known any
         more."""
         self._wants_nothing = True
-        self.profile = self._silent_profile()
+        self.profile = self._make_silent_profile()
 
-    def _silent_profile(self) -> Everywhere:
-        return Everywhere(Target(self.silent_rate_kg_ha, TargetSource.FALLBACK))
+    def _make_silent_profile(self) -> ConstantProfile:
+        return ConstantProfile(Target(self.silent_rate_kg_ha, TargetSource.FALLBACK))

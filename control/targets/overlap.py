@@ -10,25 +10,25 @@ import numpy as np
 from topdress.control.field.cells import offset_places
 from topdress.control.field.coverage import Coverage, Covered, Raster
 from topdress.control.field.ground_trace import GroundTrace
-from topdress.control.geodesy import Place, direction
+from topdress.control.geodesy import Place, find_unit_vector
 
 # Edges are looked for this far ahead, m: 4 s at 3.3 m/s and a margin.
-LOOK_M = 16.0
+LOOK_AHEAD_M = 16.0
 # Spacing of the places that are looked at, m.
-STEP_M = 0.25
+LOOK_STEP_M = 0.25
 # Share of the outlets over done ground from which the whole machine counts as over it.
-SHARE = 0.8
+DONE_OUTLET_SHARE = 0.8
 # Shorter stretches, done or not, are cut corners, m.
-SHORTEST_M = 0.5
+MIN_STRETCH_M = 0.5
 # A longer way in one tick is a jump of the position, m.
-LONGEST_M = 5.0
+MAX_TICK_WAY_M = 5.0
 # A heading this close to that of the last look is the same, degrees.
-SAME_DEG = 1.0
+SAME_HEADING_DEG = 1.0
 # An edge this close to the place of a change that was made is that change, m.
-SAME_M = 2.0
+SAME_EDGE_M = 2.0
 
 
-class Overlap:
+class DoneGroundAhead:
     """Finds the done ground along the way ahead; it looks anew after every step of the way and
     in turns.
 
@@ -44,7 +44,7 @@ class Overlap:
         self._aside = (
             np.arange(outlets) + 0.5
         ) / outlets * coverage.width_m - 0.5 * coverage.width_m
-        self._ahead = np.arange(0.0, LOOK_M, STEP_M)
+        self._ahead = np.arange(0.0, LOOK_AHEAD_M, LOOK_STEP_M)
         # Whether the place of the last look is done.
         self._done_here = False
         # From START until ground without material is reached.
@@ -53,13 +53,13 @@ class Overlap:
         self._looked: tuple[float, float] | None = None
         # Landing time, s, and whether material was released.
         self._falling: deque[tuple[float, bool | Sequence[bool]]] = deque()
-        self._lands: bool | Sequence[bool] = coverage.nothing
+        self._lands: bool | Sequence[bool] = coverage.no_flow
 
     @property
-    def covered(self) -> Covered:
-        return self.coverage.covered
+    def covered_area(self) -> Covered:
+        return self.coverage.covered_area
 
-    def note(
+    def record_release(
         self,
         now_s: float,
         place: Place | None,
@@ -78,26 +78,26 @@ class Overlap:
         self._track_m = track_m
         return self._trace.pass_over(place, heading_deg, self._lands, way_m)
 
-    def seed(self, ground: Raster, ours: bool = True) -> None:
+    def add_earlier_ground(self, ground: Raster, ours: bool = True) -> None:
         """Adds the ground that an earlier part of the job, or another machine (not ours), has
         done. START does not release it; only the job's `no_double` does."""
-        self.coverage.seed(ground, ours)
+        self.coverage.add_earlier_ground(ground, ours)
         self._looked = None
 
-    def earlier(self, place: Place) -> bool:
+    def is_done_earlier(self, place: Place) -> bool:
         """Returns whether an earlier part of the job has spread here."""
-        return bool(self.coverage.applied_earlier([place])[0])
+        return bool(self.coverage.find_covered_earlier([place])[0])
 
-    def moved(self) -> None:
+    def forget_view(self) -> None:
         """Forgets what was seen ahead, because the position has jumped."""
         self.places_m, self._looked = [], None
 
-    def started(self) -> None:
+    def record_start(self) -> None:
         """Releases the ground under the machine that was done in this run, because the operator
         wants flow from here on."""
         self._wanted_here, self._looked = True, None
 
-    def look(
+    def look_ahead(
         self, track_m: float, place: Place | None, heading_deg: float | None, fired_to_m: float
     ) -> None:
         """Looks from the outlets straight ahead. An edge up to `fired_to_m`, where changes have
@@ -107,34 +107,34 @@ class Overlap:
             return
         if (
             self._looked is not None
-            and abs(track_m - self._looked[0]) < STEP_M
-            and abs((heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_DEG
+            and abs(track_m - self._looked[0]) < LOOK_STEP_M
+            and abs((heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_HEADING_DEG
         ):
             return
         self._looked = track_m, heading_deg
-        over = self._over(place, heading_deg, earlier=False)
+        over = self._find_done_steps(place, heading_deg, earlier=False)
         if self._wanted_here:
             ends = np.flatnonzero(~over)
             self._wanted_here = bool(over[0])
             meant = slice(int(ends[0]) if len(ends) else len(over))
-            over[meant] = self._over(place, heading_deg, earlier=True)[meant]
+            over[meant] = self._find_done_steps(place, heading_deg, earlier=True)[meant]
         self._done_here = bool(over[0])
-        seen = (track_m + STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
+        seen = (track_m + LOOK_STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
         made = [known for known in self.places_m if known <= fired_to_m]
         self.places_m = [
-            next((old for old in made if abs(old - edge) < SAME_M), edge) for edge in seen
+            next((old for old in made if abs(old - edge) < SAME_EDGE_M), edge) for edge in seen
         ]
 
-    def inside(self, place_m: float) -> bool:
+    def is_inside(self, place_m: float) -> bool:
         """Returns whether a place of the track may get material, because it has none yet."""
         crossed = [edge for edge in self.places_m if edge <= place_m]
         return self._done_here == (len(crossed) % 2 == 1)
 
-    def _over(self, place: Place, heading_deg: float, earlier: bool) -> np.ndarray:
+    def _find_done_steps(self, place: Place, heading_deg: float, earlier: bool) -> np.ndarray:
         """Returns for each step ahead (k,) whether the machine would be over done ground.
         earlier: done by an earlier run."""
-        course = direction(heading_deg)
-        done = self.coverage.done_ahead(place, course, self._ahead, self._aside, earlier)
+        course = find_unit_vector(heading_deg)
+        done = self.coverage.count_done_ahead(place, course, self._ahead, self._aside, earlier)
         if done is None:
             places = np.empty((len(self._ahead), len(self._aside), 2))
             places[..., 0] = offset_places(
@@ -143,13 +143,13 @@ class Overlap:
             places[..., 1] = offset_places(
                 place[1], self._ahead[:, None], course[1], -self._aside, course[0]
             )
-            asked = self.coverage.applied_earlier if earlier else self.coverage.applied
+            asked = self.coverage.find_covered_earlier if earlier else self.coverage.find_covered
             done = asked(places.reshape(-1, 2)).reshape(places.shape[:2]).sum(axis=1)
-        over = done / len(self._aside) >= SHARE
-        return without_short(over, round(SHORTEST_M / STEP_M))
+        over = done / len(self._aside) >= DONE_OUTLET_SHARE
+        return merge_short_runs(over, round(MIN_STRETCH_M / LOOK_STEP_M))
 
 
-def without_short(flags: np.ndarray, least: int) -> np.ndarray:
+def merge_short_runs(flags: np.ndarray, least: int) -> np.ndarray:
     """Merges runs of less than `least` equal values (k,) into the run before; the first run
     stays."""
     begins = (np.flatnonzero(flags[1:] != flags[:-1]) + 1).tolist()

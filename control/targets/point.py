@@ -30,13 +30,13 @@ class PointLag(NamedTuple):
         """Returns the sum of the four parts, s."""
         return self.vision_s + self.link_s + self.turn_s + self.fall_s
 
-    def distance_m(self, speed_mps: float) -> float:
+    def find_distance_m(self, speed_mps: float) -> float:
         """Returns the lag distance L_d, m (eq 5). A falling dose keeps the machine's speed, so
         that every part counts with the same v."""
         return speed_mps * self.total_s
 
 
-def point_lag(
+def calc_point_lag(
     turn_deg: float, shaft_rpm: float, fall_m: float, vision_s: float = 0.0, link_s: float = 0.8
 ) -> PointLag:
     """Returns the lag of a dose of `turn_deg` at a shaft speed, r/min.
@@ -55,7 +55,7 @@ def point_lag(
 
 
 @dataclass(frozen=True)
-class Learning:
+class ThresholdLearning:
     """Holds the speed of learning: prior standard deviations of the threshold's parts, that of a
     dose's error, and the memory in doses."""
 
@@ -68,25 +68,25 @@ class Learning:
     outlier_sd: float = 4.0
 
 
-class Threshold:
+class DoseThreshold:
     """Learns the threshold T = a + b v by recursive least squares from measured errors (landing
     place minus plant, late positive)."""
 
-    def __init__(self, learning: Learning | None = None) -> None:
-        self._how = learning or Learning()
+    def __init__(self, learning: ThresholdLearning | None = None) -> None:
+        self._how = learning or ThresholdLearning()
         self.offset_m = 0.0
         self.delay_s = 0.0
         self.doses = 0
         # Variance of the offset, covariance, variance of the delay.
         self._p = (self._how.offset_sd_m**2, 0.0, self._how.delay_sd_s**2)
 
-    def at(self, speed_mps: float) -> float:
+    def find_threshold_m(self, speed_mps: float) -> float:
         """Returns the threshold at a speed, m. It is added to the lag distance, so that a dose
         that landed late is commanded earlier."""
         most = self._how.most_m
         return min(most, max(-most, self.offset_m + self.delay_s * speed_mps))
 
-    def learn(self, error_m: float, speed_mps: float, threshold_m: float) -> None:
+    def learn_error(self, error_m: float, speed_mps: float, threshold_m: float) -> None:
         """Learns from one measured dose: its error, its speed and the threshold that it was
         commanded with. Outliers weigh less."""
         a, c, b = self._p
@@ -109,7 +109,7 @@ class Threshold:
         self.doses += 1
 
 
-class Dose(NamedTuple):
+class PlannedDose(NamedTuple):
     """Orders one turn of the shaft by the dose's angle, `in_s` from now: commands are sent on
     ticks, plants stand anywhere."""
 
@@ -122,7 +122,7 @@ class Dose(NamedTuple):
     speed_mps: float
 
 
-class Missed(NamedTuple):
+class MissedPlant(NamedTuple):
     """Holds a plant that got no dose, and why: `busy` (the shaft turns for the plant before) or
     `passed` (seen too late)."""
 
@@ -137,7 +137,7 @@ class PointMode:
         self,
         lag: PointLag,
         row: PlantRow,
-        threshold: Threshold | None = None,
+        threshold: DoseThreshold | None = None,
         latest_m: float = 0.08,
         rest_s: float = 0.0,
     ) -> None:
@@ -145,7 +145,7 @@ class PointMode:
         m; rest_s: pause of the shaft between doses."""
         self.lag = lag
         self.row = row
-        self.threshold = threshold or Threshold()
+        self.threshold = threshold or DoseThreshold()
         self._latest_m = latest_m
         self.rest_s = rest_s
         self._done_to_m = float("-inf")
@@ -158,18 +158,18 @@ class PointMode:
         """Returns the place up to which plants are dosed or missed, m."""
         return self._done_to_m
 
-    def tick(
+    def plan_doses(
         self, now_s: float, track_m: float, speed_mps: float, period_s: float
-    ) -> tuple[list[Dose], list[Missed]]:
+    ) -> tuple[list[PlannedDose], list[MissedPlant]]:
         """Returns the doses whose moment comes before the next tick, and the plants that can no
         longer be met."""
-        doses: list[Dose] = []
-        missed: list[Missed] = []
+        doses: list[PlannedDose] = []
+        missed: list[MissedPlant] = []
         if speed_mps <= 0.0:
             return doses, missed
-        threshold = self.threshold.at(speed_mps)
-        reach = self.lag.distance_m(speed_mps) + threshold
-        while (plant := self.row.after(self._done_to_m)) is not None:
+        threshold = self.threshold.find_threshold_m(speed_mps)
+        reach = self.lag.find_distance_m(speed_mps) + threshold
+        while (plant := self.row.find_next_m(self._done_to_m)) is not None:
             in_s = (plant - track_m - reach) / speed_mps
             if in_s >= period_s:
                 break
@@ -178,17 +178,17 @@ class PointMode:
             wait_m = max(0.0, self._free_s - begin) * speed_mps
             self._done_to_m = plant
             if late_m + wait_m > self._latest_m:
-                missed.append(Missed(plant, "busy" if wait_m > late_m else "passed"))
+                missed.append(MissedPlant(plant, "busy" if wait_m > late_m else "passed"))
                 continue
             begin = max(begin, self._free_s)
             self._free_s = begin + self.lag.turn_s + self.rest_s
-            doses.append(Dose(plant, begin - now_s, late_m + wait_m, threshold, speed_mps))
+            doses.append(PlannedDose(plant, begin - now_s, late_m + wait_m, threshold, speed_mps))
         self.doses += len(doses)
         self.missed += len(missed)
         return doses, missed
 
 
-def fastest_mps(spacing_m: float, turn_s: float, rest_s: float = 0.0) -> float:
+def calc_max_speed_mps(spacing_m: float, turn_s: float, rest_s: float = 0.0) -> float:
     """Returns the ground speed above which doses are missed, m/s: one dose must end before the
     next begins.
 

@@ -13,20 +13,20 @@ from topdress.control.geodesy import Place, TangentPlane
 from topdress.control.readings import DoseOrder, PlantSeen
 
 from .plants import PlantList, PlantRow, SeenPlant
-from .point import Dose, PointLag, PointMode, fastest_mps
+from .point import PlannedDose, PointLag, PointMode, calc_max_speed_mps
 
 # Plants are looked for this far beyond the lag distance, m.
-LOOK_M = 2.0
+LOOK_BEYOND_LAG_M = 2.0
 # After a turn by this, degrees, plants that were ahead are forgotten.
-TURNED_DEG = 20.0
+FORGET_TURN_DEG = 20.0
 # Length of the way behind that is kept to place earlier pictures, m.
-KEEP_M = 20.0
+WAY_KEPT_M = 20.0
 # The shaft stands this long after the time of a dose, s.
-SETTLES_S = 0.5
+SHAFT_SETTLING_S = 0.5
 # A dose farther from its plant was meant for another one, m.
-FARTHEST_DOSE_M = 2.0
+MAX_DOSE_ERROR_M = 2.0
 # Number of doses whose mean spacing is used.
-SPACINGS = 20
+SPACING_DOSES = 20
 
 
 class CommandedDose(NamedTuple):
@@ -48,14 +48,14 @@ class DoseError(NamedTuple):
     threshold_m: float = 0.0
 
 
-class Due(NamedTuple):
+class DueDose(NamedTuple):
     """Holds the result of one tick: at most one dose, and the reasons why plants were missed."""
 
     dose: DoseOrder | None
     missed: tuple[str, ...]
 
 
-NOTHING = Due(None, ())
+NO_DOSE = DueDose(None, ())
 
 
 class PointSource:
@@ -87,9 +87,9 @@ class PointSource:
         self._half_width_m = half_width_m
         self._learn = learn
         for one in measured if learn else ():
-            self.mode.threshold.learn(one.error_m, one.speed_mps, one.threshold_m)
+            self.mode.threshold.learn_error(one.error_m, one.speed_mps, one.threshold_m)
         self._busy_s = lag.turn_s + rest_s
-        self._waiting: deque[tuple[float, Dose]] = deque()
+        self._waiting: deque[tuple[float, PlannedDose]] = deque()
         self._free_s = float("-inf")
         self._looked_deg: float | None = None
         # Time, s, and track, m, of recent ticks.
@@ -103,17 +103,17 @@ class PointSource:
     @property
     def spacing_m(self) -> float | None:
         """Returns the mean distance between the last doses, m; None before the second."""
-        last = list(self.given)[-SPACINGS:]
+        last = list(self.given)[-SPACING_DOSES:]
         return (last[-1].plant_m - last[0].plant_m) / (len(last) - 1) if len(last) > 1 else None
 
     @property
-    def fastest_mps(self) -> float:
+    def max_speed_mps(self) -> float:
         """Returns the ground speed above which doses are missed, by the spacing of the plants
         now known; infinity before the third plant."""
         places = self.row.places_m
         if len(places) < 3:
             return float("inf")
-        return fastest_mps(
+        return calc_max_speed_mps(
             float(np.median(np.diff(places))), self.mode.lag.turn_s, self.mode.rest_s
         )
 
@@ -121,14 +121,14 @@ class PointSource:
         """Returns whether an ordered dose may still be turning."""
         return (
             bool(self.given)
-            and now_s < self.given[-1].time_s + self.lag.link_s + self.lag.turn_s + SETTLES_S
+            and now_s < self.given[-1].time_s + self.lag.link_s + self.lag.turn_s + SHAFT_SETTLING_S
         )
 
-    def reach_m(self, speed_mps: float) -> float:
+    def find_reach_m(self, speed_mps: float) -> float:
         """Returns how far ahead a dose commanded now falls, m: lag distance and threshold."""
-        return self.lag.distance_m(speed_mps) + self.mode.threshold.at(speed_mps)
+        return self.lag.find_distance_m(speed_mps) + self.mode.threshold.find_threshold_m(speed_mps)
 
-    def look(
+    def look_for_plants(
         self,
         now_s: float,
         track_m: float,
@@ -140,33 +140,36 @@ class PointSource:
         """Takes the plants ahead of the outlet. Nothing is taken where `place` is None (unknown,
         or turning). After a large change of heading the plants not yet dosed are forgotten."""
         self._way.append((now_s, track_m))
-        while len(self._way) > 2 and self._way[1][1] < track_m - KEEP_M:
+        while len(self._way) > 2 and self._way[1][1] < track_m - WAY_KEPT_M:
             self._way.popleft()
         fixed = self.mode.fixed_to_m
         if (
             heading_deg is not None
             and self._looked_deg is not None
-            and abs((heading_deg - self._looked_deg + 180.0) % 360.0 - 180.0) > TURNED_DEG
+            and abs((heading_deg - self._looked_deg + 180.0) % 360.0 - 180.0) > FORGET_TURN_DEG
         ):
-            self.row.only([], max(fixed, track_m), float("inf"))
+            self.row.drop_unseen([], max(fixed, track_m), float("inf"))
         if place is None or heading_deg is None:
             return
         self._looked_deg = heading_deg
         if self._plants is None:
-            self.row.look(
-                [SeenPlant(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed
+            self.row.add_plants(
+                [SeenPlant(self._find_track_m(plant.time_s), plant.ahead_m) for plant in seen],
+                fixed,
             )
         else:
-            farthest = self.reach_m(speed_mps) + LOOK_M
+            farthest = self.find_reach_m(speed_mps) + LOOK_BEYOND_LAG_M
             ahead = [
                 SeenPlant(track_m, d)
-                for d in self._plants.ahead_m(place, heading_deg, farthest, self._half_width_m)
+                for d in self._plants.find_plants_ahead_m(
+                    place, heading_deg, farthest, self._half_width_m
+                )
             ]
-            self.row.only(ahead, max(fixed, track_m), track_m + farthest)
-            self.row.look(ahead, fixed, newer=0.1)
-        self.row.forget(track_m - KEEP_M)
+            self.row.drop_unseen(ahead, max(fixed, track_m), track_m + farthest)
+            self.row.add_plants(ahead, fixed, newer=0.1)
+        self.row.forget_behind(track_m - WAY_KEPT_M)
 
-    def tick(
+    def find_due_dose(
         self,
         now_s: float,
         track_m: float,
@@ -174,7 +177,7 @@ class PointSource:
         period_s: float,
         may_flow: bool,
         at_work: bool,
-    ) -> Due:
+    ) -> DueDose:
         """Returns the dose of this tick. Where flow is not allowed its plant is missed; out of
         work it is skipped."""
         half = 0.5 * period_s
@@ -182,13 +185,13 @@ class PointSource:
         if period_s > 0.0:
             busy_s = math.ceil(self._busy_s / period_s - 1e-6) * period_s
             self.mode.rest_s = busy_s - self.lag.turn_s
-        doses, missed = self.mode.tick(
+        doses, missed = self.mode.plan_doses(
             now_s - half, track_m - half * speed_mps, speed_mps, period_s
         )
         self._waiting.extend((now_s - half + dose.in_s, dose) for dose in doses)
         if not at_work:
             self._waiting.clear()
-            return NOTHING
+            return NO_DOSE
         why = [miss.why for miss in missed]
         order = None
         if not may_flow:
@@ -205,19 +208,19 @@ class PointSource:
             )
             order = self.dose
         self.missed += len(why)
-        return Due(order, tuple(why))
+        return DueDose(order, tuple(why))
 
-    def learn(self, error_m: float, now_s: float) -> bool:
+    def learn_dose_error(self, error_m: float, now_s: float) -> bool:
         """Takes an error measured now on the newest dose that has landed, late positive; False
         where there is none."""
         landed = next((given for given in reversed(self.given) if given.lands_s <= now_s), None)
         if landed is None:
             return False
         if self._learn:
-            self.mode.threshold.learn(error_m, landed.speed_mps, landed.threshold_m)
+            self.mode.threshold.learn_error(error_m, landed.speed_mps, landed.threshold_m)
         return True
 
-    def _track_at(self, time_s: float) -> float:
+    def _find_track_m(self, time_s: float) -> float:
         """Returns the track place of the outlet when a picture was taken, m."""
         later_s, later_m = self._way[-1]
         for at_s, at_m in reversed(self._way):

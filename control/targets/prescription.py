@@ -11,21 +11,21 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from topdress.control.field.boundary import Boundary
-from topdress.control.geodesy import Place, TangentPlane, direction
+from topdress.control.geodesy import Place, TangentPlane, find_unit_vector
 from topdress.control.orders import TargetSource
 
 from .profile import Target
-from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg, polygons
+from .rate_map import Floats, GridMap, RateMap, ZoneMap, make_frame_deg, make_polygons
 
 # A shorter stretch is a cut corner, passed before a drive has answered, m.
-SHORTEST_M = 0.25
+MIN_STRETCH_M = 0.25
 # Probed places on a side: 10 m apart in a field of 1 km.
-PROBES = 100
+PROBES_PER_SIDE = 100
 # Smaller ground is rounding of corners, m2.
-LEAST_M2 = 0.01
-LEAST_DEG2 = LEAST_M2 / 111_200.0**2
+MIN_GROUND_M2 = 0.01
+MIN_GROUND_DEG2 = MIN_GROUND_M2 / 111_200.0**2
 # Shorter ground without a rate between ground with rates is a sliver between polygons, m.
-GAP_M = 0.5
+MIN_GAP_M = 0.5
 
 
 class Fallbacks(NamedTuple):
@@ -104,7 +104,7 @@ class MapData:
         (south, west), (north, east) = corners.min(axis=0), corners.max(axis=0)
         return float(south), float(west), float(north), float(east)
 
-    def plane(self) -> TangentPlane:
+    def make_plane(self) -> TangentPlane:
         """Returns the plane that touches the earth in the middle of the map."""
         south, west, north, east = self.box_deg
         return TangentPlane(0.5 * (south + north), 0.5 * (west + east))
@@ -135,18 +135,18 @@ class Prescription:
         """Returns the cell size of its rates, m (`RateMap`)."""
         return self._rates.cell_m
 
-    def at(self, place: Place) -> Target:
+    def find_target(self, place: Place) -> Target:
         """Returns the target at a place of the plane, m; `lost` where the place is not finite."""
-        return self.targets_at([place])[0]
+        return self.find_targets([place])[0]
 
-    def targets_at(self, places: npt.ArrayLike) -> list[Target]:
+    def find_targets(self, places: npt.ArrayLike) -> list[Target]:
         """Returns the targets at places (n, 2), m."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
-        rates = self._rates.rates_at(points)
+        rates = self._rates.find_rates(points)
         known = np.isfinite(points[:, 0] + points[:, 1])
         inside = np.full(len(points), not self._fields, dtype=np.bool_)
         for field in self._fields:
-            np.logical_or(inside, field.many_inside(points), out=inside)
+            np.logical_or(inside, field.contains_places(points), out=inside)
         found = []
         for k, rate in enumerate(rates.tolist()):
             if not known[k]:
@@ -162,36 +162,49 @@ class Prescription:
         """Returns the rate outside its fields, and where it has none, outside its ground."""
         return self.fallbacks.outside_kg_ha
 
-    def away_m(self, place: Place) -> float:
+    def calc_distance_m(self, place: Place) -> float:
         """Returns the distance of a place from the map, m: from its ground with a rate or one of
         its fields; 0 on it."""
-        return min([self._rates.away_m(place), *(field.away_m(place) for field in self._fields)])
+        return min(
+            [
+                self._rates.calc_distance_m(place),
+                *(field.calc_distance_m(place) for field in self._fields),
+            ]
+        )
 
     def has_rate_in(self, field: Boundary) -> bool:
         """Returns whether the map has a rate somewhere in a field, probed on a raster of
         `PROBES` by `PROBES` places."""
         west, south, east, north = field.shape.bounds
         places = np.stack(
-            np.meshgrid(np.linspace(west, east, PROBES), np.linspace(south, north, PROBES)), axis=-1
+            np.meshgrid(
+                np.linspace(west, east, PROBES_PER_SIDE), np.linspace(south, north, PROBES_PER_SIDE)
+            ),
+            axis=-1,
         ).reshape(-1, 2)
-        return bool(np.isfinite(self._rates.rates_at(places[field.many_inside(places)])).any())
+        return bool(
+            np.isfinite(self._rates.find_rates(places[field.contains_places(places)])).any()
+        )
 
-    def ahead(self, start: Place, heading_deg: float, farthest_m: float) -> list[TargetAhead]:
+    def find_targets_ahead(
+        self, start: Place, heading_deg: float, farthest_m: float
+    ) -> list[TargetAhead]:
         """Returns the targets along a straight line from `start`, the first from 0 m on; each
         differs from the one before.
 
         A target begins where the line crosses the edge of a cell or zone, or of the field, which
         cuts the border cells (lag paper, eq 4 and 5, by vectors). Stretches below SHORTEST_M and
         gaps below GAP_M are divided between their neighbours."""
-        meets = [self._rates.crossings_m(start, heading_deg, farthest_m)]
+        meets = [self._rates.find_crossings_m(start, heading_deg, farthest_m)]
         meets += [
-            np.array(field.crossings_m(*start, heading_deg, farthest_m)) for field in self._fields
+            np.array(field.find_crossings_m(*start, heading_deg, farthest_m))
+            for field in self._fields
         ]
         edges = np.concatenate(([0.0], np.unique(np.concatenate(meets)), [farthest_m]))
         edges = edges[np.append(True, np.diff(edges) > 0.0)]
         middles = 0.5 * (edges[:-1] + edges[1:])
-        targets = self.targets_at(
-            np.asarray(start) + middles[:, None] * np.asarray(direction(heading_deg))
+        targets = self.find_targets(
+            np.asarray(start) + middles[:, None] * np.asarray(find_unit_vector(heading_deg))
         )
         pieces: list[_ZonePiece] = []
         for begin, end, target in zip(
@@ -223,35 +236,36 @@ class _ZonePiece(NamedTuple):
 def _is_sliver(piece: _ZonePiece, between: bool) -> bool:
     """Returns whether a piece is too short to count; a gap in the map counts only where it does
     not lie between two others."""
-    least = GAP_M if between and piece.target.source is TargetSource.FALLBACK else SHORTEST_M
+    least = MIN_GAP_M if between and piece.target.source is TargetSource.FALLBACK else MIN_STRETCH_M
     return piece.end_m - piece.begin_m < least
 
 
-def on_plane(data: MapData, plane: TangentPlane) -> Prescription:
+def project_prescription(data: MapData, plane: TangentPlane) -> Prescription:
     """Projects the prescription to a plane.
 
     Raises
     ------
     ValueError : in one line, where a field's outline is unusable."""
-    return Prescription(rates_on(data, plane), data.fallbacks, fields_on(data, plane))
+    return Prescription(project_rates(data, plane), data.fallbacks, project_fields(data, plane))
 
 
-def _boundary_rings(
+def _project_boundary(
     plane: TangentPlane, rings: Sequence[Floats]
 ) -> tuple[list[Place], list[list[Place]]]:
     outline, *holes = (
-        [(float(e), float(n)) for e, n in plane.many_to_m(ring[:, 0], ring[:, 1])] for ring in rings
+        [(float(e), float(n)) for e, n in plane.project_many_to_m(ring[:, 0], ring[:, 1])]
+        for ring in rings
     )
     return outline, holes
 
 
-def rates_on(data: MapData, plane: TangentPlane) -> RateMap:
+def project_rates(data: MapData, plane: TangentPlane) -> RateMap:
     """Projects the rates of cells or zones to a plane."""
     if data.grid is not None:
         grid = data.grid
         rows, columns = grid.rate_kg_ha.shape
         return GridMap(
-            frame_deg(
+            make_frame_deg(
                 plane,
                 grid.south_deg,
                 grid.west_deg,
@@ -262,15 +276,16 @@ def rates_on(data: MapData, plane: TangentPlane) -> RateMap:
             ),
             grid.rate_kg_ha,
         )
-    return ZoneMap(zone_rings_m(data.zones, plane), [zone.rate_kg_ha for zone in data.zones])
+    return ZoneMap(project_zone_rings(data.zones, plane), [zone.rate_kg_ha for zone in data.zones])
 
 
-def zone_rings_m(zones: Sequence[Zone], plane: TangentPlane) -> list[list[Floats]]:
+def project_zone_rings(zones: Sequence[Zone], plane: TangentPlane) -> list[list[Floats]]:
     """Returns the rings of every zone on the plane, m; all corners are projected at once."""
     flat = [ring for zone in zones for ring in zone.rings_deg]
     corners = np.concatenate(flat)
     places = np.split(
-        plane.many_to_m(corners[:, 0], corners[:, 1]), np.cumsum([len(ring) for ring in flat])[:-1]
+        plane.project_many_to_m(corners[:, 0], corners[:, 1]),
+        np.cumsum([len(ring) for ring in flat])[:-1],
     )
     rings = iter(places)
     return [[next(rings) for _ in zone.rings_deg] for zone in zones]
@@ -284,20 +299,20 @@ class RateShare(NamedTuple):
     mass_kg: float
 
 
-def statistics(data: MapData) -> tuple[RateShare, ...]:
+def calc_rate_shares(data: MapData) -> tuple[RateShare, ...]:
     """Returns area and mass by rate, rising, of the cells or zones themselves (m on their own
     plane).
 
     Ground outside given fields does not count. Where zones overlap, the first one in order
     counts, as it holds there."""
-    plane = data.plane()
-    ground = ground_of(data, plane)
+    plane = data.make_plane()
+    ground = find_rated_ground(data, plane)
     areas = ground.areas_m2
     if data.fields_deg:
-        areas = ground.inside_m2(
-            shapely.union_all([field.shape for field in fields_on(data, plane)])
+        areas = ground.calc_areas_inside_m2(
+            shapely.union_all([field.shape for field in project_fields(data, plane)])
         )
-    counts = areas > LEAST_M2
+    counts = areas > MIN_GROUND_M2
     levels, which = np.unique(ground.rates[counts], return_inverse=True)
     by_rate = np.bincount(which, weights=areas[counts], minlength=len(levels)) / 10_000.0
     return tuple(
@@ -306,9 +321,9 @@ def statistics(data: MapData) -> tuple[RateShare, ...]:
     )
 
 
-def fields_on(data: MapData, plane: TangentPlane) -> tuple[Boundary, ...]:
+def project_fields(data: MapData, plane: TangentPlane) -> tuple[Boundary, ...]:
     """Projects the map's fields. Raises ValueError in one line where an outline is unusable."""
-    return tuple(Boundary(*_boundary_rings(plane, rings)) for rings in data.fields_deg)
+    return tuple(Boundary(*_project_boundary(plane, rings)) for rings in data.fields_deg)
 
 
 class RatedGround(NamedTuple):
@@ -322,55 +337,55 @@ class RatedGround(NamedTuple):
     # This is ground in more than one zone.
     overlap_m2: float
 
-    def _shapes(self) -> npt.NDArray[np.object_]:
+    def _make_shapes(self) -> npt.NDArray[np.object_]:
         return (
             self.shapes
             if self.shapes is not None
             else np.asarray(shapely.polygons(self.rings), dtype=object)
         )
 
-    def inside_m2(self, field: shapely.Geometry) -> Floats:
+    def calc_areas_inside_m2(self, field: shapely.Geometry) -> Floats:
         """Returns the areas (n,) inside a field, m2."""
-        shapes, areas = self._shapes(), self.areas_m2.copy()
+        shapes, areas = self._make_shapes(), self.areas_m2.copy()
         shapely.prepare(field)
         cut = np.flatnonzero(~shapely.contains_properly(field, shapes))
         areas[cut] = shapely.area(shapely.intersection(shapes[cut], field))
         return areas
 
-    def away_m(self, field: shapely.Geometry) -> float:
+    def calc_distance_m(self, field: shapely.Geometry) -> float:
         """Returns the shortest distance between the ground and a field, m."""
-        return float(shapely.distance(self._shapes(), field).min())
+        return float(shapely.distance(self._make_shapes(), field).min())
 
 
-def ground_of(data: MapData, plane: TangentPlane) -> RatedGround:
+def find_rated_ground(data: MapData, plane: TangentPlane) -> RatedGround:
     """Returns where the map has which rate. Of overlapping zones the first one in order holds,
     as in `ZoneMap`."""
     if data.grid is not None:
         rates = data.grid.rate_kg_ha.ravel()
         known = np.isfinite(rates)
-        rings = _cell_rings(data.grid, plane)[known]
-        return RatedGround(rates[known], _ring_areas(rings), None, rings, 0.0)
+        rings = _make_cell_rings(data.grid, plane)[known]
+        return RatedGround(rates[known], _calc_ring_areas(rings), None, rings, 0.0)
     shapes = ZoneMap(
-        zone_rings_m(data.zones, plane), [zone.rate_kg_ha for zone in data.zones]
+        project_zone_rings(data.zones, plane), [zone.rate_kg_ha for zone in data.zones]
     ).shapes
-    own, overlap_m2 = _each_once(shapes)
+    own, overlap_m2 = _subtract_earlier(shapes)
     return RatedGround(
         np.array([zone.rate_kg_ha for zone in data.zones]), shapely.area(own), own, None, overlap_m2
     )
 
 
-def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
+def separate_zones(zones: Sequence[Zone]) -> tuple[Zone, ...]:
     """Returns the zones unchanged where none overlap; else zones of the ground on which each
     holds, in degrees."""
-    shapes = polygons([zone.rings_deg for zone in zones])
-    own, _ = _each_once(shapes, LEAST_DEG2)
+    shapes = make_polygons([zone.rings_deg for zone in zones])
+    own, _ = _subtract_earlier(shapes, MIN_GROUND_DEG2)
     found: list[Zone] = []
     for zone, before, now in zip(zones, shapes, own, strict=True):
         if now is before:
             found.append(zone)
             continue
         for part in shapely.get_parts(now):
-            if part.geom_type == "Polygon" and part.area > LEAST_DEG2:
+            if part.geom_type == "Polygon" and part.area > MIN_GROUND_DEG2:
                 rings = (part.exterior, *part.interiors)
                 found.append(
                     zone._replace(
@@ -380,7 +395,7 @@ def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
     return tuple(found)
 
 
-class Merged(NamedTuple):
+class MergedZones(NamedTuple):
     """Holds merged zones, the largest change of a rate, and the mean size of the change by area."""
 
     zones: tuple[Zone, ...]
@@ -388,7 +403,7 @@ class Merged(NamedTuple):
     mean_kg_ha: float
 
 
-def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
+def merge_zones(zones: Sequence[Zone], step_kg_ha: float) -> MergedZones:
     """Merges zones whose rates round to the same multiple of a step, with their mean rate by
     area, so that the mass stays the same. Ground in several zones belongs to the first.
 
@@ -397,9 +412,9 @@ def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
     ValueError : the step is 0 or less."""
     if not step_kg_ha > 0.0:
         raise ValueError(f"merge {step_kg_ha:g} kg/ha: allowed is above 0")
-    own = apart(zones)
+    own = separate_zones(zones)
     shapes, rates = (
-        polygons([zone.rings_deg for zone in own]),
+        make_polygons([zone.rings_deg for zone in own]),
         np.array([zone.rate_kg_ha for zone in own]),
     )
     areas, levels = shapely.area(shapes), np.round(rates / step_kg_ha)
@@ -407,7 +422,7 @@ def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
     new = np.empty(len(own))
     for level in np.unique(levels):
         here = levels == level
-        rate = float(np.average(rates[here], weights=areas[here] + LEAST_DEG2))
+        rate = float(np.average(rates[here], weights=areas[here] + MIN_GROUND_DEG2))
         new[here] = rate
         parts = [
             part
@@ -424,11 +439,11 @@ def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
             for part in parts
         ]
     change = np.abs(new - rates)
-    return Merged(tuple(found), float(change.max()), float(np.average(change, weights=areas)))
+    return MergedZones(tuple(found), float(change.max()), float(np.average(change, weights=areas)))
 
 
-def _each_once(
-    shapes: npt.NDArray[np.object_], least: float = LEAST_M2
+def _subtract_earlier(
+    shapes: npt.NDArray[np.object_], least: float = MIN_GROUND_M2
 ) -> tuple[npt.NDArray[np.object_], float]:
     """Returns the shapes without ground that an earlier one covers, and the area in more than
     one; an overlap below `least` is ignored."""
@@ -447,13 +462,13 @@ def _each_once(
     return own, float(shapely.area(shapely.union_all(shared))) if shared else 0.0
 
 
-def _cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
+def _make_cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
     """Returns the corners of all cells (rows x columns, 4, 2), row by row, m."""
     rows, columns = grid.rate_kg_ha.shape
     row, column = (
         a.ravel() for a in np.meshgrid(np.arange(rows + 1), np.arange(columns + 1), indexing="ij")
     )
-    corner = plane.many_to_m(
+    corner = plane.project_many_to_m(
         grid.south_deg + row * grid.cell_lat_deg, grid.west_deg + column * grid.cell_lon_deg
     ).reshape(rows + 1, columns + 1, 2)
     return np.stack(
@@ -461,7 +476,7 @@ def _cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
     ).reshape(-1, 4, 2)
 
 
-def _ring_areas(rings: Floats) -> Floats:
+def _calc_ring_areas(rings: Floats) -> Floats:
     """Returns the areas (n,) of four-cornered rings (n, 4, 2) by their diagonals."""
     one, other = rings[:, 2] - rings[:, 0], rings[:, 3] - rings[:, 1]
     return np.asarray(

@@ -23,38 +23,42 @@ class TargetChange(NamedTuple):
     target: Target
 
 
-class Profile(Protocol):
+class TargetProfile(Protocol):
     """Defines what every source of targets answers. Places are metres along the track of the
     outlets."""
 
-    def at(self, place_m: float) -> Target: ...
+    def find_target(self, place_m: float) -> Target: ...
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
+    def find_next_change(
+        self, after_m: float, before_m: float, holding: Target
+    ) -> TargetChange | None:
         """Returns the first place in (after_m, before_m] at which the target differs from
         `holding`."""
         ...
 
 
-class Everywhere:
+class ConstantProfile:
     """Gives one target wherever the machine goes: a manual rate, or the fallback rate by the
     operator's choice."""
 
     def __init__(self, target: Target) -> None:
         self.target = target
 
-    def at(self, place_m: float) -> Target:
+    def find_target(self, place_m: float) -> Target:
         return self.target
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
+    def find_next_change(
+        self, after_m: float, before_m: float, holding: Target
+    ) -> TargetChange | None:
         return TargetChange(after_m, self.target) if holding != self.target else None
 
 
-class Stretches:
+class DecidedStretches:
     """Holds decided rates for stretches of the track, appended in order; where none is within
     reach the fallback holds."""
 
     # Stretches farther back than this are dropped, m.
-    KEEP_M = 60.0
+    WAY_KEPT_M = 60.0
 
     def __init__(
         self, fallback_rate_kg_ha: float, reach_m: float = 1.5, first_reach_m: float | None = None
@@ -69,7 +73,7 @@ class Stretches:
         self._to: list[float] = []
         self._target: list[Target] = []
 
-    def append(
+    def append_stretch(
         self,
         from_m: float,
         to_m: float,
@@ -87,15 +91,15 @@ class Stretches:
         self._from.append(from_m)
         self._to.append(to_m)
         self._target.append(Target(rate_kg_ha, source))
-        if self._to[0] < from_m - self.KEEP_M:
+        if self._to[0] < from_m - self.WAY_KEPT_M:
             del self._from[0], self._to[0], self._target[0]
 
-    def forget(self) -> None:
+    def forget_stretches(self) -> None:
         self._from.clear()
         self._to.clear()
         self._target.clear()
 
-    def at(self, place_m: float) -> Target:
+    def find_target(self, place_m: float) -> Target:
         """Returns the decided target there, or that of the nearest stretch within reach, or the
         fallback."""
         if not self._from:
@@ -109,16 +113,18 @@ class Stretches:
             return self.fallback
         return self._target[k] if behind < ahead else self._target[k + 1]
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
-        for place in self._edges(after_m):
+    def find_next_change(
+        self, after_m: float, before_m: float, holding: Target
+    ) -> TargetChange | None:
+        for place in self._iterate_edges(after_m):
             if place > before_m:
                 break
-            target = self.at(place)
+            target = self.find_target(place)
             if target != holding:
                 return TargetChange(place, target)
         return None
 
-    def _edges(self, after_m: float) -> Iterator[float]:
+    def _iterate_edges(self, after_m: float) -> Iterator[float]:
         """Yields every place from `after_m` on where the target may change, rising, `after_m`
         itself first."""
         yield after_m
@@ -138,25 +144,27 @@ class Stretches:
                     yield place
 
 
-class Unspread:
+class UnspreadProfile:
     """Gives nothing up to `spread_to_m`, the place up to which material has landed, and the
     inner profile beyond it."""
 
-    def __init__(self, inner: Profile, spread_to_m: float, source: TargetSource) -> None:
+    def __init__(self, inner: TargetProfile, spread_to_m: float, source: TargetSource) -> None:
         self._inner = inner
         self._to_m = spread_to_m
         self._nothing = Target(0.0, source)
 
-    def at(self, place_m: float) -> Target:
-        return self._inner.at(place_m) if place_m >= self._to_m else self._nothing
+    def find_target(self, place_m: float) -> Target:
+        return self._inner.find_target(place_m) if place_m >= self._to_m else self._nothing
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
+    def find_next_change(
+        self, after_m: float, before_m: float, holding: Target
+    ) -> TargetChange | None:
         if after_m >= self._to_m:
-            return self._inner.next_change(after_m, before_m, holding)
+            return self._inner.find_next_change(after_m, before_m, holding)
         if holding.rate_kg_ha > 0.0:
             return TargetChange(after_m, self._nothing)
         return (
-            self._inner.next_change(self._to_m, before_m, holding)
+            self._inner.find_next_change(self._to_m, before_m, holding)
             if before_m >= self._to_m
             else None
         )

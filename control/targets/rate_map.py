@@ -13,12 +13,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 import shapely
-from topdress.control.geodesy import Place, TangentPlane, direction
+from topdress.control.geodesy import Place, TangentPlane, find_unit_vector
 
 Floats = npt.NDArray[np.float64]
 
 # Points on a side to which a frame is fitted.
-_FRAME_POINTS = 5
+_FRAME_POINTS_PER_SIDE = 5
 # Share of an outline's area by which sums over its corners differ by rounding alone: cells of 3 m
 # in degrees as doubles keep ten digits.
 AREA_ROUNDING = 1e-7
@@ -32,16 +32,16 @@ class RateMap(Protocol):
         """Returns the shorter side of its cells, m; infinity where it has none."""
         ...
 
-    def rates_at(self, places: npt.ArrayLike) -> Floats:
+    def find_rates(self, places: npt.ArrayLike) -> Floats:
         """Returns the rates (n,), kg/ha, of places (n, 2), m; NaN where the map has none."""
         ...
 
-    def away_m(self, place: Place) -> float:
+    def calc_distance_m(self, place: Place) -> float:
         """Returns the distance from a place to the nearest ground with a rate, m; 0 on it,
         infinity where the map has none."""
         ...
 
-    def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
+    def find_crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
         """Returns the distances (k,) ahead, above 0 and up to `farthest_m`, at which the rate
         may change, in any order."""
         ...
@@ -56,17 +56,19 @@ class MapFrame(NamedTuple):
     column: tuple[float, ...]
     row: tuple[float, ...]
 
-    def at(self, east_m: Floats, north_m: Floats) -> tuple[Floats, Floats]:
+    def find_cells(self, east_m: Floats, north_m: Floats) -> tuple[Floats, Floats]:
         """Returns column and row, with their fractions, of places (n,)."""
-        return _quadratic(self.column, east_m, north_m), _quadratic(self.row, east_m, north_m)
+        return _evaluate_quadratic(self.column, east_m, north_m), _evaluate_quadratic(
+            self.row, east_m, north_m
+        )
 
 
-def _quadratic(factors: tuple[float, ...], e: Floats, n: Floats) -> Floats:
+def _evaluate_quadratic(factors: tuple[float, ...], e: Floats, n: Floats) -> Floats:
     a, b, c, d, f, g = factors
     return np.asarray(a + e * (b + d * e + f * n) + n * (c + g * n), dtype=np.float64)
 
 
-def frame_m(
+def make_frame_m(
     corner: Place, cell_east_m: float, cell_north_m: float, heading_deg: float = 0.0
 ) -> MapFrame:
     """Returns the frame of cells in metres; rows follow one another along the heading, columns
@@ -83,7 +85,7 @@ def frame_m(
     ValueError : a cell is not above 0."""
     if not (cell_east_m > 0.0 and cell_north_m > 0.0):
         raise ValueError(f"cell {cell_east_m:g} x {cell_north_m:g} m: allowed is above 0")
-    ahead, right = direction(heading_deg), direction(heading_deg + 90.0)
+    ahead, right = find_unit_vector(heading_deg), find_unit_vector(heading_deg + 90.0)
 
     def factors(axis: Place, cell_m: float) -> tuple[float, ...]:
         return (
@@ -98,7 +100,7 @@ def frame_m(
     return MapFrame(factors(right, cell_east_m), factors(ahead, cell_north_m))
 
 
-def frame_deg(
+def make_frame_deg(
     plane: TangentPlane,
     south_deg: float,
     west_deg: float,
@@ -122,10 +124,11 @@ def frame_deg(
     row, column = (
         values.ravel()
         for values in np.meshgrid(
-            np.linspace(0.0, rows, _FRAME_POINTS), np.linspace(0.0, columns, _FRAME_POINTS)
+            np.linspace(0.0, rows, _FRAME_POINTS_PER_SIDE),
+            np.linspace(0.0, columns, _FRAME_POINTS_PER_SIDE),
         )
     )
-    east, north = plane.many_to_m(
+    east, north = plane.project_many_to_m(
         south_deg + row * cell_lat_deg, west_deg + column * cell_lon_deg
     ).T
     size = max(1.0, float(np.abs((east, north)).max()))
@@ -152,9 +155,9 @@ class GridMap:
     def cell_m(self) -> float:
         return 1.0 / max(math.hypot(*self.frame.column[1:3]), math.hypot(*self.frame.row[1:3]))
 
-    def rates_at(self, places: npt.ArrayLike) -> Floats:
+    def find_rates(self, places: npt.ArrayLike) -> Floats:
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
-        column, row = self.frame.at(points[:, 0], points[:, 1])
+        column, row = self.frame.find_cells(points[:, 0], points[:, 1])
         rows, columns = self.rate_kg_ha.shape
         inside = (column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)
         found = np.full(len(points), np.nan)
@@ -163,7 +166,7 @@ class GridMap:
         ]
         return found
 
-    def away_m(self, place: Place) -> float:
+    def calc_distance_m(self, place: Place) -> float:
         """Returns the distance by the frame at the place: right to the share by which the frame
         bends, below 1 % over 10 km."""
         row, column = np.nonzero(np.isfinite(self.rate_kg_ha))
@@ -173,8 +176,8 @@ class GridMap:
             np.array([place[0], place[0] + 1.0, place[0]]),
             np.array([place[1], place[1], place[1] + 1.0]),
         )
-        columns, rows = self.frame.at(*at)
-        cells = np.stack((_beyond(columns[0], column), _beyond(rows[0], row)))
+        columns, rows = self.frame.find_cells(*at)
+        cells = np.stack((_calc_cells_beyond(columns[0], column), _calc_cells_beyond(rows[0], row)))
         per_m = (
             np.array([np.diff(columns[:2]), columns[2] - columns[:1]]).T,
             np.array([np.diff(rows[:2]), rows[2] - rows[:1]]).T,
@@ -182,19 +185,22 @@ class GridMap:
         metres = np.linalg.solve(np.concatenate(per_m), cells)
         return float(np.hypot(*metres).min())
 
-    def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
+    def find_crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
         """Returns every edge of a column or row on the way. Within 40 m a line is straight in
         the frame to 0.03 mm."""
-        east, north = direction(heading_deg)
-        column, row = self.frame.at(
+        east, north = find_unit_vector(heading_deg)
+        column, row = self.frame.find_cells(
             np.array([start[0], start[0] + farthest_m * east]),
             np.array([start[1], start[1] + farthest_m * north]),
         )
         rows, columns = self.rate_kg_ha.shape
-        return np.concatenate((_steps(column, columns), _steps(row, rows))) * farthest_m
+        return (
+            np.concatenate((_list_step_shares(column, columns), _list_step_shares(row, rows)))
+            * farthest_m
+        )
 
 
-def _beyond(at: float, cell: npt.NDArray[np.intp]) -> Floats:
+def _calc_cells_beyond(at: float, cell: npt.NDArray[np.intp]) -> Floats:
     """Returns how far each cell (n,) lies from a place, in cells with a sign; 0 within it."""
     return np.asarray(
         np.where(at < cell, cell - at, np.where(at > cell + 1.0, cell + 1.0 - at, 0.0)),
@@ -202,7 +208,7 @@ def _beyond(at: float, cell: npt.NDArray[np.intp]) -> Floats:
     )
 
 
-def _steps(ends: Floats, count: int) -> Floats:
+def _list_step_shares(ends: Floats, count: int) -> Floats:
     """Returns the shares of the way between two ends at which whole numbers from 0 to `count`
     are met."""
     begin, end = float(ends[0]), float(ends[1])
@@ -225,12 +231,12 @@ class ZoneMap:
             raise ValueError(
                 f"{len(rings)} zones, {len(self.rate_kg_ha)} rates: allowed as many as zones"
             )
-        self.shapes = polygons(rings)
+        self.shapes = make_polygons(rings)
         self.cell_m = math.inf
         self._edges = shapely.boundary(self.shapes)
         self._tree = shapely.STRtree(self.shapes)
 
-    def rates_at(self, places: npt.ArrayLike) -> Floats:
+    def find_rates(self, places: npt.ArrayLike) -> Floats:
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         none = len(self.rate_kg_ha)
         point, zone = self._tree.query(shapely.points(points), predicate="intersects")
@@ -238,14 +244,14 @@ class ZoneMap:
         np.minimum.at(first, point, zone)
         return np.asarray(np.append(self.rate_kg_ha, np.nan)[first], dtype=np.float64)
 
-    def away_m(self, place: Place) -> float:
+    def calc_distance_m(self, place: Place) -> float:
         if not len(self.shapes):
             return math.inf
         point = shapely.Point(place)
         return float(shapely.distance(self.shapes[self._tree.nearest(point)], point))
 
-    def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
-        east, north = direction(heading_deg)
+    def find_crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
+        east, north = find_unit_vector(heading_deg)
         end = (start[0] + farthest_m * east, start[1] + farthest_m * north)
         line = shapely.linestrings([start, end])
         met = self._tree.query(line)
@@ -256,14 +262,14 @@ class ZoneMap:
         return np.asarray(ahead[(ahead > 0.0) & (ahead <= farthest_m)], dtype=np.float64)
 
 
-def polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
+def make_polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
     """Returns shapes (zones,) of outlines with holes; outlines that cross themselves are
     replaced by what they enclose."""
-    shapes = polygons_as_drawn(rings)
+    shapes = make_polygons_as_drawn(rings)
     wrong = np.flatnonzero(~shapely.is_valid(shapes))
     crossing = wrong[are_self_crossing(shapes[wrong])]
     shapes[wrong] = _repair_touching(shapes[wrong])
-    shapes[crossing] = shapely.make_valid(polygons_as_drawn([rings[k] for k in crossing]))
+    shapes[crossing] = shapely.make_valid(make_polygons_as_drawn([rings[k] for k in crossing]))
     return shapes
 
 
@@ -284,7 +290,7 @@ def _repair_touching(shapes: npt.NDArray[np.object_]) -> npt.NDArray[np.object_]
     return np.asarray(shapely.make_valid(shapes, method="structure"), dtype=object)
 
 
-def polygons_as_drawn(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
+def make_polygons_as_drawn(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
     """Returns the shapes of outlines whether they cross themselves or not."""
     flat = [ring for zone in rings for ring in zone]
     if not flat:

@@ -3,14 +3,14 @@
 
 from array import array
 
-LONGEST_LINE = 120
-SEQUENCES = 1 << 16
+MAX_LINE_BYTES = 120
+SEQUENCE_MODULUS = 1 << 16
 # Modulus of clocks, counts and words, and of orders with a word: 6 years at 20 a second.
-WORDS = 1 << 32
+WORD_MODULUS = 1 << 32
 REPEAT_WINDOW = 16
 
 
-def _table() -> "array[int]":
+def _make_crc_table() -> "array[int]":
     table = array("H", [0] * 256)
     for byte in range(256):
         crc = byte << 8
@@ -20,10 +20,10 @@ def _table() -> "array[int]":
     return table
 
 
-_CRC = _table()
+_CRC = _make_crc_table()
 
 
-def crc16(data: bytes) -> int:
+def calc_crc16(data: bytes) -> int:
     """Returns the CRC-16/CCITT-FALSE, a byte a step."""
     crc = 0xFFFF
     for byte in data:
@@ -31,9 +31,9 @@ def crc16(data: bytes) -> int:
     return crc
 
 
-def seal(payload: str) -> bytes:
+def seal_frame(payload: str) -> bytes:
     """Returns the line with its CRC and line end."""
-    return f"${payload}*{crc16(payload.encode()):04X}\r\n".encode()
+    return f"${payload}*{calc_crc16(payload.encode()):04X}\r\n".encode()
 
 
 class Receiver:
@@ -47,7 +47,7 @@ class Receiver:
     def reject(self, kind: str) -> None:
         self.rejected[kind] = self.rejected.get(kind, 0) + 1
 
-    def feed(self, data: bytes) -> list[list[bytes]]:
+    def feed_bytes(self, data: bytes) -> list[list[bytes]]:
         """Returns the fields of each frame whose CRC is right, its name first."""
         if not data:
             return []
@@ -56,34 +56,34 @@ class Receiver:
         if lines and self._skipping:
             lines.pop(0)
             self._skipping = False
-        if len(self._rest) > LONGEST_LINE:
+        if len(self._rest) > MAX_LINE_BYTES:
             if not self._skipping:
                 self.reject("overlong")
             self._rest, self._skipping = b"", True
         found = []
         for line in lines:
-            if len(line) > LONGEST_LINE:
+            if len(line) > MAX_LINE_BYTES:
                 self.reject("overlong")
                 continue
             for frame in line.split(b"$")[1:]:
-                fields = self._open(frame)
+                fields = self._open_frame(frame)
                 if fields:
                     found.append(fields)
         return found
 
-    def _open(self, frame: bytes) -> list[bytes]:
+    def _open_frame(self, frame: bytes) -> list[bytes]:
         payload, star, crc = frame.partition(b"*")
         crc = crc.strip()
         if not star or not crc:
             self.reject("missing_crc")
             return []
-        if hexadecimal(crc) != crc16(payload):
+        if parse_hexadecimal(crc) != calc_crc16(payload):
             self.reject("bad_crc")
             return []
         return payload.split(b",")
 
 
-def hexadecimal(text: bytes) -> int:
+def parse_hexadecimal(text: bytes) -> int:
     """Returns the value of four hexadecimal digits; -1 where they are something else."""
     if len(text) != 4:
         return -1
@@ -101,7 +101,7 @@ def hexadecimal(text: bytes) -> int:
     return value
 
 
-def whole(text: bytes, high: int) -> int:
+def parse_whole(text: bytes, high: int) -> int:
     """Returns a number of 1 to 10 digits up to `high`. Raises ValueError with the kind of fault."""
     if len(text) > 10 or not text.isdigit():
         raise ValueError("not_a_number")
@@ -111,7 +111,7 @@ def whole(text: bytes, high: int) -> int:
     return value
 
 
-def number(text: bytes, low: float, high: float) -> float:
+def parse_number(text: bytes, low: float, high: float) -> float:
     """Returns a number like `-12.345`, up to six digits on either side of the point. Raises
     ValueError with the kind of fault."""
     unsigned = text[1:] if text[:1] == b"-" else text
@@ -119,7 +119,9 @@ def number(text: bytes, low: float, high: float) -> float:
     if not 1 <= len(before) <= 6 or len(after) > 6 or (point and not after):
         raise ValueError("not_a_number")
     scale: int = 10 ** len(after)
-    value = (whole(before, 999999) * scale + (whole(after, 999999) if after else 0)) / scale
+    value = (
+        parse_whole(before, 999999) * scale + (parse_whole(after, 999999) if after else 0)
+    ) / scale
     if text[:1] == b"-":
         value = -value
     if not low <= value <= high:
@@ -127,14 +129,14 @@ def number(text: bytes, low: float, high: float) -> float:
     return value
 
 
-def decimal(value: "float | None", low: float, high: float) -> str:
+def format_decimal(value: "float | None", low: float, high: float) -> str:
     """Returns three decimals, limited to the protocol's range; empty for None and for NaN."""
     if value is None or value != value:
         return ""
     return f"{min(max(value, low), high):.3f}"
 
 
-class Newest:
+class NewestOrder:
     """Accepts only orders of the host that are newer than all before them
     (docs/protocol-slave-board.md, "Only what is newer").
 
@@ -145,16 +147,16 @@ class Newest:
         self._chance = chance
         # from the first order with the word on, until power-on
         self._words_only = words_only
-        self.renew()
+        self.renew_word()
 
-    def renew(self) -> None:
+    def renew_word(self) -> None:
         """Draws a new word after power-on and after a silence: earlier orders have another word
         and are old."""
         self.word: int | None = self._chance()
         self.last = -1
         self.used = False  # an order with this word has come
 
-    def take(self, count: int, word: "int | None") -> None:
+    def accept_order(self, count: int, word: "int | None") -> None:
         """Accepts a newer order.
 
         Raises
@@ -162,8 +164,8 @@ class Newest:
         ValueError : `repeated_sequence` for the newest order and the 15 before it, which a line
             may double; `old_order` for all others, at which the board stops."""
         if word is None and not self._words_only:
-            behind = (self.last - count) % SEQUENCES
-            newer = self.last < 0 or behind >= SEQUENCES // 2
+            behind = (self.last - count) % SEQUENCE_MODULUS
+            newer = self.last < 0 or behind >= SEQUENCE_MODULUS // 2
         elif word is not None and word == self.word:
             if not self.used:
                 self.used = self._words_only = True

@@ -2,14 +2,14 @@
 metering shaft starts the clock, the first granule on a pressure plate stops it. Both times are
 this board's own. See docs/protocol-lag-rig.md.
 
-`RigProgram.tick` is called about every millisecond. A pin layer has:
+`RigProgram.run_round` is called about every millisecond. A pin layer has:
 
     read() -> bytes, write(data)                as of the slave board
     encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the
                                                 one before
     plate() -> int                              the plate's reading, any scale"""
 
-from .framing import SEQUENCES, WORDS, Receiver, seal, whole
+from .framing import SEQUENCE_MODULUS, WORD_MODULUS, Receiver, parse_whole, seal_frame
 from .motion import SpeedMeter
 
 STATUS_US = 50000
@@ -17,7 +17,7 @@ START_RPM = 2.0  # the shaft "turns" from here on (lag paper)
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
 TURNED_BEFORE, PLATE_BEFORE = 1, 2
 # Share of a sample in the plate's mean and noise.
-FORGET = 1.0 / 64.0
+MEAN_SHARE = 1.0 / 64.0
 
 
 class RigSettings:
@@ -65,15 +65,15 @@ class RigProgram:
         self._seq = 0
         self._next_status_us = 0
 
-    def tick(self, now_us: int) -> None:
+    def run_round(self, now_us: int) -> None:
         """Runs one round at `now_us` of a clock that never overflows."""
         counts, count_us, before_us = self._pins.encoder()
-        for fields in self.receiver.feed(self._pins.read()):
+        for fields in self.receiver.feed_bytes(self._pins.read()):
             try:
-                self._obey(fields, counts, now_us)
+                self._obey_order(fields, counts, now_us)
             except ValueError as kind:
                 self.receiver.reject(str(kind.args[0]))
-        landed = self._look_at_plate()
+        landed = self._has_plate_moved()
         said = self.state
         if self.state == ARMED:
             if landed:
@@ -84,17 +84,17 @@ class RigProgram:
             self.state, self._land_us = LANDED, now_us
         if self.state != said or now_us >= self._next_status_us:
             self._next_status_us = now_us + STATUS_US
-            self._pins.write(self._status(now_us, counts))
+            self._pins.write(self._make_status(now_us, counts))
 
-    def _obey(self, fields: "list[bytes]", counts: int, now_us: int) -> None:
+    def _obey_order(self, fields: "list[bytes]", counts: int, now_us: int) -> None:
         if fields[0] != b"R1":
             raise ValueError("unknown_frame")
         if len(fields) != 4:
             raise ValueError("wrong_length")
         seq, run, arm = (
-            whole(fields[1], SEQUENCES - 1),
-            whole(fields[2], SEQUENCES - 1),
-            whole(fields[3], 1),
+            parse_whole(fields[1], SEQUENCE_MODULUS - 1),
+            parse_whole(fields[2], SEQUENCE_MODULUS - 1),
+            parse_whole(fields[3], 1),
         )
         if seq == self._last_seq:
             raise ValueError("repeated_sequence")
@@ -104,10 +104,10 @@ class RigProgram:
         elif self.state == IDLE or run != self._run:
             self.state, self._run, self._flags = ARMED, run, 0
             self._counts_armed = counts
-            if abs(self._meter.update(now_us, counts)) >= START_RPM:
+            if abs(self._meter.measure_rpm(now_us, counts)) >= START_RPM:
                 self._flags = TURNED_BEFORE
 
-    def _look_at_plate(self) -> bool:
+    def _has_plate_moved(self) -> bool:
         """Returns whether this sample stands out; only other samples are learnt."""
         value = self._pins.plate()
         if self._mean is None:
@@ -115,16 +115,17 @@ class RigProgram:
         above = value - self._mean
         if above > max(self._settings.least_step, self._settings.noises * self._noise):
             return True
-        self._mean += FORGET * above
-        self._noise += FORGET * (abs(above) - self._noise)
+        self._mean += MEAN_SHARE * above
+        self._noise += MEAN_SHARE * (abs(above) - self._noise)
         return False
 
-    def _status(self, now_us: int, counts: int) -> bytes:
-        start = str(self._start_us % WORDS) if self.state >= TURNING else ""
-        land = str(self._land_us % WORDS) if self.state == LANDED else ""
-        rpm = min(max(self._meter.update(now_us, counts), -400.0), 400.0)
-        seq, self._seq = self._seq, (self._seq + 1) % SEQUENCES
-        return seal(
-            f"L1,{seq},{self._run},{self.state},{now_us % WORDS},{rpm:.3f},{self._pins.plate()},"
+    def _make_status(self, now_us: int, counts: int) -> bytes:
+        start = str(self._start_us % WORD_MODULUS) if self.state >= TURNING else ""
+        land = str(self._land_us % WORD_MODULUS) if self.state == LANDED else ""
+        rpm = min(max(self._meter.measure_rpm(now_us, counts), -400.0), 400.0)
+        seq, self._seq = self._seq, (self._seq + 1) % SEQUENCE_MODULUS
+        return seal_frame(
+            f"L1,{seq},{self._run},{self.state},{now_us % WORD_MODULUS},"
+            f"{rpm:.3f},{self._pins.plate()},"
             f"{start},{land},{self._flags}"
         )

@@ -10,7 +10,7 @@ class SpeedMeter:
         self._window_us = window_us
         self._seen: list[tuple[int, int]] = []  # (us, counts), oldest first
 
-    def update(self, now_us: int, counts: int) -> float:
+    def measure_rpm(self, now_us: int, counts: int) -> float:
         """Returns the speed, r/min, positive in the direction of rising counts."""
         seen = self._seen
         seen.append((now_us, counts))
@@ -54,14 +54,14 @@ class ShaftControl:
         self.expected_rpm = 0.0
         self.integral = 0.0
 
-    def stop(self) -> float:
+    def stop_shaft(self) -> float:
         self.ramped_rpm = self.expected_rpm = self.integral = 0.0
         return 0.0
 
-    def update(self, wanted_rpm: float, measured_rpm: float, dt_s: float) -> float:
+    def update_duty(self, wanted_rpm: float, measured_rpm: float, dt_s: float) -> float:
         """Returns the duty for the next `dt_s`; a set-point of 0 stops at once."""
         if wanted_rpm <= 0.0:
-            return self.stop()
+            return self.stop_shaft()
         most = self._acceleration * dt_s
         self.ramped_rpm += min(max(wanted_rpm - self.ramped_rpm, -most), most)
         self.expected_rpm += (self.ramped_rpm - self.expected_rpm) * min(
@@ -94,11 +94,11 @@ class Stepper:
         self._fastest, self._acceleration = fastest_steps_s, acceleration_steps_s2
         self._phase = 0.0
 
-    def halt(self) -> None:
+    def halt_steps(self) -> None:
         """Stops at once."""
         self.speed_steps_s = self._phase = 0.0
 
-    def run(self, steps_s: float, dt_s: float) -> int:
+    def step_at_speed(self, steps_s: float, dt_s: float) -> int:
         """Returns the steps to make now, signed, towards this speed; `place` counts on."""
         most = self._acceleration * dt_s
         self.speed_steps_s += min(max(steps_s - self.speed_steps_s, -most), most)
@@ -108,18 +108,18 @@ class Stepper:
         self.place += steps
         return steps
 
-    def advance(self, wanted: int, dt_s: float) -> int:
+    def step_to_place(self, wanted: int, dt_s: float) -> int:
         """Returns the steps to make now, signed, towards this place."""
         ahead = wanted - self.place
         if ahead == 0 and abs(self.speed_steps_s) <= self._acceleration * dt_s:
-            self.halt()
+            self.halt_steps()
             return 0
         brake = (2.0 * self._acceleration * abs(ahead)) ** 0.5
-        steps = self.run(
+        steps = self.step_at_speed(
             min(self._fastest, brake) * (1.0 if ahead > 0 else -1.0 if ahead < 0 else 0.0), dt_s
         )
         if ahead and abs(steps) > abs(ahead) and (steps > 0) == (ahead > 0):
-            self.halt()
+            self.halt_steps()
             self.place, steps = wanted, ahead
         return steps
 
@@ -129,7 +129,7 @@ class GateMotion:
     for lost steps.
 
     `opening_mm` of the sensor is None where there is none. `lost`: the sensor has shown lost
-    steps, which were made good; `forgive` clears it."""
+    steps, which were made good; `clear_lost` clears it."""
 
     def __init__(
         self,
@@ -153,26 +153,26 @@ class GateMotion:
     def reckoned_mm(self) -> float:
         return self._stepper.place / self._per_mm
 
-    def refer(self, opening_mm: float) -> None:
+    def set_reference(self, opening_mm: float) -> None:
         """Sets the reference: the gate stands at this opening."""
         self._stepper.place = round(opening_mm * self._per_mm)
-        self._stepper.halt()
+        self._stepper.halt_steps()
         self.homed = True
 
-    def forgive(self) -> None:
+    def clear_lost(self) -> None:
         self.lost = False
 
-    def home(self, at_switch: bool, dt_s: float) -> int:
+    def step_home(self, at_switch: bool, dt_s: float) -> int:
         """Returns the closing steps of the search for the switch; 0 when it is found."""
         if at_switch:
-            self.refer(0.0)
+            self.set_reference(0.0)
             return 0
         self._home_phase += self._home_steps_s * dt_s
         steps = int(self._home_phase)
         self._home_phase -= steps
         return -steps
 
-    def move(self, wanted_mm: float, sensor_mm: "float | None", dt_s: float) -> int:
+    def step_to_opening(self, wanted_mm: float, sensor_mm: "float | None", dt_s: float) -> int:
         """Returns the steps towards `wanted_mm`, positive opens."""
         if sensor_mm is not None:
             apart = abs(sensor_mm - self.reckoned_mm) > self._lost_mm
@@ -180,8 +180,8 @@ class GateMotion:
             if self._apart_s > self._lost_after_s:
                 self._apart_s = 0.0
                 self.lost = True
-                self.refer(sensor_mm)
-        return self._stepper.advance(round(wanted_mm * self._per_mm), dt_s)
+                self.set_reference(sensor_mm)
+        return self._stepper.step_to_place(round(wanted_mm * self._per_mm), dt_s)
 
 
 class Doser:
@@ -200,21 +200,21 @@ class Doser:
     def turned_deg(self) -> float:
         return self._stepper.place * 360.0 / self._per_turn
 
-    def start(self, angle_deg: float, shaft_rpm: float) -> None:
+    def start_dose(self, angle_deg: float, shaft_rpm: float) -> None:
         wanted = angle_deg * self._per_turn / 360.0 + self._over
         self.steps = round(wanted)
         self._over = wanted - self.steps
         self._stepper = Stepper(shaft_rpm / 60.0 * self._per_turn, self._acceleration)
         self.running = True
 
-    def abort(self) -> None:
+    def abort_dose(self) -> None:
         self.running = False
 
-    def advance(self, dt_s: float) -> int:
+    def step_dose(self, dt_s: float) -> int:
         """Returns the steps to make now."""
         if not self.running:
             return 0
-        steps = self._stepper.advance(self.steps, dt_s)
+        steps = self._stepper.step_to_place(self.steps, dt_s)
         if self._stepper.place >= self.steps:
             self.running = False
         return steps
@@ -242,22 +242,24 @@ class SteppedShaft:
         self._stepper = Stepper(most_steps_s, steps_s2)
         self._slow_s = 0.0
 
-    def stop(self) -> None:
+    def stop_shaft(self) -> None:
         """Stops without a further step."""
-        self._stepper.halt()
+        self._stepper.halt_steps()
         self._slow_s = 0.0
 
-    def advance(self, wanted_rpm: float, dt_s: float) -> int:
+    def step_shaft(self, wanted_rpm: float, dt_s: float) -> int:
         """Returns the steps to make now; a set-point of 0 stops at once."""
         if wanted_rpm <= 0.0:
-            self.stop()
+            self.stop_shaft()
             return 0
-        return self._stepper.run(min(wanted_rpm / 60.0 * self._per_turn, self._most), dt_s)
+        return self._stepper.step_at_speed(
+            min(wanted_rpm / 60.0 * self._per_turn, self._most), dt_s
+        )
 
-    def compare(self, measured_rpm: float, dt_s: float) -> None:
+    def compare_encoder(self, measured_rpm: float, dt_s: float) -> None:
         """Compares the steps with the encoder, every `dt_s`."""
         stepped_rpm = self._stepper.speed_steps_s * 60.0 / self._per_turn
         slow = stepped_rpm - measured_rpm > self._held_share * stepped_rpm + self._held_rpm
         self._slow_s = self._slow_s + dt_s if slow else 0.0
         if self._slow_s > self._lost_after_s:
-            self.stop()
+            self.stop_shaft()

@@ -7,18 +7,18 @@ HX711_BITS = 24
 # after the 24: channel A, gain 128 at the next conversion
 GAIN_PULSES = 1
 
-LIS3DH = 0x18
+LIS3DH_ADDRESS = 0x18
 WHO_AM_I, IS_LIS3DH = 0x0F, 0x33
 CONTROL_1, ALL_AXES_50_HZ = 0x20, b"\x47"
 CONTROL_4, WHOLE_SAMPLES_2_G = 0x23, b"\x88"
-SAMPLES = 0x28 | 0x80  # the address counts on while it is read
+SAMPLE_REGISTER = 0x28 | 0x80  # the address counts on while it is read
 # of 1 g squared: more or less is a jolt and says nothing of the slope
-LEAST_G2, MOST_G2 = 0.5, 2.0
+MIN_G2, MAX_G2 = 0.5, 2.0
 
 # bytes that a host has not fetched yet; a frame beyond them is lost
-USB_WAITING = 1024
+USB_WAITING_BYTES = 1024
 # in and out a round: 64 kB a second, and no round is long
-USB_ROUND = 64
+USB_ROUND_BYTES = 64
 
 
 class UsbLine:
@@ -36,12 +36,12 @@ class UsbLine:
     def read(self) -> bytes:
         """Returns received bytes, after sending waiting ones. It is called every round."""
         sent = 0
-        while sent < min(len(self._waiting), USB_ROUND) and self._can_write():
+        while sent < min(len(self._waiting), USB_ROUND_BYTES) and self._can_write():
             self._out.write(self._waiting[sent : sent + 1])
             sent += 1
         self._waiting = self._waiting[sent:]
         got = b""
-        while len(got) < USB_ROUND and self._can_read():
+        while len(got) < USB_ROUND_BYTES and self._can_read():
             byte = self._in.read(1)
             if not byte:
                 break
@@ -49,7 +49,7 @@ class UsbLine:
         return got
 
     def write(self, data: bytes) -> None:
-        if len(self._waiting) + len(data) <= USB_WAITING:
+        if len(self._waiting) + len(data) <= USB_WAITING_BYTES:
             self._waiting += data
 
 
@@ -64,7 +64,7 @@ class LoadCell:
         self.kg: float | None = None  # None: not heard yet, or silent
         clock.value(0)
 
-    def look(self, rounds_silent: int = 1000) -> None:
+    def poll_conversion(self, rounds_silent: int = 1000) -> None:
         """Polls the converter, every round (about a millisecond); it takes 0.3 ms when a
         conversion is ready."""
         if self._data.value():
@@ -75,9 +75,9 @@ class LoadCell:
         self._silent = 0
         count = 0
         for _ in range(HX711_BITS):
-            count = count << 1 | self._pulse()
+            count = count << 1 | self._read_bit()
         for _ in range(GAIN_PULSES):
-            self._pulse()
+            self._read_bit()
         if count in (0x7FFFFF, 0x800000):  # the converter's limits: a broken cell or cable
             self.kg = None
             return
@@ -85,14 +85,14 @@ class LoadCell:
             self._slope * (count - (1 << HX711_BITS) if count & 0x800000 else count) + self._zero_kg
         )
 
-    def _pulse(self) -> int:
+    def _read_bit(self) -> int:
         self._clock.value(1)
         bit = int(self._data.value())
         self._clock.value(0)
         return bit
 
 
-class Tilt:
+class Inclinometer:
     """Reads a LIS3DH that lies flat, x to the front, y to the right, z up. A mean over `tau_s`
     removes shaking."""
 
@@ -104,19 +104,22 @@ class Tilt:
         self.pitch_deg: float | None = None  # nose up positive
         self.roll_deg: float | None = None  # right side down positive
 
-    def look(self, dt_s: float) -> None:
+    def poll_sample(self, dt_s: float) -> None:
         """Polls the part, every 50 ms or so; one that does not answer is configured again at the
         next call."""
         try:
             if not self._there:
-                self._begin()
-            raw = self._i2c.readfrom_mem(LIS3DH, SAMPLES, 6)
+                self._configure_part()
+            raw = self._i2c.readfrom_mem(LIS3DH_ADDRESS, SAMPLE_REGISTER, 6)
         except OSError:
             self._there, self._g = False, None
             self.pitch_deg = self.roll_deg = None
             return
-        g = [_signed(raw[2 * axis] | raw[2 * axis + 1] << 8) / 16000.0 for axis in range(3)]
-        if not LEAST_G2 < g[0] * g[0] + g[1] * g[1] + g[2] * g[2] < MOST_G2:
+        g = [
+            _convert_to_signed(raw[2 * axis] | raw[2 * axis + 1] << 8) / 16000.0
+            for axis in range(3)
+        ]
+        if not MIN_G2 < g[0] * g[0] + g[1] * g[1] + g[2] * g[2] < MAX_G2:
             return
         if self._g is None:
             self._g = g
@@ -125,13 +128,13 @@ class Tilt:
         self.pitch_deg = degrees(atan2(x, (y * y + z * z) ** 0.5))
         self.roll_deg = degrees(atan2(-y, z))
 
-    def _begin(self) -> None:
-        if self._i2c.readfrom_mem(LIS3DH, WHO_AM_I, 1)[0] != IS_LIS3DH:
+    def _configure_part(self) -> None:
+        if self._i2c.readfrom_mem(LIS3DH_ADDRESS, WHO_AM_I, 1)[0] != IS_LIS3DH:
             raise OSError("another part")
-        self._i2c.writeto_mem(LIS3DH, CONTROL_1, ALL_AXES_50_HZ)
-        self._i2c.writeto_mem(LIS3DH, CONTROL_4, WHOLE_SAMPLES_2_G)
+        self._i2c.writeto_mem(LIS3DH_ADDRESS, CONTROL_1, ALL_AXES_50_HZ)
+        self._i2c.writeto_mem(LIS3DH_ADDRESS, CONTROL_4, WHOLE_SAMPLES_2_G)
         self._there = True
 
 
-def _signed(value: int) -> int:
+def _convert_to_signed(value: int) -> int:
     return value - 65536 if value & 0x8000 else value

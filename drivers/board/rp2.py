@@ -11,7 +11,7 @@ import micropython  # type: ignore[import-not-found]
 from .parts import UsbLine
 
 
-def usb_line() -> UsbLine:
+def open_usb_line() -> UsbLine:
     """Opens the board's own plug; MicroPython's prompt is unavailable until the next power-on."""
     micropython.kbd_intr(-1)  # a byte of 3 is no Ctrl-C
     inward, outward = select.poll(), select.poll()
@@ -28,7 +28,7 @@ class Board:
 
     def __init__(self, rxbuf: int, txbuf: int, link: str = "uart") -> None:
         self._line = (
-            usb_line()
+            open_usb_line()
             if link == "usb"
             else machine.UART(
                 0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=rxbuf, txbuf=txbuf
@@ -44,7 +44,7 @@ class Board:
         self._ticks = ticks
         return self._now_us
 
-    def at_us(self, ticks: int) -> int:
+    def convert_ticks_us(self, ticks: int) -> int:
         """Converts an interrupt's time to this clock, soon after it: later the interrupt's clock
         has overflowed."""
         now_us = self.now_us()
@@ -56,7 +56,7 @@ class Board:
     def write(self, data: bytes) -> None:
         self._line.write(data)
 
-    def rest(self, started_us: int, round_us: int) -> None:
+    def wait_for_round(self, started_us: int, round_us: int) -> None:
         """Waits for the end of a round."""
         rest_us = round_us - (self.now_us() - started_us)
         if rest_us > 0:

@@ -33,7 +33,7 @@ class Rp2RigPins(Board, RigPins):
         counts = self._counts
         if counts != self._newest[0]:
             newest, before = self._count_us, self._before_us
-            at_us = self.at_us(newest)
+            at_us = self.convert_ticks_us(newest)
             apart_us = time.ticks_diff(newest, before)  # type: ignore[attr-defined]
             self._newest = counts, at_us, at_us - apart_us
         return self._newest
@@ -47,8 +47,8 @@ def main() -> None:
     rig = RigProgram(pins, RigSettings())
     while True:
         started_us = pins.now_us()
-        rig.tick(started_us)
-        pins.rest(started_us, ROUND_US)
+        rig.run_round(started_us)
+        pins.wait_for_round(started_us, ROUND_US)
 
 
 if __name__ == "__main__":

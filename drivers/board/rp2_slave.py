@@ -9,9 +9,9 @@ import time
 
 import machine
 
-from drivers.board.parts import LoadCell, Tilt
+from drivers.board.parts import Inclinometer, LoadCell
 from drivers.board.rp2 import Board
-from drivers.board.slave import BoardSettings, Pins, Slave
+from drivers.board.slave import BoardSettings, Pins, SlaveProgram
 
 ROUND_US = 1000
 # to ground at power-on: the program stays out, `mpremote` has the board
@@ -80,7 +80,7 @@ class Rp2Pins(Board, Pins):
             else None
         )
         bus = machine.I2C(0, sda=machine.Pin(20), scl=machine.Pin(21), freq=400000, timeout=1000)
-        self._tilt = Tilt(bus) if settings.tilt_fitted else None
+        self._tilt = Inclinometer(bus) if settings.tilt_fitted else None
         self._tilt_us = 0
 
     def _on_shaft(self, pin: object) -> None:
@@ -101,10 +101,10 @@ class Rp2Pins(Board, Pins):
 
     def gate_steps(self, steps: int) -> None:
         self._gate_open.value(steps > 0)
-        self._pulse(self._gate_step, abs(steps))
+        self._send_pulses(self._gate_step, abs(steps))
 
     def dose_steps(self, steps: int) -> None:
-        self._pulse(self._dose_step, steps)
+        self._send_pulses(self._dose_step, steps)
 
     def opening_mm(self) -> "float | None":
         settings = self._settings
@@ -125,7 +125,7 @@ class Rp2Pins(Board, Pins):
         overflowed."""
         pulses = self._pulses
         if pulses != self._newest[0]:
-            self._newest = pulses, self.at_us(self._pulse_us)
+            self._newest = pulses, self.convert_ticks_us(self._pulse_us)
         return self._newest
 
     def supply_v(self) -> "float | None":
@@ -147,15 +147,15 @@ class Rp2Pins(Board, Pins):
     def roll_deg(self) -> "float | None":
         return self._tilt.roll_deg if self._tilt else None
 
-    def look(self, now_us: int) -> None:
+    def poll_sensors(self, now_us: int) -> None:
         """Polls scale, inclination and the current sensor, every round."""
         self._amps += EFFORT_SHARE * (
             self._current.read_u16() * self._settings.amps_per_count - self._amps
         )
         if self._scale:
-            self._scale.look()
+            self._scale.poll_conversion()
         if self._tilt and now_us - self._tilt_us >= TILT_US:
-            self._tilt.look((now_us - self._tilt_us) * 1e-6)
+            self._tilt.poll_sample((now_us - self._tilt_us) * 1e-6)
             self._tilt_us = now_us
 
     def work_switch(self) -> "bool | None":
@@ -168,7 +168,7 @@ class Rp2Pins(Board, Pins):
     def chance(self) -> "int | None":
         return int.from_bytes(os.urandom(4), "big")
 
-    def _pulse(self, pin: "machine.Pin", count: int) -> None:
+    def _send_pulses(self, pin: "machine.Pin", count: int) -> None:
         for _ in range(count):
             pin.on()
             time.sleep_us(5)  # type: ignore[attr-defined]
@@ -176,33 +176,33 @@ class Rp2Pins(Board, Pins):
             time.sleep_us(20)  # type: ignore[attr-defined]
 
 
-def own_settings() -> Rp2Settings:
+def read_own_settings() -> Rp2Settings:
     """Returns the settings with those of `board_settings.py` on the board. Raises ValueError as
-    `BoardSettings.take` does."""
+    `BoardSettings.take_settings` does."""
     settings = Rp2Settings()
     try:
         import board_settings
     except ImportError:
         return settings
-    settings.take(board_settings)
+    settings.take_settings(board_settings)
     return settings
 
 
 def main() -> None:
     if not machine.Pin(SERVICE_PIN, machine.Pin.IN, machine.Pin.PULL_UP).value():
         return
-    settings = own_settings()
+    settings = read_own_settings()
     settings.valves = len(settings.valve_pins)
     pins = Rp2Pins(settings)
-    slave = Slave(pins, settings)
+    slave = SlaveProgram(pins, settings)
     # a program that hangs restarts; the enable line is off meanwhile
     watchdog = machine.WDT(timeout=500)
     while True:
         started_us = pins.now_us()
-        pins.look(started_us)
-        slave.tick(started_us)
+        pins.poll_sensors(started_us)
+        slave.run_round(started_us)
         watchdog.feed()
-        pins.rest(started_us, ROUND_US)
+        pins.wait_for_round(started_us, ROUND_US)
 
 
 if __name__ == "__main__":

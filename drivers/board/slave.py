@@ -1,6 +1,6 @@
 """The slave board's program: commands in, drives moved, safe stop by itself, status out.
 
-`Slave.tick` is called about every millisecond by a main program that has the pins
+`SlaveProgram.run_round` is called about every millisecond by a main program that has the pins
 (`rp2_slave.py`). A pin layer has:
 
     read() -> bytes                 what the host sent; at once, mostly nothing
@@ -26,7 +26,16 @@
                                     word are taken
 """
 
-from .framing import SEQUENCES, WORDS, Newest, Receiver, decimal, number, seal, whole
+from .framing import (
+    SEQUENCE_MODULUS,
+    WORD_MODULUS,
+    NewestOrder,
+    Receiver,
+    format_decimal,
+    parse_number,
+    parse_whole,
+    seal_frame,
+)
 from .motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
 
 SILENT_HOST_US = 1000000
@@ -36,7 +45,7 @@ STATUS_US = 25000
 REPORT_US = 300000
 OLD_ORDER_US = 1000000  # an old order is reported this long
 # what a longer round leaves out is lost: in one burst it would throw the motor out of step
-LONGEST_STEPPED_S = 0.005
+MAX_STEPPED_ROUND_S = 0.005
 
 ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDER = (
     1,
@@ -47,7 +56,7 @@ ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDE
     32,
     64,
 )
-FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1, b"A2": 1}
+FRAME_FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1, b"A2": 1}
 DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
 
 
@@ -91,7 +100,7 @@ class BoardSettings:
     # True: takes no order without a word (T1, T2, D1), not even before the first
     words_only = False
 
-    def take(self, own: object) -> None:
+    def take_settings(self, own: object) -> None:
         """Takes the values of a module or class `own`. Raises ValueError with one line for an
         impossible value: the board does not start then, and its drives stay off."""
         for name in dir(own):
@@ -104,7 +113,7 @@ class BoardSettings:
             if type(value) not in kinds:
                 raise ValueError(f"{name} {value!r}: allowed is a value like {usual!r}")
             setattr(self, name, value)
-        for name, allowed in ALLOWED.items():
+        for name, allowed in ALLOWED_SETTINGS.items():
             value, word = getattr(self, name), isinstance(allowed[0], str)
             if not (value in allowed if word else allowed[0] <= value <= allowed[1]):
                 between = "or" if word else "to"
@@ -122,7 +131,7 @@ class BoardSettings:
             )
 
 
-ALLOWED = {
+ALLOWED_SETTINGS = {
     "link": ("uart", "usb"),
     "shaft_drive": ("dc", "stepper"),
     "counts_per_turn": (0.0, 100000.0),
@@ -177,7 +186,7 @@ class Pins:
         return 0, 0
 
 
-class Slave:
+class SlaveProgram:
     """Holds the program's state. `tick` runs one round; it neither waits nor reads a clock."""
 
     def __init__(self, pins: Pins, settings: BoardSettings) -> None:
@@ -192,7 +201,7 @@ class Slave:
         self._armed = False
         self._heartbeat_lost = False
         self._heard_us: int | None = None  # None: not heard yet, or silent
-        self._newest = Newest(pins.chance, settings.words_only)
+        self._newest = NewestOrder(pins.chance, settings.words_only)
         self._old_order_until_us = 0
         self._status_seq = 0
         self._encoder = settings.counts_per_turn > 0.0
@@ -243,13 +252,13 @@ class Slave:
         pins.duty(0.0)
         pins.valves(0)
 
-    def tick(self, now_us: int) -> None:
+    def run_round(self, now_us: int) -> None:
         """Runs one round at `now_us` of a clock that never overflows."""
         pins = self._pins
         dt_s = 0.0 if self._last_us is None else min(now_us - self._last_us, 20000) * 1e-6
         self._last_us = now_us
         before = self.enabled
-        self.hear(now_us)
+        self.take_orders(now_us)
         enabled = self.enabled
         if enabled != before:
             pins.enable(enabled)
@@ -262,31 +271,31 @@ class Slave:
         self._move_gate(enabled, dt_s)
         self._turn_stepper(now_us, dt_s)
         if now_us >= self._next_control_us:
-            self._control(enabled, now_us)
+            self._control_shaft(enabled, now_us)
         if now_us >= self._next_status_us:
             self._next_status_us = now_us + STATUS_US
-            self.say(now_us, now_us)
+            self.send_status(now_us, now_us)
 
-    def hear(self, now_us: int) -> None:
+    def take_orders(self, now_us: int) -> None:
         """Takes the host's orders: the newest is in force from here on, and `enabled` says
         whether the drives are."""
         if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
             self._heartbeat_lost, self._armed, self._heard_us = True, False, None
-            self._newest.renew()
-        for fields in self.receiver.feed(self._pins.read()):
+            self._newest.renew_word()
+        for fields in self.receiver.feed_bytes(self._pins.read()):
             try:
-                self._obey(fields, now_us)
+                self._obey_order(fields, now_us)
             except ValueError as kind:
-                self._reject(str(kind.args[0]), now_us)
+                self._reject_order(str(kind.args[0]), now_us)
         self.enabled = self._armed and self._enable and not self._pins.driver_fault()
 
-    def say(self, now_us: int, clock_us: int) -> None:
+    def send_status(self, now_us: int, clock_us: int) -> None:
         """Sends the status, with `clock_us` as the board's clock, and the report of a dose."""
-        self._pins.write(self._status(now_us, clock_us))
+        self._pins.write(self._make_status(now_us, clock_us))
         if now_us < self._report_until_us:
-            self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
+            self._pins.write(seal_frame(f"E1,{self._take_sequence()},{self._report}"))
 
-    def _reject(self, kind: str, now_us: int) -> None:
+    def _reject_order(self, kind: str, now_us: int) -> None:
         """Counts a fault. An old order stops the board until enable 0 arrives. Before the first
         order with the word the host does not know it, and its orders are old by no fault of the
         line."""
@@ -296,63 +305,67 @@ class Slave:
             if self._newest.used or self._newest.word is None:
                 self._old_order_until_us = now_us + OLD_ORDER_US
 
-    def _obey(self, fields: "list[bytes]", now_us: int) -> None:
+    def _obey_order(self, fields: "list[bytes]", now_us: int) -> None:
         """Obeys an order. Raises ValueError with the kind of fault; nothing has changed then."""
         name = fields[0]
-        if name not in FIELDS or (name in (b"A1", b"T3", b"D3") and self._newest.word is None):
+        if name not in FRAME_FIELDS or (
+            name in (b"A1", b"T3", b"D3") and self._newest.word is None
+        ):
             raise ValueError("unknown_frame")
         valved = name == b"T2" or (name == b"T3" and fields[5:6] not in ([], [b""]))
         if valved and self._settings.valves == 0:
             raise ValueError("unknown_frame")
-        if len(fields) != FIELDS[name]:
+        if len(fields) != FRAME_FIELDS[name]:
             raise ValueError("wrong_length")
         if name == b"A2":
-            self._pins.write(self._turned())
+            self._pins.write(self._make_turned())
         elif name == b"A1":
-            self._pins.write(seal(f"W1,{self._next_seq()},{self._newest.word}"))
+            self._pins.write(seal_frame(f"W1,{self._take_sequence()},{self._newest.word}"))
         elif name in (b"D1", b"D3"):
             self._start_dose(fields, now_us)
         else:
-            self._target(fields, valved, now_us)
+            self._set_target(fields, valved, now_us)
 
-    def _target(self, fields: "list[bytes]", valved: bool, now_us: int) -> None:
-        enable = whole(fields[4], 1)
-        valves = whole(fields[5], (1 << self._settings.valves) - 1) if valved else 0
-        rpm, opening_mm = number(fields[2], 0.0, 300.0), number(fields[3], 0.0, 100.0)
-        self._take(fields)
+    def _set_target(self, fields: "list[bytes]", valved: bool, now_us: int) -> None:
+        enable = parse_whole(fields[4], 1)
+        valves = parse_whole(fields[5], (1 << self._settings.valves) - 1) if valved else 0
+        rpm, opening_mm = parse_number(fields[2], 0.0, 300.0), parse_number(fields[3], 0.0, 100.0)
+        self._accept_order(fields)
         if not enable:
             self._armed, self._heartbeat_lost = True, False
-            self._gate.forgive()
+            self._gate.clear_lost()
         self._heard_us, self._enable = now_us, bool(enable)
         self._wanted_valves = valves
         self._wanted_rpm = min(rpm, self._settings.max_shaft_rpm)
         self._commanded_mm = min(opening_mm, self._settings.max_opening_mm)
 
-    def _take(self, fields: "list[bytes]") -> None:
+    def _accept_order(self, fields: "list[bytes]") -> None:
         """Accepts only newer orders; an order's word is its last field."""
         if fields[0].endswith(b"3"):
-            self._newest.take(whole(fields[1], WORDS - 1), whole(fields[-1], WORDS - 1))
+            self._newest.accept_order(
+                parse_whole(fields[1], WORD_MODULUS - 1), parse_whole(fields[-1], WORD_MODULUS - 1)
+            )
         else:
-            self._newest.take(whole(fields[1], SEQUENCES - 1), None)
+            self._newest.accept_order(parse_whole(fields[1], SEQUENCE_MODULUS - 1), None)
 
     def _start_dose(self, fields: "list[bytes]", now_us: int) -> None:
-        dose = whole(fields[2], SEQUENCES - 1)
-        angle_deg, rpm = number(fields[3], 0.0, 3600.0), number(fields[4], 1.0, 300.0)
-        self._take(fields)
+        dose = parse_whole(fields[2], SEQUENCE_MODULUS - 1)
+        angle_deg, rpm = parse_number(fields[3], 0.0, 3600.0), parse_number(fields[4], 1.0, 300.0)
+        self._accept_order(fields)
         if not self.enabled or self._doser.running or self._wanted_rpm > 0.0:
-            self._tell_dose(dose, DOSE_REFUSED, 0.0, now_us, now_us)
+            self._report_dose(dose, DOSE_REFUSED, 0.0, now_us, now_us)
             return
         self._dose, self._dose_begin_us = dose, now_us
-        self._doser.start(angle_deg, min(rpm, self._settings.max_shaft_rpm))
-        self._tell_dose(dose, DOSE_RUNNING, 0.0, now_us, now_us)
+        self._doser.start_dose(angle_deg, min(rpm, self._settings.max_shaft_rpm))
+        self._report_dose(dose, DOSE_RUNNING, 0.0, now_us, now_us)
 
     def _stop_shaft(self, now_us: int) -> None:
-        self._pins.duty(self._shaft.stop())
+        self._pins.duty(self._shaft.stop_shaft())
         if self._stepped is not None:
-            self._stepped.stop()
+            self._stepped.stop_shaft()
         if self._doser.running:
-            self._doser.abort()
-            self._tell_dose(
+            self._doser.abort_dose()
+            self._report_dose(
                 self._dose, DOSE_ABORTED, self._doser.turned_deg, self._dose_begin_us, now_us
             )
 
@@ -360,13 +373,13 @@ class Slave:
         """Turns the stepper for a dose, or for metering; `_stop_shaft` has ended both when not
         enabled."""
         if self._doser.running:
-            steps = self._doser.advance(dt_s)
+            steps = self._doser.step_dose(dt_s)
             if not self._doser.running:
-                self._tell_dose(
+                self._report_dose(
                     self._dose, DOSE_DONE, self._doser.turned_deg, self._dose_begin_us, now_us
                 )
         elif self._stepped is not None and self.enabled:
-            steps = self._stepped.advance(self._metered_rpm(), min(dt_s, LONGEST_STEPPED_S))
+            steps = self._stepped.step_shaft(self._metered_rpm(), min(dt_s, MAX_STEPPED_ROUND_S))
         else:
             return
         if steps:
@@ -381,38 +394,40 @@ class Slave:
         pins, gate = self._pins, self._gate
         sensor_mm = pins.opening_mm()
         if not gate.homed and sensor_mm is not None:
-            gate.refer(sensor_mm)
+            gate.set_reference(sensor_mm)
         if enabled:
             self._wanted_mm = self._commanded_mm
         if self._wanted_mm is None:
             return
         if gate.homed:
-            steps = gate.move(self._wanted_mm, sensor_mm, dt_s)
+            steps = gate.step_to_opening(self._wanted_mm, sensor_mm, dt_s)
         else:
-            steps = gate.home(pins.at_home(), dt_s) if enabled else 0
+            steps = gate.step_home(pins.at_home(), dt_s) if enabled else 0
         if steps:
             pins.gate_steps(steps)
 
-    def _control(self, enabled: bool, now_us: int) -> None:
+    def _control_shaft(self, enabled: bool, now_us: int) -> None:
         self._next_control_us = now_us + CONTROL_US
         dt_s = 0.0 if self._control_us is None else (now_us - self._control_us) * 1e-6
         self._control_us = now_us
-        self.shaft_rpm = self._meter.update(
+        self.shaft_rpm = self._meter.measure_rpm(
             now_us, self._pins.shaft_counts() if self._encoder else self._steps
         )
         if enabled and self._stepped is None:
-            self._pins.duty(self._shaft.update(self._metered_rpm(), self.shaft_rpm, dt_s))
+            self._pins.duty(self._shaft.update_duty(self._metered_rpm(), self.shaft_rpm, dt_s))
         elif self._stepped is not None and self._encoder:
-            self._stepped.compare(self.shaft_rpm, dt_s)
+            self._stepped.compare_encoder(self.shaft_rpm, dt_s)
 
-    def _tell_dose(
+    def _report_dose(
         self, dose: int, state: int, turned_deg: float, begin_us: int, end_us: int
     ) -> None:
-        self._report = f"{dose},{state},{turned_deg:.3f},{begin_us % WORDS},{end_us % WORDS}"
+        self._report = (
+            f"{dose},{state},{turned_deg:.3f},{begin_us % WORD_MODULUS},{end_us % WORD_MODULUS}"
+        )
         self._report_until_us = end_us + REPORT_US
-        self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
+        self._pins.write(seal_frame(f"E1,{self._take_sequence()},{self._report}"))
 
-    def _status(self, now_us: int, clock_us: int) -> bytes:
+    def _make_status(self, now_us: int, clock_us: int) -> bytes:
         pins = self._pins
         pulses, pulse_us = pins.wheel()
         sensor_mm = pins.opening_mm()
@@ -431,50 +446,50 @@ class Slave:
                 "S3",
                 (more or ",")
                 + ","
-                + decimal(shaft_effort, 0.0, 1000.0)
+                + format_decimal(shaft_effort, 0.0, 1000.0)
                 + ","
-                + decimal(gate_effort, 0.0, 1000.0),
+                + format_decimal(gate_effort, 0.0, 1000.0),
             )
-        return seal(
+        return seal_frame(
             ",".join(
                 (
                     name,
-                    str(self._next_seq()),
-                    str(max(self._newest.last, 0) % SEQUENCES),
-                    str(clock_us % WORDS),
-                    str(pulses % WORDS),
-                    str(pulse_us % WORDS),
-                    decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
-                    decimal(
+                    str(self._take_sequence()),
+                    str(max(self._newest.last, 0) % SEQUENCE_MODULUS),
+                    str(clock_us % WORD_MODULUS),
+                    str(pulses % WORD_MODULUS),
+                    str(pulse_us % WORD_MODULUS),
+                    format_decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
+                    format_decimal(
                         self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0
                     )
                     or "0.000",
-                    decimal(pins.hopper_kg(), -100.0, 5000.0),
-                    decimal(pins.supply_v(), 0.0, 60.0),
-                    decimal(pins.pitch_deg(), -60.0, 60.0),
-                    decimal(pins.roll_deg(), -60.0, 60.0),
+                    format_decimal(pins.hopper_kg(), -100.0, 5000.0),
+                    format_decimal(pins.supply_v(), 0.0, 60.0),
+                    format_decimal(pins.pitch_deg(), -60.0, 60.0),
+                    format_decimal(pins.roll_deg(), -60.0, 60.0),
                     "" if switch is None else str(int(switch)),
                     f"{int(flags)}{more}",
                 )
             )
         )
 
-    def _turned(self) -> bytes:
+    def _make_turned(self) -> bytes:
         """Returns how far the shaft turned since power-on and the length of a turn: by its
         encoder, by its stepper."""
         settings = self._settings
         counts = (
-            f"{self._pins.shaft_counts() % WORDS},{settings.counts_per_turn:.3f}"
+            f"{self._pins.shaft_counts() % WORD_MODULUS},{settings.counts_per_turn:.3f}"
             if self._encoder
             else ","
         )
         steps = (
             ","
             if self._stepped is None
-            else f"{self._steps % WORDS},{settings.dose_steps_per_turn:.3f}"
+            else f"{self._steps % WORD_MODULUS},{settings.dose_steps_per_turn:.3f}"
         )
-        return seal(f"C1,{self._next_seq()},{counts},{steps}")
+        return seal_frame(f"C1,{self._take_sequence()},{counts},{steps}")
 
-    def _next_seq(self) -> int:
-        seq, self._status_seq = self._status_seq, (self._status_seq + 1) % SEQUENCES
+    def _take_sequence(self) -> int:
+        seq, self._status_seq = self._status_seq, (self._status_seq + 1) % SEQUENCE_MODULUS
         return seq

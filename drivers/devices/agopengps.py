@@ -13,13 +13,13 @@ import struct
 
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
-from topdress.drivers.devices.nmea import FASTEST_MPS
+from topdress.drivers.devices.nmea import MAX_SPEED_MPS
 
 HEAD = b"\x80\x81\x7f"
 POSITION, DRIVE = 0x64, 0xFE
-FEWEST_BYTES = {POSITION: 24, DRIVE: 8}
+MIN_FRAME_BYTES = {POSITION: 24, DRIVE: 8}
 # A speed older than this is not combined with a position, s.
-SPEED_HELD_S = 1.0
+SPEED_VALID_S = 1.0
 _PLACE = struct.Struct("<ddd")  # longitude, latitude, heading
 
 
@@ -41,7 +41,11 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Returns the fixes completed by `data`, which arrived at `time_s`; oldest first."""
         self._rest += data
-        return [fix for frame in iter(self._next, None) for fix in self._counted(frame, time_s)]
+        return [
+            fix
+            for frame in iter(self._find_next_frame, None)
+            for fix in self._counted(frame, time_s)
+        ]
 
     def flush(self, time_s: float) -> list[GnssFix]:
         """Ends a recording: a truncated frame is counted."""
@@ -50,7 +54,7 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
             self._rest = b""
         return []
 
-    def _next(self) -> bytes | None:
+    def _find_next_frame(self) -> bytes | None:
         """Returns the next frame whose sum is right; None: more bytes are needed, and the bytes
         read are dropped.
 
@@ -60,9 +64,9 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         while True:
             start = self._rest.find(HEAD, self._at)
             if start < 0:
-                self._skip_to(max(self._at, len(self._rest) - len(HEAD) + 1))
+                self._skip_to_place(max(self._at, len(self._rest) - len(HEAD) + 1))
                 break
-            self._skip_to(start)
+            self._skip_to_place(start)
             if len(self._rest) < start + 5 or len(self._rest) < (
                 end := start + 6 + self._rest[start + 4]
             ):
@@ -77,7 +81,7 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         self._rest, self._at = self._rest[self._at :], 0
         return None
 
-    def _skip_to(self, place: int) -> None:
+    def _skip_to_place(self, place: int) -> None:
         if place > self._at and not self._in_garbage:
             self.counts.reject("garbage")
             self._in_garbage = True
@@ -85,13 +89,13 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
 
     def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
         name, body = sentence[3], sentence[5:-1]
-        if name not in FEWEST_BYTES:
+        if name not in MIN_FRAME_BYTES:
             raise Ignored(f"pgn_{name:02x}")
-        if len(body) < FEWEST_BYTES[name]:
+        if len(body) < MIN_FRAME_BYTES[name]:
             raise Rejected("wrong_length")
         if name == DRIVE:
             speed_mps = int.from_bytes(body[:2], "little") / 36.0  # tenths of km/h
-            if speed_mps > FASTEST_MPS:
+            if speed_mps > MAX_SPEED_MPS:
                 raise Rejected("impossible_value")
             self._speed_mps, self._speed_s = speed_mps, time_s
             return []
@@ -104,7 +108,7 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         )
         if not fine:
             raise Rejected("impossible_value")
-        fresh = time_s - self._speed_s <= SPEED_HELD_S
+        fresh = time_s - self._speed_s <= SPEED_VALID_S
         return [
             GnssFix(
                 time_s,

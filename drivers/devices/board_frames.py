@@ -10,7 +10,14 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from topdress.drivers.board.framing import REPEAT_WINDOW, SEQUENCES, WORDS, number, seal, whole
+from topdress.drivers.board.framing import (
+    REPEAT_WINDOW,
+    SEQUENCE_MODULUS,
+    WORD_MODULUS,
+    parse_number,
+    parse_whole,
+    seal_frame,
+)
 from topdress.drivers.devices.lines import Rejected
 
 VERSION = 1
@@ -27,10 +34,10 @@ WORD = "W1"  # the board's word, in answer to ASK
 # how far the shaft turned, in answer to ASK_TURNED
 TURNED = "C1"
 # micros and pulses run over here; words, and counts of commands with one, are below it
-COUNTERS = WORDS
-SILENT_HOST_S = 1.0  # the board stops by itself after this
+COUNTER_MODULUS = WORD_MODULUS
+HOST_TIMEOUT_S = 1.0  # the board stops by itself after this
 
-MOST_VALVES = 16
+MAX_VALVES = 16
 COMMAND_SHAFT_RPM = (0.0, 300.0)
 COMMAND_OPENING_MM = (0.0, 100.0)
 STATUS_RANGES: dict[str, tuple[float, float]] = {
@@ -41,9 +48,9 @@ STATUS_RANGES: dict[str, tuple[float, float]] = {
     "pitch_deg": (-60.0, 60.0),
     "roll_deg": (-60.0, 60.0),
 }
-MEASURED = tuple(STATUS_RANGES)
+MEASURED_FIELDS = tuple(STATUS_RANGES)
 # % of full duty, A or N m: as the machine file says
-EFFORT = (0.0, 1000.0)
+EFFORT_RANGE = (0.0, 1000.0)
 
 _CRC = re.compile(rb"[0-9A-Fa-f]{4}")
 
@@ -93,27 +100,27 @@ class ShaftTurned(NamedTuple):
     steps_per_turn: float | None
 
 
-def crc16(payload: bytes) -> int:
+def calc_crc16(payload: bytes) -> int:
     """Returns the CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected;
     `123456789` gives 0x29B1."""
     return binascii.crc_hqx(payload, 0xFFFF)
 
 
-def is_repeat(seq: int, last: int | None) -> bool:
+def is_repeated_sequence(seq: int, last: int | None) -> bool:
     """Returns whether a sequence number is the last one or shortly before it, over the wrap at
     65536."""
-    return last is not None and (last - seq) % SEQUENCES < REPEAT_WINDOW
+    return last is not None and (last - seq) % SEQUENCE_MODULUS < REPEAT_WINDOW
 
 
-def valves_mask(valves: Sequence[bool]) -> int:
+def encode_valves(valves: Sequence[bool]) -> int:
     """Encodes valves: bit 0 is the leftmost section; 1: open."""
     return sum(1 << k for k, on in enumerate(valves) if on is True)
 
 
-def valves_of(mask: int) -> tuple[bool, ...]:
+def decode_valves(mask: int) -> tuple[bool, ...]:
     """Decodes all valves that a frame has room for, left to right; those that a machine lacks
     are closed."""
-    return tuple([bool(mask >> k & 1) for k in range(MOST_VALVES)])
+    return tuple([bool(mask >> k & 1) for k in range(MAX_VALVES)])
 
 
 def encode_command(frame: CommandFrame) -> bytes:
@@ -128,36 +135,40 @@ def encode_command(frame: CommandFrame) -> bytes:
     ):
         if not low <= value <= high:
             raise ValueError(f"board command: {name} {value}, allowed is {low:g} to {high:g}")
-    if frame.valves is not None and not 0 <= frame.valves < 1 << MOST_VALVES:
+    if frame.valves is not None and not 0 <= frame.valves < 1 << MAX_VALVES:
         raise ValueError(
-            f"board command: valves {frame.valves}, allowed is 0 to {(1 << MOST_VALVES) - 1}"
+            f"board command: valves {frame.valves}, allowed is 0 to {(1 << MAX_VALVES) - 1}"
         )
     said = f"{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
     valves = "" if frame.valves is None else f",{frame.valves}"
     if frame.word is not None:
-        return seal(f"{COMMAND_WORD},{frame.seq % COUNTERS},{said}{valves or ','},{frame.word}")
-    return seal(f"{COMMAND_VALVES if valves else COMMAND},{frame.seq % SEQUENCES},{said}{valves}")
+        return seal_frame(
+            f"{COMMAND_WORD},{frame.seq % COUNTER_MODULUS},{said}{valves or ','},{frame.word}"
+        )
+    return seal_frame(
+        f"{COMMAND_VALVES if valves else COMMAND},{frame.seq % SEQUENCE_MODULUS},{said}{valves}"
+    )
 
 
-ASK, ASK_TURNED = seal("A1"), seal("A2")
+ASK, ASK_TURNED = seal_frame("A1"), seal_frame("A2")
 
 
 def decode_word(frame: bytes) -> tuple[int, int]:
     """Returns sequence number and word. Raises ValueError with the kind of fault."""
-    fields = open_frame(frame, WORD, 2)
-    return whole(fields[0], SEQUENCES - 1), whole(fields[1], COUNTERS - 1)
+    fields = split_frame(frame, WORD, 2)
+    return parse_whole(fields[0], SEQUENCE_MODULUS - 1), parse_whole(fields[1], COUNTER_MODULUS - 1)
 
 
 def decode_turned(frame: bytes) -> ShaftTurned:
     """Returns the turns of the shaft. Raises ValueError with the kind of fault."""
-    seq, *said = open_frame(frame, TURNED, 5)
+    seq, *said = split_frame(frame, TURNED, 5)
     (counts, per_count), (steps, per_step) = (
-        (whole(said[k], COUNTERS - 1), number(said[k + 1], 1.0, 100000.0))
+        (parse_whole(said[k], COUNTER_MODULUS - 1), parse_number(said[k + 1], 1.0, 100000.0))
         if said[k]
         else (None, None)
         for k in (0, 2)
     )
-    return ShaftTurned(whole(seq, SEQUENCES - 1), counts, per_count, steps, per_step)
+    return ShaftTurned(parse_whole(seq, SEQUENCE_MODULUS - 1), counts, per_count, steps, per_step)
 
 
 def decode_status(frame: bytes) -> StatusFrame:
@@ -166,17 +177,17 @@ def decode_status(frame: bytes) -> StatusFrame:
     name = next(
         (name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS
     )
-    fields = open_frame(frame, name, {STATUS: 13, STATUS_VALVES: 14, STATUS_EFFORT: 16}[name])
-    seq, echo = (whole(text, SEQUENCES - 1) for text in fields[:2])
-    micros, pulses, pulse_micros = (whole(text, COUNTERS - 1) for text in fields[2:5])
-    shaft_rpm = number(fields[5], *STATUS_RANGES["shaft_rpm"])
-    opening_mm = number(fields[6], *STATUS_RANGES["opening_mm"])
+    fields = split_frame(frame, name, {STATUS: 13, STATUS_VALVES: 14, STATUS_EFFORT: 16}[name])
+    seq, echo = (parse_whole(text, SEQUENCE_MODULUS - 1) for text in fields[:2])
+    micros, pulses, pulse_micros = (parse_whole(text, COUNTER_MODULUS - 1) for text in fields[2:5])
+    shaft_rpm = parse_number(fields[5], *STATUS_RANGES["shaft_rpm"])
+    opening_mm = parse_number(fields[6], *STATUS_RANGES["opening_mm"])
     fitted = [
-        number(text, *STATUS_RANGES[name]) if text else None
-        for name, text in zip(MEASURED[2:], fields[7:11], strict=True)
+        parse_number(text, *STATUS_RANGES[name]) if text else None
+        for name, text in zip(MEASURED_FIELDS[2:], fields[7:11], strict=True)
     ]
     hopper_kg, supply_v, pitch_deg, roll_deg = fitted
-    work_switch = bool(whole(fields[11], 1)) if fields[11] else None
+    work_switch = bool(parse_whole(fields[11], 1)) if fields[11] else None
     valved = name == STATUS_VALVES or (name == STATUS_EFFORT and fields[13] != b"")
     return StatusFrame(
         seq,
@@ -191,20 +202,20 @@ def decode_status(frame: bytes) -> StatusFrame:
         pitch_deg,
         roll_deg,
         work_switch,
-        whole(fields[12], 255),
-        whole(fields[13], (1 << MOST_VALVES) - 1) if valved else None,
-        *(number(text, *EFFORT) if text else None for text in fields[14:]),
+        parse_whole(fields[12], 255),
+        parse_whole(fields[13], (1 << MAX_VALVES) - 1) if valved else None,
+        *(parse_number(text, *EFFORT_RANGE) if text else None for text in fields[14:]),
     )
 
 
-def open_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
+def split_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
     """Returns the fields after the frame's name, once CRC, name and number of fields are right.
     Raises Rejected."""
     payload, star, crc = frame.partition(b"*")
     crc = crc.strip()
     if not star or not crc:
         raise Rejected("missing_crc")
-    if not _CRC.fullmatch(crc) or int(crc, 16) != crc16(payload):
+    if not _CRC.fullmatch(crc) or int(crc, 16) != calc_crc16(payload):
         raise Rejected("bad_crc")
     name, *fields = payload.split(b",")
     if name != kind.encode():

@@ -11,7 +11,7 @@ import re
 from typing import NamedTuple
 
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
-from topdress.drivers.plugins import PluginFault, plugged
+from topdress.drivers.plugins import PluginFault, find_plugin
 
 LOWEST_NDVI = -1.0
 HIGHEST_NDVI = 1.0
@@ -39,12 +39,12 @@ PROTOCOLS: dict[str, HeadFields] = {
 }
 
 
-def head_fields(protocol: str) -> HeadFields | None:
+def find_head_fields(protocol: str) -> HeadFields | None:
     """Returns the fields of a built-in protocol or of a plug-in. Raises ValueError where a
     plug-in cannot be loaded."""
     if protocol in PROTOCOLS:
         return PROTOCOLS[protocol]
-    found = plugged("devices", protocol)
+    found = find_plugin("devices", protocol)
     if found is None or found.is_a != HeadFields.__name__:
         return None
     fields = HeadFields(**found.values)
@@ -106,13 +106,13 @@ class HeadDecoder(LineDecoder[HeadSample]):
         if sentence.startswith(b"#"):
             raise Ignored("comment")
         try:
-            return [self._sample(sentence.strip(), time_s)]
+            return [self._read_sample(sentence.strip(), time_s)]
         except Rejected:
             if first:
                 raise Ignored("partial_first") from None
             raise
 
-    def _sample(self, line: bytes, time_s: float) -> HeadSample:
+    def _read_sample(self, line: bytes, time_s: float) -> HeadSample:
         head = self._head
         if head is None:
             prefix, _, line = line.partition(b",")

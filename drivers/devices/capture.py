@@ -1,5 +1,5 @@
 r"""How are the raw bytes of one device's line recorded, with times? Nothing is lost:
-`received` gives the bytes back.
+`extract_received` gives the bytes back.
 
     # topdress-capture/1 gnss nmea0183 socket://127.0.0.1:4100
     12.345 < $GPGGA,...*47\r\n
@@ -22,16 +22,16 @@ _ESCAPE = re.compile(rb"\\(?:x[0-9a-f]{2}|[rn\\])")
 _LINE = re.compile(rb"-?[0-9]+\.[0-9]{3} ([<>]) (.*)")
 
 
-def header(name: str, protocol: str, port: str) -> bytes:
+def make_capture_header(name: str, protocol: str, port: str) -> bytes:
     """Returns the first line of a capture."""
     return HEADER + f" {name} {protocol} {port}\n".encode("ascii", "backslashreplace")
 
 
-def captured(time_s: float, direction: str, data: bytes) -> bytes:
+def make_capture_lines(time_s: float, direction: str, data: bytes) -> bytes:
     """Returns bytes received (`<`) or sent (`>`) at `time_s` as lines of a capture."""
     begin = f"{time_s:.3f} {direction} "
     return "".join(
-        f"{begin}{_printable(piece)}\n" for piece in data.splitlines(keepends=True)
+        f"{begin}{_escape_bytes(piece)}\n" for piece in data.splitlines(keepends=True)
     ).encode()
 
 
@@ -39,7 +39,7 @@ def is_capture(data: bytes) -> bool:
     return data.startswith(HEADER)
 
 
-def received(capture: bytes) -> bytes:
+def extract_received(capture: bytes) -> bytes:
     """Returns all received bytes, in order. A truncated capture is read up to its last whole
     line.
 
@@ -56,16 +56,16 @@ def received(capture: bytes) -> bytes:
                 f"line {number}: {line[:40]!r}: allowed is TIME_S < BYTES or TIME_S > BYTES"
             )
         if match[1] == b"<":
-            found.append(_ESCAPE.sub(_unescaped, match[2]))
+            found.append(_ESCAPE.sub(_unescape_match, match[2]))
     return b"".join(found)
 
 
-def _printable(data: bytes) -> str:
+def _escape_bytes(data: bytes) -> str:
     return "".join(
         _ESCAPED.get(byte) or (chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}") for byte in data
     )
 
 
-def _unescaped(match: re.Match[bytes]) -> bytes:
+def _unescape_match(match: re.Match[bytes]) -> bytes:
     text = match[0]
     return _BACK.get(text) or bytes.fromhex(text[2:].decode())

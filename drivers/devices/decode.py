@@ -10,15 +10,15 @@ from typing import Any
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
-from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, head_fields
-from topdress.drivers.devices.capture import is_capture, received
+from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, find_head_fields
+from topdress.drivers.devices.capture import extract_received, is_capture
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.gpsd import GpsdDecoder
 from topdress.drivers.devices.lines import Counts
 from topdress.drivers.devices.rate_line import RateLineDecoder
 from topdress.drivers.devices.slave_board import BoardReadings, SlaveBoard
 from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
-from topdress.drivers.plugins import plugged
+from topdress.drivers.plugins import find_plugin
 
 Record = dict[str, float | int | str | None]
 
@@ -29,7 +29,7 @@ BYTES_PER_S = 960.0
 PIECE_BYTES = 96
 
 
-def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
+def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     """Returns every accepted measurement of a capture, with the run log's column names, and the
     counts by kind.
 
@@ -50,18 +50,18 @@ def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     ValueError : an unknown protocol; the message lists the known ones. A capture of the
         console's with a wrong line."""
     name = protocol.removesuffix("-multi")
-    if protocol not in PROTOCOLS and plugged("devices", name) is not None:
-        data = received(data) if is_capture(data) else data
-        layout = head_fields(name)
+    if protocol not in PROTOCOLS and find_plugin("devices", name) is not None:
+        data = extract_received(data) if is_capture(data) else data
+        layout = find_head_fields(name)
         if layout is not None:
-            return _heads(layout, name != protocol, data)
-        return _through_plugin(name, data)
+            return _decode_heads(layout, name != protocol, data)
+        return _decode_by_plugin(name, data)
     if protocol not in PROTOCOLS:
         raise ValueError(f"protocol {protocol!r}: allowed is one of {', '.join(sorted(PROTOCOLS))}")
-    return PROTOCOLS[protocol](received(data) if is_capture(data) else data)
+    return PROTOCOLS[protocol](extract_received(data) if is_capture(data) else data)
 
 
-def _through(
+def _decode_all(
     decoder: Any, to_record: Callable[[Any], Record], data: bytes
 ) -> tuple[list[Record], Counts]:
     readings = []
@@ -72,26 +72,28 @@ def _through(
     return [to_record(reading) for reading in readings], counts
 
 
-def _through_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
+def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
     """Raises PluginFault."""
     from topdress.drivers.plugin_process import PluginDecoder
 
     decoder = PluginDecoder(name)
     try:
-        return _through(decoder, _fix_record, data)
+        return _decode_all(decoder, _make_fix_record, data)
     finally:
         decoder.close()
 
 
-def _heads(layout: HeadFields, multiplexed: bool, data: bytes) -> tuple[list[Record], Counts]:
-    return _through(
+def _decode_heads(
+    layout: HeadFields, multiplexed: bool, data: bytes
+) -> tuple[list[Record], Counts]:
+    return _decode_all(
         HeadDecoder(layout, head=None if multiplexed else 1),
         lambda sample: {f"ndvi_{sample.head}": sample.ndvi},
         data,
     )
 
 
-def _fix_record(fix: GnssFix) -> Record:
+def _make_fix_record(fix: GnssFix) -> Record:
     return {
         "utc": fix.utc,
         "lat_deg": fix.lat_deg,
@@ -104,7 +106,7 @@ def _fix_record(fix: GnssFix) -> Record:
     }
 
 
-def _board_record(readings: BoardReadings) -> Record:
+def _make_board_record(readings: BoardReadings) -> Record:
     names = (
         "wheel_speed_mps",
         "pitch_deg",
@@ -124,8 +126,8 @@ def _board_record(readings: BoardReadings) -> Record:
     return record
 
 
-def _rate_line(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(
+def _decode_rate_line(data: bytes) -> tuple[list[Record], Counts]:
+    return _decode_all(
         RateLineDecoder(),
         lambda said: {
             "target_rate_kg_ha" if said.is_target else "applied_rate_kg_ha": said.rate_kg_ha
@@ -134,8 +136,8 @@ def _rate_line(data: bytes) -> tuple[list[Record], Counts]:
     )
 
 
-def _tractor(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(
+def _decode_tractor(data: bytes) -> tuple[list[Record], Counts]:
+    return _decode_all(
         TractorSpeedDecoder(),
         lambda announced: {
             "acceleration_mps2": announced.acceleration_mps2,
@@ -146,12 +148,15 @@ def _tractor(data: bytes) -> tuple[list[Record], Counts]:
 
 
 PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
-    "gnss": lambda data: _through(GnssDecoder(live=False), _fix_record, data),
-    "gpsd": lambda data: _through(GpsdDecoder(), _fix_record, data),
-    "agopengps": lambda data: _through(AgOpenGpsDecoder(), _fix_record, data),
-    "board": lambda data: _through(SlaveBoard(), _board_record, data),
-    "tractor": _tractor,
-    "rate_line": _rate_line,
-    **{name: partial(_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
-    **{f"{name}-multi": partial(_heads, layout, True) for name, layout in HEAD_PROTOCOLS.items()},
+    "gnss": lambda data: _decode_all(GnssDecoder(live=False), _make_fix_record, data),
+    "gpsd": lambda data: _decode_all(GpsdDecoder(), _make_fix_record, data),
+    "agopengps": lambda data: _decode_all(AgOpenGpsDecoder(), _make_fix_record, data),
+    "board": lambda data: _decode_all(SlaveBoard(), _make_board_record, data),
+    "tractor": _decode_tractor,
+    "rate_line": _decode_rate_line,
+    **{name: partial(_decode_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
+    **{
+        f"{name}-multi": partial(_decode_heads, layout, True)
+        for name, layout in HEAD_PROTOCOLS.items()
+    },
 }

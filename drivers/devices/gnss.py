@@ -20,14 +20,14 @@ from datetime import UTC, date, datetime, timedelta
 
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
-from topdress.drivers.devices.nmea import GNSS_TALKERS, Sentence, parse
+from topdress.drivers.devices.nmea import GNSS_TALKERS, Sentence, parse_sentence
 
 DAY_MS = 86_400_000
-BEHIND = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}
+PREFERRED_SENTENCES = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}
 # A lesser source of places counts when the preferred one has been silent for this long, s.
-STANDS_BEHIND_S = 5.0
+PREFERRED_TIMEOUT_S = 5.0
 # A receiver whose time has run on behind the old one for this long has a new clock, s.
-NEW_CLOCK_AFTER_S = 5.0
+NEW_CLOCK_DELAY_S = 5.0
 
 
 @dataclass(slots=True)
@@ -88,13 +88,15 @@ class GnssDecoder(LineDecoder[GnssFix]):
 
     def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
         try:
-            return self._take(self._first_hand(parse(sentence), time_s), time_s)
+            return self._take_sentence(
+                self._select_sentence(parse_sentence(sentence), time_s), time_s
+            )
         except Ignored as kind:
             if str(kind) == "no_fix":  # it speaks, and says that it does not know
-                self._note(sentence[:2].decode(), sentence[2:5].decode(), time_s)
+                self._note_talker(sentence[:2].decode(), sentence[2:5].decode(), time_s)
             raise
 
-    def _first_hand(self, sentence: Sentence, time_s: float) -> Sentence:
+    def _select_sentence(self, sentence: Sentence, time_s: float) -> Sentence:
         """Returns the sentence where no preferred one has spoken recently. Raises Ignored.
 
         A recording is read at one time: there, whoever has spoken once stands."""
@@ -103,26 +105,26 @@ class GnssDecoder(LineDecoder[GnssFix]):
             self._dated = sentence.date, sentence.time_of_day_ms
             raise Ignored("ZDA")
         receiver = sentence.talker in GNSS_TALKERS
-        if not receiver and self._spoke("receiver", time_s):
+        if not receiver and self._has_spoken("receiver", time_s):
             raise Ignored(sentence.talker + sentence.type)
-        if sentence.type in BEHIND and any(
-            self._spoke(kind, time_s) for kind in BEHIND[sentence.type]
+        if sentence.type in PREFERRED_SENTENCES and any(
+            self._has_spoken(kind, time_s) for kind in PREFERRED_SENTENCES[sentence.type]
         ):
             raise Ignored(sentence.type)
-        self._note(sentence.talker, sentence.type, time_s)
+        self._note_talker(sentence.talker, sentence.type, time_s)
         return sentence
 
-    def _note(self, talker: str, kind: str, time_s: float) -> None:
+    def _note_talker(self, talker: str, kind: str, time_s: float) -> None:
         self._heard_s[kind] = time_s
         if talker in GNSS_TALKERS:
             self._heard_s["receiver"] = time_s
 
-    def _spoke(self, kind: str, time_s: float) -> bool:
+    def _has_spoken(self, kind: str, time_s: float) -> bool:
         heard_s = self._heard_s.get(kind)
-        return heard_s is not None and time_s - heard_s < STANDS_BEHIND_S
+        return heard_s is not None and time_s - heard_s < PREFERRED_TIMEOUT_S
 
-    def _take(self, sentence: Sentence, time_s: float) -> list[GnssFix]:
-        epoch, closed = self._epoch_of(sentence, time_s)
+    def _take_sentence(self, sentence: Sentence, time_s: float) -> list[GnssFix]:
+        epoch, closed = self._find_epoch(sentence, time_s)
         said = epoch.sentences.get(sentence.type)
         if said is not None:
             if said.talker == sentence.talker:
@@ -134,12 +136,12 @@ class GnssDecoder(LineDecoder[GnssFix]):
             self._dated = sentence.date, epoch.time_of_day_ms
         if not self._live:
             return closed
-        if brings_speed if epoch.handed_over else sentence.type == self._ending_type():
-            closed.append(self._fix(epoch))
+        if brings_speed if epoch.handed_over else sentence.type == self._find_ending_type():
+            closed.append(self._make_fix(epoch))
             epoch.handed_over = True
         return closed
 
-    def _epoch_of(self, sentence: Sentence, time_s: float) -> tuple[_Epoch, list[GnssFix]]:
+    def _find_epoch(self, sentence: Sentence, time_s: float) -> tuple[_Epoch, list[GnssFix]]:
         """Returns the epoch of a sentence, a new one where it begins one, and the fix of the
         epoch that it closes."""
         epoch = self._epoch
@@ -151,7 +153,10 @@ class GnssDecoder(LineDecoder[GnssFix]):
             return epoch, []
         if epoch is not None and sentence.time_of_day_ms == epoch.time_of_day_ms:
             return epoch, []
-        if epoch is not None and _ahead_ms(sentence.time_of_day_ms, epoch.time_of_day_ms) < 0:
+        if (
+            epoch is not None
+            and _calc_time_ahead_ms(sentence.time_of_day_ms, epoch.time_of_day_ms) < 0
+        ):
             self._check_new_clock(sentence.time_of_day_ms, time_s)
         self._behind = None
         closed = self._close_epoch()
@@ -160,13 +165,13 @@ class GnssDecoder(LineDecoder[GnssFix]):
 
     def _check_new_clock(self, time_of_day_ms: int, time_s: float) -> None:
         """Accepts a backward time as the receiver's new clock, else rejects it."""
-        if self._behind is None or _ahead_ms(time_of_day_ms, self._behind[0]) < 0:
+        if self._behind is None or _calc_time_ahead_ms(time_of_day_ms, self._behind[0]) < 0:
             self._behind = time_of_day_ms, time_s
         self._behind = time_of_day_ms, self._behind[1]
-        if time_s - self._behind[1] < NEW_CLOCK_AFTER_S:
+        if time_s - self._behind[1] < NEW_CLOCK_DELAY_S:
             raise Rejected("time_backwards")
 
-    def _ending_type(self) -> str | None:
+    def _find_ending_type(self) -> str | None:
         last, before = self._types_of_last_epochs
         common = [kind for kind in last if kind in before] or last
         return common[-1] if common else None
@@ -176,9 +181,9 @@ class GnssDecoder(LineDecoder[GnssFix]):
         if epoch is None:
             return []
         self._types_of_last_epochs = list(epoch.sentences), self._types_of_last_epochs[0]
-        return [] if epoch.handed_over else [self._fix(epoch)]
+        return [] if epoch.handed_over else [self._make_fix(epoch)]
 
-    def _fix(self, epoch: _Epoch) -> GnssFix:
+    def _make_fix(self, epoch: _Epoch) -> GnssFix:
         gga, gns, gll, rmc, vtg = (
             epoch.sentences.get(kind) for kind in ("GGA", "GNS", "GLL", "RMC", "VTG")
         )
@@ -195,10 +200,10 @@ class GnssDecoder(LineDecoder[GnssFix]):
             hdop=place.hdop,
             speed_mps=moving.speed_mps if moving else None,
             heading_deg=headed.heading_deg if headed else None,
-            utc=self._utc(epoch.time_of_day_ms),
+            utc=self._format_utc(epoch.time_of_day_ms),
         )
 
-    def _utc(self, time_of_day_ms: int) -> str | None:
+    def _format_utc(self, time_of_day_ms: int) -> str | None:
         if self._dated is None:
             return None
         day, dated_ms = self._dated
@@ -214,7 +219,7 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return at.strftime("%Y-%m-%dT%H:%M:%S.") + f"{time_of_day_ms % 1000:03d}Z"
 
 
-def _ahead_ms(later_ms: int, earlier_ms: int) -> int:
+def _calc_time_ahead_ms(later_ms: int, earlier_ms: int) -> int:
     """Returns how far one time of day is ahead of another, the shorter way round midnight: -12 h
     to 12 h."""
     return (later_ms - earlier_ms + DAY_MS // 2) % DAY_MS - DAY_MS // 2

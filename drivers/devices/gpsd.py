@@ -9,9 +9,9 @@ from datetime import datetime
 from typing import Any
 
 from topdress.control.readings import GnssFix
-from topdress.drivers.devices.gnss import NEW_CLOCK_AFTER_S
+from topdress.drivers.devices.gnss import NEW_CLOCK_DELAY_S
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
-from topdress.drivers.devices.nmea import FASTEST_MPS, LARGEST_HDOP
+from topdress.drivers.devices.nmea import MAX_HDOP, MAX_SPEED_MPS
 
 WATCH = b'?WATCH={"enable":true,"json":true};\n'
 # gpsd's status in GGA's numbers
@@ -43,21 +43,21 @@ class GpsdDecoder(LineDecoder[GnssFix]):
             said = None
         if not isinstance(said, dict):
             raise Rejected("malformed")
-        return self._take(said, time_s)
+        return self._take_object(said, time_s)
 
-    def _take(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
+    def _take_object(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
         name = said.get("class")
         if not isinstance(name, str):
             raise Rejected("malformed")
         if name == "POLL":
-            return self._poll(said, time_s)
+            return self._take_poll(said, time_s)
         if name not in ("TPV", "SKY"):
             raise Ignored(name if name.isalpha() and len(name) < 20 else "other")
         if self._device is not None and said.get("device", self._device) != self._device:
             raise Ignored("other_device")
-        return self._fix(said, time_s) if name == "TPV" else self._sky(said)
+        return self._make_fix(said, time_s) if name == "TPV" else self._take_sky(said)
 
-    def _poll(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
+    def _take_poll(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
         """Takes an answer to ?POLL, which has the newest reports of each receiver: those of the
         used one count."""
         found: list[GnssFix] | Ignored | Rejected = Ignored("POLL")
@@ -67,7 +67,7 @@ class GpsdDecoder(LineDecoder[GnssFix]):
                 raise Rejected("malformed")
             for report in reports:
                 try:
-                    taken: list[GnssFix] | Ignored | Rejected = self._take(
+                    taken: list[GnssFix] | Ignored | Rejected = self._take_object(
                         {**report, "class": kind}, time_s
                     )
                 except (Ignored, Rejected) as why:
@@ -78,35 +78,38 @@ class GpsdDecoder(LineDecoder[GnssFix]):
             raise found
         return found
 
-    def _sky(self, said: dict[str, Any]) -> list[GnssFix]:
-        hdop, used = _number(said, "hdop", 0.0, LARGEST_HDOP), _number(said, "uSat", 0, 200)
+    def _take_sky(self, said: dict[str, Any]) -> list[GnssFix]:
+        hdop, used = _read_number(said, "hdop", 0.0, MAX_HDOP), _read_number(said, "uSat", 0, 200)
         if hdop is None and used is None:
             raise Ignored("SKY")
         self._hdop = hdop if hdop is not None else self._hdop
         self._satellites = int(used) if used is not None else self._satellites
         return []
 
-    def _fix(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
-        mode = _number(said, "mode", 0, 3)
+    def _make_fix(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
+        mode = _read_number(said, "mode", 0, 3)
         if mode is None:
             raise Rejected("malformed")
         if mode < 2:
             raise Ignored("no_fix")
-        lat_deg, lon_deg = _number(said, "lat", -90.0, 90.0), _number(said, "lon", -180.0, 180.0)
+        lat_deg, lon_deg = (
+            _read_number(said, "lat", -90.0, 90.0),
+            _read_number(said, "lon", -180.0, 180.0),
+        )
         if lat_deg is None or lon_deg is None:
             raise Ignored("no_fix")
         if lat_deg == 0.0 and lon_deg == 0.0:
             raise Rejected("impossible_value")
-        status = _number(said, "status", 0, 9)
-        heading_deg = _number(said, "track", 0.0, 360.0)
-        speed_mps = _number(said, "speed", 0.0, FASTEST_MPS)
+        status = _read_number(said, "status", 0, 9)
+        heading_deg = _read_number(said, "track", 0.0, 360.0)
+        speed_mps = _read_number(said, "speed", 0.0, MAX_SPEED_MPS)
         utc = said.get("time")
-        if utc is not None and not _is_utc(utc):
+        if utc is not None and not _is_utc_text(utc):
             raise Rejected("malformed")
         if utc is not None:
             if utc == self._utc:
                 raise Rejected("duplicate_epoch")
-            if utc < self._utc and not self._new_clock(time_s):
+            if utc < self._utc and not self._is_new_clock(time_s):
                 raise Rejected("time_backwards")
             self._utc, self._behind_since_s = utc, None
         device = said.get("device")
@@ -126,15 +129,15 @@ class GpsdDecoder(LineDecoder[GnssFix]):
             )
         ]
 
-    def _new_clock(self, time_s: float) -> bool:
+    def _is_new_clock(self, time_s: float) -> bool:
         """Returns whether the receiver's time has run on behind the old one for long enough to
         be its new clock."""
         if self._behind_since_s is None:
             self._behind_since_s = time_s
-        return time_s - self._behind_since_s >= NEW_CLOCK_AFTER_S
+        return time_s - self._behind_since_s >= NEW_CLOCK_DELAY_S
 
 
-def _is_utc(said: object) -> bool:
+def _is_utc_text(said: object) -> bool:
     if not (isinstance(said, str) and _UTC.fullmatch(said)):
         return False
     try:
@@ -144,7 +147,7 @@ def _is_utc(said: object) -> bool:
     return True
 
 
-def _number(said: dict[str, Any], key: str, low: float, high: float) -> float | None:
+def _read_number(said: dict[str, Any], key: str, low: float, high: float) -> float | None:
     value = said.get(key)
     if value is None:
         return None

@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 from topdress.control.readings import Reading
-from topdress.drivers.board.framing import SEQUENCES, number, seal, whole
+from topdress.drivers.board.framing import SEQUENCE_MODULUS, parse_number, parse_whole, seal_frame
 from topdress.drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, TURNING
-from topdress.drivers.devices.board_frames import COUNTERS, is_repeat, open_frame
+from topdress.drivers.devices.board_frames import COUNTER_MODULUS, is_repeated_sequence, split_frame
 from topdress.drivers.devices.lines import LineDecoder, Rejected
 
 ORDER, STATUS = "R1", "L1"
@@ -68,32 +68,32 @@ class LagRig(LineDecoder[RigReadings]):
         self._block_s = -math.inf
 
     def _said(self, sentence: bytes, time_s: float) -> list[RigReadings]:
-        return [self._take(decode_status(sentence), time_s)]
+        return [self._take_status(decode_rig_status(sentence), time_s)]
 
-    def order(self, run: int, arm: bool) -> bytes:
+    def make_order(self, run: int, arm: bool) -> bytes:
         """Returns an order: arm the rig for a run of that number, or idle. Repeating it is
         harmless."""
-        count, self._next_order = self._next_order, (self._next_order + 1) % SEQUENCES
-        return seal(f"{ORDER},{count},{run % SEQUENCES},{arm:d}")
+        count, self._next_order = self._next_order, (self._next_order + 1) % SEQUENCE_MODULUS
+        return seal_frame(f"{ORDER},{count},{run % SEQUENCE_MODULUS},{arm:d}")
 
-    def _take(self, status: RigStatus, time_s: float) -> RigReadings:
-        if is_repeat(status.seq, self._last_seq):
+    def _take_status(self, status: RigStatus, time_s: float) -> RigReadings:
+        if is_repeated_sequence(status.seq, self._last_seq):
             raise Rejected("repeated_sequence")
         restarted = (
             self._last_seq is not None
-            and (self._last_seq - status.seq) % SEQUENCES < SEQUENCES // 2
+            and (self._last_seq - status.seq) % SEQUENCE_MODULUS < SEQUENCE_MODULUS // 2
         )
         self._last_seq = status.seq
         if restarted:
             self._micros, self._offsets_s = None, [math.inf, math.inf]
         if self._micros is None:
             self._micros = status.micros
-        self._micros += (status.micros - self._micros) % COUNTERS
+        self._micros += (status.micros - self._micros) % COUNTER_MODULUS
         if time_s - self._block_s > CLOCK_BLOCK_S:
             self._block_s, self._offsets_s = time_s, [self._offsets_s[1], math.inf]
         self._offsets_s[1] = min(self._offsets_s[1], time_s - self._micros * 1e-6)
-        start_us = self._before(status, status.start_micros)
-        land_us = self._before(status, status.land_micros)
+        start_us = self._unwrap_micros(status, status.start_micros)
+        land_us = self._unwrap_micros(status, status.land_micros)
         return RigReadings(
             time_s,
             status.run,
@@ -105,22 +105,27 @@ class LagRig(LineDecoder[RigReadings]):
             bool(status.flags & PLATE_BEFORE),
         )
 
-    def _before(self, status: RigStatus, micros: int | None) -> int | None:
+    def _unwrap_micros(self, status: RigStatus, micros: int | None) -> int | None:
         """Converts an earlier time on the rig's clock to its unwrapped clock."""
         assert self._micros is not None
-        return None if micros is None else self._micros - (status.micros - micros) % COUNTERS
+        return None if micros is None else self._micros - (status.micros - micros) % COUNTER_MODULUS
 
 
-def decode_status(frame: bytes) -> RigStatus:
+def decode_rig_status(frame: bytes) -> RigStatus:
     """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
     fault."""
-    fields = open_frame(frame, STATUS, 9)
-    seq, run = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
-    state, micros = whole(fields[2], LANDED), whole(fields[3], COUNTERS - 1)
-    shaft_rpm = number(fields[4], -400.0, 400.0)
-    plate = int(number(fields[5], -999999.0, 999999.0))
-    start = whole(fields[6], COUNTERS - 1) if fields[6] else None
-    land = whole(fields[7], COUNTERS - 1) if fields[7] else None
+    fields = split_frame(frame, STATUS, 9)
+    seq, run = (
+        parse_whole(fields[0], SEQUENCE_MODULUS - 1),
+        parse_whole(fields[1], SEQUENCE_MODULUS - 1),
+    )
+    state, micros = parse_whole(fields[2], LANDED), parse_whole(fields[3], COUNTER_MODULUS - 1)
+    shaft_rpm = parse_number(fields[4], -400.0, 400.0)
+    plate = int(parse_number(fields[5], -999999.0, 999999.0))
+    start = parse_whole(fields[6], COUNTER_MODULUS - 1) if fields[6] else None
+    land = parse_whole(fields[7], COUNTER_MODULUS - 1) if fields[7] else None
     if (start is None) != (state < TURNING) or (land is None) != (state < LANDED):
         raise Rejected("wrong_length")
-    return RigStatus(seq, run, state, micros, shaft_rpm, plate, start, land, whole(fields[8], 255))
+    return RigStatus(
+        seq, run, state, micros, shaft_rpm, plate, start, land, parse_whole(fields[8], 255)
+    )

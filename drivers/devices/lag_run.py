@@ -18,7 +18,7 @@ STANDING_RPM = 0.5
 Phase = Literal["settling", "arming", "running", "done"]
 
 
-class Plan(NamedTuple):
+class LagPlan(NamedTuple):
     """Defines the runs, and the time-outs of their phases."""
 
     shaft_rpm: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
@@ -43,7 +43,7 @@ class LagRun(NamedTuple):
         return self.response_s + self.drop_s
 
 
-class Wish(NamedTuple):
+class LagWish(NamedTuple):
     """Holds what the procedure wants at this tick. `run`: number to order of the rig, with
     `arm`; `said`: a failed run and its reason."""
 
@@ -77,8 +77,8 @@ class LagTest(_RigTest):
     `allowed` False (hold-to-run released, an interlock): the shaft is wanted at 0 and the run
     begins again later."""
 
-    def __init__(self, plan: Plan | None = None) -> None:
-        plan = plan or Plan()
+    def __init__(self, plan: LagPlan | None = None) -> None:
+        plan = plan or LagPlan()
         super().__init__(plan.settle_s)
         self.runs: list[LagRun] = []
         self.left_out: list[tuple[float, int, str]] = []
@@ -92,11 +92,11 @@ class LagTest(_RigTest):
         self._sent_s = 0.0
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         return self._phase == "done"
 
     @property
-    def now(self) -> tuple[float, int]:
+    def present_run(self) -> tuple[float, int]:
         """Returns shaft speed and replicate of the present or next run; zeros when done."""
         return self._todo[0] if self._todo else (0.0, 0)
 
@@ -105,76 +105,76 @@ class LagTest(_RigTest):
         """Returns the completed share of the plan, 0 to 1."""
         return 1.0 - len(self._todo) / self._total if self._total else 1.0
 
-    def tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> Wish:
+    def run_tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> LagWish:
         """Returns the wish of this tick. `rig`: the newest reading, however old; `now_s` on the
         clock that stamped it.
 
         In the tick whose wish turns to the run's speed, that speed must be sent at `now_s`: the
         response is counted from then."""
         if self._phase == "done":
-            return self._wish()
+            return self._make_wish()
         if not allowed:
-            self._restart()
-            return self._wish()
+            self._restart_run()
+            return self._make_wish()
         if self._phase == "settling":
             if self._has_stood(now_s, rig):
                 self._phase, self._since_s, self._number = "arming", now_s, self._number + 1
         elif self._phase == "arming":
-            self._arm(now_s, rig)
+            self._await_arming(now_s, rig)
         else:
-            return self._wish(self._watch(now_s, rig))
-        return self._wish()
+            return self._make_wish(self._watch_run(now_s, rig))
+        return self._make_wish()
 
-    def _arm(self, now_s: float, rig: RigReadings | None) -> None:
+    def _await_arming(self, now_s: float, rig: RigReadings | None) -> None:
         if rig is not None and rig.run == self._number and rig.state == ARMED:
             self._phase, self._sent_s = "running", now_s
         elif self._since_s is not None and now_s - self._since_s > self._plan.arm_s:
-            self._restart()
+            self._restart_run()
 
-    def _watch(self, now_s: float, rig: RigReadings | None) -> str:
+    def _watch_run(self, now_s: float, rig: RigReadings | None) -> str:
         rpm, repeat = self._todo[0]
         if rig is not None and rig.run == self._number and rig.state == LANDED:
             assert rig.start_s is not None and rig.drop_s is not None
             response_s = rig.start_s - self._sent_s
             if rig.plate_before or rig.turned_before:
-                return self._fail(
+                return self._fail_run(
                     "the plate was touched before the shaft turned"
                     if rig.plate_before
                     else "the shaft turned before its command"
                 )
             if response_s <= 0.0:
-                return self._fail(f"the shaft turned {-response_s:.3f} s before its command")
+                return self._fail_run(f"the shaft turned {-response_s:.3f} s before its command")
             self.runs.append(LagRun(rpm, repeat, response_s, rig.drop_s))
-            self._next()
+            self._begin_next()
             return ""
         if now_s - self._sent_s > self._plan.longest_s:
             state = rig.state if rig is not None and rig.run == self._number else IDLE
-            return self._fail("nothing landed" if state > ARMED else "the shaft did not turn")
+            return self._fail_run("nothing landed" if state > ARMED else "the shaft did not turn")
         return ""
 
-    def _fail(self, why: str) -> str:
+    def _fail_run(self, why: str) -> str:
         rpm, repeat = self._todo[0]
         self._tries += 1
         if self._tries >= self._plan.tries:
             self.left_out.append((rpm, repeat, why))
-            self._next()
+            self._begin_next()
         else:
-            self._restart()
+            self._restart_run()
         return f"{rpm:g} r/min, repeat {repeat}: {why}"
 
-    def _next(self) -> None:
+    def _begin_next(self) -> None:
         self._todo.pop(0)
         self._tries = 0
-        self._restart()
+        self._restart_run()
         if not self._todo:
             self._phase = "done"
 
-    def _restart(self) -> None:
+    def _restart_run(self) -> None:
         self._phase, self._since_s = "settling", None
 
-    def _wish(self, said: str = "") -> Wish:
+    def _make_wish(self, said: str = "") -> LagWish:
         running = self._phase == "running"
-        return Wish(
+        return LagWish(
             self._todo[0][0] if running else 0.0,
             self._number,
             self._phase in ("arming", "running"),
@@ -186,16 +186,16 @@ class LagTest(_RigTest):
 COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
 
 
-def bench_row(run: LagRun) -> str:
+def make_bench_row(run: LagRun) -> str:
     """Returns one run as a row of the table; times to a millisecond."""
     return f"{run.shaft_rpm:g},{run.replicate},{run.response_s:.3f},{run.drop_s:.3f}\n"
 
 
-def bench_table(runs: Iterable[LagRun]) -> str:
+def make_bench_table(runs: Iterable[LagRun]) -> str:
     """Returns the runs as a lag bench table (CSV) with both measured times, by shaft speed;
     their sum is the lag."""
     ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))
-    return ",".join(COLUMNS) + "\n" + "".join(map(bench_row, ordered))
+    return ",".join(COLUMNS) + "\n" + "".join(map(make_bench_row, ordered))
 
 
 DropPhase = Literal["stop", "arming", "start", "falling"]
@@ -233,7 +233,7 @@ class DropTest(_RigTest):
         self._longest_s = longest_s
         self._phase: DropPhase = "stop"
 
-    def tick(self, now_s: float, rig: RigReadings | None) -> DropWish:
+    def run_tick(self, now_s: float, rig: RigReadings | None) -> DropWish:
         """Returns the wish of this tick. `rig`: the newest reading, however old; `now_s` on the
         clock that stamped it."""
         said = ""
@@ -246,7 +246,7 @@ class DropTest(_RigTest):
         elif self._phase == "arming" and rig.state >= ARMED:
             self._phase = "start"
         elif rig.state == LANDED:
-            said = self._landed(rig)
+            said = self._record_landing(rig)
         elif rig.state == TURNING and self._phase == "start":
             self._phase, self._since_s = "falling", now_s
         elif (
@@ -255,11 +255,11 @@ class DropTest(_RigTest):
             and now_s - self._since_s > self._longest_s
         ):
             said = "nothing landed"
-            self._again()
+            self._restart_run()
         return DropWish(self._number, self._phase != "stop", self._phase, said)
 
-    def _landed(self, rig: RigReadings) -> str:
-        self._again()
+    def _record_landing(self, rig: RigReadings) -> str:
+        self._restart_run()
         if rig.plate_before:
             return "the plate was touched before the shaft turned"
         if rig.turned_before:
@@ -268,11 +268,11 @@ class DropTest(_RigTest):
         self.runs.append(DropRun(abs(rig.shaft_rpm.value), rig.drop_s))
         return ""
 
-    def _again(self) -> None:
+    def _restart_run(self) -> None:
         self._phase, self._since_s = "stop", None
 
 
-def drop_table(runs: Iterable[DropRun]) -> str:
+def make_drop_table(runs: Iterable[DropRun]) -> str:
     """Returns the runs as a lag bench table (CSV), in the order of measurement."""
     rows = [
         f"{run.shaft_rpm:.1f},{number},{run.drop_s:.3f}\n"

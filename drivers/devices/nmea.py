@@ -18,13 +18,13 @@ from topdress.drivers.devices.lines import Ignored, Rejected
 # maker has for himself.
 GNSS_TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD", "GI", "GQ", "QZ"})
 _TALKER = re.compile(r"[A-OQ-Z][A-Z0-9]|Q[A-Z]")
-FEWEST_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8, "GNS": 8, "GLL": 6, "ZDA": 4}
+MIN_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8, "GNS": 8, "GLL": 6, "ZDA": 4}
 
 MPS_PER_KNOT = 1852.0 / 3600.0
-FASTEST_MPS = 100.0  # anything above is no ground vehicle
+MAX_SPEED_MPS = 100.0  # anything above is no ground vehicle
 # of GPS; two digits of a year, as RMC has them, reach to 2099
 FIRST_YEAR, LAST_YEAR = 1980, 2099
-LARGEST_HDOP = 100.0  # receivers write 99.99 for "unknown"
+MAX_HDOP = 100.0  # receivers write 99.99 for "unknown"
 MODES_BY_WORTH = "RFPDAEMS"
 # RMC's mode in GGA's numbers
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}
@@ -55,18 +55,18 @@ class Sentence(NamedTuple):
     heading_deg: float | None = None
 
 
-def checksum(payload: bytes) -> int:
+def calc_checksum(payload: bytes) -> int:
     """Returns the exclusive or of all bytes between `$` and `*`."""
     return reduce(operator.xor, payload, 0)
 
 
-def seal(payload: str) -> bytes:
+def seal_sentence(payload: str) -> bytes:
     """Returns a sentence from the text between `$` and `*`."""
     data = payload.encode("ascii")
-    return b"$%b*%02X\r\n" % (data, checksum(data))
+    return b"$%b*%02X\r\n" % (data, calc_checksum(data))
 
 
-def parse(sentence: bytes) -> Sentence:
+def parse_sentence(sentence: bytes) -> Sentence:
     """Reads one sentence, given without `$` and line end.
 
     Raises
@@ -74,25 +74,25 @@ def parse(sentence: bytes) -> Sentence:
     Rejected : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
     Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the
         receiver says that it has no position or no speed."""
-    text = _checked(sentence)
+    text = _verify_checksum(sentence)
     address, _, rest = text.partition(",")
     if not _ADDRESS.fullmatch(address):
         raise Rejected("malformed")
     talker, kind = address[:2], address[2:]
     if len(address) != 5 or not _TALKER.fullmatch(talker):
         raise Ignored(address)
-    if kind not in FEWEST_FIELDS:
+    if kind not in MIN_FIELDS:
         raise Ignored(kind)
-    if rest.count(",") + 1 < FEWEST_FIELDS[kind]:
+    if rest.count(",") + 1 < MIN_FIELDS[kind]:
         raise Rejected("malformed")
     try:
         fields = pynmea2.parse("$" + text)
     except pynmea2.ParseError:
         raise Rejected("malformed") from None
-    return _READERS[kind](talker, fields)
+    return _SENTENCE_READERS[kind](talker, fields)
 
 
-def _checked(sentence: bytes) -> str:
+def _verify_checksum(sentence: bytes) -> str:
     """Returns the text before `*` where its checksum is right."""
     payload, star, given = sentence.partition(b"*")
     given = given.strip()
@@ -100,7 +100,7 @@ def _checked(sentence: bytes) -> str:
         raise Rejected("missing_checksum")
     if not _HEX_PAIR.fullmatch(given):
         raise Rejected("malformed")
-    if int(given, 16) != checksum(payload):
+    if int(given, 16) != calc_checksum(payload):
         raise Rejected("bad_checksum")
     try:
         text = payload.decode("ascii")
@@ -111,58 +111,60 @@ def _checked(sentence: bytes) -> str:
     return text
 
 
-def _gga(talker: str, fields: Any) -> Sentence:
-    quality = _whole(str(fields.data[5]), 0, 9)
+def _read_gga(talker: str, fields: Any) -> Sentence:
+    quality = _read_whole(str(fields.data[5]), 0, 9)
     if not quality:
         raise Ignored("no_fix")
-    lat_deg, lon_deg = _position(fields)
+    lat_deg, lon_deg = _read_position(fields)
     return Sentence(
         "GGA",
         talker,
-        time_of_day_ms=_time_of_day_ms(fields),
+        time_of_day_ms=_read_time_of_day_ms(fields),
         lat_deg=lat_deg,
         lon_deg=lon_deg,
         fix_quality=quality,
-        satellites=_whole(fields.num_sats, 0, 200),
-        hdop=_number(fields.horizontal_dil, 0.0, LARGEST_HDOP),
+        satellites=_read_whole(fields.num_sats, 0, 200),
+        hdop=_read_number(fields.horizontal_dil, 0.0, MAX_HDOP),
     )
 
 
-def _rmc(talker: str, fields: Any) -> Sentence:
+def _read_rmc(talker: str, fields: Any) -> Sentence:
     if fields.status == "V":
         raise Ignored("no_fix")
     if fields.status != "A":
         raise Rejected("malformed")
-    lat_deg, lon_deg = _position(fields)
+    lat_deg, lon_deg = _read_position(fields)
     mode = fields.mode_indicator
     if mode == "N":
         raise Ignored("no_fix")
     if mode and mode not in QUALITY_OF_MODE:
         raise Rejected("malformed")
-    speed_knots = _number(fields.data[6], 0.0, FASTEST_MPS / MPS_PER_KNOT)
+    speed_knots = _read_number(fields.data[6], 0.0, MAX_SPEED_MPS / MPS_PER_KNOT)
     return Sentence(
         "RMC",
         talker,
-        time_of_day_ms=_time_of_day_ms(fields),
-        date=_date(fields),
+        time_of_day_ms=_read_time_of_day_ms(fields),
+        date=_read_date(fields),
         lat_deg=lat_deg,
         lon_deg=lon_deg,
         fix_quality=QUALITY_OF_MODE.get(mode, 1),
         speed_mps=None if speed_knots is None else speed_knots * MPS_PER_KNOT,
-        heading_deg=_heading_deg(fields.data[7]),
+        heading_deg=_read_heading_deg(fields.data[7]),
     )
 
 
-def _vtg(talker: str, fields: Any) -> Sentence:
-    knots = _number(fields.data[4], 0.0, FASTEST_MPS / MPS_PER_KNOT)
-    kmh = _number(fields.data[6], 0.0, FASTEST_MPS * 3.6)
+def _read_vtg(talker: str, fields: Any) -> Sentence:
+    knots = _read_number(fields.data[4], 0.0, MAX_SPEED_MPS / MPS_PER_KNOT)
+    kmh = _read_number(fields.data[6], 0.0, MAX_SPEED_MPS * 3.6)
     if fields.faa_mode == "N" or (knots is None and kmh is None):
         raise Ignored("no_fix")
     speed_mps = knots * MPS_PER_KNOT if knots is not None else (kmh or 0.0) / 3.6
-    return Sentence("VTG", talker, speed_mps=speed_mps, heading_deg=_heading_deg(fields.data[0]))
+    return Sentence(
+        "VTG", talker, speed_mps=speed_mps, heading_deg=_read_heading_deg(fields.data[0])
+    )
 
 
-def _gns(talker: str, fields: Any) -> Sentence:
+def _read_gns(talker: str, fields: Any) -> Sentence:
     """Reads a GNS: of the mode letters, one for each constellation, the best is the fix's."""
     modes = fields.data[5]
     if not modes or set(modes) - set(QUALITY_OF_MODE) - {"N"}:
@@ -170,55 +172,62 @@ def _gns(talker: str, fields: Any) -> Sentence:
     best = next((mode for mode in MODES_BY_WORTH if mode in modes), "N")
     if best == "N":
         raise Ignored("no_fix")
-    lat_deg, lon_deg = _position(fields)
+    lat_deg, lon_deg = _read_position(fields)
     return Sentence(
         "GNS",
         talker,
-        time_of_day_ms=_time_of_day_ms(fields),
+        time_of_day_ms=_read_time_of_day_ms(fields),
         lat_deg=lat_deg,
         lon_deg=lon_deg,
         fix_quality=QUALITY_OF_MODE[best],
-        satellites=_whole(fields.data[6], 0, 200),
-        hdop=_number(fields.data[7], 0.0, LARGEST_HDOP),
+        satellites=_read_whole(fields.data[6], 0, 200),
+        hdop=_read_number(fields.data[7], 0.0, MAX_HDOP),
     )
 
 
-def _gll(talker: str, fields: Any) -> Sentence:
+def _read_gll(talker: str, fields: Any) -> Sentence:
     mode = fields.data[6] if len(fields.data) > 6 else ""
     if fields.data[5] == "V" or mode == "N":
         raise Ignored("no_fix")
     if fields.data[5] != "A" or (mode and mode not in QUALITY_OF_MODE):
         raise Rejected("malformed")
-    lat_deg, lon_deg = _position(fields)
+    lat_deg, lon_deg = _read_position(fields)
     return Sentence(
         "GLL",
         talker,
-        time_of_day_ms=_time_of_day_ms(fields, 4),
+        time_of_day_ms=_read_time_of_day_ms(fields, 4),
         lat_deg=lat_deg,
         lon_deg=lon_deg,
         fix_quality=QUALITY_OF_MODE.get(mode, 1),
     )
 
 
-def _zda(talker: str, fields: Any) -> Sentence:
+def _read_zda(talker: str, fields: Any) -> Sentence:
     """Reads a ZDA, which is empty before the receiver knows the day."""
     day, month, year = fields.data[1:4]
     if not (fields.data[0] and day and month and year):
         raise Ignored("ZDA")
-    numbers = [_whole(text, 0, 9999) or 0 for text in (year, month, day)]
+    numbers = [_read_whole(text, 0, 9999) or 0 for text in (year, month, day)]
     try:
         utc_date = date(*numbers)
     except ValueError:
         raise Rejected("impossible_value") from None
     if not FIRST_YEAR <= utc_date.year <= LAST_YEAR:
         raise Rejected("impossible_value")
-    return Sentence("ZDA", talker, time_of_day_ms=_time_of_day_ms(fields), date=utc_date)
+    return Sentence("ZDA", talker, time_of_day_ms=_read_time_of_day_ms(fields), date=utc_date)
 
 
-_READERS = {"GGA": _gga, "RMC": _rmc, "VTG": _vtg, "GNS": _gns, "GLL": _gll, "ZDA": _zda}
+_SENTENCE_READERS = {
+    "GGA": _read_gga,
+    "RMC": _read_rmc,
+    "VTG": _read_vtg,
+    "GNS": _read_gns,
+    "GLL": _read_gll,
+    "ZDA": _read_zda,
+}
 
 
-def _number(text: str, low: float, high: float) -> float | None:
+def _read_number(text: str, low: float, high: float) -> float | None:
     if not text:
         return None
     if not _NUMBER.fullmatch(text):
@@ -229,19 +238,19 @@ def _number(text: str, low: float, high: float) -> float | None:
     return value
 
 
-def _whole(text: str, low: int, high: int) -> int | None:
+def _read_whole(text: str, low: int, high: int) -> int | None:
     if text and not text.isdecimal():
         raise Rejected("malformed")
-    value = _number(text, low, high)
+    value = _read_number(text, low, high)
     return None if value is None else int(value)
 
 
-def _heading_deg(text: str) -> float | None:
-    course_deg = _number(text, 0.0, 360.0)
+def _read_heading_deg(text: str) -> float | None:
+    course_deg = _read_number(text, 0.0, 360.0)
     return None if course_deg is None else course_deg % 360.0
 
 
-def _time_of_day_ms(fields: Any, at_field: int = 0) -> int:
+def _read_time_of_day_ms(fields: Any, at_field: int = 0) -> int:
     if not _TIME.fullmatch(fields.data[at_field]):
         raise Rejected("malformed")
     at = fields.timestamp
@@ -251,7 +260,7 @@ def _time_of_day_ms(fields: Any, at_field: int = 0) -> int:
     return (at.hour * 3600 + at.minute * 60 + at.second) * 1000 + round(at.microsecond / 1000)
 
 
-def _date(fields: Any) -> date | None:
+def _read_date(fields: Any) -> date | None:
     text = fields.data[8]
     if not text:
         return None
@@ -263,7 +272,7 @@ def _date(fields: Any) -> date | None:
     return day
 
 
-def _position(fields: Any) -> tuple[float, float]:
+def _read_position(fields: Any) -> tuple[float, float]:
     """Returns latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's
     "unknown", not a field."""
     if not (_LATITUDE.fullmatch(fields.lat) and _LONGITUDE.fullmatch(fields.lon)):

@@ -11,19 +11,19 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from topdress.drivers.board.framing import SEQUENCES, number, seal, whole
-from topdress.drivers.devices.board_frames import COUNTERS, open_frame
+from topdress.drivers.board.framing import SEQUENCE_MODULUS, parse_number, parse_whole, seal_frame
+from topdress.drivers.devices.board_frames import COUNTER_MODULUS, split_frame
 from topdress.drivers.devices.lines import Rejected
 
 DOSE, REPORT = "D1", "E1"
 # with the board's word, as `board_frames.COMMAND_WORD`
 DOSE_WORD = "D3"
-ANGLE_DEG = (0.0, 3600.0)
-SHAFT_RPM = (1.0, 300.0)
+ANGLE_RANGE_DEG = (0.0, 3600.0)
+SHAFT_RANGE_RPM = (1.0, 300.0)
 # Without a report for this long, s, it is unknown whether the dose was given.
-UNHEARD_S = 0.3
+UNHEARD_TIMEOUT_S = 0.3
 # A dose is overdue this long after the time of its angle, s.
-OVERDUE_S = 0.5
+DOSE_OVERDUE_S = 0.5
 
 
 class DoseState(IntEnum):
@@ -63,7 +63,7 @@ class GivenDose(NamedTuple):
     heard_s: float | None = None
 
     @property
-    def settled(self) -> bool:
+    def is_settled(self) -> bool:
         return self.state > DoseState.RUNNING
 
 
@@ -73,33 +73,40 @@ def encode_dose(
     """Returns the line of a dose. Raises ValueError for a number that is not finite or not
     allowed by the protocol."""
     for name, value, (low, high) in (
-        ("angle_deg", angle_deg, ANGLE_DEG),
-        ("shaft_rpm", shaft_rpm, SHAFT_RPM),
+        ("angle_deg", angle_deg, ANGLE_RANGE_DEG),
+        ("shaft_rpm", shaft_rpm, SHAFT_RANGE_RPM),
     ):
         if not low <= value <= high:
             raise ValueError(f"dose: {name} {value}, allowed is {low:g} to {high:g}")
     name, count, tail = (
-        (DOSE, seq % SEQUENCES, "") if word is None else (DOSE_WORD, seq % COUNTERS, f",{word}")
+        (DOSE, seq % SEQUENCE_MODULUS, "")
+        if word is None
+        else (DOSE_WORD, seq % COUNTER_MODULUS, f",{word}")
     )
-    return seal(f"{name},{count},{dose % SEQUENCES},{angle_deg:.3f},{shaft_rpm:.3f}{tail}")
+    return seal_frame(
+        f"{name},{count},{dose % SEQUENCE_MODULUS},{angle_deg:.3f},{shaft_rpm:.3f}{tail}"
+    )
 
 
-def decode_report(frame: bytes) -> DoseReport:
+def decode_dose_report(frame: bytes) -> DoseReport:
     """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
     fault."""
-    fields = open_frame(frame, REPORT, 6)
-    seq, dose = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
-    state = whole(fields[2], DoseState.ABORTED)
+    fields = split_frame(frame, REPORT, 6)
+    seq, dose = (
+        parse_whole(fields[0], SEQUENCE_MODULUS - 1),
+        parse_whole(fields[1], SEQUENCE_MODULUS - 1),
+    )
+    state = parse_whole(fields[2], DoseState.ABORTED)
     if state < DoseState.RUNNING:
         raise Rejected("out_of_range")
-    turned_deg = number(fields[3], 0.0, 2.0 * ANGLE_DEG[1])
+    turned_deg = parse_number(fields[3], 0.0, 2.0 * ANGLE_RANGE_DEG[1])
     return DoseReport(
         seq,
         dose,
         DoseState(state),
         turned_deg,
-        whole(fields[4], COUNTERS - 1),
-        whole(fields[5], COUNTERS - 1),
+        parse_whole(fields[4], COUNTER_MODULUS - 1),
+        parse_whole(fields[5], COUNTER_MODULUS - 1),
     )
 
 
@@ -116,11 +123,11 @@ class PointDose:
         self._next = 0
 
     @property
-    def ready(self) -> bool:
+    def is_ready(self) -> bool:
         """Returns whether the next dose may be sent."""
-        return self.newest is None or self.newest.settled
+        return self.newest is None or self.newest.is_settled
 
-    def give(
+    def give_dose(
         self, angle_deg: float, shaft_rpm: float, seq: int, now_s: float, word: int | None = None
     ) -> bytes:
         """Returns the line of a new dose, to be sent at `now_s`; the speed is cut to the limit.
@@ -129,25 +136,30 @@ class PointDose:
         ------
         ValueError : a number that is not finite or not allowed; or the dose before is still
             under way."""
-        if not self.ready:
+        if not self.is_ready:
             raise ValueError("dose: the one before is still under way")
         if not math.isfinite(shaft_rpm):
             raise ValueError(
-                f"dose: shaft_rpm {shaft_rpm}, allowed is {SHAFT_RPM[0]:g} to "
+                f"dose: shaft_rpm {shaft_rpm}, allowed is {SHAFT_RANGE_RPM[0]:g} to "
                 f"{self._max_shaft_rpm:g}"
             )
         rpm = min(shaft_rpm, self._max_shaft_rpm)
         line = encode_dose(seq, self._next, angle_deg, rpm, word)
         self.newest = GivenDose(self._next, angle_deg, rpm, now_s)
-        self._next = (self._next + 1) % SEQUENCES
+        self._next = (self._next + 1) % SEQUENCE_MODULUS
         return line
 
-    def hear(self, report: DoseReport, now_s: float) -> None:
+    def take_report(self, report: DoseReport, now_s: float) -> None:
         """Takes a report of the board; reports of older or settled doses change nothing."""
         dose = self.newest
-        if dose is None or dose.settled or report.dose != dose.number or report.state < dose.state:
+        if (
+            dose is None
+            or dose.is_settled
+            or report.dose != dose.number
+            or report.state < dose.state
+        ):
             return
-        took_s = (report.end_micros - report.begin_micros) % COUNTERS * 1e-6
+        took_s = (report.end_micros - report.begin_micros) % COUNTER_MODULUS * 1e-6
         self.newest = dose._replace(
             state=report.state,
             turned_deg=report.turned_deg,
@@ -155,12 +167,12 @@ class PointDose:
             heard_s=now_s if dose.heard_s is None else dose.heard_s,
         )
 
-    def look(self, now_s: float) -> None:
+    def check_overdue(self, now_s: float) -> None:
         """Gives up a dose without a report in time; it is called every tick."""
         dose = self.newest
-        if dose is None or dose.settled:
+        if dose is None or dose.is_settled:
             return
         turning_s = dose.angle_deg / (6.0 * dose.shaft_rpm)
-        limit_s = UNHEARD_S if dose.state is DoseState.SENT else turning_s + OVERDUE_S
+        limit_s = UNHEARD_TIMEOUT_S if dose.state is DoseState.SENT else turning_s + DOSE_OVERDUE_S
         if now_s - dose.sent_s > limit_s:
             self.newest = dose._replace(state=DoseState.LOST)

@@ -26,11 +26,11 @@ from topdress.drivers.devices.rate_module_frames import (
 )
 from topdress.drivers.devices.slave_board import SlaveBoard
 from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
-from topdress.drivers.ports import Clock, Port, printable
+from topdress.drivers.ports import Clock, Port, escape_unprintable
 
 BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)  # the most usual first
 LISTEN_S = 1.2  # a receiver or head at 1 Hz is heard once
-FEWEST = 2  # accepted messages that make a finding
+MIN_MESSAGES = 2  # accepted messages that make a finding
 
 
 class ProbeFinding(NamedTuple):
@@ -51,7 +51,7 @@ class Decoder(Protocol):
     def feed(self, data: bytes, time_s: float) -> Sequence[object]: ...
 
 
-def decoders() -> dict[str, Decoder]:
+def make_decoders() -> dict[str, Decoder]:
     """Returns a fresh decoder of every line protocol, the strictest first."""
     return {
         "slave-board/1": SlaveBoard(),
@@ -69,7 +69,7 @@ def decoders() -> dict[str, Decoder]:
     }
 
 
-def recognise(data: bytes) -> ProbeFinding:
+def recognise_protocol(data: bytes) -> ProbeFinding:
     """Returns the protocol of bytes that were heard on a line.
 
     The decoder that accepts most messages is named. Where none accepts any, the one that knows
@@ -77,7 +77,7 @@ def recognise(data: bytes) -> ProbeFinding:
     asked. Head layouts of equal length cannot be separated: the first one is named.
     """
     best, most = ProbeFinding(), (0, 0)
-    for protocol, decoder in decoders().items():
+    for protocol, decoder in make_decoders().items():
         decoder.feed(data, 0.0)
         counts = decoder.counts
         understood = counts.accepted + sum(
@@ -85,7 +85,7 @@ def recognise(data: bytes) -> ProbeFinding:
             for kind, times in counts.ignored.items()
             if kind not in ("comment", "partial_first")
         )
-        enough = FEWEST if protocol not in ("gpsd",) else 1
+        enough = MIN_MESSAGES if protocol not in ("gpsd",) else 1
         if (
             understood >= enough
             and (counts.accepted, understood) > most
@@ -96,7 +96,7 @@ def recognise(data: bytes) -> ProbeFinding:
     return best
 
 
-def probe(
+def probe_port(
     open_at: Callable[[int], Port],
     bauds: Sequence[int],
     clock: Clock = time.monotonic,
@@ -116,14 +116,14 @@ def probe(
             while clock() - started_s < listen_s:
                 sleep(0.02)
                 heard += port.read()
-                found = recognise(heard) if heard.endswith(b"\n") else ProbeFinding()
-                if found.protocol and found.accepted >= 2 * FEWEST:
+                found = recognise_protocol(heard) if heard.endswith(b"\n") else ProbeFinding()
+                if found.protocol and found.accepted >= 2 * MIN_MESSAGES:
                     break
             state = port.state()
         finally:
             port.close()
-        found = recognise(heard)
-        last = state.last_lines()
+        found = recognise_protocol(heard)
+        last = state.format_last_lines()
         if found.protocol:
             return found._replace(baud=baud, said=last[0] if last else "")
         said = (
@@ -139,11 +139,11 @@ def probe(
 
 def recognise_either(heard: Sequence[bytes]) -> ProbeFinding:
     """Identifies pieces of a line, or datagrams; the last line is part of the result."""
-    found = recognise(b"".join(heard))
+    found = recognise_protocol(b"".join(heard))
     if found.protocol:
         lines = re.split(rb"[\r\n]+", b"".join(heard))
         whole = [line for line in lines[:-1] if line]
-        return found._replace(said=printable(whole[-1]) if whole else "")
+        return found._replace(said=escape_unprintable(whole[-1]) if whole else "")
     modules = recognise_modules(heard)
     if modules:
         number, label = next(iter(modules.items()))

@@ -21,16 +21,16 @@ import re
 from typing import NamedTuple
 
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
-from topdress.drivers.devices.nmea import checksum, seal
+from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
-MOST_KG_HA = 2000.0  # as a job's rates
+MAX_RATE_KG_HA = 2000.0  # as a job's rates
 _RAVEN = re.compile(
     rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*"
 )
 _OWN = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
 
 
-class RateSaid(NamedTuple):
+class ReportedRate(NamedTuple):
     """Holds a rate: wanted where `is_target`, else applied."""
 
     time_s: float
@@ -38,7 +38,7 @@ class RateSaid(NamedTuple):
     is_target: bool
 
 
-class RateLineDecoder(LineDecoder[RateSaid]):
+class RateLineDecoder(LineDecoder[ReportedRate]):
     """Decodes rates. unit_kg_ha: of a Raven sentence's number. Rejected: `bad_checksum`,
     `garbage`, `impossible_value`, `overlong`; ignored: `said_once`, a Raven target that has not
     come twice yet."""
@@ -50,26 +50,26 @@ class RateLineDecoder(LineDecoder[RateSaid]):
         self._unit_kg_ha = unit_kg_ha
         self._before = -1.0
 
-    def _said(self, sentence: bytes, time_s: float) -> list[RateSaid]:
+    def _said(self, sentence: bytes, time_s: float) -> list[ReportedRate]:
         text = sentence.strip()
         own, raven = _OWN.fullmatch(text), _RAVEN.fullmatch(text)
         if own is None and raven is None:
             raise Rejected("garbage")
-        if own is not None and checksum(own[1]) != int(own[3], 16):
+        if own is not None and calc_checksum(own[1]) != int(own[3], 16):
             raise Rejected("bad_checksum")
         is_target = own is not None or (raven is not None and raven["target"] is not None)
         rate = float(own[2]) if own is not None else 0.0
         if raven is not None:
             rate = self._unit_kg_ha * float(raven["target"] or raven["actual"])
-        if rate > MOST_KG_HA:
+        if rate > MAX_RATE_KG_HA:
             raise Rejected("impossible_value")
         if raven is not None and is_target:
             before, self._before = self._before, rate
             if before != rate:
                 raise Ignored("said_once")
-        return [RateSaid(time_s, rate, is_target)]
+        return [ReportedRate(time_s, rate, is_target)]
 
 
-def target_sentence(rate_kg_ha: float) -> bytes:
+def make_target_sentence(rate_kg_ha: float) -> bytes:
     """Returns a target as `$PTDRT`."""
-    return seal(f"PTDRT,{rate_kg_ha:.1f}")
+    return seal_sentence(f"PTDRT,{rate_kg_ha:.1f}")

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from topdress.control.readings import Reading
-from topdress.drivers.devices.board_frames import valves_mask
+from topdress.drivers.devices.board_frames import encode_valves
 from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
 from topdress.drivers.devices.rate_module_frames import (
-    MOST_RELAYS,
+    MAX_RELAYS,
     U24,
     BoardLabel,
     BoardStatus,
@@ -27,16 +27,16 @@ from topdress.drivers.devices.rate_module_frames import (
 )
 
 # Least interval of targets while the set-point changes, s.
-TARGET_EVERY_S = 0.1
+MIN_TARGET_INTERVAL_S = 0.1
 # Greatest interval of targets, s: the module stops after 4 s.
-TARGET_AT_LEAST_S = 0.5
-RELAYS_EVERY_S = 1.0
+MAX_TARGET_INTERVAL_S = 0.5
+RELAY_INTERVAL_S = 1.0
 # After a stop the relay stays on for this long, s: without it the module neither controls nor
 # counts.
 RUN_DOWN_S = 2.0
 # A module that reports for this long that it does not hear this console is no drive, s.
-UNHEARD_S = 2.0
-FASTEST_RPM = 400.0
+UNHEARD_TIMEOUT_S = 2.0
+MAX_SHAFT_RPM = 400.0
 
 
 class ModuleAddress(NamedTuple):
@@ -106,9 +106,9 @@ class RateModule(Decoder[ModuleReadings]):
         ):
             raise Ignored("other_module")
         if isinstance(heard, Status):
-            if heard.units_per_min > FASTEST_RPM:
+            if heard.units_per_min > MAX_SHAFT_RPM:
                 raise Rejected("out_of_range")
-            return [self._read(heard, time_s)]
+            return [self._read_status(heard, time_s)]
         if isinstance(heard, BoardLabel):
             self.label = heard.text
         elif isinstance(heard, Trace):
@@ -117,7 +117,7 @@ class RateModule(Decoder[ModuleReadings]):
             self.board, self.board_s = heard, time_s
         return []
 
-    def command(
+    def make_datagrams(
         self, shaft_rpm: float | None, enabled: bool, now_s: float, valves: Sequence[bool] = ()
     ) -> list[bytes]:
         """Returns the datagrams due at `now_s`, often none; it is called every tick.
@@ -143,12 +143,12 @@ class RateModule(Decoder[ModuleReadings]):
             self._run_until_s = now_s + RUN_DOWN_S
         relays = int(now_s < self._run_until_s)
         if running:
-            relays |= valves_mask(valves[: MOST_RELAYS - 1]) << 1
+            relays |= encode_valves(valves[: MAX_RELAYS - 1]) << 1
         found = []
-        if relays != self._relays or now_s - self._relays_s >= RELAYS_EVERY_S:
+        if relays != self._relays or now_s - self._relays_s >= RELAY_INTERVAL_S:
             self._relays, self._relays_s = relays, now_s
             found.append(encode_relays(Relays(*self._address, relays)))
-        if self._due((rpm, running), now_s):
+        if self._is_target_due((rpm, running), now_s):
             self._sent, self._sent_s = (rpm, running), now_s
             found.append(
                 encode_target(
@@ -157,16 +157,16 @@ class RateModule(Decoder[ModuleReadings]):
             )
         return found
 
-    def _due(self, wanted: tuple[float, bool], now_s: float) -> bool:
+    def _is_target_due(self, wanted: tuple[float, bool], now_s: float) -> bool:
         waited_s = now_s - self._sent_s
         if wanted == self._sent:
             # commanded to stop, again and again
             disobeys = wanted[0] == 0.0 and self._turns_rpm > 0.0
-            return waited_s >= (TARGET_EVERY_S if disobeys else TARGET_AT_LEAST_S)
+            return waited_s >= (MIN_TARGET_INTERVAL_S if disobeys else MAX_TARGET_INTERVAL_S)
         stops = wanted[0] == 0.0 or self._sent is None or wanted[1] != self._sent[1]
-        return stops or waited_s >= TARGET_EVERY_S
+        return stops or waited_s >= MIN_TARGET_INTERVAL_S
 
-    def _read(self, status: Status, time_s: float) -> ModuleReadings:
+    def _read_status(self, status: Status, time_s: float) -> ModuleReadings:
         if self._quantity is not None:
             moved = (status.quantity - self._quantity) % (U24 / 10.0)
             # backwards: the module was restarted
@@ -177,7 +177,10 @@ class RateModule(Decoder[ModuleReadings]):
         elif self._unheard_since_s is None:
             self._unheard_since_s = time_s
         self._turns_rpm = status.units_per_min
-        deaf = self._unheard_since_s is not None and time_s - self._unheard_since_s >= UNHEARD_S
+        deaf = (
+            self._unheard_since_s is not None
+            and time_s - self._unheard_since_s >= UNHEARD_TIMEOUT_S
+        )
         return ModuleReadings(
             time_s,
             None if deaf else Reading(status.units_per_min, time_s),

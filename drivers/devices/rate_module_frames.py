@@ -40,7 +40,7 @@ class FlowTarget(NamedTuple):
     log_pid: bool = False
 
 
-MOST_RELAYS = 16
+MAX_RELAYS = 16
 
 
 class Relays(NamedTuple):
@@ -107,17 +107,17 @@ class Trace(NamedTuple):
     firmware: int
 
 
-Heard = Status | BoardStatus | BoardLabel | Trace
+ModuleMessage = Status | BoardStatus | BoardLabel | Trace
 
 
-def checksum(data: bytes) -> int:
+def calc_checksum(data: bytes) -> int:
     return sum(data) & 0xFF
 
 
-def seal(message: int, body: bytes) -> bytes:
+def seal_datagram(message: int, body: bytes) -> bytes:
     """Returns a datagram of `message` from the bytes between its id and its checksum."""
     data = message.to_bytes(2, "little") + body
-    return data + bytes([checksum(data)])
+    return data + bytes([calc_checksum(data)])
 
 
 def encode_target(target: FlowTarget) -> bytes:
@@ -135,11 +135,11 @@ def encode_target(target: FlowTarget) -> bytes:
         raise ValueError(
             f"rate module: manual_pwm {target.manual_pwm}, allowed is -{FULL_PWM} to {FULL_PWM}"
         )
-    return seal(
+    return seal_datagram(
         TARGET,
-        bytes([_address(target.module, target.sensor)])
-        + thousandths("units_per_min", target.units_per_min)
-        + thousandths("pulses_per_unit", target.pulses_per_unit)
+        bytes([_encode_address(target.module, target.sensor)])
+        + encode_thousandths("units_per_min", target.units_per_min)
+        + encode_thousandths("pulses_per_unit", target.pulses_per_unit)
         + bytes([command])
         + target.manual_pwm.to_bytes(2, "little", signed=True)
         + b"\0",
@@ -147,9 +147,9 @@ def encode_target(target: FlowTarget) -> bytes:
 
 
 def encode_relays(relays: Relays) -> bytes:
-    return seal(
+    return seal_datagram(
         RELAYS,
-        bytes([_address(relays.module, relays.sensor)])
+        bytes([_encode_address(relays.module, relays.sensor)])
         + b"".join(
             word.to_bytes(2, "little")
             for word in (relays.relays, relays.power_mask, relays.inverted_mask)
@@ -160,10 +160,10 @@ def encode_relays(relays: Relays) -> bytes:
 
 def encode_status(status: Status) -> bytes:
     flags = HEARS_YOU * status.hears_you | BIN_EMPTY * status.bin_empty
-    return seal(
+    return seal_datagram(
         STATUS,
-        bytes([_address(status.module, status.sensor)])
-        + thousandths("units_per_min", status.units_per_min)
+        bytes([_encode_address(status.module, status.sensor)])
+        + encode_thousandths("units_per_min", status.units_per_min)
         + (round(status.quantity * 10.0) % U24).to_bytes(3, "little")
         + status.pwm.to_bytes(2, "little", signed=True)
         + bytes([flags])
@@ -178,7 +178,7 @@ def encode_board(board: BoardStatus) -> bytes:
         | PINS_OK * board.pins_ok
         | CONFIG_REJECTED * board.config_rejected
     )
-    return seal(
+    return seal_datagram(
         BOARD,
         bytes([board.module])
         + board.pressure.to_bytes(2, "little")
@@ -192,18 +192,18 @@ def encode_board(board: BoardStatus) -> bytes:
 
 def encode_label(label: BoardLabel) -> bytes:
     """Encodes a label of at most 16 letters of Latin-1."""
-    return seal(
+    return seal_datagram(
         LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0")
     )
 
 
 def encode_trace(trace: Trace) -> bytes:
-    return seal(
+    return seal_datagram(
         TRACE,
-        bytes([_address(trace.module, trace.sensor)])
+        bytes([_encode_address(trace.module, trace.sensor)])
         + (trace.millis % (1 << 32)).to_bytes(4, "little")
-        + thousandths("target", trace.target)
-        + thousandths("applied", trace.applied)
+        + encode_thousandths("target", trace.target)
+        + encode_thousandths("applied", trace.applied)
         + round(trace.error * 1000.0).to_bytes(3, "little", signed=True)
         + b"".join(
             word.to_bytes(2, "little", signed=True)
@@ -214,10 +214,10 @@ def encode_trace(trace: Trace) -> bytes:
     )
 
 
-def decode_heard(data: bytes) -> Heard:
+def decode_heard(data: bytes) -> ModuleMessage:
     """Decodes a datagram from a module. Raises Rejected, Ignored: `unknown_message`,
     `wrong_length`, `bad_checksum`."""
-    message, body = _open(data)
+    message, body = _open_datagram(data)
     if message == STATUS:
         flags = body[9]
         return Status(
@@ -266,7 +266,7 @@ def decode_heard(data: bytes) -> Heard:
 
 def decode_command(data: bytes) -> FlowTarget | Relays:
     """Decodes a datagram to a module, for the virtual one. Raises Rejected, Ignored."""
-    message, body = _open(data)
+    message, body = _open_datagram(data)
     if message == TARGET:
         command, kind = body[7], body[7] >> 1 & 7
         if kind >= len(CONTROL_TYPES):
@@ -289,7 +289,7 @@ def decode_command(data: bytes) -> FlowTarget | Relays:
     raise Ignored("unknown_message")
 
 
-def thousandths(name: str, value: float) -> bytes:
+def encode_thousandths(name: str, value: float) -> bytes:
     """Encodes a number in three bytes, little-endian. Raises ValueError where it is not finite
     or would overflow."""
     if not math.isfinite(value) or not 0 <= round(value * 1000.0) < U24:
@@ -297,18 +297,18 @@ def thousandths(name: str, value: float) -> bytes:
     return round(value * 1000.0).to_bytes(3, "little")
 
 
-def _address(module: int, sensor: int) -> int:
+def _encode_address(module: int, sensor: int) -> int:
     if not (0 <= module <= 15 and 0 <= sensor <= 15):
         raise ValueError(f"rate module: module {module}, sensor {sensor}, allowed are 0 to 15")
     return module << 4 | sensor
 
 
-def _open(data: bytes) -> tuple[int, bytes]:
+def _open_datagram(data: bytes) -> tuple[int, bytes]:
     message = int.from_bytes(data[:2], "little")
     if message not in LENGTHS:
         raise Ignored("unknown_message")
     if len(data) != LENGTHS[message]:
         raise Rejected("wrong_length")
-    if checksum(data[:-1]) != data[-1]:
+    if calc_checksum(data[:-1]) != data[-1]:
         raise Rejected("bad_checksum")
     return message, data[2:-1]

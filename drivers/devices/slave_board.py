@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from topdress.control.readings import DriveCommand, Reading, ValvesSeen
-from topdress.drivers.board.framing import SEQUENCES
+from topdress.drivers.board.framing import SEQUENCE_MODULUS
 from topdress.drivers.board.slave import (
     DRIVER_FAULT,
     ENABLED,
@@ -26,20 +26,20 @@ from topdress.drivers.devices.board_frames import (
     StatusFrame,
     decode_status,
     decode_turned,
+    decode_valves,
     decode_word,
     encode_command,
-    is_repeat,
-    valves_mask,
-    valves_of,
+    encode_valves,
+    is_repeated_sequence,
 )
 from topdress.drivers.devices.lines import LineDecoder, Rejected
-from topdress.drivers.devices.point_dose import REPORT, PointDose, decode_report
+from topdress.drivers.devices.point_dose import REPORT, PointDose, decode_dose_report
 from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
 BOARD_WORD, SHAFT_TURNED = WORD.encode() + b",", TURNED.encode() + b","
 # Requests for the word without an answer, a second at 20 a second, after which the board has none.
-ASKED = 20
+MAX_WORD_REQUESTS = 20
 
 
 class SetPointLimits(NamedTuple):
@@ -103,7 +103,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self.dose = PointDose(self._limits.max_shaft_rpm)
         self.turned: ShaftTurned | None = None  # the newest answer to ASK_TURNED
 
-    def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
+    def make_command_line(self, command: DriveCommand | None, enabled: bool) -> bytes:
         """Returns the next command line, heartbeat included; to be sent 10 times a second or
         more. Before it stands the request for the board's word, where the board has not heard
         anything under it yet.
@@ -130,7 +130,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             )
             self._valves = len(command.valves)
         valves = (
-            valves_mask(command.valves if running and command is not None else ())
+            encode_valves(command.valves if running and command is not None else ())
             if self._valves
             else None
         )
@@ -142,53 +142,53 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         if not self._ask:
             return line
         self._asked += 1
-        if self._asked >= ASKED:
+        if self._asked >= MAX_WORD_REQUESTS:
             self._word, self._ask = None, False
         return ASK + line
 
-    def opened_anew(self) -> None:
+    def forget_board(self) -> None:
         """Forgets the board, because another one, or an older program, may be there now: its
         word is requested where there was one."""
         self._ask, self._asked = self._word is not None, 0
 
     def give_dose(self, angle_deg: float, shaft_rpm: float, now_s: float) -> bytes:
         """Returns the line of one dose of a point applicator. Raises ValueError as
-        `PointDose.give` does."""
-        line = self.dose.give(angle_deg, shaft_rpm, self._next_command, now_s, self._word)
+        `PointDose.give_dose` does."""
+        line = self.dose.give_dose(angle_deg, shaft_rpm, self._next_command, now_s, self._word)
         self._next_command += 1
         return line
 
     def _said(self, sentence: bytes, time_s: float) -> list[BoardReadings]:
         if sentence.startswith(DOSE_REPORT):
-            report = decode_report(sentence)
-            self._count(report.seq)
-            self.dose.hear(report, time_s)
+            report = decode_dose_report(sentence)
+            self._count_sequence(report.seq)
+            self.dose.take_report(report, time_s)
             return []
         if sentence.startswith(BOARD_WORD):
             seq, word = decode_word(sentence)
-            self._count(seq)
+            self._count_sequence(seq)
             self._word, self._ask, self._asked = word, False, 0
             return []
         if sentence.startswith(SHAFT_TURNED):
             turned = decode_turned(sentence)
-            self._count(turned.seq)
+            self._count_sequence(turned.seq)
             self.turned = turned
             return []
-        return [self._take(decode_status(sentence), time_s)]
+        return [self._take_status(decode_status(sentence), time_s)]
 
-    def _count(self, seq: int) -> None:
+    def _count_sequence(self, seq: int) -> None:
         """Counts missed frames. Raises Rejected for a repeated frame."""
-        if is_repeat(seq, self._last_seq):
+        if is_repeated_sequence(seq, self._last_seq):
             raise Rejected("repeated_sequence")
         if self._last_seq is not None:
-            skipped = (seq - self._last_seq - 1) % SEQUENCES
-            self.missed += skipped if skipped < SEQUENCES // 2 else 0
+            skipped = (seq - self._last_seq - 1) % SEQUENCE_MODULUS
+            self.missed += skipped if skipped < SEQUENCE_MODULUS // 2 else 0
         self._last_seq = seq
 
-    def _take(self, status: StatusFrame, time_s: float) -> BoardReadings:
-        self._count(status.seq)
+    def _take_status(self, status: StatusFrame, time_s: float) -> BoardReadings:
+        self._count_sequence(status.seq)
         self._ask = self._ask or bool(status.flags & WORD_UNUSED)
-        speed_mps = self._wheel.update(status.micros, status.pulses, status.pulse_micros)
+        speed_mps = self._wheel.update_speed(status.micros, status.pulses, status.pulse_micros)
 
         def reading(value: float | None) -> Reading | None:
             return None if value is None else Reading(value, time_s)
@@ -212,7 +212,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             bool(status.flags & HOMING),
             None
             if status.valves_open is None
-            else ValvesSeen(time_s, valves_of(status.valves_open)),
+            else ValvesSeen(time_s, decode_valves(status.valves_open)),
             bool(status.flags & OLD_ORDER),
             reading(status.shaft_effort),
             reading(status.gate_effort),

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import re
 
-from topdress.control.readings import MOST_ANNOUNCED, SpeedPlan, can_be_announced
+from topdress.control.readings import MAX_ANNOUNCED_POINTS, SpeedPlan, is_announceable
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
-from topdress.drivers.devices.nmea import checksum, seal
+from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
 HEAD = b"PTDSP,"
 _SENTENCE = re.compile(rb"\$([^*$]*)\*([0-9A-Fa-f]{2})")
@@ -32,14 +32,14 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
         if found is None:
             raise Rejected("garbage")
         body, sum_ = found.groups()
-        if checksum(body) != int(sum_, 16):
+        if calc_checksum(body) != int(sum_, 16):
             raise Rejected("bad_checksum")
         if not body.startswith(HEAD):
             raise Ignored("other_sentence")
         fields = body[len(HEAD) :].split(b",")
         if (
             len(fields) % 2 == 0
-            or not 3 <= len(fields) <= 1 + 2 * MOST_ANNOUNCED
+            or not 3 <= len(fields) <= 1 + 2 * MAX_ANNOUNCED_POINTS
             or not all(map(_NUMBER.fullmatch, fields))
         ):
             raise Rejected("wrong_fields")
@@ -49,12 +49,12 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
             tuple((in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)),
             values[0],
         )
-        if not can_be_announced(announced):
+        if not is_announceable(announced):
             raise Rejected("impossible_value")
         return [announced]
 
 
-def sentence(announced: SpeedPlan) -> bytes:
+def make_sentence(announced: SpeedPlan) -> bytes:
     """Returns an announcement as bytes, for a gateway or a virtual tractor."""
     pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in announced.points)
-    return seal(f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}")
+    return seal_sentence(f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}")

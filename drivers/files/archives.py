@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 DEEPEST = 4  # folders in one another that are looked into
 OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
@@ -56,7 +56,7 @@ class Zip:
         try:
             return zipfile.ZipFile(self.path)
         except DAMAGED_ZIP as error:
-            raise Refused(self.path, "not readable as a zip: {why}", why=error) from None
+            raise RefusedInput(self.path, "not readable as a zip: {why}", why=error) from None
 
     @cached_property
     def names(self) -> list[str]:
@@ -72,7 +72,7 @@ class Zip:
             held_to(SHAPES, self._archive.getinfo(name).file_size, self.label(name))
             return self._archive.read(name)
         except DAMAGED_ZIP as error:
-            raise Refused(self.label(name), "not readable: {why}", why=error) from None
+            raise RefusedInput(self.label(name), "not readable: {why}", why=error) from None
 
     def label(self, name: str) -> str:
         return f"{self.path}/{name}"

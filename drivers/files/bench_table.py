@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from topdress.control.calibration.bench_table import (
     KINDS,
-    KNOWN,
+    KNOWN_COLUMNS,
     BenchTable,
-    missing,
-    recognise,
-    usable,
+    find_missing_columns,
+    recognise_kind,
+    select_usable_rows,
 )
 from topdress.drivers.files.header_names import our_names
 from topdress.drivers.files.imports.trouble import TableError
@@ -35,7 +35,9 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
     path = Path(path)
     if kind is not None and kind not in KINDS:
         raise TableError(path, f"kind {kind!r}: allowed {', '.join(KINDS)}")
-    raw = read_table(path, numbers=KNOWN, rename=lambda names: our_names(names, KNOWN, {}))
+    raw = read_table(
+        path, numbers=KNOWN_COLUMNS, rename=lambda names: our_names(names, KNOWN_COLUMNS, {})
+    )
     if raw.rows == 0:
         raise TableError(path, "no rows below the header")
     kind = kind or _kind(path, raw.names)
@@ -43,26 +45,28 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
     label_column = _label_column(raw.columns)
     label = np.array([str(text) for text in raw.columns[label_column]]) if label_column else None
     for name, values in columns.items():
-        if name in KNOWN and not np.isfinite(values).any():
+        if name in KNOWN_COLUMNS and not np.isfinite(values).any():
             raise TableError(path, f"column {name}: holds no number")
     said = tuple(f"{path}: {finding}" for finding in raw.findings if finding.id not in _HARMLESS)
     table = BenchTable(kind, columns, label_column, str(path), label, said)
     try:
-        return usable(table)
+        return select_usable_rows(table)
     except ValueError as error:
         raise TableError("", str(error)) from None
 
 
 def _kind(path: Path, names: tuple[str, ...]) -> str:
-    found = recognise(names)
+    found = recognise_kind(names)
     if found is not None:
         return found
-    nearest = max(KINDS, key=lambda k: missing(k, names) is None)
-    if missing(nearest, names) is None:
+    nearest = max(KINDS, key=lambda k: find_missing_columns(k, names) is None)
+    if find_missing_columns(nearest, names) is None:
         raise TableError(
             path, f"the columns fit several kinds of table: say which with --kind {'|'.join(KINDS)}"
         )
-    lacks = "; ".join(f"{k} lacks {' or '.join(missing(k, names) or ())}" for k in KINDS)
+    lacks = "; ".join(
+        f"{k} lacks {' or '.join(find_missing_columns(k, names) or ())}" for k in KINDS
+    )
     raise TableError(
         path,
         f"no known kind of bench table: {lacks}; a log of another program is read by topdress "

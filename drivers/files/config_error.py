@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from topdress.drivers.plain_text import one_line
+from topdress.drivers.plain_text import join_lines
 
 
 class ConfigError(Exception):
     """`lines`: one sentence for each thing that is wrong, ready to be shown."""
 
     def __init__(self, lines: Iterable[str]) -> None:
-        self.lines = tuple(map(one_line, lines))
+        self.lines = tuple(map(join_lines, lines))
         super().__init__("\n".join(self.lines))

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from topdress.drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLineError
 
 COLUMNS = (
     "date",
@@ -40,7 +40,7 @@ COLUMNS = (
 BEGINS = ",".join(COLUMNS[:5]).encode()
 
 
-class FarmRecordError(OneLine):
+class FarmRecordError(OneLineError):
     """The file is no farm record, or a line of it says no nitrogen; one line that names it and
     what is allowed."""
 

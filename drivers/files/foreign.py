@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, SPEEDS
+from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, SPEED_COLUMNS
 from topdress.control.recordings.finding import Finding, many
-from topdress.control.recordings.mended import mend_values, mended
+from topdress.control.recordings.mended import mend_recording, mend_values
 from topdress.control.recordings.speeds import KMH_PER_MPS
 from topdress.control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
 from topdress.drivers.files.columns import Columns
@@ -38,7 +38,7 @@ _USES = (
     _Use(
         ("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"
     ),
-    _Use(SPEEDS, False, "no rates and no lag distance"),
+    _Use(SPEED_COLUMNS, False, "no rates and no lag distance"),
     _Use(("speed_mps", "wheel_speed_mps"), True, "the speed stage cannot be diagnosed"),
     _Use(
         ("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndre", *NDRE_COLUMNS),
@@ -76,7 +76,7 @@ def our_names(names: tuple[str, ...]) -> Renamed:
 
 def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
     """The columns to be read so that those wanted come out as if all had been read."""
-    evidence = {"time_s", "lat_deg", "lon_deg", _KMH_COLUMN, *SPEEDS}
+    evidence = {"time_s", "lat_deg", "lon_deg", _KMH_COLUMN, *SPEED_COLUMNS}
     return {*wanted, *evidence} if "time_s" in names else {*wanted, *evidence, "utc"}
 
 
@@ -91,7 +91,7 @@ def examined(path: Path, columns: Columns, names: Collection[str]) -> tuple[Colu
     utc = columns.get("utc")
     try:
         if columns["time_s"].size:
-            columns, odd = mended(columns, None if utc is None else lambda: seconds_of(utc))
+            columns, odd = mend_recording(columns, None if utc is None else lambda: seconds_of(utc))
             findings += odd
         else:
             columns = mend_values(columns, findings)

@@ -14,7 +14,7 @@ import shapely
 from topdress.drivers.files.layers import Layer, in_degrees
 from topdress.drivers.files.limits import GEOPACKAGE, MB, held_to
 from topdress.drivers.files.stated_units import StatedUnit, of_markup, of_texts
-from topdress.drivers.plain_text import PlaceInFile, Refused
+from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
 # of all that SQLite does with a file: one of 256 MB takes 2 s
 LONGEST_S = 20.0
@@ -55,10 +55,10 @@ def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
     would take."""
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
-            raise Refused(path, "no GeoPackage: its first bytes are not those of SQLite")
+            raise RefusedInput(path, "no GeoPackage: its first bytes are not those of SQLite")
     wal = path.with_name(f"{path.name}-wal")
     if wal.is_file() and wal.stat().st_size:
-        raise Refused(
+        raise RefusedInput(
             path,
             "open in another program, which has not yet written all of it: close it there first",
         )
@@ -71,11 +71,13 @@ def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
             return [_layer(path, base, table) for table in _tables(base)]
     except (sqlite3.Error, sqlite3.Warning) as error:
         if getattr(error, "sqlite_errorname", "") != "SQLITE_INTERRUPT":
-            raise Refused(path, "not readable as GeoPackage: {why}", why=str(error)[:150]) from None
+            raise RefusedInput(
+                path, "not readable as GeoPackage: {why}", why=str(error)[:150]
+            ) from None
         if time.monotonic() < until_s:
             # came while SQLite was at work, which ended it
             raise KeyboardInterrupt from None
-        raise Refused(
+        raise RefusedInput(
             path,
             "a view or a table in it takes longer than {seconds:g} s: allowed are tables of shapes",
             seconds=longest_s,
@@ -128,9 +130,9 @@ def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
     }
     found = base.execute(f"SELECT * FROM {quoted}")
     names = [str(column[0]) for column in found.description]
-    where = PlaceInFile(str(path)).at("layer {layer}", layer=table.name)
+    where = PlaceInFile(str(path)).go_down("layer {layer}", layer=table.name)
     if table.shape_column not in names:
-        raise Refused(
+        raise RefusedInput(
             where, "no column {column}, which it names for its shapes", column=table.shape_column
         )
     at = names.index(table.shape_column)
@@ -148,7 +150,7 @@ def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
     try:
         shapes = shapely.force_2d(shapely.from_wkb(np.array(geometries, dtype=object)))
     except shapely.errors.GEOSException as error:
-        raise Refused(
+        raise RefusedInput(
             where, "a shape is damaged: {why}", why=str(error).splitlines()[0][:150]
         ) from None
     shapes, findings = in_degrees(path, table.name, shapes, table.crs, table.definition)
@@ -161,7 +163,7 @@ def _within(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
     taken = 0
     for row in rows:
         taken += ROW_BYTES + sum(len(cell) for cell in row if isinstance(cell, str | bytes))
-        held_to(GEOPACKAGE, taken, PlaceInFile(str(path)).at("rows of a layer"))
+        held_to(GEOPACKAGE, taken, PlaceInFile(str(path)).go_down("rows of a layer"))
         yield row
 
 
@@ -173,7 +175,7 @@ def _wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
         blob[3] >> 1 & 7 if isinstance(blob, bytes) and len(blob) >= 8 and blob[:2] == b"GP" else 7
     )
     if envelope >= len(ENVELOPES):
-        raise Refused(where.at("row {row}", row=row), "no shape of a GeoPackage")
+        raise RefusedInput(where.go_down("row {row}", row=row), "no shape of a GeoPackage")
     return bytes(blob[8 + ENVELOPES[envelope] :])
 
 

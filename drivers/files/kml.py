@@ -16,7 +16,7 @@ from topdress.drivers.files.layers import Layer, in_degrees, polygon_of, togethe
 from topdress.drivers.files.limits import DAMAGED_ZIP
 from topdress.drivers.files.stated_units import of_element
 from topdress.drivers.files.xml_text import XmlError, local, xml_root
-from topdress.drivers.plain_text import PlaceInFile, Refused
+from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
 CONTAINERS = ("kml", "Document", "Folder")
 
@@ -28,9 +28,11 @@ def read_kml(path: Path) -> list[Layer]:
     try:
         root = xml_root(data, path)
     except XmlError as error:
-        raise Refused(path, "not readable as KML: {why}", why=error) from None
+        raise RefusedInput(path, "not readable as KML: {why}", why=error) from None
     if local(root) not in CONTAINERS:
-        raise Refused(path, "not readable as KML: root element {tag}: allowed kml", tag=local(root))
+        raise RefusedInput(
+            path, "not readable as KML: root element {tag}: allowed kml", tag=local(root)
+        )
     return [
         _layer(path, root, container, placemarks)
         for container in root.iter()
@@ -47,8 +49,8 @@ def _of_kmz(path: Path) -> bytes:
             if inside is not None:
                 return archive.read(inside)
     except DAMAGED_ZIP as error:
-        raise Refused(path, "not readable as a zip: {why}", why=error) from None
-    raise Refused(path, "no .kml in it")
+        raise RefusedInput(path, "not readable as a zip: {why}", why=error) from None
+    raise RefusedInput(path, "no .kml in it")
 
 
 def _layer(path: Path, root: Element, container: Element, placemarks: list[Element]) -> Layer:
@@ -57,8 +59,8 @@ def _layer(path: Path, root: Element, container: Element, placemarks: list[Eleme
     for number, placemark in enumerate(placemarks, start=1):
         where = (
             PlaceInFile(str(path))
-            .at("layer {layer}", layer=name)
-            .at("placemark {number}", number=number)
+            .go_down("layer {layer}", layer=name)
+            .go_down("placemark {number}", number=number)
         )
         parts, unclosed = _parts(placemark, where)
         closed += unclosed
@@ -120,7 +122,7 @@ def _places(element: Element, where: PlaceInFile) -> np.ndarray:
     except ValueError:
         places = np.array([[np.nan, np.nan]])
     if not np.isfinite(places).all():
-        raise Refused(
+        raise RefusedInput(
             where, "coordinates are not pairs of numbers: allowed lon,lat[,height] parted by blanks"
         )
     return places

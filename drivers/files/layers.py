@@ -28,8 +28,8 @@ from topdress.drivers.files.prescriptions.projected import (
 )
 from topdress.drivers.files.prescriptions.words import NotAMapError
 from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
-from topdress.drivers.plain_text import PlaceInFile, Refused
-from topdress.drivers.plugins import PluginFault, has_format
+from topdress.drivers.plain_text import PlaceInFile, RefusedInput
+from topdress.drivers.plugins import PluginFault, has_format_plugin
 
 KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
 # WGS84, and within 2 m of it
@@ -61,7 +61,7 @@ def read_layers(path: Path) -> list[Layer]:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in GEOJSON:
         return [read_geojson(path)]
-    if has_format(suffix):
+    if has_format_plugin(suffix):
         return [_by_plugin(path, suffix[1:])]
     if suffix in (".shp", ".zip", ""):
         from topdress.drivers.files.shape_sets import layer_of, shape_sets
@@ -120,7 +120,7 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
         )
     crs = json.dumps(root.get("crs") or "crs84").lower()
     if not any(name in crs for name in WGS84):
-        raise Refused(path, "crs {crs}: allowed is WGS84 (longitude, latitude)", crs=crs)
+        raise RefusedInput(path, "crs {crs}: allowed is WGS84 (longitude, latitude)", crs=crs)
     shapes = np.empty(len(found), dtype=object)
     rows: list[Mapping[str, Any]] = []
     for k, feature in enumerate(found):
@@ -129,7 +129,9 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
         rows.append(stated if isinstance(stated, dict) else {})
         if isinstance(geometry, dict):
             shapes[k] = (
-                _of_json(geometry, PlaceInFile(str(path)).at("feature {feature}", feature=k + 1))
+                _of_json(
+                    geometry, PlaceInFile(str(path)).go_down("feature {feature}", feature=k + 1)
+                )
                 if geometry.get("type") in kinds
                 else shapely.Point()
             )
@@ -151,10 +153,10 @@ def _of_json(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometr
                 if kind == "Point"
                 else [shapely.LineString(_places(part)) for part in parts]
             )
-    except Refused:
+    except RefusedInput:
         raise
     except (ArithmeticError, TypeError, ValueError, LookupError, shapely.errors.GEOSException):
-        raise Refused(
+        raise RefusedInput(
             where,
             "coordinates are not rings of numbers: allowed [[[lon, lat], ...]]"
             if area
@@ -171,7 +173,7 @@ def _places(corners: Sequence[Sequence[float]]) -> Floats:
 def polygon_of(rings: Sequence[Floats], where: PlaceInFile) -> shapely.Geometry:
     """Of an outline and its holes, (n, 2) longitude and latitude, closed or not. Raises Refused."""
     if not rings or any(len(open_ring(ring)) < 3 for ring in rings):
-        raise Refused(where, "a ring of less than 3 corners: allowed 3 or more")
+        raise RefusedInput(where, "a ring of less than 3 corners: allowed 3 or more")
     return shapely.Polygon(rings[0], rings[1:])
 
 
@@ -202,14 +204,14 @@ def in_degrees(
 
     Raises Refused.
     """
-    where = PlaceInFile(str(path)).at("layer {layer}", layer=layer)
+    where = PlaceInFile(str(path)).go_down("layer {layer}", layer=layer)
     if crs is None or crs in DEGREES:
         if (
             crs is None
             and len(shapes)
             and not np.abs(shapely.get_coordinates(shapes)).max(initial=0.0) <= 180.0
         ):
-            raise Refused(
+            raise RefusedInput(
                 where,
                 "coordinates in no known system: allowed are degrees, or UTM that the file names",
             )
@@ -244,7 +246,7 @@ def projection_in(
         crs = crs or str(error)
     if (grid := find_national_grid(text, places)) is not None:
         return grid
-    raise Refused(
+    raise RefusedInput(
         where,
         "coordinates in {system}: allowed are degrees on WGS84, or UTM",
         f": export it again in WGS84 (EPSG:4326), or {install_line('pyproj')}",

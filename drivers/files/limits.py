@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from topdress.drivers.plain_text import PlaceInFile, Refused
+from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
 MB = 1 << 20
 
@@ -151,7 +151,7 @@ _QUOTED = re.compile(rb'"[^"]*"')
 DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError)
 
 
-class BeyondLimits(Refused):
+class BeyondLimits(RefusedInput):
     """The file is larger, or holds more, than is read; one line, naming it."""
 
 
@@ -198,7 +198,7 @@ def check_text(data: bytes, label: str) -> None:
     BeyondLimits."""
     held_to(TEXT, len(data), label)
     lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
-    held_to(LINE, max(map(len, lines)), PlaceInFile(label).at("one of its first lines"))
+    held_to(LINE, max(map(len, lines)), PlaceInFile(label).go_down("one of its first lines"))
     for line in [_QUOTED.sub(b"", one) for one in lines if one][:50]:
         for sign in (b",", b";", b"\t", b"|"):
             held_to(COLUMNS, line.count(sign), label)
@@ -233,13 +233,15 @@ def _check_zip(path: Path) -> None:
     except (*DAMAGED_ZIP, ValueError):
         return  # no zip: the reader says so
     held_to(ENTRIES, len(entries), str(path))
-    held_to(whole, sum(entry.file_size for entry in entries), PlaceInFile(str(path)).at("unpacked"))
+    held_to(
+        whole, sum(entry.file_size for entry in entries), PlaceInFile(str(path)).go_down("unpacked")
+    )
     held_to(
         XML,
         sum(entry.file_size for entry in entries if entry.filename.lower().endswith(".xml"))
         if whole is UNPACKED
         else 0,
-        PlaceInFile(str(path)).at("task files"),
+        PlaceInFile(str(path)).go_down("task files"),
     )
     seen: set[str] = set()
     for entry in entries:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 from topdress.drivers.files.extras import extra_line
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 
@@ -69,7 +69,7 @@ def _pyogrio(path: Path) -> Any:
         import pyogrio
         import pyogrio.raw
     except ImportError:
-        raise Refused(
+        raise RefusedInput(
             path,
             "{kind} needs the extra gis",
             f": {extra_line('gis')}",

@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from topdress.control.calibration.bench_table import KNOWN, recognise
-from topdress.control.log_row import COLUMNS, SPEEDS
+from topdress.control.calibration.bench_table import KNOWN_COLUMNS, recognise_kind
+from topdress.control.log_row import COLUMNS, SPEED_COLUMNS
 from topdress.drivers.files.foreign import our_names
 from topdress.drivers.files.header_names import our_names as renamed
 from topdress.drivers.files.imports.trouble import TableError
@@ -23,11 +23,13 @@ from topdress.drivers.files.log_store import SUFFIXES as PARQUET
 from topdress.drivers.files.log_store import is_store
 from topdress.drivers.files.table import NoHeader, header_of
 from topdress.drivers.files.what_it_is import FOREIGN, holds_points, what_is
-from topdress.drivers.plugins import has_format
+from topdress.drivers.plugins import has_format_plugin
 
 # of the columns; fewer are another program's log, which the import reads better
 KNOWN_SHARE = 0.5
-_LOGGED = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEEDS})
+_LOGGED = frozenset(
+    {"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEED_COLUMNS}
+)
 _AREAS = frozenset({".gpkg", ".kml", ".kmz", ".tif", ".tiff"})
 
 Held = Literal["log", "table", "map", "field", ""]
@@ -46,7 +48,7 @@ class Opened:
 
     @property
     def _of_areas(self) -> bool:
-        return self._suffix in _AREAS or has_format(self._suffix)
+        return self._suffix in _AREAS or has_format_plugin(self._suffix)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -61,7 +63,7 @@ class Opened:
     def bench(self) -> str | None:
         """The kind of bench table that the columns make; None: none, or several. Raises
         TableError."""
-        return recognise(renamed(self.names, KNOWN, {}).names)
+        return recognise_kind(renamed(self.names, KNOWN_COLUMNS, {}).names)
 
     @property
     def foreign(self) -> bool:
@@ -132,7 +134,7 @@ def is_run_log(names: tuple[str, ...]) -> bool:
     ours = set(our_names(names).names)
     if "time_s" in _plain(names):
         return True
-    return bool({"time_s", "utc"} & ours) and (recognise(ours) is None or bool(_LOGGED & ours))
+    return bool({"time_s", "utc"} & ours) and (recognise_kind(ours) is None or bool(_LOGGED & ours))
 
 
 def _plain(names: tuple[str, ...]) -> list[str]:

@@ -12,7 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from topdress.control.targets.rate_map import Floats, are_self_crossing, polygons, polygons_as_drawn
+from topdress.control.targets.rate_map import (
+    Floats,
+    are_self_crossing,
+    make_polygons,
+    make_polygons_as_drawn,
+)
 from topdress.drivers.files.limits import (
     CROSSINGS,
     NEAR_EDGES,
@@ -43,7 +48,7 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
     """Outlines that cross themselves, and zones that overlap. Zones as an outline and its
     holes, (k, 2) each. Returns how many cross themselves. Raises BeyondLimits."""
     crossed = check_outlines(zones, label)
-    shapes = polygons(zones)
+    shapes = make_polygons(zones)
     low, high = np.split(shapely.bounds(shapes), 2, axis=1)
     less = 0.5 * SLIVER * (high - low)
     extents = shapely.box(*(low + less).T, *(high - less).T)
@@ -69,7 +74,7 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path 
     An outline that only touches itself, as zones made of a raster do at their corners, crosses
     nowhere.
     """
-    shapes = polygons_as_drawn(zones)
+    shapes = make_polygons_as_drawn(zones)
     wrong = np.flatnonzero(~shapely.is_valid(shapes)).tolist()
     large = [k for k, zone in enumerate(zones) if sum(map(len, zone)) > MANY]
     near = crossings = crossed = 0

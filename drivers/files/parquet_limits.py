@@ -79,7 +79,7 @@ def check_texts(frame: pl.DataFrame, path: Path) -> None:
 
     texts = [column for column in frame.iter_columns() if column.dtype == pl.String]
     size = sum(int(column.str.len_bytes().sum() or 0) for column in texts)
-    held_to(PARQUET_BYTES, size, PlaceInFile(str(path)).at("its texts"))
+    held_to(PARQUET_BYTES, size, PlaceInFile(str(path)).go_down("its texts"))
 
 
 def _column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[int, Any]]:
@@ -94,7 +94,7 @@ def _column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[i
     cells = max(sum(values), *counts, sum(counts[1:]))
     held_to(PARQUET_CELLS, cells, path)
     if cells > FREE_CELLS:
-        held_to(PARQUET_PACKED, cells // size, PlaceInFile(str(path)).at("a byte"))
+        held_to(PARQUET_PACKED, cells // size, PlaceInFile(str(path)).go_down("a byte"))
     return chunks
 
 

@@ -7,7 +7,7 @@ A log row holds values, not the times at which they were sampled. These are foun
 - A value that repeats is taken as sampled again every period of its sensor (the tenth part of
   the intervals between changes is shorter than this; never more than half the time for which
   the loop holds a value): a sensor that had fallen silent would have an empty cell.
-- Where cells become empty, the loop had held the last value for `HOLDS_S`: it was sampled that
+- Where cells become empty, the loop had held the last value for `VALID_FOR_S`: it was sampled that
   long before, or at its last change if that was later. From then on it stays the newest known
   one and grows old.
 """
@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
+from topdress.control.log_row import GNSS_VALID_FOR_S, HEAD_COLUMNS, NDRE_COLUMNS, VALID_FOR_S
 from topdress.control.orders import TargetSource
-from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, announced_of
+from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, parse_announcement
 from topdress.drivers.files.read_log import RunLog
 
 Floats = NDArray[np.float64]
@@ -90,7 +90,7 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         strict=True,
     ):
         wheel_mps, shaft, opening, hopper, supply, pitch, roll, *efforts = held
-        announced = (announced_of(text, at_s) if text else None) or announced
+        announced = (parse_announcement(text, at_s) if text else None) or announced
         asked = (
             Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
         )
@@ -116,7 +116,7 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
 
 def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
     values = log.numbers(column)
-    held = _held(log.time_s, np.isfinite(values), _changes(values), HOLDS_S[sensor])
+    held = _held(log.time_s, np.isfinite(values), _changes(values), VALID_FOR_S[sensor])
     readings: list[Reading | None] = []
     plain = values.tolist()
     for row, time_s in zip(held.row.tolist(), held.time_s.tolist(), strict=True):
@@ -133,7 +133,7 @@ def _fixes(log: RunLog) -> list[GnssFix | None]:
         held = _held(log.time_s, known, fresh, np.inf, repeats=False)
     else:
         fresh = _changes(lat_deg) | _changes(lon_deg) | _changes(log.numbers("speed_mps"))
-        held = _held(log.time_s, known, fresh, GNSS_HOLDS_S)
+        held = _held(log.time_s, known, fresh, GNSS_VALID_FOR_S)
     columns = [log.numbers(name).tolist() for name in _GNSS]
     lats, lons, utcs = lat_deg.tolist(), lon_deg.tolist(), utc.tolist()
     fixes: list[GnssFix | None] = []

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 from pydantic import BaseModel
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.growth import Growth, growth_of
+from topdress.control.agronomy.growth import Growth, assess_growth
 from topdress.control.agronomy.noa import Rule
 from topdress.control.agronomy.product import Product
-from topdress.control.field.job import Job, rule_of
+from topdress.control.field.job import Job, make_rule
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.product_calibration import with_product
-from topdress.control.orders import BY_CANOPY
+from topdress.control.machine.product_calibration import apply_product
+from topdress.control.orders import CANOPY_SOURCES
 from topdress.drivers.cab_config import BoardConfig, CabConfig
 from topdress.drivers.files.config import Loaded, load, load_any, sha256_of
 from topdress.drivers.files.config_error import ConfigError
@@ -57,7 +57,7 @@ class Setup:
     @property
     def growth(self) -> Growth | None:
         """The crop's stage in its window; None where the crop file has none."""
-        return growth_of(self.crop.growth_window, self.job.growth, self.rule.days)
+        return assess_growth(self.crop.growth_window, self.job.growth, self.rule.days)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -127,13 +127,13 @@ def load_setup(
             crop = crop.model_copy(
                 update={"product": product.name, "product_n_fraction": product.n_fraction}
             )
-            spreader = with_product(spreader, product)
+            spreader = apply_product(spreader, product)
         days = got_job.model.days or growing_days(
             _dated(crop, got_job.model), got_crop.path.parent, today
         )
         n_year = year_n(got_job, crop, today, own_logs)
-        crop = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
-        rule = rule_of(crop, got_job.model, days)
+        crop = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
+        rule = make_rule(crop, got_job.model, days)
     except (WeatherError, ValueError, OSError) as error:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
@@ -195,7 +195,7 @@ def year_n(
     if wanted.record is not None:
         from topdress.drivers.files.farm_lines import given_in_year
 
-        boundary = ground.boundary()
+        boundary = ground.make_boundary()
         if boundary is None or not ground.title:
             raise ValueError(
                 f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which "
@@ -249,7 +249,7 @@ def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
 
 def product_note(product: Product, machine: Machine) -> str:
     """What is to be known of a product on a machine; empty where a catch test says it all."""
-    if product.newest_test(machine.id) is not None:
+    if product.find_newest_test(machine.id) is not None:
         return ""
     return (
         f"product {product.id}: no catch test with machine {machine.id}: its own file's "
@@ -267,17 +267,17 @@ def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -
     module, board = config.rate_module, config.board
     lines = []
     if (
-        machine.switched
+        machine.switched_strips
         and module is not None
         and module.valves
-        and len(machine.switched) > MODULE_VALVES
+        and len(machine.switched_strips) > MODULE_VALVES
     ):
         lines.append(
             f"{cab.path}: key rate_module.valves: value true: allowed for at most "
             f"{MODULE_VALVES} sections; "
-            f"{machine_path} has {len(machine.switched)}"
+            f"{machine_path} has {len(machine.switched_strips)}"
         )
-    elif machine.switched and board is None and not (module is not None and module.valves):
+    elif machine.switched_strips and board is None and not (module is not None and module.valves):
         lines.append(
             f"{cab.path}: key board: missing: allowed a board, or a rate module with "
             "valves: true, for the "
@@ -305,7 +305,7 @@ def _wheels(
 def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
     """A rule over one index fed with another one is refused: one line. cab None: the heads are
     simulated. A job that does not go by the canopy needs none."""
-    if job.target.source not in BY_CANOPY:
+    if job.target.source not in CANOPY_SOURCES:
         return []
     if cab is None:
         if job.simulated.heads_index == crop.index:

@@ -30,7 +30,7 @@ from topdress.drivers.files.layers import (
 )
 from topdress.drivers.files.limits import DAMAGED_ZIP
 from topdress.drivers.files.stated_units import StatedUnit, side_units
-from topdress.drivers.plain_text import OneLine, PlaceInFile, Refused
+from topdress.drivers.plain_text import OneLineError, PlaceInFile, RefusedInput
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
 DRIVERS = {
@@ -145,17 +145,19 @@ def damage_said(label: str) -> Iterator[None]:
     """Whatever a reader of shapefiles raises on damaged ones, as one line."""
     try:
         yield
-    except (OneLine, TableError):
+    except (OneLineError, TableError):
         raise
     except (shapefile.ShapefileException, UnicodeDecodeError, *DAMAGED_ZIP) as trouble:
         said = (str(trouble).splitlines() or [type(trouble).__name__])[0]
-        raise Refused(label, "not readable as a shapefile: {why}", why=said) from None
+        raise RefusedInput(label, "not readable as a shapefile: {why}", why=said) from None
     except KeyError as trouble:
-        raise Refused(
+        raise RefusedInput(
             label, "not a shapefile: no type of shapes is {number}", number=trouble
         ) from None
     except (ValueError, IndexError, OverflowError, MemoryError) as trouble:
-        raise Refused(label, "damaged shapefile ({kind})", kind=type(trouble).__name__) from None
+        raise RefusedInput(
+            label, "damaged shapefile ({kind})", kind=type(trouble).__name__
+        ) from None
 
 
 def shape_sets(path: Path) -> list[ShapeSet]:
@@ -183,7 +185,7 @@ def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
             for k, (shape, record) in enumerate(
                 zip(reader.iterShapes(), reader.iterRecords(), strict=True)
             ):
-                found[k] = _shape(shape, kind, where.at("row {row}", row=k + 1))
+                found[k] = _shape(shape, kind, where.go_down("row {row}", row=k + 1))
                 rows.append(dict(zip(names, record, strict=True)))
         units = shapes.units(names)
         projection = (

@@ -22,7 +22,7 @@ from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
 from topdress.drivers.files.imports.words import SHAPEFILE_NAME_LENGTH, fold_column_name
 from topdress.drivers.files.limits import SIDE
 from topdress.drivers.files.xml_text import XmlError, local, xml_root
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 ANY = ""  # of the rate, whichever column that is
 # behind the stem
@@ -94,7 +94,7 @@ def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, S
         if there.casefold() in {start + ending for start in (stem, plain) for ending in SIDES}:
             data = files.read(there)
             if len(data) > SIDE.most:
-                raise Refused(
+                raise RefusedInput(
                     files.label(there),
                     "{found} bytes: allowed up to {most}",
                     found=len(data),

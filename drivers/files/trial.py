@@ -20,14 +20,14 @@ from topdress.drivers.files.fields.shapes import read_named_shapes
 from topdress.drivers.files.outlines import check_outlines
 from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.table import read_table
-from topdress.drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLineError
 
 # of the stretches that are counted to a plot by their middle: 0.25 m at 4.5 km/h
 FINE_S = 0.2
 NUMBERS = ("applied_kg", "sample_kg", "sample_m2")
 
 
-class TrialError(OneLine):
+class TrialError(OneLineError):
     """Plots, weights or a log that are no trial; one line that names file, row and what is
     allowed."""
 
@@ -204,11 +204,13 @@ def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
     if new.sum() < 2:
         raise TrialError(f"{log.path}: fewer than two canopy readings: allowed are more")
     hz = 1.0 / float(np.median(np.diff(log.time_s[new])))
-    at = np.array([plane.to_deg(east, north)[::-1] for east, north in places[new].tolist()])
+    at = np.array([plane.convert_to_deg(east, north)[::-1] for east, north in places[new].tolist()])
     return _Readings(np.nanmean(heads[new], axis=1), at), hz
 
 
 def _area_m2(outline: Any) -> float:
     middle = outline.centroid
     plane = TangentPlane(float(middle.y), float(middle.x))
-    return float(shapely.transform(outline, lambda at: plane.many_to_m(at[:, 1], at[:, 0])).area)
+    return float(
+        shapely.transform(outline, lambda at: plane.project_many_to_m(at[:, 1], at[:, 0])).area
+    )

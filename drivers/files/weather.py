@@ -16,14 +16,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.days import days_above_base
+from topdress.control.agronomy.days import count_days_above_base
 from topdress.drivers.files.limits import CONFIG
-from topdress.drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLineError
 
 COLDEST_C, HOTTEST_C = -90.0, 60.0
 
 
-class WeatherError(OneLine):
+class WeatherError(OneLineError):
     """One line: file, row, value, what is allowed."""
 
 
@@ -96,7 +96,7 @@ def growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
     path = folder / days.weather
     weather = read_weather(path)
     try:
-        return days_above_base(
+        return count_days_above_base(
             weather.dates, weather.mean_temp_c, days.sown, sensed, curve.base_temp_c
         )
     except ValueError as error:

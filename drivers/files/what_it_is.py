@@ -12,13 +12,13 @@ from typing import NamedTuple
 from topdress.drivers.devices.capture import HEADER as CAPTURE
 from topdress.drivers.files.limits import DAMAGED_ZIP, read_json
 from topdress.drivers.files.sheet_text import SUFFIXES as SHEETS
-from topdress.drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLineError
 
 LOOKED_BYTES = 4096
 TEXTS = 0.95  # of the bytes that text may hold
 
 
-class WrongKind(OneLine):
+class WrongKind(OneLineError):
     """A file of a kind that is not read here; one line."""
 
 

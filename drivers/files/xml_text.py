@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from topdress.drivers.files.limits import TAGS, held_to
-from topdress.drivers.plain_text import OneLine, PlaceInFile
+from topdress.drivers.plain_text import OneLineError, PlaceInFile
 
 
-class XmlError(OneLine):
+class XmlError(OneLineError):
     """Why it is no XML, or none that is read."""
 
 

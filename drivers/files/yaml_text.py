@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 from topdress.drivers.files.limits import NODES
-from topdress.drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLineError
 
 KeyPath = tuple[str | int, ...]
 
@@ -24,7 +24,7 @@ _KEY_TAGS = frozenset(_PLAIN + name for name in ("str", "int", "float", "bool", 
 _TAGS = _KEY_TAGS | {_PLAIN + name for name in ("null", "seq", "map")}
 
 
-class YamlProblem(OneLine):
+class YamlProblem(OneLineError):
     """One line, naming the line of the file."""
 
 

@@ -10,17 +10,17 @@ from topdress.control.readings import DoseOrder, DriveCommand
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.board.framing import Receiver
 from topdress.drivers.board.motion import Doser
-from topdress.drivers.board.slave import DOSE_DONE, BoardSettings, Pins, Slave
+from topdress.drivers.board.slave import DOSE_DONE, BoardSettings, Pins, SlaveProgram
 from topdress.drivers.devices.board_frames import (
     COMMAND_OPENING_MM,
     COMMAND_SHAFT_RPM,
-    MOST_VALVES,
-    valves_mask,
-    valves_of,
+    MAX_VALVES,
+    decode_valves,
+    encode_valves,
 )
 from topdress.drivers.devices.lines import Counts
 
-SENSED = (
+SENSED_FIELDS = (
     "hopper_kg",
     "supply_v",
     "pitch_deg",
@@ -35,7 +35,7 @@ SENSED = (
 TRUE_COUNTS_PER_TURN = 2000.0
 
 
-class _Plant(Pins):
+class _PlantPins(Pins):
     """Connects the plant to the program. `sensed`: last readings of the plant; `inbox` from the
     host, `said` to it; `turns` of the shaft."""
 
@@ -48,7 +48,7 @@ class _Plant(Pins):
         for name, tells in (
             ("chance", chance),
             ("driver_fault", driver_fault),
-            *((name, lambda name=name: getattr(self.sensed, name)) for name in SENSED),
+            *((name, lambda name=name: getattr(self.sensed, name)) for name in SENSED_FIELDS),
         ):
             setattr(self, name, tells)
 
@@ -71,10 +71,10 @@ class _Plant(Pins):
         return round(self.turns * TRUE_COUNTS_PER_TURN)
 
     def valves_open(self) -> int | None:
-        return None if self.sensed.valves_open is None else valves_mask(self.sensed.valves_open)
+        return None if self.sensed.valves_open is None else encode_valves(self.sensed.valves_open)
 
 
-class _Counted(Receiver):
+class _CountingReceiver(Receiver):
     def __init__(self, counts: Counts) -> None:
         super().__init__()
         self._counts = counts
@@ -83,19 +83,19 @@ class _Counted(Receiver):
         self._counts.reject(kind)
 
 
-class _PlantsDose(Doser):
+class _PlantDoser(Doser):
     """Turns a dose by the plant: one `DoseOrder` in place of steps."""
 
     turned_deg = 0.0
     order: DoseOrder | None = None  # not yet at the plant
     takes_us = 0
 
-    def start(self, angle_deg: float, shaft_rpm: float) -> None:
+    def start_dose(self, angle_deg: float, shaft_rpm: float) -> None:
         self.running, self.order = True, DoseOrder(angle_deg, shaft_rpm)
         self.turned_deg, self.takes_us = angle_deg, round(angle_deg / (6.0 * shaft_rpm) * 1e6)
 
 
-class VirtualBoard(Slave):
+class VirtualBoard(SlaveProgram):
     """Simulates one board.
 
     At rest the shaft stops and the gate keeps its set-point; at power-on that is `opening_mm`.
@@ -109,17 +109,17 @@ class VirtualBoard(Slave):
     ) -> None:
         self.counts = Counts()
         self.driver_fault = False  # set by tests and by fault injection
-        self._plant = _Plant(chance, lambda: self.driver_fault)
+        self._plant = _PlantPins(chance, lambda: self.driver_fault)
         settings = BoardSettings()
         settings.max_shaft_rpm, settings.max_opening_mm = (
             COMMAND_SHAFT_RPM[1],
             COMMAND_OPENING_MM[1],
         )
-        settings.valves = MOST_VALVES
+        settings.valves = MAX_VALVES
         super().__init__(self._plant, settings)
-        self.receiver = _Counted(self.counts)
-        self._doser: _PlantsDose = _PlantsDose(1.0, 1.0)
-        self._gate.refer(opening_mm)
+        self.receiver = _CountingReceiver(self.counts)
+        self._doser: _PlantDoser = _PlantDoser(1.0, 1.0)
+        self._gate.set_reference(opening_mm)
         self._opening_mm = opening_mm
         self._valved = False
 
@@ -128,28 +128,28 @@ class VirtualBoard(Slave):
         """Returns the word under which it takes orders now."""
         return self._newest.word
 
-    def feed(self, data: bytes, now_s: float) -> None:
+    def feed_commands(self, data: bytes, now_s: float) -> None:
         """Takes commands received at `now_s`; wrong ones are counted by kind and change nothing,
         but an old one stops the board."""
         self._plant.inbox += data
-        self.hear(_us(now_s))
+        self.take_orders(_convert_to_us(now_s))
 
-    def set_points(self, now_s: float) -> tuple[DriveCommand, bool]:
+    def find_set_points(self, now_s: float) -> tuple[DriveCommand, bool]:
         """Returns the set-points that the drives follow at `now_s`, and whether they are
         enabled."""
-        self.hear(_us(now_s))
+        self.take_orders(_convert_to_us(now_s))
         if self.enabled:
             self._opening_mm = self._commanded_mm
-        valves = valves_of(self._wanted_valves if self.enabled else 0) if self._valved else ()
+        valves = decode_valves(self._wanted_valves if self.enabled else 0) if self._valved else ()
         return DriveCommand(
             self._wanted_rpm if self.enabled else 0.0, self._opening_mm, valves=valves
         ), self.enabled
 
-    def dose(self, now_s: float) -> DoseOrder | None:
+    def take_dose(self, now_s: float) -> DoseOrder | None:
         """Returns the dose that the plant begins in this step, once a step. A stop ends the
         present dose."""
-        now_us, dose = _us(now_s), self._doser
-        self.hear(now_us)
+        now_us, dose = _convert_to_us(now_s), self._doser
+        self.take_orders(now_us)
         end_us = self._dose_begin_us + dose.takes_us
         if dose.running and not self.enabled:
             dose.turned_deg *= min(1.0, (now_us - self._dose_begin_us) / dose.takes_us)
@@ -157,30 +157,30 @@ class VirtualBoard(Slave):
             self._stop_shaft(now_us)
         elif dose.running and now_us >= end_us:
             dose.running = False
-            self._tell_dose(self._dose, DOSE_DONE, dose.turned_deg, self._dose_begin_us, end_us)
+            self._report_dose(self._dose, DOSE_DONE, dose.turned_deg, self._dose_begin_us, end_us)
         order, dose.order = dose.order, None
         return order
 
-    def turn(self, shaft_rpm: float, for_s: float) -> None:
+    def turn_encoder(self, shaft_rpm: float, for_s: float) -> None:
         """Turns the encoder, whoever turns the shaft."""
         self._plant.turns += shaft_rpm / 60.0 * for_s
 
-    def status(self, sensed: SensorReadings, now_s: float) -> bytes:
+    def make_status(self, sensed: SensorReadings, now_s: float) -> bytes:
         """Returns the status line of this tick, on the plant's clock, and other messages."""
         self._plant.sensed, self.shaft_rpm = sensed, sensed.shaft_rpm
-        self.hear(_us(now_s))
-        self.say(_us(now_s), _us(sensed.time_s))
+        self.take_orders(_convert_to_us(now_s))
+        self.send_status(_convert_to_us(now_s), _convert_to_us(sensed.time_s))
         said, self._plant.said = self._plant.said, b""
         return said
 
-    def _obey(self, fields: list[bytes], now_us: int) -> None:
-        super()._obey(fields, now_us)
+    def _obey_order(self, fields: list[bytes], now_us: int) -> None:
+        super()._obey_order(fields, now_us)
         self.counts.accept()
 
-    def _target(self, fields: list[bytes], valved: bool, now_us: int) -> None:
-        super()._target(fields, valved, now_us)
+    def _set_target(self, fields: list[bytes], valved: bool, now_us: int) -> None:
+        super()._set_target(fields, valved, now_us)
         self._valved = valved
 
 
-def _us(at_s: float) -> int:
+def _convert_to_us(at_s: float) -> int:
     return round(at_s * 1e6)

@@ -12,7 +12,7 @@ from topdress.drivers.devices.agopengps import DRIVE, HEAD, POSITION
 from topdress.drivers.devices.lines import Ignored, Rejected
 from topdress.drivers.devices.rate_module_frames import (
     FULL_PWM,
-    MOST_RELAYS,
+    MAX_RELAYS,
     BoardLabel,
     BoardStatus,
     FlowTarget,
@@ -26,50 +26,50 @@ from topdress.drivers.devices.rate_module_frames import (
     encode_trace,
 )
 
-STATUS_EVERY_S = 0.2
-LABEL_EVERY_S = 2.0
+STATUS_INTERVAL_S = 0.2
+LABEL_INTERVAL_S = 2.0
 FIRMWARE = 1
-SILENT_CONSOLE_S = 4.0
+CONSOLE_TIMEOUT_S = 4.0
 
 
-class Extra:
+class MachineExtra:
     """Defines an addition that is asked before and informed after every step of the plant."""
 
-    def before(
+    def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
         """Returns what the drives follow: the command unchanged or altered."""
         return command, enabled
 
-    def after(self, sensed: SensorReadings, begin_s: float) -> None:
+    def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
         """Takes the readings of the sensors."""
 
 
-class VirtualAgOpenGps(Extra):
+class VirtualAgOpenGps(MachineExtra):
     """Simulates AgOpenGPS, which sends position and speed on loopback."""
 
     def __init__(self, port: Datagrams) -> None:
         self._port = port
 
-    def after(self, sensed: SensorReadings, begin_s: float) -> None:
+    def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
         if sensed.gnss is not None:
-            for frame in agopengps_frames(sensed.gnss):
+            for frame in make_agopengps_frames(sensed.gnss):
                 self._port.write(frame)
 
 
-def agopengps_frames(fix: GnssFix) -> tuple[bytes, bytes]:
+def make_agopengps_frames(fix: GnssFix) -> tuple[bytes, bytes]:
     """Returns the frames of speed and position."""
     speed = round((fix.speed_mps or 0.0) * 36.0).to_bytes(2, "little")
     place = struct.pack("<ddd", fix.lon_deg, fix.lat_deg, fix.heading_deg or 0.0)
-    return _agopengps(DRIVE, speed + bytes(6)), _agopengps(POSITION, place)
+    return _make_agopengps_frame(DRIVE, speed + bytes(6)), _make_agopengps_frame(POSITION, place)
 
 
-def _agopengps(name: int, body: bytes) -> bytes:
+def _make_agopengps_frame(name: int, body: bytes) -> bytes:
     frame = HEAD + bytes([name, len(body)]) + body
     return frame + bytes([sum(frame[2:]) & 0xFF])
 
 
-class VirtualRateModule(Extra):
+class VirtualRateModule(MachineExtra):
     """Simulates a rate module: it turns the shaft at the commanded units a minute, and reports
     its counts.
 
@@ -99,32 +99,37 @@ class VirtualRateModule(Extra):
         self._next_status_s = self._next_label_s = 0.0
         self._label = BoardLabel(module, label)
 
-    def before(
+    def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
         for data in self._port.read_each():
-            self._hear(data, begin_s)
-        valves = self.valves(begin_s)
+            self._take_datagram(data, begin_s)
+        valves = self.find_valves(begin_s)
         return command._replace(
-            shaft_rpm=self.shaft_rpm(begin_s), valves=valves or command.valves
+            shaft_rpm=self.find_shaft_rpm(begin_s), valves=valves or command.valves
         ), True
 
-    def valves(self, now_s: float) -> tuple[bool, ...]:
+    def find_valves(self, now_s: float) -> tuple[bool, ...]:
         """Returns the relays from the second on; empty where none was ever set."""
         self._valved = self._valved or self._relays > 1
         if not self._valved:
             return ()
-        relays = self._relays >> 1 if self._hears(now_s) else 0
-        return tuple([bool(relays >> k & 1) for k in range(MOST_RELAYS - 1)])
+        relays = self._relays >> 1 if self._is_hearing(now_s) else 0
+        return tuple([bool(relays >> k & 1) for k in range(MAX_RELAYS - 1)])
 
-    def shaft_rpm(self, now_s: float) -> float:
+    def find_shaft_rpm(self, now_s: float) -> float:
         """Returns the speed at which the motor is driven, r/min."""
         target = self._target
-        if target is None or not self._hears(now_s) or not self._relays or not target.master_on:
+        if (
+            target is None
+            or not self._is_hearing(now_s)
+            or not self._relays
+            or not target.master_on
+        ):
             return 0.0
         return target.units_per_min * target.pulses_per_unit / self._pulses_per_turn
 
-    def after(self, sensed: SensorReadings, begin_s: float) -> None:
+    def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
         counts = bool(self._relays)
         command = self._target.pulses_per_unit if self._target else self._pulses_per_turn
         pulse_hz = max(0.0, sensed.shaft_rpm) / 60.0 * self._pulses_per_turn if counts else 0.0
@@ -132,15 +137,15 @@ class VirtualRateModule(Extra):
         self._quantity += units_per_min / 60.0 * max(0.0, sensed.time_s - self._last_s)
         self._last_s = sensed.time_s
         if self._target is not None and self._target.log_pid:
-            self._port.write(encode_trace(self._traced(self._target, units_per_min, begin_s)))
+            self._port.write(encode_trace(self._make_trace(self._target, units_per_min, begin_s)))
         if begin_s < self._next_status_s:
             return
-        self._next_status_s = begin_s + STATUS_EVERY_S - 1e-6
+        self._next_status_s = begin_s + STATUS_INTERVAL_S - 1e-6
         # of a plant whose drive tells how hard it works, in %
         effort = getattr(sensed, "shaft_effort", None)
-        pwm = 2.5 * self.shaft_rpm(begin_s) if effort is None else FULL_PWM * effort / 100.0
+        pwm = 2.5 * self.find_shaft_rpm(begin_s) if effort is None else FULL_PWM * effort / 100.0
         if begin_s >= self._next_label_s:
-            self._next_label_s = begin_s + LABEL_EVERY_S - 1e-6
+            self._next_label_s = begin_s + LABEL_INTERVAL_S - 1e-6
             self._port.write(encode_label(self._label))
         self._port.write(
             encode_status(
@@ -150,7 +155,7 @@ class VirtualRateModule(Extra):
                     min(units_per_min, 16777.0),
                     self._quantity,
                     min(FULL_PWM, round(pwm)),
-                    self._hears(begin_s),
+                    self._is_hearing(begin_s),
                     False,
                     min(pulse_hz, 6553.0),
                 )
@@ -173,7 +178,7 @@ class VirtualRateModule(Extra):
             )
         )
 
-    def _traced(self, target: FlowTarget, units_per_min: float, now_s: float) -> Trace:
+    def _make_trace(self, target: FlowTarget, units_per_min: float, now_s: float) -> Trace:
         wanted = target.units_per_min if target.master_on else 0.0
         applied = min(units_per_min, 16777.0)
         error = min(8388.0, max(-8388.0, wanted - applied))
@@ -186,15 +191,15 @@ class VirtualRateModule(Extra):
             error,
             0.0,
             0,
-            min(255, round(2.5 * self.shaft_rpm(now_s))),
+            min(255, round(2.5 * self.find_shaft_rpm(now_s))),
             1,
             FIRMWARE,
         )
 
-    def _hears(self, now_s: float) -> bool:
-        return self._target is not None and now_s - self._target_s < SILENT_CONSOLE_S
+    def _is_hearing(self, now_s: float) -> bool:
+        return self._target is not None and now_s - self._target_s < CONSOLE_TIMEOUT_S
 
-    def _hear(self, data: bytes, now_s: float) -> None:
+    def _take_datagram(self, data: bytes, now_s: float) -> None:
         try:
             command = decode_command(data)
         except (Rejected, Ignored):

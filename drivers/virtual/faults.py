@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from topdress.control.readings import DriveCommand
 from topdress.drivers.ports import Clock, Port, PortState
-from topdress.drivers.virtual.extras import Extra
+from topdress.drivers.virtual.extras import MachineExtra
 
 WRONG_BAUD_RATIO = 2.0  # sent at twice the rate at which it is read
 
@@ -33,7 +33,7 @@ class PortFaults(NamedTuple):
     wrong_baud: bool = False  # read at half the rate at which it is sent
 
 
-class Spoiler:
+class LineSpoiler:
     """Spoils a stream on its way. Deterministic: the same seed spoils the same lines.
 
     `by_lines` False: every piece is a datagram and is spoilt like a line."""
@@ -47,7 +47,7 @@ class Spoiler:
         self._last_line = b""
         self._delayed: deque[tuple[float, bytes]] = deque()
 
-    def put(self, data: bytes) -> None:
+    def put_bytes(self, data: bytes) -> None:
         """Takes sent bytes. A line is passed on when it is whole."""
         if self.faults.unplugged:
             self._rest = b""
@@ -59,16 +59,16 @@ class Spoiler:
         else:
             lines = [data] if data else []
         for line in lines:
-            self._delayed.append((self._clock() + self.faults.delay_s, self._spoil(line)))
+            self._delayed.append((self._clock() + self.faults.delay_s, self._spoil_line(line)))
 
-    def due(self) -> list[bytes]:
+    def take_due(self) -> list[bytes]:
         """Returns what arrives now, one line or datagram each."""
         now_s, found = self._clock(), []
         while self._delayed and self._delayed[0][0] <= now_s:
             found.append(self._delayed.popleft()[1])
         return [piece for piece in found if piece]
 
-    def _spoil(self, line: bytes) -> bytes:
+    def _spoil_line(self, line: bytes) -> bytes:
         faults, chance = self.faults, self._random.random
         if faults.frozen and self._last_line:
             return self._last_line
@@ -86,10 +86,10 @@ class Spoiler:
             line += line
         if chance() < faults.garbage_share:
             line = self._random.randbytes(self._random.randrange(1, 40)) + line
-        return at_wrong_baud(line) if faults.wrong_baud else line
+        return read_at_wrong_baud(line) if faults.wrong_baud else line
 
 
-def at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:
+def read_at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:
     """Returns the bytes of a receiver that samples `ratio` times more slowly than the sender
     sends (8N1, least bit first)."""
     bits = [bit for byte in data for bit in (0, *(byte >> place & 1 for place in range(8)), 1)]
@@ -110,22 +110,22 @@ RUNAWAY_RPM = 70.0  # the nominal machine's set-point
 RUNAWAY_MM = 60.0  # wide open
 
 
-class Runaway(NamedTuple):
+class DriveRunaway(NamedTuple):
     """Holds what the drives do by themselves; None: as commanded."""
 
     shaft_rpm: float | None = None
     opening_mm: float | None = None
 
 
-class VirtualRunaway(Extra):
+class VirtualRunaway(MachineExtra):
     """Overrides shaft and gate while `at` demands it; it is called with the time since `start_s`
     of every step."""
 
-    def __init__(self, at: Callable[[float], Runaway], start_s: float) -> None:
+    def __init__(self, at: Callable[[float], DriveRunaway], start_s: float) -> None:
         self._at = at
         self._start_s = start_s
 
-    def before(
+    def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
         now = self._at(begin_s - self._start_s)
@@ -136,7 +136,7 @@ class VirtualRunaway(Extra):
         return command._replace(shaft_rpm=now.shaft_rpm), True
 
 
-KINDS: dict[str, PortFaults] = {
+FAULT_KINDS: dict[str, PortFaults] = {
     "unplug": PortFaults(unplugged=True),
     "garbage": PortFaults(garbage_share=0.5),
     "half_lines": PortFaults(half_share=0.5),
@@ -146,9 +146,9 @@ KINDS: dict[str, PortFaults] = {
     "bit_flips": PortFaults(bit_flip_share=0.3),
     "wrong_baud": PortFaults(wrong_baud=True),
 }
-DRIVES: dict[str, Runaway] = {  # of the board's drives, not of its line
-    "shaft_turns": Runaway(shaft_rpm=RUNAWAY_RPM),
-    "gate_opens": Runaway(opening_mm=RUNAWAY_MM),
+DRIVE_FAULTS: dict[str, DriveRunaway] = {  # of the board's drives, not of its line
+    "shaft_turns": DriveRunaway(shaft_rpm=RUNAWAY_RPM),
+    "gate_opens": DriveRunaway(opening_mm=RUNAWAY_MM),
 }
 _GRAMMAR = re.compile(
     r"(?P<kind>[a-z_]+):(?P<device>[a-z_0-9]+)@(?P<begin>[\d.]+)(\+(?P<lasts>[\d.]+))?"
@@ -170,17 +170,17 @@ def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
             f"fault {text!r}: not understood: allowed KIND:DEVICE@FROM_S[+FOR_S], e.g. "
             "unplug:gnss@60+10"
         )
-    kinds = [*KINDS, *DRIVES]
+    kinds = [*FAULT_KINDS, *DRIVE_FAULTS]
     if match["kind"] not in kinds:
         raise ValueError(
             f"fault {text!r}: unknown kind {match['kind']}: allowed {', '.join(kinds)}"
         )
-    if match["kind"] in DRIVES and match["device"] != "board":
+    if match["kind"] in DRIVE_FAULTS and match["device"] != "board":
         raise ValueError(
             f"fault {text!r}: {match['kind']} is one of the board's drives: allowed "
             f"{match['kind']}:board"
         )
-    known = [*devices, "heads"] if any(map(_is_head, devices)) else list(devices)
+    known = [*devices, "heads"] if any(map(_is_head_name, devices)) else list(devices)
     if match["device"] not in known:
         raise ValueError(
             f"fault {text!r}: unknown device {match['device']}: allowed {', '.join(known)}"
@@ -193,36 +193,40 @@ def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
     return TimedFault(match["kind"], match["device"], begin_s, begin_s + lasts_s)
 
 
-def faults_at(timeline: Iterable[TimedFault], device: str, at_s: float) -> PortFaults:
+def find_faults(timeline: Iterable[TimedFault], device: str, at_s: float) -> PortFaults:
     """Returns the faults of one device's line at `at_s`; of faults of one kind the worst counts."""
     found = PortFaults()
     for fault in timeline:
-        names = (device, "heads" if _is_head(device) else device)
-        if fault.kind in KINDS and fault.begin_s <= at_s < fault.end_s and fault.device in names:
+        names = (device, "heads" if _is_head_name(device) else device)
+        if (
+            fault.kind in FAULT_KINDS
+            and fault.begin_s <= at_s < fault.end_s
+            and fault.device in names
+        ):
             worse = {
                 name: max(value, getattr(found, name))
-                for name, value in KINDS[fault.kind]._asdict().items()
+                for name, value in FAULT_KINDS[fault.kind]._asdict().items()
             }
             found = PortFaults(**worse)
     return found
 
 
-def runaway_at(timeline: Iterable[TimedFault], at_s: float) -> Runaway:
+def find_runaway(timeline: Iterable[TimedFault], at_s: float) -> DriveRunaway:
     """Returns what the board's drives do by themselves at `at_s`."""
-    found = Runaway()
+    found = DriveRunaway()
     for fault in timeline:
-        if fault.kind in DRIVES and fault.begin_s <= at_s < fault.end_s:
+        if fault.kind in DRIVE_FAULTS and fault.begin_s <= at_s < fault.end_s:
             found = found._replace(
                 **{
                     name: value
-                    for name, value in DRIVES[fault.kind]._asdict().items()
+                    for name, value in DRIVE_FAULTS[fault.kind]._asdict().items()
                     if value is not None
                 }
             )
     return found
 
 
-def _is_head(device: str) -> bool:
+def _is_head_name(device: str) -> bool:
     return device.startswith("head_")
 
 
@@ -232,7 +236,7 @@ class ServedLine:
 
     def __init__(self, ends: Sequence[Port], clock: Clock, seed: int) -> None:
         self._ends = tuple(ends)
-        self._spoiler = Spoiler(clock, seed=seed)
+        self._spoiler = LineSpoiler(clock, seed=seed)
 
     @property
     def name(self) -> str:
@@ -242,7 +246,7 @@ class ServedLine:
     def names(self) -> tuple[str, ...]:
         return tuple(end.name for end in self._ends)
 
-    def fault(self, faults: PortFaults) -> None:
+    def set_faults(self, faults: PortFaults) -> None:
         """Sets the faults of the line from now on."""
         for end in self._ends:
             if faults.unplugged != self._spoiler.faults.unplugged:
@@ -254,16 +258,16 @@ class ServedLine:
             end.plug(plugged)
 
     def read(self) -> bytes:
-        self.push()
+        self.send_due()
         return b"".join(end.read() for end in self._ends)
 
     def write(self, data: bytes) -> None:
-        self._spoiler.put(data)
-        self.push()
+        self._spoiler.put_bytes(data)
+        self.send_due()
 
-    def push(self) -> None:
+    def send_due(self) -> None:
         """Sends the bytes that are due."""
-        due = b"".join(self._spoiler.due())
+        due = b"".join(self._spoiler.take_due())
         for end in self._ends:
             if due:
                 end.write(due)

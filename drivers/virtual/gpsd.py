@@ -12,15 +12,15 @@ from typing import Any, Protocol
 from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.ports import UNPLUGGED, Clock, Port, PortState
-from topdress.drivers.virtual.extras import Extra
-from topdress.drivers.virtual.faults import PortFaults, ServedLine, Spoiler
+from topdress.drivers.virtual.extras import MachineExtra
+from topdress.drivers.virtual.faults import LineSpoiler, PortFaults, ServedLine
 
-RELEASE = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
-DEVICE = "/dev/virtual"
-MODE_OF = {2: 2, 4: 3, 5: 4}  # GGA's quality in gpsd's status
-LONGEST_QUESTION = 4096
-MOST_CLIENTS = 16
-MOST_UNSENT = 262_144  # bytes; a client that reads no more is let go
+VERSION_REPORT = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
+DEVICE_PATH = "/dev/virtual"
+STATUS_OF_QUALITY = {2: 2, 4: 3, 5: 4}  # GGA's quality in gpsd's status
+MAX_QUESTION_BYTES = 4096
+MAX_CLIENTS = 16
+MAX_UNSENT_BYTES = 262_144  # bytes; a client that reads no more is let go
 
 
 class ClientLine(Protocol):
@@ -33,41 +33,43 @@ class ClientLine(Protocol):
     def state(self) -> PortState: ...
 
 
-class Clients(Protocol):
+class ClientList(Protocol):
     def clients(self) -> Sequence[ClientLine]:
         """Who is connected now."""
         ...
 
 
-class VirtualGpsd(Extra):
+class VirtualGpsd(MachineExtra):
     """Serves several clients, each with its own watch. Known are ?VERSION, ?DEVICES, ?WATCH,
     ?POLL; all else is an ERROR.
 
     line : the one client there can be, or all of those that there are."""
 
-    def __init__(self, line: Port | Clients) -> None:
+    def __init__(self, line: Port | ClientList) -> None:
         self._line = line
-        self._sessions: dict[int, _Session] = {}
+        self._sessions: dict[int, _ClientSession] = {}
 
-    def before(
+    def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
         lines: Sequence[ClientLine] = (
             self._line.clients() if hasattr(self._line, "clients") else (self._line,)
         )
-        sessions = {id(line): self._sessions.get(id(line)) or _Session(line) for line in lines}
+        sessions = {
+            id(line): self._sessions.get(id(line)) or _ClientSession(line) for line in lines
+        }
         self._sessions = sessions
         for session in sessions.values():
-            session.hear()
+            session.take_questions()
         return command, enabled
 
-    def after(self, sensed: SensorReadings, begin_s: float) -> None:
+    def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
         if sensed.gnss is not None:
             for session in self._sessions.values():
-                session.tell(sensed.gnss)
+                session.report_fix(sensed.gnss)
 
 
-class _Session:
+class _ClientSession:
     """Serves one client: its questions, and whether it watches."""
 
     def __init__(self, line: ClientLine) -> None:
@@ -78,24 +80,29 @@ class _Session:
         self._sky: dict[str, object] | None = None
         self._fix: dict[str, object] | None = None
 
-    def hear(self) -> None:
+    def take_questions(self) -> None:
         state = self._line.state()
         if state.connected and state.connects != self._connects:
             self._connects, self._watched, self._rest = state.connects, False, b""
-            self._say(RELEASE)
+            self._send_object(VERSION_REPORT)
         *questions, self._rest = (self._rest + self._line.read()).replace(b"\n", b";").split(b";")
-        self._rest = self._rest[-LONGEST_QUESTION:]
+        self._rest = self._rest[-MAX_QUESTION_BYTES:]
         for question in questions:
             if question.strip():
-                self._answer(question.strip().decode("ascii", "replace"))
+                self._answer_question(question.strip().decode("ascii", "replace"))
 
-    def tell(self, fix: GnssFix) -> None:
-        self._sky = {"class": "SKY", "device": DEVICE, "uSat": fix.satellites, "hdop": fix.hdop}
+    def report_fix(self, fix: GnssFix) -> None:
+        self._sky = {
+            "class": "SKY",
+            "device": DEVICE_PATH,
+            "uSat": fix.satellites,
+            "hdop": fix.hdop,
+        }
         self._fix = {
             "class": "TPV",
-            "device": DEVICE,
+            "device": DEVICE_PATH,
             "mode": 3 if fix.fix_quality else 1,
-            "status": MODE_OF.get(fix.fix_quality, 1),
+            "status": STATUS_OF_QUALITY.get(fix.fix_quality, 1),
             "time": fix.utc,
             "lat": fix.lat_deg,
             "lon": fix.lon_deg,
@@ -103,32 +110,34 @@ class _Session:
             "speed": fix.speed_mps,
         }
         if self._watched:
-            self._say(self._sky)
-            self._say(self._fix)
+            self._send_object(self._sky)
+            self._send_object(self._fix)
 
-    def _answer(self, question: str) -> None:
+    def _answer_question(self, question: str) -> None:
         name, _, given = question.partition("=")
         devices: dict[str, object] = {
             "class": "DEVICES",
-            "devices": [{"class": "DEVICE", "path": DEVICE, "driver": "virtual"}],
+            "devices": [{"class": "DEVICE", "path": DEVICE_PATH, "driver": "virtual"}],
         }
         if name == "?VERSION":
-            self._say(RELEASE)
+            self._send_object(VERSION_REPORT)
         elif name == "?DEVICES":
-            self._say(devices)
+            self._send_object(devices)
         elif name == "?WATCH":
-            self._watch(given, devices)
+            self._set_watch(given, devices)
         elif name == "?POLL":
             reports = {
-                "tpv": [] if self._fix is None else [_known(self._fix)],
-                "sky": [] if self._sky is None else [_known(self._sky)],
+                "tpv": [] if self._fix is None else [_drop_unknown(self._fix)],
+                "sky": [] if self._sky is None else [_drop_unknown(self._sky)],
             }
             time = None if self._fix is None else self._fix["time"]
-            self._say({"class": "POLL", "time": time, "active": len(reports["tpv"]), **reports})
+            self._send_object(
+                {"class": "POLL", "time": time, "active": len(reports["tpv"]), **reports}
+            )
         else:
-            self._say({"class": "ERROR", "message": f"Unrecognized request '{name}'"})
+            self._send_object({"class": "ERROR", "message": f"Unrecognized request '{name}'"})
 
-    def _watch(self, given: str, devices: dict[str, object]) -> None:
+    def _set_watch(self, given: str, devices: dict[str, object]) -> None:
         """Sets the watch; without a value it reports its state, as gpsd does."""
         if given:
             try:
@@ -136,17 +145,17 @@ class _Session:
             except ValueError:
                 wanted = None
             if not isinstance(wanted, dict):
-                self._say({"class": "ERROR", "message": "Invalid WATCH: not a JSON object"})
+                self._send_object({"class": "ERROR", "message": "Invalid WATCH: not a JSON object"})
                 return
             self._watched = bool(wanted.get("enable", True))
-            self._say(devices)
-        self._say({"class": "WATCH", "enable": self._watched, "json": True})
+            self._send_object(devices)
+        self._send_object({"class": "WATCH", "enable": self._watched, "json": True})
 
-    def _say(self, said: dict[str, Any]) -> None:
-        self._line.write(json.dumps(_known(said)).encode() + b"\n")
+    def _send_object(self, said: dict[str, Any]) -> None:
+        self._line.write(json.dumps(_drop_unknown(said)).encode() + b"\n")
 
 
-def _known(said: dict[str, Any]) -> dict[str, Any]:
+def _drop_unknown(said: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in said.items() if value is not None}
 
 
@@ -161,7 +170,7 @@ class GpsdServer:
         self, host: str, number: int, clock: Clock, seed: int, terminal: Port | None = None
     ) -> None:
         self._clock, self._seed = clock, seed
-        self._server: socket.socket | None = _listening(host, number)
+        self._server: socket.socket | None = _open_listener(host, number)
         self.number: int = self._server.getsockname()[1]
         self._host = host
         self._faults = PortFaults()
@@ -178,42 +187,42 @@ class GpsdServer:
         return (self.name,) if self._fixed is None else (self.name, *self._fixed.names)
 
     def clients(self) -> Sequence[ClientLine]:
-        self.push()
+        self.send_due()
         return (*self._clients, *(() if self._fixed is None else (self._fixed,)))
 
-    def fault(self, faults: PortFaults) -> None:
+    def set_faults(self, faults: PortFaults) -> None:
         """Sets the faults of every line from now on."""
         self._faults = faults
         if faults.unplugged:
-            self._let_go()
+            self._close_connections()
         for client in self._clients:
-            client.fault(faults)
+            client.set_faults(faults)
         if self._fixed is not None:
-            self._fixed.fault(faults)
+            self._fixed.set_faults(faults)
 
-    def push(self) -> None:
+    def send_due(self) -> None:
         """Accepts waiting clients, sends due bytes, and drops clients that have gone."""
         if self._server is None and not self._faults.unplugged:
             with contextlib.suppress(OSError):
-                self._server = _listening(self._host, self.number)
-        self._accept()
+                self._server = _open_listener(self._host, self.number)
+        self._accept_clients()
         for client in self._clients:
-            client.push()
+            client.send_due()
         self._clients = [client for client in self._clients if client.open]
         if self._fixed is not None:
-            self._fixed.push()
+            self._fixed.send_due()
 
     def state(self) -> PortState:
         said = UNPLUGGED if self._faults.unplugged else "" if self._clients else "no client yet"
         return PortState(bool(self._clients), self._connects, said, 0, 0, 0, 0, None, b"")
 
     def close(self) -> None:
-        self._let_go()
+        self._close_connections()
         if self._fixed is not None:
             self._fixed.close()
 
-    def _accept(self) -> None:
-        while self._server is not None and len(self._clients) < MOST_CLIENTS:
+    def _accept_clients(self) -> None:
+        while self._server is not None and len(self._clients) < MAX_CLIENTS:
             try:
                 connection, _ = self._server.accept()
             except OSError:  # nobody waits
@@ -223,9 +232,9 @@ class GpsdServer:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._connects += 1
             self._clients.append(_GpsdClient(connection, self._clock, self._seed, self._connects))
-            self._clients[-1].fault(self._faults)
+            self._clients[-1].set_faults(self._faults)
 
-    def _let_go(self) -> None:
+    def _close_connections(self) -> None:
         for client in self._clients:
             client.close()
         self._clients = []
@@ -240,15 +249,15 @@ class _GpsdClient:
     def __init__(self, connection: socket.socket, clock: Clock, seed: int, number: int) -> None:
         self.open = True
         self._connection, self._number = connection, number
-        self._spoiler = Spoiler(clock, seed=seed + number)
+        self._spoiler = LineSpoiler(clock, seed=seed + number)
         self._unsent = b""
 
-    def fault(self, faults: PortFaults) -> None:
+    def set_faults(self, faults: PortFaults) -> None:
         self._spoiler.faults = faults
 
     def read(self) -> bytes:
         try:
-            data = self._connection.recv(LONGEST_QUESTION) if self.open else b""
+            data = self._connection.recv(MAX_QUESTION_BYTES) if self.open else b""
         except BlockingIOError:
             return b""
         except OSError:
@@ -258,12 +267,12 @@ class _GpsdClient:
         return data
 
     def write(self, data: bytes) -> None:
-        self._spoiler.put(data)
-        self.push()
+        self._spoiler.put_bytes(data)
+        self.send_due()
 
-    def push(self) -> None:
+    def send_due(self) -> None:
         """Sends due bytes as far as the client takes them."""
-        self._unsent += b"".join(self._spoiler.due())
+        self._unsent += b"".join(self._spoiler.take_due())
         if not self._unsent or not self.open:
             return
         try:
@@ -272,7 +281,7 @@ class _GpsdClient:
             pass
         except OSError:
             self.close()
-        if len(self._unsent) > MOST_UNSENT:
+        if len(self._unsent) > MAX_UNSENT_BYTES:
             self.close()
 
     def state(self) -> PortState:
@@ -283,7 +292,7 @@ class _GpsdClient:
         self._connection.close()
 
 
-def _listening(host: str, number: int) -> socket.socket:
+def _open_listener(host: str, number: int) -> socket.socket:
     server = socket.create_server((host, number))
     server.setblocking(False)
     return server

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from topdress.control.simulation.plant import SensorReadings, Truth
 from topdress.drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from topdress.drivers.ports import Port
-from topdress.drivers.virtual.extras import Extra
+from topdress.drivers.virtual.extras import MachineExtra
 
-ROUNDS = 10  # of the rig's program, a step of the plant
-PLATE_AT_REST = 500
-GRANULE = 80
-LEAST_FLOW_KG_S = 1e-4
-LEAST_STEP_S = 1e-6  # a drop time of nothing
+ROUNDS_PER_STEP = 10  # of the rig's program, a step of the plant
+RESTING_PLATE = 500
+GRANULE_SIGNAL = 80
+MIN_FLOW_KG_S = 1e-4
+MIN_DROP_S = 1e-6  # a drop time of nothing
 
 
 class _Pins(RigPins):
@@ -23,7 +23,7 @@ class _Pins(RigPins):
         self._port = port
         self.turns = 0.0
         self.counts = self.newest_us = self.before_us = 0
-        self.value = PLATE_AT_REST
+        self.value = RESTING_PLATE
 
     def read(self) -> bytes:
         return self._port.read()
@@ -38,7 +38,7 @@ class _Pins(RigPins):
         return self.value
 
 
-class VirtualLagRig(Extra):
+class VirtualLagRig(MachineExtra):
     """Adds a lag rig to the virtual machine. `truth` returns what the plant really did in the
     newest step."""
 
@@ -54,28 +54,28 @@ class VirtualLagRig(Extra):
         self._last_s = 0.0
         self._rpm = 0.0
 
-    def after(self, sensed: SensorReadings, begin_s: float) -> None:
+    def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
         truth = self._truth()
         if truth is None:
             return
-        if truth.flow_kg_s > LEAST_FLOW_KG_S:
-            pace = 1.0 / max(truth.settled_drop_s, LEAST_STEP_S)
+        if truth.flow_kg_s > MIN_FLOW_KG_S:
+            pace = 1.0 / max(truth.settled_drop_s, MIN_DROP_S)
             self._falling.append([0.0, pace, truth.drop_s - truth.settled_drop_s])
-        self._carry(truth)
+        self._carry_granules(truth)
         step_s, from_rpm = truth.time_s - self._last_s, self._rpm
-        for part in range(1, ROUNDS + 1):
-            share = part / ROUNDS
-            self._round(
+        for part in range(1, ROUNDS_PER_STEP + 1):
+            share = part / ROUNDS_PER_STEP
+            self._run_round(
                 self._last_s + share * step_s,
                 from_rpm + share * (truth.shaft_rpm - from_rpm),
-                step_s / ROUNDS,
+                step_s / ROUNDS_PER_STEP,
             )
         self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
 
-    def _carry(self, truth: Truth) -> None:
+    def _carry_granules(self, truth: Truth) -> None:
         """Advances falling granules by a step, as `control.machine.landing.falls_s` does."""
         step_s, share = truth.time_s - self._last_s, truth.carried_share
-        stream = share / max(truth.settled_drop_s, LEAST_STEP_S)
+        stream = share / max(truth.settled_drop_s, MIN_DROP_S)
         still: list[list[float]] = []
         for granule in self._falling:
             pace = stream + (1.0 - share) * granule[1]
@@ -86,7 +86,7 @@ class VirtualLagRig(Extra):
                 heapq.heappush(self._landing, self._last_s + (1.0 - granule[0]) / pace + granule[2])
         self._falling = still
 
-    def _round(self, now_s: float, rpm: float, dt_s: float) -> None:
+    def _run_round(self, now_s: float, rpm: float, dt_s: float) -> None:
         pins = self._pins
         pins.turns += rpm / 60.0 * dt_s
         counts = int(pins.turns * self._settings.counts_per_turn)
@@ -99,5 +99,5 @@ class VirtualLagRig(Extra):
             heapq.heappop(self._landing)
             landed = True
         self._rounds += 1
-        pins.value = PLATE_AT_REST + GRANULE * landed + self._rounds * 7 % 5
-        self._program.tick(round(now_s * 1e6))
+        pins.value = RESTING_PLATE + GRANULE_SIGNAL * landed + self._rounds * 7 % 5
+        self._program.run_round(round(now_s * 1e6))

@@ -11,29 +11,31 @@ from topdress.control.readings import GnssFix
 from topdress.control.simulation.plant import Plant
 from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields
-from topdress.drivers.devices.nmea import MPS_PER_KNOT, seal
-from topdress.drivers.ports import Clock, MemoryPort, Port, memory_pair
+from topdress.drivers.devices.nmea import MPS_PER_KNOT, seal_sentence
+from topdress.drivers.ports import Clock, MemoryPort, Port, make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
-from topdress.drivers.virtual.extras import Extra
+from topdress.drivers.virtual.extras import MachineExtra
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
 # where a fix carries no UTC of its own
-FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)
+FIRST_UTC = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)
 
 
-def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
+def make_gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
     """Returns one epoch as GGA, RMC and VTG. Positions to 1e-7 minutes (0.2 mm), speeds to 0.001
     knots.
 
-    Without `fix.utc` the time is `FIRST_MOMENT` plus `fix.time_s`. Quality 0: no position is
+    Without `fix.utc` the time is `FIRST_UTC` plus `fix.time_s`. Quality 0: no position is
     written, status V."""
-    at = (
-        datetime.fromisoformat(fix.utc) if fix.utc else FIRST_MOMENT + timedelta(seconds=fix.time_s)
-    )
+    at = datetime.fromisoformat(fix.utc) if fix.utc else FIRST_UTC + timedelta(seconds=fix.time_s)
     at = (at + timedelta(microseconds=500)).astimezone(UTC)  # cut to milliseconds below
     clock = f"{at:%H%M%S}.{at.microsecond // 1000:03d}"
     valid = fix.fix_quality > 0
-    place = f"{_minutes(fix.lat_deg, 2, 'NS')},{_minutes(fix.lon_deg, 3, 'EW')}" if valid else ",,,"
+    place = (
+        f"{_format_minutes(fix.lat_deg, 2, 'NS')},{_format_minutes(fix.lon_deg, 3, 'EW')}"
+        if valid
+        else ",,,"
+    )
     mode = MODE_OF_QUALITY.get(fix.fix_quality, "A") if valid else "N"
     satellites = "" if fix.satellites is None else f"{fix.satellites:02d}"
     hdop = "" if fix.hdop is None else f"{fix.hdop:.2f}"
@@ -41,16 +43,18 @@ def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
     kmh = "" if fix.speed_mps is None else f"{fix.speed_mps * 3.6:.3f}"
     course = "" if fix.heading_deg is None else f"{fix.heading_deg % 360.0:.3f}"
     return (
-        seal(f"{talker}GGA,{clock},{place},{fix.fix_quality},{satellites},{hdop},0.0,M,0.0,M,,")
-        + seal(
+        seal_sentence(
+            f"{talker}GGA,{clock},{place},{fix.fix_quality},{satellites},{hdop},0.0,M,0.0,M,,"
+        )
+        + seal_sentence(
             f"{talker}RMC,{clock},{'A' if valid else 'V'},{place},{knots},{course},"
             f"{at:%d%m%y},,,{mode}"
         )
-        + seal(f"{talker}VTG,{course},T,,M,{knots},N,{kmh},K,{mode}")
+        + seal_sentence(f"{talker}VTG,{course},T,,M,{knots},N,{kmh},K,{mode}")
     )
 
 
-def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes:
+def make_head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes:
     """Returns one sample of one head in the given layout; `head` adds the multiplexed line's
     `H<n>,`.
 
@@ -63,7 +67,7 @@ def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes
     return f"{prefix}{','.join(fields)}\r\n".encode("ascii")
 
 
-def _minutes(degrees: float, width: int, letters: str) -> str:
+def _format_minutes(degrees: float, width: int, letters: str) -> str:
     """Returns `4807.0380000,N`: whole degrees, then minutes, rounded together so that 60 minutes
     never appear."""
     ten_millionths = round(abs(degrees) * 60e7)
@@ -75,9 +79,9 @@ def _minutes(degrees: float, width: int, letters: str) -> str:
 
 
 # where the gate stands at power-on, as the nominal machine has it
-OPENING_MM = 25.0
+INITIAL_OPENING_MM = 25.0
 # After a longer pause (a suspended computer) the rest of it is left out, s.
-LONGEST_CATCH_UP_S = 5.0
+MAX_CATCH_UP_S = 5.0
 
 
 class VirtualMachine:
@@ -105,8 +109,8 @@ class VirtualMachine:
         *,
         layout: HeadFields = PROTOCOLS["greenseeker"],
         multiplexed: bool = False,
-        opening_mm: float = OPENING_MM,
-        extras: Sequence[Extra] = (),
+        opening_mm: float = INITIAL_OPENING_MM,
+        extras: Sequence[MachineExtra] = (),
     ) -> None:
         self.board = VirtualBoard(opening_mm)
         self._extras = tuple(extras)
@@ -117,17 +121,17 @@ class VirtualMachine:
         self._start_s = start_s
         self._steps = 0
 
-    def advance(self, now_s: float) -> int:
+    def advance_to(self, now_s: float) -> int:
         """Steps the plant up to `now_s` and returns the number of steps.
 
         Commands that have arrived act from the first of these steps on; what the sensors say
         after a step is on its line at once."""
         behind_s = now_s - self._start_s - self._steps * self._plant.dt_s
-        if behind_s > LONGEST_CATCH_UP_S:
-            self._start_s += behind_s - LONGEST_CATCH_UP_S
+        if behind_s > MAX_CATCH_UP_S:
+            self._start_s += behind_s - MAX_CATCH_UP_S
         steps = 0
         while self._start_s + (self._steps + 1) * self._plant.dt_s <= now_s + 1e-6:
-            self._step()
+            self._step_plant()
             steps += 1
         return steps
 
@@ -136,37 +140,40 @@ class VirtualMachine:
         for port in (self._gnss_port, *self._head_ports, self._board_port):
             port.close()
 
-    def _step(self) -> None:
+    def _step_plant(self) -> None:
         begin_s = self._start_s + self._steps * self._plant.dt_s
-        self.board.feed(self._board_port.read(), begin_s)
-        command, enabled = self.board.set_points(begin_s)
-        command = command._replace(dose=self.board.dose(begin_s))
+        self.board.feed_commands(self._board_port.read(), begin_s)
+        command, enabled = self.board.find_set_points(begin_s)
+        command = command._replace(dose=self.board.take_dose(begin_s))
         for extra in self._extras:
-            command, enabled = extra.before(begin_s, command, enabled)
-        sensed = self._plant.step(command, enabled)
+            command, enabled = extra.alter_command(begin_s, command, enabled)
+        sensed = self._plant.advance_plant(command, enabled)
         self._steps += 1
         if sensed.gnss is not None:
-            self._gnss_port.write(gnss_sentences(sensed.gnss))
+            self._gnss_port.write(make_gnss_sentences(sensed.gnss))
         if sensed.ndvi is not None:
             self._write_heads(sensed.ndvi)
-        self.board.turn((getattr(self._plant, "truth", None) or sensed).shaft_rpm, self._plant.dt_s)
-        self._board_port.write(self.board.status(sensed, begin_s))
+        self.board.turn_encoder(
+            (getattr(self._plant, "truth", None) or sensed).shaft_rpm, self._plant.dt_s
+        )
+        self._board_port.write(self.board.make_status(sensed, begin_s))
         for extra in self._extras:
-            extra.after(sensed, begin_s)
+            extra.take_readings(sensed, begin_s)
 
     def _write_heads(self, ndvi: tuple[float, ...]) -> None:
         if self._multiplexed:
             self._head_ports[0].write(
                 b"".join(
-                    head_line(value, self._layout, head) for head, value in enumerate(ndvi, start=1)
+                    make_head_line(value, self._layout, head)
+                    for head, value in enumerate(ndvi, start=1)
                 )
             )
             return
         for port, value in zip(self._head_ports, ndvi, strict=True):
-            port.write(head_line(value, self._layout))
+            port.write(make_head_line(value, self._layout))
 
 
-def virtual_cab(
+def make_virtual_cab(
     plant: Plant,
     clock: Clock,
     heads: int = 6,
@@ -174,9 +181,9 @@ def virtual_cab(
     protocol: str = "greenseeker",
     multiplexed: bool = False,
     board: BoardConfig | None = None,
-    opening_mm: float = OPENING_MM,
+    opening_mm: float = INITIAL_OPENING_MM,
     index: Literal["ndvi", "ndre"] = "ndvi",
-    extras: Sequence[Extra] = (),
+    extras: Sequence[MachineExtra] = (),
 ) -> tuple[Cab, VirtualMachine]:
     """Returns a cab and the virtual machine that it is connected to by ports in memory.
 
@@ -196,7 +203,7 @@ def virtual_cab(
     )
     names = ("memory:gnss", *head_names, "memory:board")
     pairs: dict[str, tuple[MemoryPort, MemoryPort]] = {
-        name: memory_pair(name, clock) for name in names
+        name: make_memory_pair(name, clock) for name in names
     }
     config = CabConfig(
         gnss=GnssConfig(port="memory:gnss"),

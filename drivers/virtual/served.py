@@ -17,28 +17,28 @@ from topdress.control.simulation.plant import Plant
 from topdress.drivers.datagrams import Datagrams, UdpPort
 from topdress.drivers.devices.canopy_heads import PROTOCOLS
 from topdress.drivers.ports import (
-    READ_TIMEOUT_S,
+    READ_WAIT_S,
     Clock,
     Port,
     PortState,
     SocketStream,
     ThreadedPort,
 )
-from topdress.drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualRateModule
+from topdress.drivers.virtual.extras import MachineExtra, VirtualAgOpenGps, VirtualRateModule
 from topdress.drivers.virtual.faults import (
-    DRIVES,
+    DRIVE_FAULTS,
+    DriveRunaway,
+    LineSpoiler,
     PortFaults,
-    Runaway,
     ServedLine,
-    Spoiler,
     TimedFault,
     VirtualRunaway,
-    faults_at,
-    runaway_at,
+    find_faults,
+    find_runaway,
 )
 from topdress.drivers.virtual.gpsd import GpsdServer, VirtualGpsd
 from topdress.drivers.virtual.lag_rig import VirtualLagRig
-from topdress.drivers.virtual.machine import OPENING_MM, VirtualMachine
+from topdress.drivers.virtual.machine import INITIAL_OPENING_MM, VirtualMachine
 
 
 # A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays.
@@ -54,7 +54,7 @@ class TerminalPort(ThreadedPort):
     def __init__(self, link: Path, clock: Clock) -> None:
         self._link = link
         self._master = -1
-        self._make()
+        self._make_terminal()
         super().__init__(
             str(link),
             self._wait_for_a_program,
@@ -63,7 +63,7 @@ class TerminalPort(ThreadedPort):
             longest_back_off_s=0.01,
         )
 
-    def let_go(self) -> None:
+    def disconnect(self) -> None:
         """Unplugs: the terminal and its name disappear, as when a USB plug is pulled."""
         if self._master >= 0:
             with contextlib.suppress(OSError):
@@ -73,18 +73,18 @@ class TerminalPort(ThreadedPort):
 
     def close(self) -> None:
         super().close()
-        self.let_go()
+        self.disconnect()
 
     def _wait_for_a_program(self) -> _MasterStream:
         if self._master < 0:
-            self._make()
+            self._make_terminal()
         poll = select.poll()
         poll.register(self._master, select.POLLIN)
         if any(event & select.POLLHUP for _, event in poll.poll(0)):
             raise TimeoutError("no program has it open")
         return _MasterStream(self._master)
 
-    def _make(self) -> None:
+    def _make_terminal(self) -> None:
         if sys.platform == "win32":
             raise OSError("this system has no pseudo-terminals")
         import tty
@@ -107,7 +107,7 @@ class _MasterStream:
         self._master = master
 
     def read(self) -> bytes:
-        if not select.select([self._master], [], [], READ_TIMEOUT_S)[0]:
+        if not select.select([self._master], [], [], READ_WAIT_S)[0]:
             return b""
         return os.read(self._master, 4096)
 
@@ -130,18 +130,18 @@ class ListeningPort(ThreadedPort):
 
     def __init__(self, host: str, number: int, clock: Clock) -> None:
         self._server: socket.socket | None = socket.create_server((host, number))
-        self._server.settimeout(READ_TIMEOUT_S)
+        self._server.settimeout(READ_WAIT_S)
         self.number: int = self._server.getsockname()[1]
         self._address = host, self.number
         super().__init__(
             f"socket://{host}:{self.number}",
-            self._accept,
+            self._accept_client,
             clock,
             first_back_off_s=0.01,
             longest_back_off_s=0.01,
         )
 
-    def let_go(self) -> None:
+    def disconnect(self) -> None:
         """Unplugs: nobody can connect."""
         if self._server is not None:
             with contextlib.suppress(OSError):
@@ -150,14 +150,14 @@ class ListeningPort(ThreadedPort):
 
     def close(self) -> None:
         super().close()
-        self.let_go()
+        self.disconnect()
 
-    def _accept(self) -> SocketStream:
+    def _accept_client(self) -> SocketStream:
         """Accepts a client on the reader's thread, the only one that uses the listening socket
         while the port is open."""
         if self._server is None:
             self._server = socket.create_server(self._address)
-            self._server.settimeout(READ_TIMEOUT_S)
+            self._server.settimeout(READ_WAIT_S)
         try:
             connection, _ = self._server.accept()
         except TimeoutError:
@@ -170,7 +170,7 @@ TRUE_PULSES_PER_TURN = 360.0  # of the virtual rate module's encoder
 
 
 @dataclass(frozen=True, slots=True)
-class Serve:
+class ServeOptions:
     """Defines what is served and where. `first_port` 0: any free ports. Rate module and
     AgOpenGPS: (host, port), or None."""
 
@@ -178,7 +178,7 @@ class Serve:
     first_port: int = FIRST_PORT
     heads: int = 6
     protocol: str = "greenseeker"
-    opening_mm: float = OPENING_MM
+    opening_mm: float = INITIAL_OPENING_MM
     terminals: Path | None = None  # folder for the pseudo-terminals' names
     rate_module: tuple[str, int] | None = None  # where the virtual module listens ...
     console: tuple[str, int] = ("127.0.0.1", 29999)  # ... and where it answers
@@ -195,11 +195,11 @@ class Serve:
         ]
         return ("gnss", *heads, "board", "gpsd", "lag_rig", *more)
 
-    def with_faults(self, faults: Sequence[TimedFault]) -> Serve:
+    def replace_faults(self, faults: Sequence[TimedFault]) -> ServeOptions:
         return replace(self, faults=faults)
 
 
-class Address(NamedTuple):
+class ServedAddress(NamedTuple):
     device: str
     protocol: str
     url: str
@@ -211,17 +211,17 @@ class ServedDatagrams:
 
     def __init__(self, inner: Datagrams, clock: Clock, seed: int) -> None:
         self._inner = inner
-        self._spoiler = Spoiler(clock, seed=seed, by_lines=False)
+        self._spoiler = LineSpoiler(clock, seed=seed, by_lines=False)
 
     @property
     def name(self) -> str:
         return self._inner.name
 
-    def fault(self, faults: PortFaults) -> None:
+    def set_faults(self, faults: PortFaults) -> None:
         self._spoiler.faults = faults
 
     def read_each(self) -> list[bytes]:
-        self.push()
+        self.send_due()
         found = self._inner.read_each()
         return [] if self._spoiler.faults.unplugged else found
 
@@ -229,12 +229,12 @@ class ServedDatagrams:
         return b"".join(self.read_each())
 
     def write(self, data: bytes) -> None:
-        self._spoiler.put(data)
-        self.push()
+        self._spoiler.put_bytes(data)
+        self.send_due()
 
-    def push(self) -> None:
+    def send_due(self) -> None:
         """Sends the datagrams that are due."""
-        for data in self._spoiler.due():
+        for data in self._spoiler.take_due():
             self._inner.write(data)
 
     def state(self) -> PortState:
@@ -254,21 +254,21 @@ class ServedMachine:
     ------
     OSError : a port is taken, or there are no pseudo-terminals."""
 
-    def __init__(self, plant: Plant, serve: Serve, clock: Clock) -> None:
+    def __init__(self, plant: Plant, serve: ServeOptions, clock: Clock) -> None:
         self._serve = serve
         self._clock = clock
         self._start_s = clock()
         self._lines: dict[str, ServedLine | ServedDatagrams | GpsdServer] = {}
         self._in_force: dict[str, PortFaults] = {}
-        self._runs_away = Runaway()
+        self._runs_away = DriveRunaway()
         try:
-            self._machine = self._built(plant, serve)
+            self._machine = self._build_machine(plant, serve)
         except OSError:
             self._close_lines()
             raise
 
     @property
-    def addresses(self) -> tuple[Address, ...]:
+    def addresses(self) -> tuple[ServedAddress, ...]:
         """Returns where each device is reached."""
         protocols = {
             "gnss": "nmea0183",
@@ -279,33 +279,33 @@ class ServedMachine:
             "agopengps": "agopengps",
         }
         return tuple(
-            Address(device, protocols.get(device, self._serve.protocol), url)
+            ServedAddress(device, protocols.get(device, self._serve.protocol), url)
             for device, line in self._lines.items()
             for url in ((line.name,) if isinstance(line, ServedDatagrams) else line.names)
         )
 
-    def advance(self) -> list[str]:
+    def advance_plant(self) -> list[str]:
         """Steps the plant to the present, and returns the changes of faults in words."""
         now_s = self._clock()
         changes = []
         for device, line in self._lines.items():
-            faults = faults_at(self._serve.faults, device, now_s - self._start_s)
+            faults = find_faults(self._serve.faults, device, now_s - self._start_s)
             if faults != self._in_force.get(device, PortFaults()):
-                line.fault(faults)
+                line.set_faults(faults)
                 self._in_force[device] = faults
-                changes.append(f"{device}: {_words(faults)}")
-            line.push()
-        runs_away = runaway_at(self._serve.faults, now_s - self._start_s)
+                changes.append(f"{device}: {_describe_faults(faults)}")
+            line.send_due()
+        runs_away = find_runaway(self._serve.faults, now_s - self._start_s)
         if runs_away != self._runs_away:
             self._runs_away = runs_away
-            changes.append(f"board: {_words_of_drives(runs_away)}")
-        self._machine.advance(now_s)
+            changes.append(f"board: {_describe_runaway(runs_away)}")
+        self._machine.advance_to(now_s)
         return changes
 
     def close(self) -> None:
         self._close_lines()
 
-    def _built(self, plant: Plant, serve: Serve) -> VirtualMachine:
+    def _build_machine(self, plant: Plant, serve: ServeOptions) -> VirtualMachine:
         heads = [f"head_{n}" for n in range(1, serve.heads + 1)]
         lines: dict[str, ServedLine] = {}
         for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig")):
@@ -320,25 +320,27 @@ class ServedMachine:
                     serve.host, number, self._clock, place, terminal
                 )
             else:
-                lines[device] = self._lines[device] = self._line(device, serve, place)
-        extras: list[Extra] = [
+                lines[device] = self._lines[device] = self._make_line(device, serve, place)
+        extras: list[MachineExtra] = [
             VirtualGpsd(gpsd),
             VirtualLagRig(lines["lag_rig"], lambda: getattr(plant, "truth", None)),
         ]
         if serve.rate_module is not None:
             host, number = serve.rate_module
-            module = self._datagrams(
+            module = self._make_datagrams(
                 "rate_module", f"udp://{host}:{number}?to={serve.console[0]}:{serve.console[1]}"
             )
             extras.append(VirtualRateModule(module, TRUE_PULSES_PER_TURN))
         if serve.agopengps is not None:
             host, number = serve.agopengps
             extras.append(
-                VirtualAgOpenGps(self._datagrams("agopengps", f"udp://{host}:0?to={host}:{number}"))
+                VirtualAgOpenGps(
+                    self._make_datagrams("agopengps", f"udp://{host}:0?to={host}:{number}")
+                )
             )
-        if any(fault.kind in DRIVES for fault in serve.faults):
+        if any(fault.kind in DRIVE_FAULTS for fault in serve.faults):
             extras.append(
-                VirtualRunaway(lambda at_s: runaway_at(serve.faults, at_s), self._start_s)
+                VirtualRunaway(lambda at_s: find_runaway(serve.faults, at_s), self._start_s)
             )
         return VirtualMachine(
             plant,
@@ -351,14 +353,14 @@ class ServedMachine:
             extras=extras,
         )
 
-    def _line(self, device: str, serve: Serve, place: int) -> ServedLine:
+    def _make_line(self, device: str, serve: ServeOptions, place: int) -> ServedLine:
         number = serve.first_port + place if serve.first_port else 0
         ends: list[Port] = [ListeningPort(serve.host, number, self._clock)]
         if serve.terminals is not None:
             ends.append(TerminalPort(serve.terminals / device, self._clock))
         return ServedLine(ends, self._clock, seed=place)
 
-    def _datagrams(self, device: str, url: str) -> ServedDatagrams:
+    def _make_datagrams(self, device: str, url: str) -> ServedDatagrams:
         line = ServedDatagrams(UdpPort(url, self._clock), self._clock, seed=len(self._lines))
         self._lines[device] = line
         return line
@@ -368,7 +370,7 @@ class ServedMachine:
             line.close()
 
 
-def _words_of_drives(runs_away: Runaway) -> str:
+def _describe_runaway(runs_away: DriveRunaway) -> str:
     wrong = [
         f"{name} {value:g} whatever the command"
         for name, value in runs_away._asdict().items()
@@ -377,6 +379,6 @@ def _words_of_drives(runs_away: Runaway) -> str:
     return ", ".join(wrong) or "its drives obey"
 
 
-def _words(faults: PortFaults) -> str:
+def _describe_faults(faults: PortFaults) -> str:
     wrong = [name for name, value in faults._asdict().items() if value]
     return ", ".join(wrong) or "as it should be"

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import make_rate_table, prepare
+from topdress.control.agronomy.noa import make_rate_table, prepare_rule
 from topdress.control.agronomy.strips import StripValue
 from topdress.control.agronomy.yield_potential import YIELD_SETS, YieldPotential
-from topdress.control.field.job import Job, rule_of
+from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.farm_lines import COLUMNS
 from topdress.drivers.files.setup import Setup, load_setup
@@ -50,10 +50,10 @@ def test_shipped_crop_works_at_once(name, crop_data):
     else:
         assert len(rates) == 15 and crop.ndvi_max is None, "Oklahoma State's table has no upper end"
         greener = crop.model_copy(update={"yield_ceiling": "y_max"})
-        assert prepare(greener).decide(0.76).rate_kg_ha > 0.0
-        assert (prepare(crop).decide(0.76).rate_kg_ha == 0.0) == ("winter_wheat" in name), (
-            "greener than the strip"
-        )
+        assert prepare_rule(greener).decide_rate(0.76).rate_kg_ha > 0.0
+        assert (prepare_rule(crop).decide_rate(0.76).rate_kg_ha == 0.0) == (
+            "winter_wheat" in name
+        ), "greener than the strip"
         assert rates[4] == pytest.approx(crop.fallback_rate_kg_ha, rel=0.5), (
             "a rate of this file's own order"
         )
@@ -142,18 +142,18 @@ def sufficient(crop_data, **changes):
 def test_the_sufficiency_index(crop_data):
     """150 sqrt((1 - SI) / 0.3) kg N/ha: SI 1 nothing, 0.925 half, 0.7 and below all of it; urea
     of 45 % N."""
-    rule = prepare(Crop.model_validate(sufficient(crop_data)))
+    rule = prepare_rule(Crop.model_validate(sufficient(crop_data)))
     for reading, share in ((0.42, 0.0), (0.40, 0.0), (0.37, 0.5), (0.28, 1.0), (0.20, 1.0)):
-        decision = rule.decide(reading)
+        decision = rule.decide_rate(reading)
         assert decision.rate_kg_ha == pytest.approx(150.0 / 0.45 * share, abs=1e-6), reading
         assert decision.sufficiency_index == pytest.approx(reading / 0.40)
-    waiting = prepare(Crop.model_validate(sufficient(crop_data, ndvi_nrich=None)))
-    assert not waiting.is_ready and waiting.decide(0.3).why == "no_strips"
-    assert waiting.with_strip(StripValue("nrich", 0.40)).decide(0.37).rate_kg_ha == pytest.approx(
-        75.0 / 0.45
-    )
+    waiting = prepare_rule(Crop.model_validate(sufficient(crop_data, ndvi_nrich=None)))
+    assert not waiting.is_ready and waiting.decide_rate(0.3).why == "no_strips"
+    assert waiting.replace_strip(StripValue("nrich", 0.40)).decide_rate(
+        0.37
+    ).rate_kg_ha == pytest.approx(75.0 / 0.45)
     with pytest.raises(ValueError, match="goes with yield_potential, not with sufficiency"):
-        prepare(Crop.model_validate(sufficient(crop_data)), response_rule="field")
+        prepare_rule(Crop.model_validate(sufficient(crop_data)), response_rule="field")
 
 
 def test_check_tells_of_a_strip_that_is_missing(crop_data, tmp_path):
@@ -180,8 +180,10 @@ def test_days_since_sowing(crop_data, tmp_path):
     setup = load_setup("huanghai", tmp_path / "job.yaml", dt.date(2026, 6, 14))
     assert setup.rule.days == 55 and setup.weather is None
     assert (
-        setup.rule.decide(0.68).rate_kg_ha
-        == prepare(Crop.model_validate(crop_data("osu_corn_2004"))).decide(0.68).rate_kg_ha
+        setup.rule.decide_rate(0.68).rate_kg_ha
+        == prepare_rule(Crop.model_validate(crop_data("osu_corn_2004")))
+        .decide_rate(0.68)
+        .rate_kg_ha
     )
     with pytest.raises(ConfigError, match="is not after sown"):
         load_setup("huanghai", tmp_path / "job.yaml", dt.date(2026, 4, 20))
@@ -322,16 +324,16 @@ def test_no_place_gets_more_than_to_the_strips_own_yield(ndvi, before, now):
             {k: v for k, v in WHEAT.items() if k != "yield_ceiling"}
         ).model_fields_set
     )
-    assert prepare(old).decide(ndvi).rate_kg_ha == pytest.approx(before, abs=0.05)
-    assert prepare(wheat()).decide(ndvi).rate_kg_ha == pytest.approx(now, abs=0.05)
+    assert prepare_rule(old).decide_rate(ndvi).rate_kg_ha == pytest.approx(before, abs=0.05)
+    assert prepare_rule(wheat()).decide_rate(ndvi).rate_kg_ha == pytest.approx(now, abs=0.05)
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 400.0), st.floats(0.0, 200.0), st.floats(0.0, 2.0))
 def test_a_lowest_rate_holds_on_crop_alone(ndvi, least, credit, factor):
     """Nothing on bare soil and in a zone of 0; else at least so much, at most the limit,
     whatever is credited."""
-    rule = prepare(wheat(min_rate_kg_ha=least, taper_ndvi=0.0), n_credit_kg_ha=credit)
-    rate = rule.decide(ndvi, factor).rate_kg_ha
+    rule = prepare_rule(wheat(min_rate_kg_ha=least, taper_ndvi=0.0), n_credit_kg_ha=credit)
+    rate = rule.decide_rate(ndvi, factor).rate_kg_ha
     on_crop = ndvi >= rule.crop.ndvi_min and factor > 0.0
     assert (least <= rate <= rule.crop.max_rate_kg_ha) if on_crop else rate == 0.0
 
@@ -340,7 +342,7 @@ def test_what_is_credited_and_what_was_given_comes_off():
     """By a yield curve the canopy shows what was given: only what it does not show yet comes
     off. 18 kg N: 40 urea."""
     plain, given_n, credited = (
-        prepare(wheat(), n_given_kg_ha=a, n_credit_kg_ha=b).decide(0.5).rate_kg_ha
+        prepare_rule(wheat(), n_given_kg_ha=a, n_credit_kg_ha=b).decide_rate(0.5).rate_kg_ha
         for a, b in ((0.0, 0.0), (60.0, 0.0), (0.0, 18.0))
     )
     assert given_n == plain and credited == pytest.approx(plain - 40.0)
@@ -369,7 +371,7 @@ def test_what_is_credited_and_what_was_given_comes_off():
         }
     )
     job = Job.model_validate({"nitrogen": {"given_kg_ha": 40.0, "credit_kg_ha": 20.0}})
-    decide = rule_of(sufficient, job).decide
+    decide = make_rule(sufficient, job).decide_rate
     assert decide(0.65 * 0.7).rate_kg_ha == pytest.approx(90.0 / 0.45)
     assert decide(0.65 * 0.7, 0.8).rate_kg_ha == pytest.approx((150.0 * 0.8 - 60.0) / 0.45)
     assert decide(0.65 * 0.7, 0.3).rate_kg_ha == 0.0
@@ -428,7 +430,9 @@ def test_a_ceiling_of_the_year_counts_what_earlier_records_gave(tmp_path):
     assert (setup.crop.max_rate_kg_ha, setup.crop.fallback_rate_kg_ha) == pytest.approx(
         (most, most)
     )
-    assert max(setup.rule.decide(k / 100.0).rate_kg_ha for k in range(100)) == pytest.approx(most)
+    assert max(setup.rule.decide_rate(k / 100.0).rate_kg_ha for k in range(100)) == pytest.approx(
+        most
+    )
     later = load_setup(
         "huanghai", written(tmp_path, rows, year_max_kg_ha=170.0, year_from="2025-09-01"), DAY
     )

@@ -12,8 +12,8 @@ from topdress.console.app.pages.job.checklist import LOOK, OK, checks
 from topdress.console.app.units import METRIC
 from topdress.console.reports.job_about import JobMetadata, find_job_events, format_names
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.days import days_above_base
-from topdress.control.agronomy.growth import Growth, GrowthStage, GrowthWindow, growth_of
+from topdress.control.agronomy.days import count_days_above_base
+from topdress.control.agronomy.growth import Growth, GrowthStage, GrowthWindow, assess_growth
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.config import load, save
@@ -32,17 +32,17 @@ def test_in_the_crop_files_own_terms():
     def stage(scale: str, at: float) -> GrowthStage:
         return GrowthStage(scale=scale, stage=at)
 
-    assert growth_of(None, stage("feekes", 5), 90) is None
+    assert assess_growth(None, stage("feekes", 5), 90) is None
     assert [
-        growth_of(FEEKES, stage("feekes", at), 90).is_outside for at in (3.9, 4, 5, 6, 6.1)
+        assess_growth(FEEKES, stage("feekes", at), 90).is_outside for at in (3.9, 4, 5, 6, 6.1)
     ] == [True, False, False, False, True]
     assert (
-        growth_of(FEEKES, stage("bbch", 31), 90)
-        == growth_of(FEEKES, None, 90)
+        assess_growth(FEEKES, stage("bbch", 31), 90)
+        == assess_growth(FEEKES, None, 90)
         == Growth("feekes", 4, 6, None)
     )
     days = GrowthWindow(scale="days", first=87, last=112)
-    assert [growth_of(days, None, count).is_outside for count in (86, 87, 112, 113)] == [
+    assert [assess_growth(days, None, count).is_outside for count in (86, 87, 112, 113)] == [
         True,
         False,
         False,
@@ -171,25 +171,28 @@ def season(temps: list[float], start: str = "2013-11-01") -> tuple[np.ndarray, n
 
 def test_counts_days_strictly_above_the_base():
     dates, temps = season([5.0, 4.4, 4.41, -1.0, 9.0])
-    assert days_above_base(dates, temps, SOWN, dt.date(2013, 11, 6), 4.4) == 3
-    assert days_above_base(dates, temps, SOWN, dt.date(2013, 11, 6), 0.0) == 4
+    assert count_days_above_base(dates, temps, SOWN, dt.date(2013, 11, 6), 4.4) == 3
+    assert count_days_above_base(dates, temps, SOWN, dt.date(2013, 11, 6), 0.0) == 4
 
 
 def test_sowing_day_counts_sensing_day_does_not():
     dates, temps = season([10.0] * 10)
-    assert days_above_base(dates, temps, dt.date(2013, 11, 3), dt.date(2013, 11, 7), 0.0) == 4
+    assert count_days_above_base(dates, temps, dt.date(2013, 11, 3), dt.date(2013, 11, 7), 0.0) == 4
 
 
 def test_the_papers_season_has_82_days():
     """126 days from 1 November to 7 March; a made-up winter with 44 of them at or below zero."""
     dates, temps = season([3.0] * 60 + [-2.0] * 44 + [5.0] * 40)
-    assert days_above_base(dates, temps, SOWN, SENSED, 0.0) == 82
+    assert count_days_above_base(dates, temps, SOWN, SENSED, 0.0) == 82
 
 
 def test_order_does_not_matter():
     dates, temps = season([5.0, -1.0, 7.0, -3.0])
     shuffled = np.array([2, 0, 3, 1])
-    assert days_above_base(dates[shuffled], temps[shuffled], SOWN, dt.date(2013, 11, 5), 0.0) == 2
+    assert (
+        count_days_above_base(dates[shuffled], temps[shuffled], SOWN, dt.date(2013, 11, 5), 0.0)
+        == 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -210,18 +213,18 @@ def test_order_does_not_matter():
 def test_what_is_not_known_is_not_guessed(temps, part):
     dates, values = season(temps)
     with pytest.raises(ValueError, match=part):
-        days_above_base(dates, values, SOWN, dt.date(2013, 11, 5), 0.0)
+        count_days_above_base(dates, values, SOWN, dt.date(2013, 11, 5), 0.0)
 
 
 def test_doubled_date_and_backward_span_are_refused():
     dates, temps = season([5.0] * 4)
     dates[2] = dates[1]
     with pytest.raises(ValueError, match="2013-11-02 stands twice"):
-        days_above_base(dates, temps, SOWN, dt.date(2013, 11, 5), 0.0)
+        count_days_above_base(dates, temps, SOWN, dt.date(2013, 11, 5), 0.0)
     with pytest.raises(ValueError, match="not after sown"):
-        days_above_base(dates, temps, SENSED, SOWN, 0.0)
+        count_days_above_base(dates, temps, SENSED, SOWN, 0.0)
     with pytest.raises(ValueError, match="4 dates but 3"):
-        days_above_base(dates, temps[:3], SOWN, SENSED, 0.0)
+        count_days_above_base(dates, temps[:3], SOWN, SENSED, 0.0)
 
 
 # --- Weather files: what is read, and the one line said about what is not

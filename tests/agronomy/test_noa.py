@@ -9,27 +9,33 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.fusion import Fused, FusionLimits, FusionState, fuse_readings, start
+from topdress.control.agronomy.fusion import (
+    Fused,
+    FusionLimits,
+    FusionState,
+    fuse_readings,
+    start_fusion,
+)
 from topdress.control.agronomy.noa import (
+    calc_insey,
+    calc_requirement_kg_ha,
+    calc_response_index,
+    calc_yield_without_t_ha,
+    decide_rate_kg_ha,
     grade_ndvi,
-    insey,
     list_grade_edges,
     make_rate_table,
-    n_requirement_kg_ha,
-    prepare,
-    rate_kg_ha,
-    response_index,
-    yield_without,
+    prepare_rule,
 )
 from topdress.control.agronomy.sampling import (
     FREQUENCIES_HZ,
     Evenness,
-    best_frequency,
-    cuc_percent,
-    cv_percent,
-    frequency_table,
+    calc_cuc_percent,
+    calc_cv_percent,
+    choose_frequency,
     measure_evenness,
-    subsample,
+    subsample_readings,
+    tabulate_frequencies,
 )
 from topdress.control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 from topdress.control.readings import Reading
@@ -43,41 +49,41 @@ def smooth(crop: Crop) -> Crop:
 def test_table_2_comes_back_from_eq_2_to_4(huanghai):
     """Targets of plots FA, FB, FC: 22.0, 20.2, 18.9 kg on 600 m2."""
     for ndvi, kg in ((0.499, 22.0), (0.530, 20.2), (0.551, 18.9)):
-        assert rate_kg_ha(smooth(huanghai), ndvi) == pytest.approx(kg / 0.06, abs=1.0)
+        assert decide_rate_kg_ha(smooth(huanghai), ndvi) == pytest.approx(kg / 0.06, abs=1.0)
 
 
 def test_printed_eq_2_is_negative_where_the_rate_is_zero(huanghai):
-    without = yield_without(insey(0.75, 82), 0.359, 324.4)
-    assert n_requirement_kg_ha(6.73, without) == pytest.approx(-21.9, abs=0.05)
-    decision = prepare(huanghai).decide(0.75)
+    without = calc_yield_without_t_ha(calc_insey(0.75, 82), 0.359, 324.4)
+    assert calc_requirement_kg_ha(6.73, without) == pytest.approx(-21.9, abs=0.05)
+    decision = prepare_rule(huanghai).decide_rate(0.75)
     assert (decision.rate_kg_ha, decision.why, decision.grade) == (0.0, "yield_reached", 10)
 
 
 def test_fewer_days_more_yield_expected_less_urea(huanghai):
     """What the day rule is worth: 82 days give 366 kg/ha at NDVI 0.5, 65 days 210."""
-    assert rate_kg_ha(smooth(huanghai), 0.5, days=82) == pytest.approx(366.0, abs=0.5)
-    assert rate_kg_ha(smooth(huanghai), 0.5, days=65) == pytest.approx(210.0, abs=0.5)
+    assert decide_rate_kg_ha(smooth(huanghai), 0.5, days=82) == pytest.approx(366.0, abs=0.5)
+    assert decide_rate_kg_ha(smooth(huanghai), 0.5, days=65) == pytest.approx(210.0, abs=0.5)
 
 
 def test_eq_2_by_hand():
-    assert n_requirement_kg_ha(6.0, 5.0, 23.9, 0.45, 0.6) == pytest.approx(23.9 / 0.27)
-    assert n_requirement_kg_ha(6.0, 5.0, 23.9, 0.46, 0.5) == pytest.approx(23.9 / 0.23)
+    assert calc_requirement_kg_ha(6.0, 5.0, 23.9, 0.45, 0.6) == pytest.approx(23.9 / 0.27)
+    assert calc_requirement_kg_ha(6.0, 5.0, 23.9, 0.46, 0.5) == pytest.approx(23.9 / 0.23)
 
 
 def test_cut_offs(huanghai):
-    rule, graded = prepare(smooth(huanghai)), prepare(huanghai)
-    assert rule.decide(0.2499).why == graded.decide(0.2499).why == "below_cutoff"
-    assert rule.decide(0.7501).why == graded.decide(0.7501).why == "above_cutoff"
+    rule, graded = prepare_rule(smooth(huanghai)), prepare_rule(huanghai)
+    assert rule.decide_rate(0.2499).why == graded.decide_rate(0.2499).why == "below_cutoff"
+    assert rule.decide_rate(0.7501).why == graded.decide_rate(0.7501).why == "above_cutoff"
     # the print: zero below 0.25 only ...
-    assert rule.decide(0.25).rate_kg_ha > 500.0 - 1e-9
-    assert graded.decide(0.25).rate_kg_ha == 0.0  # ... but the first grade is (0.25, 0.3]
-    assert graded.decide(0.2501).rate_kg_ha == pytest.approx(491.6, abs=0.05)
+    assert rule.decide_rate(0.25).rate_kg_ha > 500.0 - 1e-9
+    assert graded.decide_rate(0.25).rate_kg_ha == 0.0  # ... but the first grade is (0.25, 0.3]
+    assert graded.decide_rate(0.2501).rate_kg_ha == pytest.approx(491.6, abs=0.05)
 
 
 @pytest.mark.parametrize("nothing", [None, math.nan, math.inf, -math.inf])
 def test_no_reading_is_no_rate(huanghai, nothing):
-    assert prepare(huanghai).decide(nothing).why == "no_ndvi"
-    assert rate_kg_ha(huanghai, nothing) == 0.0
+    assert prepare_rule(huanghai).decide_rate(nothing).why == "no_ndvi"
+    assert decide_rate_kg_ha(huanghai, nothing) == 0.0
 
 
 def test_eleven_grades_each_at_its_upper_edge(huanghai):
@@ -91,54 +97,58 @@ def test_eleven_grades_each_at_its_upper_edge(huanghai):
         assert grade_ndvi(edge + 1e-12).grade == grade
         assert grade_ndvi(edge - 0.049).grade == grade
         assert grade_ndvi(edge).ndvi == pytest.approx(edge)
-    assert prepare(huanghai).decide(0.511).rate_kg_ha == rate_kg_ha(smooth(huanghai), 0.55)
+    assert prepare_rule(huanghai).decide_rate(0.511).rate_kg_ha == decide_rate_kg_ha(
+        smooth(huanghai), 0.55
+    )
 
 
 def test_rate_table_is_what_the_rule_does(huanghai):
     table = make_rate_table(huanghai)
-    rule = prepare(huanghai)
+    rule = prepare_rule(huanghai)
     assert [line.grade for line in table] == list(range(1, 11))
     assert table[0].ndvi_above == 0.25 and table[-1].ndvi_to == 0.75
     for line in table:
-        assert rule.decide((line.ndvi_above + line.ndvi_to) / 2).rate_kg_ha == line.rate_kg_ha
+        assert rule.decide_rate((line.ndvi_above + line.ndvi_to) / 2).rate_kg_ha == line.rate_kg_ha
     assert table[4].rate_kg_ha == pytest.approx(366.0, abs=0.5)
 
 
 def test_response_index_is_capped():
-    assert response_index(0.8, 0.5) == pytest.approx(1.6)
-    assert response_index(0.8, 0.3) == 2.0
-    assert response_index(0.8, 0.0) == 2.0
+    assert calc_response_index(0.8, 0.5) == pytest.approx(1.6)
+    assert calc_response_index(0.8, 0.3) == 2.0
+    assert calc_response_index(0.8, 0.0) == 2.0
 
 
 def test_n_rich_form(oklahoma):
     """Eq 5: yield with nitrogen is yield without times RI, at most Y_max."""
     crop = smooth(oklahoma)
-    decision = prepare(crop, days=100, ndvi_nrich=0.65).decide(0.5)
+    decision = prepare_rule(crop, days=100, ndvi_nrich=0.65).decide_rate(0.5)
     assert decision.response_index == pytest.approx(1.3)
     assert decision.yield_without_t_ha == pytest.approx(0.359 * math.exp(324.4 * 0.005))
     assert decision.yield_with_t_ha == pytest.approx(1.3 * 0.359 * math.exp(1.622))
     assert decision.rate_kg_ha == pytest.approx(23.9 * 0.3 * 0.359 * math.exp(1.622) / 0.27)
-    assert prepare(crop, 100, 0.65).decide(0.3).response_index == 2.0
-    assert prepare(crop, 100, 0.65).decide(0.7).why == "yield_reached"
+    assert prepare_rule(crop, 100, 0.65).decide_rate(0.3).response_index == 2.0
+    assert prepare_rule(crop, 100, 0.65).decide_rate(0.7).why == "yield_reached"
 
 
 def test_y_max_tames_the_exponential(oklahoma):
     """Few days and a dense canopy: without Y_max eq 3 gives 46 t/ha here."""
     crop = smooth(oklahoma)
-    decision = prepare(crop, days=30, ndvi_nrich=0.6).decide(0.45)
+    decision = prepare_rule(crop, days=30, ndvi_nrich=0.6).decide_rate(0.45)
     assert 0.359 * math.exp(324.4 * 0.45 / 30) > 40.0
     assert decision.yield_with_t_ha == crop.y_max_t_ha
     assert decision.rate_kg_ha == 0.0
     # what is shown is no 46 t/ha either
     assert decision.yield_without_t_ha == crop.y_max_t_ha
-    partly = prepare(crop, days=60, ndvi_nrich=0.75).decide(0.5)
+    partly = prepare_rule(crop, days=60, ndvi_nrich=0.75).decide_rate(0.5)
     assert partly.yield_with_t_ha == crop.y_max_t_ha
     assert partly.rate_kg_ha == pytest.approx(23.9 * (7.0 - partly.yield_without_t_ha) / 0.27)
 
 
 def test_the_strip_decides_where_both_are_given(huanghai):
-    assert prepare(huanghai, ndvi_nrich=0.6).decide(0.5).response_index == pytest.approx(1.2)
-    assert prepare(huanghai).decide(0.5).response_index is None
+    assert prepare_rule(huanghai, ndvi_nrich=0.6).decide_rate(0.5).response_index == pytest.approx(
+        1.2
+    )
+    assert prepare_rule(huanghai).decide_rate(0.5).response_index is None
 
 
 def test_what_cannot_be_prepared_says_why(crop_data, oklahoma):
@@ -146,25 +156,25 @@ def test_what_cannot_be_prepared_says_why(crop_data, oklahoma):
         crop_data("osu_winter_wheat_2004") | {"ndvi_nrich": None, "response_index": "paper"}
     )
     with pytest.raises(ValueError, match="ndvi_nrich and fixed_yield_t_ha both missing"):
-        prepare(without)
+        prepare_rule(without)
     by_weather = Crop.model_validate(
         crop_data("osu_winter_wheat_2004") | {"days": {"weather": "w.csv", "sown": "2013-11-01"}}
     )
     with pytest.raises(ValueError, match=r"to be counted from w\.csv"):
-        prepare(by_weather)
-    assert prepare(by_weather, days=90).days == 90
+        prepare_rule(by_weather)
+    assert prepare_rule(by_weather, days=90).days == 90
     for days in (0, -3, 401):
         with pytest.raises(ValueError, match="allowed is 1 to 400"):
-            prepare(oklahoma, days=days)
+            prepare_rule(oklahoma, days=days)
     with pytest.raises(ValueError, match="ndvi_nrich"):
-        prepare(oklahoma, ndvi_nrich=1.5)
+        prepare_rule(oklahoma, ndvi_nrich=1.5)
     with pytest.raises(ValueError, match="days 0"):
-        insey(0.5, 0)
+        calc_insey(0.5, 0)
 
 
 def test_limit_of_the_product_holds(huanghai):
     small = huanghai.model_copy(update={"max_rate_kg_ha": 200.0})
-    decision = prepare(small).decide(0.4)
+    decision = prepare_rule(small).decide_rate(0.4)
     assert (decision.rate_kg_ha, decision.why) == (200.0, "limited")
 
 
@@ -197,7 +207,7 @@ def _crop(grades: bool, eta: float) -> Crop:
 )
 def test_never_negative_never_above_the_limit(ndvi, days, nrich, grades, eta):
     crop = _crop(grades, eta)
-    rate = rate_kg_ha(crop, ndvi, days, nrich)
+    rate = decide_rate_kg_ha(crop, ndvi, days, nrich)
     assert math.isfinite(rate)
     assert 0.0 <= rate <= 300.0
     if not 0.25 - 1e-9 <= ndvi <= 0.75 + 1e-9:
@@ -207,8 +217,10 @@ def test_never_negative_never_above_the_limit(ndvi, days, nrich, grades, eta):
 @settings(deadline=None)
 @given(st.floats(0.26, 0.74), st.floats(0.0, 0.2))
 def test_fixed_yield_form_falls_with_ndvi(ndvi, more):
-    without = [yield_without(insey(n, 82), 0.359, 324.4) for n in (ndvi, ndvi + more)]
-    assert n_requirement_kg_ha(6.73, without[0]) >= n_requirement_kg_ha(6.73, without[1])
+    without = [
+        calc_yield_without_t_ha(calc_insey(n, 82), 0.359, 324.4) for n in (ndvi, ndvi + more)
+    ]
+    assert calc_requirement_kg_ha(6.73, without[0]) >= calc_requirement_kg_ha(6.73, without[1])
 
 
 # --- Evenness of a canopy, and the paper's choice of 1 Hz from its own table
@@ -217,16 +229,16 @@ def test_fixed_yield_form_falls_with_ndvi(ndvi, more):
 
 def test_by_hand():
     values = [0.4, 0.5, 0.6]
-    assert cv_percent(values) == pytest.approx(100 * 0.1 / 0.5)
-    assert cuc_percent(values) == pytest.approx(100 * (1 - 0.2 / 1.5))
+    assert calc_cv_percent(values) == pytest.approx(100 * 0.1 / 0.5)
+    assert calc_cuc_percent(values) == pytest.approx(100 * (1 - 0.2 / 1.5))
     assert measure_evenness(values).mean == pytest.approx(0.5)
 
 
 def test_gaps_are_left_out_and_nothing_gives_nan():
     assert measure_evenness([0.4, math.nan, 0.5, 0.6]) == measure_evenness([0.4, 0.5, 0.6])
-    assert math.isnan(cv_percent([0.5]))
-    assert math.isnan(cuc_percent([]))
-    assert math.isnan(cuc_percent([-0.1, 0.05]))
+    assert math.isnan(calc_cv_percent([0.5]))
+    assert math.isnan(calc_cuc_percent([]))
+    assert math.isnan(calc_cuc_percent([-0.1, 0.05]))
     assert measure_evenness([]).n == 0
 
 
@@ -234,22 +246,22 @@ def test_gaps_are_left_out_and_nothing_gives_nan():
 @given(st.lists(st.floats(0.1, 0.9), min_size=2, max_size=50), st.floats(0.1, 10.0))
 def test_scale_free(values, factor):
     scaled = [value * factor for value in values]
-    assert cv_percent(scaled) == pytest.approx(cv_percent(values), abs=1e-9)
-    assert cuc_percent(scaled) == pytest.approx(cuc_percent(values), abs=1e-9)
-    assert cuc_percent(values) <= 100.0 + 1e-12
+    assert calc_cv_percent(scaled) == pytest.approx(calc_cv_percent(values), abs=1e-9)
+    assert calc_cuc_percent(scaled) == pytest.approx(calc_cuc_percent(values), abs=1e-9)
+    assert calc_cuc_percent(values) <= 100.0 + 1e-12
 
 
 def test_subsample():
-    assert list(subsample(range(9), 2.0, 0.5)) == [0, 4, 8]
-    assert list(subsample(range(3), 2.0, 2.0)) == [0, 1, 2]
+    assert list(subsample_readings(range(9), 2.0, 0.5)) == [0, 4, 8]
+    assert list(subsample_readings(range(3), 2.0, 2.0)) == [0, 1, 2]
     for target in (3.0, 1.5, 0.0, -1.0):
         with pytest.raises(ValueError, match="allowed"):
-            subsample(range(9), 2.0, target)
+            subsample_readings(range(9), 2.0, target)
 
 
 def test_a_column_of_table_1():
     readings = 0.5 + 0.05 * np.random.default_rng(1).standard_normal(400)
-    table = frequency_table(readings)
+    table = tabulate_frequencies(readings)
     assert tuple(table) == FREQUENCIES_HZ
     assert [table[hz].n for hz in FREQUENCIES_HZ] == [400, 200, 100, 50, 25]
     assert table[1.0] == measure_evenness(readings[::2])
@@ -262,7 +274,7 @@ def test_the_paper_chooses_1_hz(paper_table):
             0, math.nan, float(row["cv_percent"]), float(row["cuc_percent"])
         )
     assert len(plots) == 12
-    choice = best_frequency(list(plots.values()))
+    choice = choose_frequency(list(plots.values()))
     assert choice.frequency_hz == 1.0
     assert choice.departure[1.0] == pytest.approx(0.791 + 0.459, abs=0.002)
     assert choice.departure[0.5] == pytest.approx(1.099 + 0.693, abs=0.002)
@@ -272,13 +284,13 @@ def test_the_paper_chooses_1_hz(paper_table):
 def test_a_table_of_our_own_where_the_slowest_is_as_good():
     same = Evenness(10, 0.5, 8.0, 93.0)
     other = Evenness(10, 0.5, 9.0, 93.0)
-    assert best_frequency([{2.0: same, 1.0: same, 0.5: same}]).frequency_hz == 0.5
-    assert best_frequency([{2.0: same, 1.0: other, 0.5: same}]).frequency_hz == 0.5
-    assert best_frequency([{2.0: same, 1.0: same, 0.5: other}]).frequency_hz == 1.0
+    assert choose_frequency([{2.0: same, 1.0: same, 0.5: same}]).frequency_hz == 0.5
+    assert choose_frequency([{2.0: same, 1.0: other, 0.5: same}]).frequency_hz == 0.5
+    assert choose_frequency([{2.0: same, 1.0: same, 0.5: other}]).frequency_hz == 1.0
     with pytest.raises(ValueError, match="lower frequency"):
-        best_frequency([{2.0: same}])
+        choose_frequency([{2.0: same}])
     with pytest.raises(ValueError, match="lower frequency"):
-        best_frequency([])
+        choose_frequency([])
 
 
 # --- Table 2 of paper A: which of its columns the abstract's 28 kg N/ha comes from
@@ -320,7 +332,7 @@ def fuse(state, values, time_s):
 
 def run(rows, period_s=0.5, state=None, from_s=0.0):
     """Fuse rows of six values at a period; the last state, and every result."""
-    state, results = state or start(6), []
+    state, results = state or start_fusion(6), []
     for k, row in enumerate(rows):
         state, fused = fuse(state, row, from_s + k * period_s)
         results.append(fused)
@@ -393,7 +405,7 @@ def test_a_silent_head_is_dropped_by_age_and_returns_with_its_next_reading():
 
 
 def test_two_heads_cannot_judge_each_other():
-    state = start(2)
+    state = start_fusion(2)
     for k in range(10):
         state, fused = fuse(state, [0.3, 0.7], 0.5 * k)
     assert fused.dropped == ()
@@ -408,7 +420,7 @@ def test_a_value_that_is_no_ndvi_is_no_reading(nonsense):
 def test_held_readings_at_the_loops_rate_are_the_same_as_their_own_times():
     """At 20 Hz the same 2 Hz readings are seen ten times; nothing may come sooner or later for
     it."""
-    state, dropped_at = start(6), None
+    state, dropped_at = start_fusion(6), None
     for tick in range(100):
         now = 0.05 * tick
         sampled = 0.5 * int(now / 0.5 + 1e-9)

@@ -14,10 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import prepare, yield_without
-from topdress.control.agronomy.response import HarvestLine, field_response
-from topdress.control.agronomy.strips import Strips, StripValue, doubt, measured_index, read_strip
-from topdress.control.field.job import Job, rule_of
+from topdress.control.agronomy.noa import calc_yield_without_t_ha, prepare_rule
+from topdress.control.agronomy.response import HarvestLine, calc_field_response
+from topdress.control.agronomy.strips import (
+    Strips,
+    StripValue,
+    calc_measured_index,
+    find_index_doubt,
+    parse_strip,
+)
+from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import CROP
 
@@ -40,60 +46,62 @@ def field_crop(crop_data) -> Crop:
 def test_one_index_for_the_field_whatever_the_place(field_crop):
     """N-rich 0.66 over check 0.55: RI 1.2 at every place; the paper's rule gives 0.66 over the
     place."""
-    rule = prepare(field_crop, 100, 0.66, 0.55)
-    decisions = [rule.decide(ndvi) for ndvi in (0.3, 0.45, 0.6)]
+    rule = prepare_rule(field_crop, 100, 0.66, 0.55)
+    decisions = [rule.decide_rate(ndvi) for ndvi in (0.3, 0.45, 0.6)]
     assert [round(one.response_index, 9) for one in decisions] == [1.2, 1.2, 1.2]
     for one, ndvi in zip(decisions, (0.3, 0.45, 0.6), strict=True):
-        without = yield_without(ndvi / 100, 0.590, 258.2)
+        without = calc_yield_without_t_ha(ndvi / 100, 0.590, 258.2)
         assert one.rate_kg_ha == pytest.approx(23.9 * 0.2 * without / (0.45 * 0.6))
-    by_place = prepare(field_crop, 100, 0.66, 0.55, "paper")
-    assert by_place.decide(0.3).response_index == 2.0 and by_place.decide(
+    by_place = prepare_rule(field_crop, 100, 0.66, 0.55, "paper")
+    assert by_place.decide_rate(0.3).response_index == 2.0 and by_place.decide_rate(
         0.6
     ).response_index == pytest.approx(1.1)
 
 
 def test_the_two_rules_lean_opposite_ways(field_crop):
     """A thin place: the paper sees much to gain there, Oklahoma little yield to be had."""
-    field, paper = (prepare(field_crop, 100, 0.66, 0.55, which) for which in ("field", "paper"))
-    assert field.decide(0.35).rate_kg_ha < field.decide(0.6).rate_kg_ha
-    assert paper.decide(0.35).rate_kg_ha > paper.decide(0.6).rate_kg_ha
+    field, paper = (
+        prepare_rule(field_crop, 100, 0.66, 0.55, which) for which in ("field", "paper")
+    )
+    assert field.decide_rate(0.35).rate_kg_ha < field.decide_rate(0.6).rate_kg_ha
+    assert paper.decide_rate(0.35).rate_kg_ha > paper.decide_rate(0.6).rate_kg_ha
 
 
 def test_as_long_as_a_strip_is_missing_nothing_is_decided(field_crop, huanghai):
     for strips in ((None, None), (0.66, None), (None, 0.55)):
-        rule = prepare(field_crop, 100, *strips)
-        assert not rule.is_ready and rule.decide(0.5).why == "no_strips"
-    rule = prepare(field_crop, 100, 0.66)
-    assert rule.with_strip(StripValue("check", 0.55)).decide(0.5).response_index == pytest.approx(
-        1.2
-    )
-    fixed = prepare(huanghai, response_rule="field")
-    assert fixed.is_ready and fixed.decide(0.5) == prepare(huanghai).decide(0.5), (
+        rule = prepare_rule(field_crop, 100, *strips)
+        assert not rule.is_ready and rule.decide_rate(0.5).why == "no_strips"
+    rule = prepare_rule(field_crop, 100, 0.66)
+    assert rule.replace_strip(StripValue("check", 0.55)).decide_rate(
+        0.5
+    ).response_index == pytest.approx(1.2)
+    fixed = prepare_rule(huanghai, response_rule="field")
+    assert fixed.is_ready and fixed.decide_rate(0.5) == prepare_rule(huanghai).decide_rate(0.5), (
         "a fixed yield stands in"
     )
 
 
 def test_no_response_gives_nothing_and_is_doubted(field_crop):
-    assert prepare(field_crop, 100, 0.5, 0.55).decide(0.5).rate_kg_ha == 0.0
+    assert prepare_rule(field_crop, 100, 0.5, 0.55).decide_rate(0.5).rate_kg_ha == 0.0
     assert [
-        doubt(Strips(*one))
+        find_index_doubt(Strips(*one))
         for one in ((0.5, 0.55), (0.55, 0.55), (0.9, 0.301), (0.9, 0.299), (0.9, None))
     ] == ["below_1", "", "", "above_3", ""]
     assert (
-        measured_index(Strips(0.9, 0.299)) > 3.0
-        and field_response(Strips(0.9, 0.299), 2.0, None) == 2.0
+        calc_measured_index(Strips(0.9, 0.299)) > 3.0
+        and calc_field_response(Strips(0.9, 0.299), 2.0, None) == 2.0
     )
 
 
 def test_the_harvest_line_is_oklahomas(field_crop, crop_data):
     crop = field_crop.model_copy(update={"harvest_line": None})
-    assert prepare(crop, 100, 0.66, 0.55).decide(0.5).response_index == pytest.approx(
+    assert prepare_rule(crop, 100, 0.66, 0.55).decide_rate(0.5).response_index == pytest.approx(
         1.69 * 1.2 - 0.70
     )
     older = Crop.model_validate(crop_data("osu_winter_wheat_2004"))
-    assert prepare(older, 100, 0.66, 0.55).decide(0.5).response_index == pytest.approx(1.2), (
-        "its row has no line"
-    )
+    assert prepare_rule(older, 100, 0.66, 0.55).decide_rate(0.5).response_index == pytest.approx(
+        1.2
+    ), "its row has no line"
     with pytest.raises(ValidationError, match=r"RI 1 becomes 0\.1"):
         HarvestLine(slope=1.64, intercept=-1.54)
     with pytest.raises(ValidationError, match="goes with response_index: field"):
@@ -104,21 +112,25 @@ def test_the_harvest_line_is_oklahomas(field_crop, crop_data):
 
 def test_the_papers_own_crop_knows_nothing_of_it(huanghai):
     assert huanghai.response_index == "paper" and huanghai.taper_ndvi == 0.0 and huanghai.grades
-    assert prepare(huanghai, ndvi_check=0.5).decide(0.511) == prepare(huanghai).decide(0.511)
+    assert prepare_rule(huanghai, ndvi_check=0.5).decide_rate(0.511) == prepare_rule(
+        huanghai
+    ).decide_rate(0.511)
 
 
 def test_the_cap_is_one_of_the_canopys_index(field_crop):
     """RI_NDVI at most 2.0, then the line: Oklahoma State caps the former, and the yield."""
     lined = field_crop.model_copy(update={"harvest_line": None})
-    assert prepare(lined, 100, 0.9, 0.4).decide(0.4).response_index == pytest.approx(
+    assert prepare_rule(lined, 100, 0.9, 0.4).decide_rate(0.4).response_index == pytest.approx(
         1.69 * 2.0 - 0.70
     )
-    assert prepare(lined, 100, 0.9, 0.4).decide(0.9).yield_with_t_ha == lined.y_max_t_ha
+    assert prepare_rule(lined, 100, 0.9, 0.4).decide_rate(0.9).yield_with_t_ha == lined.y_max_t_ha
 
 
 def test_tapered_ends(crop_data):
-    tapered = prepare(Crop.model_validate(crop_data("osu_winter_wheat_2007") | {"ndvi_max": 0.75}))
-    hard = prepare(tapered.crop.model_copy(update={"taper_ndvi": 0.0}))
+    tapered = prepare_rule(
+        Crop.model_validate(crop_data("osu_winter_wheat_2007") | {"ndvi_max": 0.75})
+    )
+    hard = prepare_rule(tapered.crop.model_copy(update={"taper_ndvi": 0.0}))
     for ndvi, share in (
         (0.25, 0.0),
         (0.26, 0.2),
@@ -129,13 +141,19 @@ def test_tapered_ends(crop_data):
         (0.74, 0.2),
         (0.75, 0.0),
     ):
-        assert tapered.decide(ndvi).rate_kg_ha == pytest.approx(
-            share * hard.decide(ndvi).rate_kg_ha
+        assert tapered.decide_rate(ndvi).rate_kg_ha == pytest.approx(
+            share * hard.decide_rate(ndvi).rate_kg_ha
         ), ndvi
-    assert tapered.decide(0.2499).why == "below_cutoff" and hard.decide(0.2501).rate_kg_ha > 20.0
-    open_ended = prepare(Crop.model_validate(crop_data("osu_winter_wheat_2007")))
-    assert open_ended.decide(0.26).rate_kg_ha == tapered.decide(0.26).rate_kg_ha
-    assert open_ended.decide(0.9).why == "yield_reached" and hard.decide(0.9).why == "above_cutoff"
+    assert (
+        tapered.decide_rate(0.2499).why == "below_cutoff"
+        and hard.decide_rate(0.2501).rate_kg_ha > 20.0
+    )
+    open_ended = prepare_rule(Crop.model_validate(crop_data("osu_winter_wheat_2007")))
+    assert open_ended.decide_rate(0.26).rate_kg_ha == tapered.decide_rate(0.26).rate_kg_ha
+    assert (
+        open_ended.decide_rate(0.9).why == "yield_reached"
+        and hard.decide_rate(0.9).why == "above_cutoff"
+    )
 
 
 @settings(deadline=None)
@@ -143,9 +161,9 @@ def test_tapered_ends(crop_data):
 def test_a_tapered_rate_has_no_step(ndvi, more):
     """Neighbouring readings get neighbouring rates: at most the slope of the taper and of the
     curve."""
-    rule = prepare(_tapered())
+    rule = prepare_rule(_tapered())
     assert (
-        abs(rule.decide(ndvi).rate_kg_ha - rule.decide(ndvi + more).rate_kg_ha)
+        abs(rule.decide_rate(ndvi).rate_kg_ha - rule.decide_rate(ndvi + more).rate_kg_ha)
         <= 2500.0 * abs(more) + 1e-9
     )
 
@@ -196,7 +214,7 @@ def test_a_file_that_says_nothing_of_grades_is_told(crop_data):
     "value", [StripValue("nrich", 0.7121, 0.0041, 38), StripValue("check", 0.55)]
 )
 def test_a_strip_is_ordered_as_it_is_logged(value):
-    assert read_strip(value.text) == value
+    assert parse_strip(value.event_text) == value
 
 
 @pytest.mark.parametrize(
@@ -219,12 +237,13 @@ def test_a_strip_is_ordered_as_it_is_logged(value):
     ],
 )
 def test_what_is_no_strip(text):
-    assert read_strip(text) is None
+    assert parse_strip(text) is None
 
 
 def test_values_stay_finite():
     assert math.isfinite(
-        field_response(Strips(1.0, 1e-6), 2.0, HarvestLine(slope=1.64, intercept=-0.53)) or math.nan
+        calc_field_response(Strips(1.0, 1e-6), 2.0, HarvestLine(slope=1.64, intercept=-0.53))
+        or math.nan
     )
 
 
@@ -316,7 +335,7 @@ def ours(
     that it says otherwise."""
     crop = load(CROPS / f"{name}.yaml", CROP).model.model_copy(update=other)
     job = Job.model_validate({"crop": name, "days": days, "ndvi_nrich": rich, "ndvi_check": check})
-    return rule_of(crop, job, None).decide(ndvi).rate_kg_ha
+    return make_rule(crop, job, None).decide_rate(ndvi).rate_kg_ha
 
 
 def test_every_shipped_file_is_held_against_its_source():

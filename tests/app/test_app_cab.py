@@ -212,7 +212,7 @@ def driven(right_m=1.5, side_m=100.0):
                 270.0: (east - step, north),
                 180.0: (east, north - step),
             }[heading]
-            lat, lon = plane.to_deg(*at)
+            lat, lon = plane.convert_to_deg(*at)
             time_s += 0.5
             drive.add(
                 LogRow(time_s=time_s, lat_deg=lat, lon_deg=lon, heading_deg=heading, fix_quality=4)
@@ -252,7 +252,7 @@ async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned,
         feed(
             full,
             [corner._asdict() | {"fix_quality": 4}],
-            place_m=TangentPlane(34.28, 119.88).to_m(corner.lat_deg, corner.lon_deg),
+            place_m=TangentPlane(34.28, 119.88).project_to_m(corner.lat_deg, corner.lon_deg),
         )
     await pilot.pause()
     assert any("BOUNDARY" in row for row in shown(full))

@@ -12,7 +12,7 @@ from topdress.console.app.pages.devices.device_table import DeviceTable
 from topdress.console.app.widgets.chips import Chips, placed
 from topdress.console.frame import DeviceDo, DeviceTest
 from topdress.control.orders import Answer
-from topdress.control.readings import EffortSays
+from topdress.control.readings import EffortFinding
 
 from tests.app.harness import feed, looked, tell
 from tests.app.made_up.calibrate import many_devices
@@ -60,15 +60,15 @@ async def test_every_line_says_in_symbol_and_word_how_it_is(app, shown, page):
 @pytest.mark.parametrize(
     ("effort", "said", "level"),
     [
-        (EffortSays(), None, ""),
-        (EffortSays(unit="A"), "stands: not judged", "stale"),
+        (EffortFinding(), None, ""),
+        (EffortFinding(unit="A"), "stands: not judged", "stale"),
         (
-            EffortSays(mean=50.0, should=60.0, low=40.0, high=80.0, unit="%"),
+            EffortFinding(mean=50.0, should=60.0, low=40.0, high=80.0, unit="%"),
             "████████┃█░░│░░░┃░░░ 50 %, expected 60, alarm outside 40 to 80",
             "",
         ),
         (
-            EffortSays(harder_percent=25.0, mean=1.6, should=1.0, low=0.0, high=1.2, unit="N m"),
+            EffortFinding(harder_percent=25.0, mean=1.6, should=1.0, low=0.0, high=1.2, unit="N m"),
             "┃█████████│█┃███░░░░ 1.6 N m, expected 1, alarm outside 0 to 1.2",
             "amber",
         ),

@@ -22,7 +22,7 @@ from topdress.console.app.units import METRIC
 from topdress.console.frame import Tally
 from topdress.console.link import WorkerGone
 from topdress.console.worker.resume_alarms import AlarmRecord
-from topdress.control.agronomy.strips import Strips, read_strip
+from topdress.control.agronomy.strips import Strips, parse_strip
 from topdress.control.field.job import Wanted
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order, Severity
@@ -242,7 +242,7 @@ async def test_a_strip_is_driven_counts_at_once_and_is_kept(app, desk, source, c
     await settled(app, pilot)
     assert desk.asked == [("strip", "nrich", "0.710")] and not isinstance(app.screen, Confirm)
     given = [order for order in source.orders if order.do is Do.STRIP]
-    assert [read_strip(order.value)[:2] for order in given] == [
+    assert [parse_strip(order.value)[:2] for order in given] == [
         ("nrich", pytest.approx(0.71, abs=1e-3))
     ]
 

@@ -20,7 +20,7 @@ from topdress.control.agronomy.strips import Strips, StripValue
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Answer, Do, Order, TargetSource
 from topdress.control.safety import Allowances
-from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.closed_loop import simulate_run
 from topdress.drivers.files.setup import load_setup
 
 from tests.app.harness import feed, settled
@@ -57,7 +57,7 @@ class Bench:
     def __init__(self) -> None:
         closed = Closed(load_setup("huanghai_sections", "sections_demo", dt.date(2014, 3, 7)))
         self.loop = closed.loop
-        self.steps = simulated_run(closed.plant, closed.loop, 600.0)
+        self.steps = simulate_run(closed.plant, closed.loop, 600.0)
 
     def frame(self) -> Frame:
         tick = list(islice(self.steps, 3))[-1].tick
@@ -90,23 +90,23 @@ def test_what_takes_an_order_back_leaves_all_as_it_was(do):
     if do is Do.GO_ON_UNLOGGED:  # refused while the log works, taken back or not
         assert back == (Order(do, False),)
         return
-    assert bench.loop.order(order).accepted
+    assert bench.loop.handle_order(order).accepted
     after = bench.frame()
     assert chosen(after) != chosen(before) or do is Do.REFILL
     for one in back:
-        assert bench.loop.order(one).accepted, one
+        assert bench.loop.handle_order(one).accepted, one
     assert chosen(bench.frame()) == chosen(before)
 
 
 def test_all_sections_given_back_are_closed_again_one_by_one():
     bench = Bench()
     for text in ("1 off", "3 off"):
-        assert bench.loop.order(Order(Do.SECTION, text)).accepted
+        assert bench.loop.handle_order(Order(Do.SECTION, text)).accepted
     frame = bench.frame()
     back = reverse_orders([Order(Do.SECTION, "all auto")], frame)
-    assert bench.loop.order(Order(Do.SECTION, "all auto")).accepted
+    assert bench.loop.handle_order(Order(Do.SECTION, "all auto")).accepted
     for one in back:
-        assert bench.loop.order(one).accepted
+        assert bench.loop.handle_order(one).accepted
     assert chosen(bench.frame()) == chosen(frame) and len(back) == 2
 
 
@@ -210,8 +210,8 @@ async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(
         await pilot.press("b")
         drive(full, 30, ndvi=0.70)
         await pilot.press("b")
-        low = round(replace(rule, ndvi_nrich=0.70).decide(0.5).rate_kg_ha)
-        now = round(replace(rule, ndvi_nrich=0.75).decide(0.5).rate_kg_ha)
+        low = round(replace(rule, ndvi_nrich=0.70).decide_rate(0.5).rate_kg_ha)
+        now = round(replace(rule, ndvi_nrich=0.75).decide_rate(0.5).rate_kg_ha)
         assert now > low > 0
         text = full.screen.text
         assert (
@@ -262,6 +262,6 @@ def test_the_field_is_what_is_no_strip_and_keeps_no_samples(full):
 async def test_where_there_was_no_strip_none_counts_again(full, source, strip_desk):
     source.newest = replace(source.newest, strips=Strips(), allow=Allowances())
     assert reverse_orders([Order(Do.STRIP, "nrich 0.7")], source.newest) == (
-        Order(Do.STRIP, StripValue("nrich", None).text),
+        Order(Do.STRIP, StripValue("nrich", None).event_text),
     )
     assert describe_undo((Order(Do.STRIP, "nrich none"),), METRIC) == "no N-rich strip"

@@ -55,7 +55,7 @@ REFUSALS_BY = {
     "Reason": 0,
     "at": 0,
     "NoLattice": 0,
-    "Refused": 1,
+    "RefusedInput": 1,
     "BeyondLimits": 1,
     "ArchiveError": 1,
     "ShapesError": 1,

@@ -1,10 +1,10 @@
 """Scenarios for the boards' programs with a pin layer that is a small machine. Run by CPython
 and by MicroPython: only what both have is used. Each gives plain lists and numbers."""
 
-from drivers.board.framing import seal
+from drivers.board.framing import seal_frame
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
-from drivers.board.parts import LoadCell, Tilt, UsbLine
-from drivers.board.slave import BoardSettings, Pins, Slave
+from drivers.board.parts import Inclinometer, LoadCell, UsbLine
+from drivers.board.slave import BoardSettings, Pins, SlaveProgram
 
 MS = 1000
 
@@ -101,11 +101,11 @@ class Bench:
 
     def __init__(self, settings=None, **machine):
         self.machine = Machine(**machine)
-        self.board = Slave(self.machine, settings or BoardSettings())
+        self.board = SlaveProgram(self.machine, settings or BoardSettings())
         self.seq = 0
 
     def say(self, payload):
-        self.machine.inbox += seal(payload)
+        self.machine.inbox += seal_frame(payload)
 
     def target(self, rpm, mm, enable):
         self.say(f"T1,{self.seq},{rpm:.3f},{mm:.3f},{enable}")
@@ -117,7 +117,7 @@ class Bench:
             if enable is not None and tick % 50 == 0:
                 self.target(rpm, mm, enable)
             self.machine.pass_time(MS)
-            self.board.tick(self.machine.now_us)
+            self.board.run_round(self.machine.now_us)
             if look is not None:
                 look(self)
 
@@ -242,20 +242,20 @@ def bad_frames():
     bench = Bench()
     bench.run(0.2, 0, 25, 0)
     bench.run(1.0, 50, 25, 1)
-    good = seal(f"T1,{bench.seq},90.000,25.000,1")
+    good = seal_frame(f"T1,{bench.seq},90.000,25.000,1")
     wrong = [
         good.replace(b"90", b"99"),
         good[:10] + b"\r\n",
-        seal("T1,200,90.0,25.0"),
-        seal("T1,200,900.0,25.0,1"),
-        seal("T1,200,nan,25.0,1"),
-        seal("T1,200,1e1,25.0,1"),
-        seal("T1,200,9.,25.0,1"),
-        seal("T1,200,-1.0,25.0,1"),
-        seal("T1,70000,90.0,25.0,1"),
-        seal("T1,200,90.0,25.0,2"),
-        seal("T9,200,90.0,25.0,1"),
-        seal(f"T1,{bench.seq - 1},90.000,25.000,1"),
+        seal_frame("T1,200,90.0,25.0"),
+        seal_frame("T1,200,900.0,25.0,1"),
+        seal_frame("T1,200,nan,25.0,1"),
+        seal_frame("T1,200,1e1,25.0,1"),
+        seal_frame("T1,200,9.,25.0,1"),
+        seal_frame("T1,200,-1.0,25.0,1"),
+        seal_frame("T1,70000,90.0,25.0,1"),
+        seal_frame("T1,200,90.0,25.0,2"),
+        seal_frame("T9,200,90.0,25.0,1"),
+        seal_frame(f"T1,{bench.seq - 1},90.000,25.000,1"),
         b"x" * 300 + b"\r\n",
         b"\xff\xfe$\x00*\x80\r\n",
         b"$$$***\r\n",
@@ -571,7 +571,7 @@ def own_settings():
         settings, names = BoardSettings(), {}
         exec("class Own:\n    " + line, names)
         try:
-            settings.take(names["Own"])
+            settings.take_settings(names["Own"])
             found.append([settings.counts_per_turn, settings.link, settings.shaft_drive])
         except ValueError as why:
             found.append(str(why))
@@ -602,7 +602,7 @@ def usb_line():
     usb.inbox = b"x" * 100
     found = [len(line.read()), len(line.read()), len(line.read()), max(usb.asked_for)]
     for number in range(200):
-        line.write(seal(f"S1,{number},0"))
+        line.write(seal_frame(f"S1,{number},0"))
         line.read()
     found.append(len(usb.outbox))
     for room in (10, 10000):
@@ -647,7 +647,7 @@ def lag_rig(early_granule=False):
     turned, chance = 0.0, 7
     for ms in range(3000):
         if ms == 50:
-            pins.inbox = seal("R1,1,42,1")
+            pins.inbox = seal_frame("R1,1,42,1")
         rpm = 0.0 if ms < 100 else 1.0 if ms < 400 else 20.0
         turned += rpm / 60.0 * 0.001 * 1000.0
         while pins.counts < int(turned):
@@ -657,7 +657,7 @@ def lag_rig(early_granule=False):
         pins.value = 500 + (chance >> 16) % 5
         if ms == 1900 or (early_granule and ms == 200):
             pins.value += 60
-        rig.tick(ms * MS)
+        rig.run_round(ms * MS)
     fields = pins.sent[-1].split(b"*")[0].split(b",")
     return [
         int(fields[2]),
@@ -713,16 +713,16 @@ def scale():
     found = [read.kg]
     for count in (0, 100000, -5000, 0x7FFFFE, 0x7FFFFF, 20000):
         part.convert(count)
-        read.look()
+        read.poll_conversion()
         found.append([None if read.kg is None else round(read.kg, 3), part.pulses])
     for _ in range(900):
-        read.look()
+        read.poll_conversion()
     found.append(round(read.kg, 3))
     for _ in range(200):
-        read.look()
+        read.poll_conversion()
     found.append(read.kg)
     part.convert(1000)
-    read.look()
+    read.poll_conversion()
     found.append(round(read.kg, 3))
     return found
 
@@ -753,12 +753,12 @@ def tilt():
     """Registers set; pitch and roll in degrees: flat, nose up, right side down, jolted; gone,
     back, another part."""
     part = FakeLis3dh()
-    read = Tilt(part)
+    read = Inclinometer(part)
 
     def settled(g):
         part.g = g
         for _ in range(100):
-            read.look(0.05)
+            read.poll_sample(0.05)
         return (
             None if read.pitch_deg is None else [round(read.pitch_deg, 1), round(read.roll_deg, 1)]
         )
@@ -766,7 +766,7 @@ def tilt():
     found = [settled((0.0, 0.0, 1.0)), part.written[:]]
     found += [settled((0.174, 0.0, 0.985)), settled((0.0, -0.174, 0.985)), settled((1.5, 1.0, 1.0))]
     part.g = (0.5, 0.0, 0.866)
-    read.look(0.05)
+    read.poll_sample(0.05)
     found.append(round(read.pitch_deg, 1))
     part.gone = True
     found.append(settled((0.0, 0.0, 1.0)))
@@ -774,7 +774,7 @@ def tilt():
     found.append(settled((0.0, 0.0, 1.0)))
     part.who = 0x11
     part.gone = True
-    read.look(0.05)
+    read.poll_sample(0.05)
     part.gone = False
     found.append(settled((0.0, 0.0, 1.0)))
     return found

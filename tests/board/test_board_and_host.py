@@ -13,10 +13,15 @@ import time
 import pytest
 from topdress.control.readings import DriveCommand
 from topdress.control.simulation.plant import SensorReadings
-from topdress.drivers.board.framing import seal
-from topdress.drivers.board.slave import BoardSettings, Slave
+from topdress.drivers.board.framing import seal_frame
+from topdress.drivers.board.slave import BoardSettings, SlaveProgram
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
+from topdress.drivers.devices.point_dose import (
+    DoseState,
+    PointDose,
+    decode_dose_report,
+    encode_dose,
+)
 from topdress.drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from topdress.drivers.virtual.board import VirtualBoard
 
@@ -163,13 +168,13 @@ class Line:
     def run(self, ticks: int, enabled: bool, deaf: bool = False):
         for _ in range(ticks):
             self.now_s += 0.05
-            line = self.host.command(DriveCommand(60.0, 25.0), enabled)
+            line = self.host.make_command_line(DriveCommand(60.0, 25.0), enabled)
             self.sent.append(line)
-            self.board.feed(b"" if deaf else line, self.now_s)
+            self.board.feed_commands(b"" if deaf else line, self.now_s)
             sensed = SensorReadings(
                 self.now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None
             )
-            readings = self.host.feed(self.board.status(sensed, self.now_s), self.now_s)
+            readings = self.host.feed(self.board.make_status(sensed, self.now_s), self.now_s)
         return readings[-1]
 
     def again(self, lines) -> bool:
@@ -177,8 +182,8 @@ class Line:
         turned = False
         for k in range(0, len(lines), 2):
             self.now_s += 0.05
-            self.board.feed(b"".join(lines[k : k + 2]), self.now_s)
-            turned = turned or self.board.set_points(self.now_s)[1]
+            self.board.feed_commands(b"".join(lines[k : k + 2]), self.now_s)
+            turned = turned or self.board.find_set_points(self.now_s)[1]
         return turned
 
 
@@ -193,7 +198,7 @@ def test_host_and_board_of_either_age_work_and_go_on_after_a_silence_and_a_resta
     line.run(5, False)
     assert line.run(5, True).enabled
     line.switch_on()
-    line.host.opened_anew()
+    line.host.forget_board()
     assert not line.run(5, True).enabled
     line.run(5, False)
     readings = line.run(5, True)
@@ -225,7 +230,7 @@ def test_an_older_board_in_place_of_a_newer_one_is_spoken_to_as_it_understands()
     line = Line([3])
     line.run(5, False)
     line.board = VirtualBoard(25.0, lambda: None)
-    line.host.opened_anew()
+    line.host.forget_board()
     line.run(25, False)
     assert line.run(5, True).enabled and line.sent[-1].startswith(b"$T1")
 
@@ -240,7 +245,7 @@ class Bench:
     def __init__(self) -> None:
         self.pins = scenarios.Machine()
         self.settings = BoardSettings()
-        self.board = Slave(self.pins, self.settings)
+        self.board = SlaveProgram(self.pins, self.settings)
         self.host = SlaveBoard(SetPointLimits(max_shaft_rpm=201.0))
         self.ms = 0
         self.deaf = False  # the host hears nothing
@@ -250,13 +255,13 @@ class Bench:
         for _ in range(ms):
             self.ms += 1
             if self.ms % 50 == 0:
-                self.pins.inbox += self.host.command(DriveCommand(0.0, 25.0), self.enable)
+                self.pins.inbox += self.host.make_command_line(DriveCommand(0.0, 25.0), self.enable)
             self.pins.pass_time(1000)
-            self.board.tick(self.pins.now_us)
+            self.board.run_round(self.pins.now_us)
             said, self.pins.sent = b"".join(self.pins.sent), []
             if not self.deaf:
                 self.host.feed(said, self.ms / 1000.0)
-            self.host.dose.look(self.ms / 1000.0)
+            self.host.dose.check_overdue(self.ms / 1000.0)
 
     def give(self, angle_deg: float, shaft_rpm: float) -> None:
         self.pins.inbox += self.host.give_dose(angle_deg, shaft_rpm, self.ms / 1000.0)
@@ -275,10 +280,10 @@ def test_the_papers_dose_takes_a_fifth_of_a_second(bench):
     """120 degrees at 99.8 r/min: theta / (6 n) = 0.2 s (eq 3 with its factor 6), and two short
     ramps."""
     bench.give(120.0, 99.8)
-    assert bench.host.dose.newest.state is DoseState.SENT and not bench.host.dose.ready
+    assert bench.host.dose.newest.state is DoseState.SENT and not bench.host.dose.is_ready
     bench.run(400)
     dose = bench.host.dose.newest
-    assert dose.state is DoseState.DONE and bench.host.dose.ready
+    assert dose.state is DoseState.DONE and bench.host.dose.is_ready
     assert dose.turned_deg == pytest.approx(120.0, abs=0.9), "to a step of 0.9 degrees"
     assert dose.took_s == pytest.approx(120.0 / (6.0 * 99.8), abs=0.06)
     assert not bench.host.counts.rejected and bench.host.missed == 0
@@ -361,10 +366,10 @@ def test_the_same_line_twice_is_one_dose(bench):
 )
 def test_what_is_not_allowed_is_not_sent(angle_deg, rpm):
     with pytest.raises(ValueError, match="allowed is"):
-        PointDose().give(angle_deg, rpm, 0, 0.0)
+        PointDose().give_dose(angle_deg, rpm, 0, 0.0)
 
 
 def test_the_frames_of_the_page():
     assert encode_dose(42, 7, 120.0, 99.8).startswith(b"$D1,42,7,120.000,99.800*")
-    report = decode_report(seal("E1,8,7,2,120.600,1000000,1237000").strip()[1:])
+    report = decode_dose_report(seal_frame("E1,8,7,2,120.600,1000000,1237000").strip()[1:])
     assert (report.dose, report.state, report.turned_deg) == (7, DoseState.DONE, 120.6)

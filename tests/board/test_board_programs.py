@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from topdress.drivers.board import framing
-from topdress.drivers.board.framing import crc16, seal
+from topdress.drivers.board.framing import calc_crc16, seal_frame
 from topdress.drivers.board.motion import ShaftControl, Stepper
 
 from tests.board import board_scenarios as scenarios
@@ -22,8 +22,8 @@ def test_the_crc_is_the_protocols(board_crc=binascii.crc_hqx):
     chance = random.Random(1)
     for length in range(60):
         data = chance.randbytes(length)
-        assert crc16(data) == board_crc(data, 0xFFFF)
-    assert seal("T1,41,70.000,25.000,1") == b"$T1,41,70.000,25.000,1*7B29\r\n", (
+        assert calc_crc16(data) == board_crc(data, 0xFFFF)
+    assert seal_frame("T1,41,70.000,25.000,1") == b"$T1,41,70.000,25.000,1*7B29\r\n", (
         "the example of the page"
     )
 
@@ -223,9 +223,9 @@ def test_the_feed_forward_alone_is_nearly_right():
     control = ShaftControl(
         0.008, 0.04, 0.1, kp=0.0, ki=0.0, acceleration_rpm_s=1e9, held_share=0.25, held_rpm=5.0
     )
-    assert control.update(70.0, 0.0, 0.01) == pytest.approx(0.6)
-    assert control.update(0.0, 70.0, 0.01) == 0.0
-    assert control.update(1000.0, 0.0, 0.01) == 1.0
+    assert control.update_duty(70.0, 0.0, 0.01) == pytest.approx(0.6)
+    assert control.update_duty(0.0, 70.0, 0.01) == 0.0
+    assert control.update_duty(1000.0, 0.0, 0.01) == 1.0
 
 
 def test_without_a_displacement_sensor_it_homes_first_and_the_shaft_waits():
@@ -248,7 +248,7 @@ def test_no_step_is_lost_or_doubled_whatever_the_target_does():
     for tick in range(20000):
         if tick % 400 == 0 and tick < 19000:
             wanted = chance.randrange(-3000, 3000)
-        steps = stepper.advance(wanted, 0.001)
+        steps = stepper.step_to_place(wanted, 0.001)
         put_out += steps
         assert abs(steps) <= 3
     assert put_out == stepper.place == wanted

@@ -20,9 +20,9 @@ from topdress.control.calibration import (
 )
 from topdress.control.calibration.tube_fit import settle_tube
 from topdress.control.geodesy import TangentPlane
-from topdress.control.machine.fall import drop_s, find_paper_lag_s
+from topdress.control.machine.fall import calc_drop_s, find_paper_lag_s
 from topdress.control.machine.machine import Adopted, Machine, add_effect
-from topdress.control.machine.start import find_first_fall_s, response_s
+from topdress.control.machine.start import calc_response_s, find_first_fall_s
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE as MACHINE_FILES
 
@@ -166,10 +166,10 @@ def test_lag_line_comes_back_and_rows_beyond_its_range_do_not_bend_it() -> None:
 
 def test_lag_line_is_not_extrapolated() -> None:
     _, line = fit_lag(lag(2.4, -0.009), MACHINE)
-    assert line.lag_s(40.0) == pytest.approx(2.04, abs=0.02)
+    assert line.calc_lag_s(40.0) == pytest.approx(2.04, abs=0.02)
     for outside in (5.0, 71.0, 100.0):
         with pytest.raises(ValueError, match="holds from 10 to 70"):
-            line.lag_s(outside)
+            line.calc_lag_s(outside)
 
 
 def test_drop_times_go_in_as_they_are() -> None:
@@ -184,8 +184,8 @@ def test_a_lag_offset_in_the_machine_is_taken_up_by_the_line() -> None:
 
 def test_response_of_the_nominal_machine_is_the_papers() -> None:
     for rpm in (10.0, 40.0, 100.0):
-        assert response_s(MACHINE, rpm) == pytest.approx(0.383, abs=0.0015)
-    assert response_s(add_effect(MACHINE, "shaft.dead_time", 0.1), 40.0) == pytest.approx(
+        assert calc_response_s(MACHINE, rpm) == pytest.approx(0.383, abs=0.0015)
+    assert calc_response_s(add_effect(MACHINE, "shaft.dead_time", 0.1), 40.0) == pytest.approx(
         0.483, abs=0.0015
     )
 
@@ -351,7 +351,7 @@ def drive(
     fix = np.arange(len(time)) // 2 * 2
     noise = place_sd_m * rng.standard_normal((len(time), 2))
     lat, lon = (
-        np.array([PLANE.to_deg(noise[k, 0], north[k] + noise[k, 1]) for k in fix[::2]])
+        np.array([PLANE.convert_to_deg(noise[k, 0], north[k] + noise[k, 1]) for k in fix[::2]])
         .repeat(2, axis=0)
         .T
     )
@@ -395,7 +395,7 @@ def test_poor_fixes_are_said_and_too_little_way_is_refused() -> None:
 def test_curves_are_no_straight_way() -> None:
     log = drive(2.5)
     angle = np.cumsum(1.5 * np.ones(len(log.time_s))) * 0.05 / 15.0
-    lat, lon = np.array([PLANE.to_deg(15.0 * np.sin(a), 15.0 * np.cos(a)) for a in angle]).T
+    lat, lon = np.array([PLANE.convert_to_deg(15.0 * np.sin(a), 15.0 * np.cos(a)) for a in angle]).T
     with pytest.raises(ValueError, match="0 straight stretches"):
         fit_wheel(log._replace(lat_deg=lat, lon_deg=lon), WORN, 2.5, "run.csv")
 
@@ -503,17 +503,19 @@ def test_a_calibrated_machine_played_through_the_rigs_test_gives_the_line_again(
         )
     )
     machine, line = fit_lag(rig_table(Machine(), sd=0.0), before)
-    off = [find_first_fall_s(machine, machine.fall, n) - line.lag_s(n) for n in SPEEDS_RPM]
+    off = [find_first_fall_s(machine, machine.fall, n) - line.calc_lag_s(n) for n in SPEEDS_RPM]
     assert np.sqrt(np.mean(np.square(off))) < 0.003
-    assert drop_s(machine.fall, 70.0) == pytest.approx(drop_s(Machine().fall, 70.0), abs=0.01)
+    assert calc_drop_s(machine.fall, 70.0) == pytest.approx(
+        calc_drop_s(Machine().fall, 70.0), abs=0.01
+    )
 
 
 def test_a_drop_that_hardly_depends_on_shaft_speed_is_the_same_for_a_start() -> None:
     flat = Machine().fall._replace(slope_s_per_rpm=0.0)
     assert find_first_fall_s(Machine(), flat, 70.0) == pytest.approx(1.8288, abs=1e-9)
-    assert drop_s(flat, 70.0) == pytest.approx(1.8288)
+    assert calc_drop_s(flat, 70.0) == pytest.approx(1.8288)
     machine, _ = fit_lag(rig_table(Machine(fall=flat), sd=0.0), Machine())
-    assert drop_s(machine.fall, 70.0) == pytest.approx(1.8288, abs=1e-6)
+    assert calc_drop_s(machine.fall, 70.0) == pytest.approx(1.8288, abs=1e-6)
 
 
 def test_the_commands_write_new_machine_files_with_provenance(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from topdress.control.calibration.encoder_fit import fit_counts
 from topdress.control.readings import DriveCommand
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.virtual.board import TRUE_COUNTS_PER_TURN
-from topdress.drivers.virtual.served import Serve, ServedMachine
+from topdress.drivers.virtual.served import ServedMachine, ServeOptions
 
 from tests.command import TOPDRESS, serving, topdress
 from tests.drivers.conftest import FakePlant
@@ -93,8 +93,8 @@ class Hand(FakePlant):
 
     left = 0
 
-    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
-        sensed = super().step(command, enabled)
+    def advance_plant(self, command: DriveCommand, enabled: bool) -> SensorReadings:
+        sensed = super().advance_plant(command, enabled)
         if not self.left:
             return sensed._replace(shaft_rpm=0.0)
         self.left -= 1
@@ -113,11 +113,13 @@ def standing(tmp_path: Path) -> Iterator[tuple[FakePlant, str]]:
 @contextlib.contextmanager
 def served_board(plant: FakePlant, folder: Path) -> Iterator[str]:
     stop = threading.Event()
-    served = ServedMachine(plant, Serve(first_port=0, terminals=folder / "pty"), time.monotonic)
+    served = ServedMachine(
+        plant, ServeOptions(first_port=0, terminals=folder / "pty"), time.monotonic
+    )
 
     def serve() -> None:
         while not stop.wait(0.01):
-            served.advance()
+            served.advance_plant()
 
     thread = threading.Thread(target=serve)
     thread.start()
@@ -222,7 +224,7 @@ def test_however_it_ends_the_shaft_is_stopped_by_a_command(standing, tmp_path, w
     assert not list(tmp_path.glob("x.*"))
 
 
-OLDER = "from topdress.drivers.board import slave; slave.FIELDS.pop(b'A2')\n"
+OLDER = "from topdress.drivers.board import slave; slave.FRAME_FIELDS.pop(b'A2')\n"
 NO_ENCODER = """from topdress.drivers.board.slave import BoardSettings
 BoardSettings.shaft_drive, BoardSettings.counts_per_turn = "stepper", 0.0
 """

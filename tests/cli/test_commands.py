@@ -20,8 +20,8 @@ from topdress.console.cli.screens import is_first_time
 from topdress.console.running import WorkerAddress
 from topdress.console.services.launcher import Launcher
 from topdress.control.log_row import COLUMNS
-from topdress.control.machine.fall import drop_s as drop_time_s
-from topdress.control.machine.history import noted
+from topdress.control.machine.fall import calc_drop_s as drop_time_s
+from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
 from topdress.control.machine.terms import Term
 from topdress.control.metering.setting import PLAN_BAND_MM_SHARE
@@ -394,7 +394,7 @@ TERM = Term.model_validate(
 def extended(tmp_path: Path) -> Path:
     path = tmp_path / "new.yaml"
     after = add_effect(Machine(), "flow.gain", 3.0).model_copy(update={"terms": (TERM,)})
-    save(path, noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
+    save(path, append_history(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
     return path
 
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from click.testing import Result
 from topdress.control.log_row import COLUMNS
-from topdress.control.machine.compiled import shaft_run
+from topdress.control.machine.compiled import run_shaft
 from topdress.control.machine.machine import add_effect
 from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
-from topdress.control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
 from topdress.drivers.files import extras
 from topdress.drivers.files.config import load, shipped
 from topdress.drivers.files.kinds import MACHINE
@@ -252,14 +252,14 @@ def test_a_log_of_a_shaft_alone_is_diagnosed(tmp_path: Path) -> None:
     rng, time = np.random.default_rng(4), np.arange(0.0, 240.0, 0.05)
     asked = np.round(rng.uniform(0.0, 600.0, 200)[(time / 1.5).astype(int)], 1)
     inputs = make_input_rows(ShaftInput, len(time), command_rpm=asked, opening_mm=0.0, supply_v=7.4)
-    turns = shaft_run(
+    turns = run_shaft(
         (add_effect(drive, "shaft.gain", -6.0).shaft,),
         make_no_switch(),
         make_shaft_start(),
         ShaftOutput(0.0, 0.0),
         inputs,
         time,
-        MOST_STEP_S,
+        MAX_MODEL_STEP_S,
     )[:, 0]
     place = tmp_path / "drive.csv"
     read = turns + 2.0 * rng.standard_normal(len(time))

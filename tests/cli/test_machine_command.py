@@ -76,7 +76,7 @@ def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(
     assert done.exit_code == 0 and "5 questions" in done.output, done.output
     made = load(str(out), MACHINE).model
     assert (
-        made.has("effort")
+        made.has_stage("effort")
         and made.effort_unit == "%"
         and made.noise.effort == pytest.approx(1.0, rel=0.2)
     )
@@ -90,7 +90,7 @@ def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(
         "effort",
     )
     assert topdress(*words, "--yes", "--force").exit_code == 0
-    assert not load(str(out), MACHINE).model.has("effort")
+    assert not load(str(out), MACHINE).model.has_stage("effort")
 
 
 def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import pytest
 import typer
 from serial.tools.list_ports_common import ListPortInfo
 from topdress.console.cli import app
-from topdress.control.machine.history import noted
+from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.drivers.files.config import save, shipped
 from topdress.drivers.files.kinds import MACHINE
@@ -489,7 +489,11 @@ def test_json_stands_alone_on_standard_output(
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [ListPortInfo("/dev/ttyS9")])
     Path("bad.yaml").write_text("format: topdress-machine/1\nflow: {gain_percent: 700}\n")
     after = add_effect(Machine(), "flow.gain", 3.0)
-    save(Path("new.yaml"), noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
+    save(
+        Path("new.yaml"),
+        append_history(Machine(), after, data="run.csv", date="2026-07-09"),
+        MACHINE,
+    )
     Path("lag.csv").write_text(
         "shaft_rpm,lag_s\n"
         + "".join(

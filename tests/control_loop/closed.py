@@ -11,11 +11,11 @@ from topdress.control.loop.tick import Tick
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.readings import DriveCommand, Measurements
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import Measuring, SimulatedTick, simulated_run
+from topdress.control.simulation.closed_loop import MeasurementHold, SimulatedTick, simulate_run
 from topdress.control.simulation.plant import Truth
 from topdress.drivers.files.setup import Setup, load_setup
 
@@ -26,8 +26,8 @@ Change = Callable[[Measurements], Measurements]
 
 class Closed:
     """sim: changes of the job's simulated part; `job`: of the job; loop: what else
-    `control_loop` takes; known: the setup as control has it. `ticks`, `truths`: of all that was
-    ticked by hand."""
+    `make_control_loop` takes; known: the setup as control has it. `ticks`, `truths`: of all that
+    was ticked by hand."""
 
     def __init__(
         self,
@@ -40,35 +40,39 @@ class Closed:
         **job: Any,
     ) -> None:
         simulated = Simulated.model_validate(setup.job.simulated.model_dump() | (sim or {}))
-        self.job = with_simulated_field(
+        self.job = add_simulated_field(
             setup.job.model_copy(update={"simulated": simulated, **job}), setup.machine
         )
-        self.plant = simulated_machine(setup.machine, self.job, seed, STEP_S)
+        self.plant = make_plant(setup.machine, self.job, seed, STEP_S)
         control = {
             "machine": setup.machine,
             "crop": setup.crop,
             "rule": setup.rule,
             "job": self.job,
         } | (known or {})
-        self.loop = control_loop(**control, **loop or {})
+        self.loop = make_control_loop(**control, **loop or {})
         self.ticks: list[Tick] = []
         self.truths: list[Truth] = []
-        self._measuring, self._command, self._enabled = Measuring(6), DriveCommand(0.0, 25.0), False
+        self._measuring, self._command, self._enabled = (
+            MeasurementHold(6),
+            DriveCommand(0.0, 25.0),
+            False,
+        )
 
     def order(self, do: Do, value: Any = None) -> Answer:
-        return self.loop.order(Order(do, value))
+        return self.loop.handle_order(Order(do, value))
 
     def measured(self) -> Measurements:
         """One step of the machine, as its sensors tell it."""
-        m = self._measuring.take(self.plant.step(self._command, self._enabled))
+        m = self._measuring.take_readings(self.plant.advance_plant(self._command, self._enabled))
         assert self.plant.truth is not None
         self.truths.append(self.plant.truth)
         return m
 
     def tick(self, change: Change = lambda m: m) -> Tick:
         """change: what of the measurements is told otherwise."""
-        tick = self.loop.tick(change(self.measured()))
-        self._command, self._enabled = tick.command, tick.enabled
+        tick = self.loop.run_tick(change(self.measured()))
+        self._command, self._enabled = tick.command, tick.is_enabled
         self.ticks.append(tick)
         return tick
 
@@ -88,4 +92,4 @@ class Closed:
         self, seconds: float, orders: list[tuple[float, Order]] | None = None
     ) -> list[SimulatedTick]:
         """A run by the simulated operator, or by these orders; instead of ticks by hand."""
-        return list(simulated_run(self.plant, self.loop, seconds, orders))
+        return list(simulate_run(self.plant, self.loop, seconds, orders))

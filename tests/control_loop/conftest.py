@@ -10,15 +10,15 @@ import pytest
 from topdress.control.agronomy.noa import Rule
 from topdress.control.field.job import Job, Simulated
 from topdress.control.machine.fault_injection import parse_planted
-from topdress.control.machine.parameter_uncertainty import plausible
+from topdress.control.machine.parameter_uncertainty import make_plausible_machine
 from topdress.control.orders import Order, Strategy
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import Record, SimulatedTick, simulated_run
-from topdress.control.simulation.error_metrics import Errors, errors
+from topdress.control.simulation.closed_loop import RunRecord, SimulatedTick, simulate_run
+from topdress.control.simulation.error_metrics import RunErrors, judge_run
 from topdress.drivers.files.setup import load_setup
 
 
@@ -26,7 +26,7 @@ class Run:
     """One simulated run and everything there is to say about it."""
 
     def __init__(
-        self, steps: list[SimulatedTick], record: Record, width_m: float, rule: Rule
+        self, steps: list[SimulatedTick], record: RunRecord, width_m: float, rule: Rule
     ) -> None:
         self.steps = steps
         self.record = record
@@ -34,8 +34,10 @@ class Run:
         self.rule = rule
 
     @property
-    def errors(self) -> Errors:
-        return errors(self.record.columns(), self.record.fired, self.width_m, rule=self.rule)
+    def errors(self) -> RunErrors:
+        return judge_run(
+            self.record.make_columns(), self.record.fired, self.width_m, rule=self.rule
+        )
 
     def alarms(self) -> set[str]:
         return {alarm.id for step in self.steps for alarm in step.tick.alarms}
@@ -84,15 +86,13 @@ def simulated() -> Callable[..., Run]:
             if sim:
                 values = job.simulated.model_dump() | sim
                 job = job.model_copy(update={"simulated": Simulated.model_validate(values)})
-            job = with_simulated_field(job, known)
-            true = plausible(known, plant) if plant else known
-            driven = simulated_machine(
-                true, job, seed, 0.05, [parse_planted(text) for text in effects]
-            )
-            loop = control_loop(known, setup.crop, setup.rule, job)
-            record, steps = Record(), []
-            for step in simulated_run(driven, loop, seconds, orders):
-                record.add(step)
+            job = add_simulated_field(job, known)
+            true = make_plausible_machine(known, plant) if plant else known
+            driven = make_plant(true, job, seed, 0.05, [parse_planted(text) for text in effects])
+            loop = make_control_loop(known, setup.crop, setup.rule, job)
+            record, steps = RunRecord(), []
+            for step in simulate_run(driven, loop, seconds, orders):
+                record.add_tick(step)
                 steps.append(step)
             kept[key] = Run(steps, record, setup.machine.geometry.working_width_m, setup.rule)
         return kept[key]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from topdress.control.loop.tick import Tick
 from topdress.control.orders import Answer, Do, Order, State
 from topdress.control.readings import DriveCommand, GnssFix, Measurements, Reading
-from topdress.control.simulation.assembly import control_loop
+from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers.files.setup import load_setup
 
 from tests.control_loop.closed import SETUP, STEP_S, Change, Closed
@@ -77,7 +77,7 @@ def test_the_shaft_stops_within_half_a_second_of_letting_go(bench: Any) -> None:
     bench.run(2.0)
     bench.held = False
     tick = bench.run(0.5)
-    assert (tick.row.state, tick.command.shaft_rpm, tick.enabled, tick.bench) == (
+    assert (tick.row.state, tick.command.shaft_rpm, tick.is_enabled, tick.bench) == (
         "ready",
         0.0,
         False,
@@ -180,7 +180,7 @@ class HeldToTheRules:
     each tick."""
 
     def __init__(self) -> None:
-        self.loop = control_loop(SETUP.machine, SETUP.crop, SETUP.rule, SETUP.job)
+        self.loop = make_control_loop(SETUP.machine, SETUP.crop, SETUP.rule, SETUP.job)
         self.limits, self.now_s, self.speed_mps, self.heard = SETUP.machine.limits, 100.0, 0.0, True
         self.drives = (Reading(0.0, self.now_s), Reading(25.0, self.now_s))
         self.confirmed_s = self.begun_s = -1e9
@@ -192,7 +192,7 @@ class HeldToTheRules:
         if self.heard:
             self.drives = (Reading(0.0, now_s), Reading(25.0, now_s))
         fix = GnssFix(now_s, 34.28, 119.88, 4, speed_mps=self.speed_mps, heading_deg=10.0)
-        said = self.loop.tick(
+        said = self.loop.run_tick(
             Measurements(
                 now_s,
                 gnss=fix,
@@ -219,7 +219,7 @@ class HeldToTheRules:
         self.before = State(said.row.state)
 
     def order(self, do: Do, value: Any) -> None:
-        if not self.loop.order(Order(do, value)).accepted:
+        if not self.loop.handle_order(Order(do, value)).accepted:
             return
         if do is Do.CALIBRATE:
             if self.before is not State.CALIBRATING:
@@ -261,7 +261,7 @@ def test_every_valve_is_open_while_a_catch_is_made() -> None:
     assert bench.press().accepted
     bench.run(0.5)
     assert bench.order(Do.CALIBRATE_SHAFT, 50.0).accepted
-    assert bench.run(1.0).command.valves == (True,) * len(setup.machine.switched)
+    assert bench.run(1.0).command.valves == (True,) * len(setup.machine.switched_strips)
 
 
 def test_what_is_caught_is_no_loss_of_the_hopper(bench: Any) -> None:

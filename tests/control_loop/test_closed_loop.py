@@ -92,7 +92,7 @@ def test_one_drive_makes_up_for_what_the_other_does_not_do_and_it_is_said(
 ) -> None:
     """Trims end at 10 % and 2 mm: without, 3 to 18 % are missing."""
     run = simulated(75.0, strategy, effects)
-    columns = run.record.columns()
+    columns = run.record.make_columns()
     late = (columns["time_s"] > 50.0) & (columns["flowing"] > 0.0)
     wanted_kg_s = columns["target_kg_ha"] * run.width_m * columns["speed_mps"] / 10_000.0
     assert columns["flow_kg_s"][late].sum() == pytest.approx(wanted_kg_s[late].sum(), rel=0.015)
@@ -138,7 +138,7 @@ def test_nothing_is_made_up_for_where_the_scale_disagrees(
     """A reading may be what is wrong: a shaft read 18 % slow that turned as it should gave 21 %
     too much."""
     run = simulated(150.0, "opening_first", effects)
-    columns = run.record.columns()
+    columns = run.record.make_columns()
     late = (columns["time_s"] > 120.0) & (columns["flowing"] > 0.0)
     wanted_kg_s = columns["target_kg_ha"] * run.width_m * columns["speed_mps"] / 10_000.0
     assert columns["flow_kg_s"][late].sum() == pytest.approx(
@@ -148,7 +148,7 @@ def test_nothing_is_made_up_for_where_the_scale_disagrees(
 
 def test_no_flow_outside_the_field(simulated: Any) -> None:
     run = simulated(120.0, sim={"pass_length_m": 60.0})  # two headlands
-    columns = run.record.columns()
+    columns = run.record.make_columns()
     outside = columns["in_pass"] == 0.0
     assert outside.sum() > 100
     assert columns["flow_kg_s"][outside].max() == pytest.approx(0.0, abs=1e-9)
@@ -186,7 +186,7 @@ def test_the_plant_may_fall_otherwise_than_its_controller_believes(simulated: An
     """Nothing on the machine sees the ground: the drives do the same, and only what lands
     differs."""
     own, other = simulated(60.0, seed=3), simulated(60.0, seed=3, plant="singly")
-    here, there = own.record.columns(), other.record.columns()
+    here, there = own.record.make_columns(), other.record.make_columns()
     assert (here["opening_mm"] == there["opening_mm"]).all() and (
         here["shaft_rpm_cmd"] == there["shaft_rpm_cmd"]
     ).all()

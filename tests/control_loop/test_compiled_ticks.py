@@ -13,13 +13,13 @@ from topdress.console.cli.terms import parse_terms
 from topdress.control.field.coverage import Coverage
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import SimulatedTick, simulated_run
-from topdress.control.simulation.compiled_steps import STEPS
-from topdress.control.targets.overlap import Overlap
+from topdress.control.simulation.closed_loop import SimulatedTick, simulate_run
+from topdress.control.simulation.compiled_steps import COMPILED_STEPS
+from topdress.control.targets.overlap import DoneGroundAhead
 from topdress.drivers.files.prescriptions.for_job import read_loop_targets
 from topdress.drivers.files.setup import load_setup
 
@@ -48,11 +48,11 @@ def steps(
 ) -> list[SimulatedTick]:
     setup = load_setup(machine, job, TODAY)
     simulated = setup.job.simulated.model_copy(update={"begin_m": begin_m})
-    resolved = with_simulated_field(
+    resolved = add_simulated_field(
         setup.job.model_copy(update={"simulated": simulated}), setup.machine
     )
     placed = read_loop_targets(resolved, setup.folder, setup.machine, setup.crop.index)
-    plant = simulated_machine(
+    plant = make_plant(
         setup.machine,
         resolved,
         7,
@@ -60,14 +60,19 @@ def steps(
         [parse_planted(one) for one in effects],
         plants=placed["plants"],
         terms=parse_terms(terms),
-        steps=STEPS if compiled else None,
+        steps=COMPILED_STEPS if compiled else None,
     )
-    loop = control_loop(
-        setup.machine, setup.crop, setup.rule, resolved, **placed, steps=STEPS if compiled else None
+    loop = make_control_loop(
+        setup.machine,
+        setup.crop,
+        setup.rule,
+        resolved,
+        **placed,
+        steps=COMPILED_STEPS if compiled else None,
     )
     return [
         step._replace(truth=step.truth._replace(canopy=None))
-        for step in simulated_run(plant, loop, seconds)
+        for step in simulate_run(plant, loop, seconds)
     ]
 
 
@@ -99,8 +104,8 @@ def driven(
 ) -> tuple[Coverage, list[tuple[object, ...]]]:
     """Loops that cross their own ground, with noise in the course, over the edges of tiles;
     seen ahead at each step."""
-    coverage = Coverage(width_m, 0.2, longest_m=5.0, steps=STEPS if compiled else None)
-    overlap, rng, seen = Overlap(coverage, 6), np.random.default_rng(1), []
+    coverage = Coverage(width_m, 0.2, longest_m=5.0, steps=COMPILED_STEPS if compiled else None)
+    overlap, rng, seen = DoneGroundAhead(coverage, 6), np.random.default_rng(1), []
     place = (east_m, -3.0)
     for k in range(3000):
         heading = 0.3 * k % 360.0 + float(rng.normal(0.0, 0.3))
@@ -109,10 +114,12 @@ def driven(
             place[1] + 0.0625 * math.cos(math.radians(heading)) + 0.01,
         )
         if k == 1500:
-            overlap.started()
-        overlap.note(0.05 * k, place, heading, k % 700 < 600, 0.6, 0.0625 * k)
-        overlap.look(0.0625 * k, place, heading, 0.0625 * k - 1.0)
-        seen.append((coverage.covered, tuple(overlap.places_m), overlap.inside(0.0625 * k + 1.0)))
+            overlap.record_start()
+        overlap.record_release(0.05 * k, place, heading, k % 700 < 600, 0.6, 0.0625 * k)
+        overlap.look_ahead(0.0625 * k, place, heading, 0.0625 * k - 1.0)
+        seen.append(
+            (coverage.covered_area, tuple(overlap.places_m), overlap.is_inside(0.0625 * k + 1.0))
+        )
     return coverage, seen
 
 
@@ -124,7 +131,7 @@ def test_ground_is_the_same_cell_by_cell(width_m: float, east_m: float) -> None:
         driven(compiled, width_m, east_m) for compiled in (False, True)
     )
     assert quickly == seen and any(places for _, places, _ in seen)
-    one, other = plain.raster(), quick.raster()
+    one, other = plain.make_raster(), quick.make_raster()
     assert one[:3] == other[:3] and np.array_equal(one.done, other.done)
 
 

@@ -9,7 +9,7 @@ from math import exp, pi, sqrt
 import numpy as np
 import pytest
 from topdress.control.loop import effort_watch
-from topdress.control.loop.effort_watch import MEAN_S, EffortWatch
+from topdress.control.loop.effort_watch import EFFORT_MEAN_S, EffortWatch
 from topdress.control.machine.effort import Effort
 from topdress.control.machine.machine import Machine
 from topdress.control.metering.inverse import Conditions
@@ -21,7 +21,7 @@ OWN = Effort(coulomb=20.0)  # no load: noise alone decides
 
 def stated_s(sd: float) -> float:
     """Mean time until a first-order mean of noise is first beyond so many s.d. on one side."""
-    return MEAN_S * sqrt(2.0 * pi) * exp(0.5 * sd**2) / sd
+    return EFFORT_MEAN_S * sqrt(2.0 * pi) * exp(0.5 * sd**2) / sd
 
 
 def first_cry_s(seed: int, dt_s: float) -> float:
@@ -37,7 +37,7 @@ def first_cry_s(seed: int, dt_s: float) -> float:
     watch, conditions, at = EffortWatch(machine), Conditions(0.0, None, 0.0, None), 0.0
     for noise in np.random.default_rng(seed).standard_normal(20_000):
         at += dt_s
-        watch.update(
+        watch.update_watch(
             Measurements(
                 at,
                 shaft_effort=Reading(20.0 + noise, at),
@@ -48,7 +48,7 @@ def first_cry_s(seed: int, dt_s: float) -> float:
             dt_s,
             True,
         )
-        if watch.says.harder_percent > 0.0:
+        if watch.finding.harder_percent > 0.0:
             return at
     raise AssertionError("never")
 
@@ -62,25 +62,25 @@ def test_what_is_said_holds_while_the_shaft_stands_and_until_it_has_turned_easil
             at += 0.05
             reading = (Reading(effort, at), Reading(60.0 if turns else 0.0, at), Reading(25.0, at))
             names = ("shaft_effort", "shaft_rpm", "opening_mm")
-            watch.update(
+            watch.update_watch(
                 Measurements(at, **dict(zip(names, reading, strict=True))), conditions, 0.05, turns
             )
-            found.append(watch.says.harder_percent > 0.0)
+            found.append(watch.finding.harder_percent > 0.0)
     assert sum(b and not a for a, b in pairwise(found)) == 1 and all(found[20 * 20 :])
     for _ in range(20 * 30):
         at += 0.05
         reading = (Reading(20.0, at), Reading(60.0, at), Reading(25.0, at))
-        watch.update(
+        watch.update_watch(
             Measurements(at, **dict(zip(names, reading, strict=True))), conditions, 0.05, True
         )
-    assert not watch.says.harder_percent > 0.0
+    assert not watch.finding.harder_percent > 0.0
 
 
 def test_chance_alone_cries_as_seldom_as_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Seen where it can be waited for, at 2.5 s.d.: the stated form holds there, and says a
     season and far more at the bound in use."""
-    assert stated_s(effort_watch.NOISE_SD) > 50.0 * 3600.0 * SEASON_H
-    monkeypatch.setattr(effort_watch, "NOISE_SD", 2.5)
+    assert stated_s(effort_watch.NOISE_LIMIT_SD) > 50.0 * 3600.0 * SEASON_H
+    monkeypatch.setattr(effort_watch, "NOISE_LIMIT_SD", 2.5)
     times = [first_cry_s(seed, 0.1) for seed in range(40)]
     assert 0.6 < np.mean(times) / stated_s(2.5) < 1.8
 
@@ -98,7 +98,7 @@ def said_at(harder: list[float], supply_v: float | None, load: float) -> list[bo
     watch, conditions, found = EffortWatch(machine), Conditions(0.0, None, 0.0, supply_v), []
     for k in range(20 * len(harder)):
         at = 0.05 * k
-        watch.update(
+        watch.update_watch(
             Measurements(
                 at,
                 shaft_effort=Reading((40.0 + load) * (1.0 + 0.01 * harder[k // 20]), at),
@@ -109,7 +109,7 @@ def said_at(harder: list[float], supply_v: float | None, load: float) -> list[bo
             0.05,
             True,
         )
-        found.append(watch.says.harder_percent > 0.0)
+        found.append(watch.finding.harder_percent > 0.0)
     return found[19::20]
 
 

@@ -13,20 +13,20 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from topdress.control.field.job import Job, Wanted
-from topdress.control.field.totals import Sums, Totals
+from topdress.control.field.totals import Totals, TotalSums
 from topdress.control.machine.elements import Array
 from topdress.control.metering.flow_trim import FlowTrim
 from topdress.control.metering.trims import DriveTrim, TrimLimits
 from topdress.control.readings import Reading
-from topdress.control.simulation.closed_loop import Record
-from topdress.control.simulation.error_metrics import errors, landing, needs
-from topdress.control.simulation.tractor import field_path
+from topdress.control.simulation.closed_loop import RunRecord
+from topdress.control.simulation.error_metrics import find_crop_needs, find_landing, judge_run
+from topdress.control.simulation.tractor import make_field_path
 from topdress.control.targets.canopy import (
-    HORIZON_M,
-    LEAST_FACTOR,
-    MOST_FACTOR,
-    MOST_OWED,
-    HoldMean,
+    HOLD_HORIZON_M,
+    MAX_FACTOR,
+    MAX_OWED_SHARE,
+    MIN_FACTOR,
+    MeanRateHold,
 )
 
 from tests.control_loop.closed import SETUP, Closed
@@ -72,8 +72,8 @@ def work(
         hopper -= flows * rpm / 60_000.0 * DT_S
         noise = keep * noise + sqrt(1.0 - keep * keep) * 0.15 * float(rng.standard_normal())
         weighed = round((hopper + more_kg + noise) / 0.05) * 0.05
-        trim.update(now, DT_S, by_model * rpm / 60_000.0, rpm, nose, Reading(weighed, now))
-        made.append(trim.value)
+        trim.update_trim(now, DT_S, by_model * rpm / 60_000.0, rpm, nose, Reading(weighed, now))
+        made.append(trim.present_factor)
         right.append(flows / by_model)
     return Learnt(np.array(made), np.array(right))
 
@@ -102,11 +102,11 @@ def test_a_healthy_machine_is_left_alone() -> None:
 
 def test_it_says_how_sure_it_is() -> None:
     trim = FlowTrim()
-    begin = trim.sd_percent
+    begin = trim.flow_sd_percent
     for k in range(3000):
         now = k * DT_S
-        trim.update(now, DT_S, 0.1, RPM, 0.0, Reading(300.0 - 0.1 * now, now))
-    assert begin > 4.0 and trim.sd_percent < 0.5
+        trim.update_trim(now, DT_S, 0.1, RPM, 0.0, Reading(300.0 - 0.1 * now, now))
+    assert begin > 4.0 and trim.flow_sd_percent < 0.5
 
 
 def test_what_flows_more_a_revolution_is_told_from_a_gain_where_the_opening_changes() -> None:
@@ -144,12 +144,12 @@ def test_a_refill_begins_a_new_level_and_perhaps_a_new_lot() -> None:
     for k in range(3000):
         now = k * DT_S
         more = 0.0 if now < 150.0 else 200.0
-        trim.update(now, DT_S, 0.1, RPM, 0.0, Reading(250.0 - 0.105 * now + more, now))
+        trim.update_trim(now, DT_S, 0.1, RPM, 0.0, Reading(250.0 - 0.105 * now + more, now))
         if k == 1499:
-            sure = trim.sd_percent
+            sure = trim.flow_sd_percent
         if k == 1510:
-            assert trim.sd_percent > sure + 1.0
-    assert trim.value == pytest.approx(1.05, abs=0.01)
+            assert trim.flow_sd_percent > sure + 1.0
+    assert trim.present_factor == pytest.approx(1.05, abs=0.01)
 
 
 # --- What the host's trim of the shaft learns from a shaft that is jammed: nothing
@@ -165,7 +165,9 @@ def test_a_jammed_shaft_teaches_nothing_and_a_slow_one_does(
     trim = DriveTrim(TrimLimits(), still=1.0)
     for tick in range(72):  # 3 s after it has settled
         now_s = 0.05 * tick
-        trim.update(now_s, 0.05, 70.0, Reading(measured_rpm, now_s), 25.0, Reading(25.0, now_s))
+        trim.update_trims(
+            now_s, 0.05, 70.0, Reading(measured_rpm, now_s), 25.0, Reading(25.0, now_s)
+        )
     assert trim.shaft_share == pytest.approx(learnt, abs=0.002)
 
 
@@ -187,10 +189,12 @@ def worked(
         seed=seed,
         target=SETUP.job.target.model_copy(update={"hold_mean_kg_ha": mean_kg_ha}),
     )
-    record = Record()
-    for step in closed.through(field_path(closed.job.simulated, 2.4, 0.0).length_m / 1.25 + 5.0):
-        record.add(step)
-    columns = record.columns()
+    record = RunRecord()
+    for step in closed.through(
+        make_field_path(closed.job.simulated, 2.4, 0.0).length_m / 1.25 + 5.0
+    ):
+        record.add_tick(step)
+    columns = record.make_columns()
     return float((columns["flow_kg_s"] * 0.05).sum()) / FIELD_HA, columns, closed.loop.totals
 
 
@@ -227,31 +231,31 @@ def test_without_it_the_rule_says_how_much():
 )
 def test_whatever_lands_it_stays_within_its_bounds(steps, mean):
     """Rates decided, ways, and what share of the decided rate came out."""
-    hold = HoldMean(mean)
-    hold.learns = True
+    hold = MeanRateHold(mean)
+    hold.is_learning = True
     for rule, way_m, share in steps:
-        rate = hold.decided(rule, way_m)
-        assert 0.0 <= rate <= MOST_FACTOR * rule + 1e-9
-        assert rate >= LEAST_FACTOR * rule - 1e-9 or rate == 0.0
-        hold.landed(share * rate, way_m)
-        assert abs(hold.owed_kg_ha) <= MOST_OWED * mean + 1e-9
+        rate = hold.scale_decision(rule, way_m)
+        assert 0.0 <= rate <= MAX_FACTOR * rule + 1e-9
+        assert rate >= MIN_FACTOR * rule - 1e-9 or rate == 0.0
+        hold.record_landed(share * rate, way_m)
+        assert abs(hold.owed_kg_ha) <= MAX_OWED_SHARE * mean + 1e-9
 
 
 def test_a_bare_half_is_not_made_up_on_the_other():
     """300 m without crop: nothing there; afterwards at most a half more than the mean, for some
     hundred metres."""
-    hold = HoldMean(200.0)
-    hold.learns = True
+    hold = MeanRateHold(200.0)
+    hold.is_learning = True
     for _ in range(100):
-        hold.landed(hold.decided(300.0, 1.0), 1.0)
+        hold.record_landed(hold.scale_decision(300.0, 1.0), 1.0)
     for _ in range(300):
-        assert hold.decided(0.0, 1.0) == 0.0
-        hold.landed(0.0, 1.0)
-    assert hold.owed_kg_ha == MOST_OWED * 200.0
+        assert hold.scale_decision(0.0, 1.0) == 0.0
+        hold.record_landed(0.0, 1.0)
+    assert hold.owed_kg_ha == MAX_OWED_SHARE * 200.0
     rates = []
     for _ in range(1000):
-        rates.append(hold.decided(300.0, 1.0))
-        hold.landed(rates[-1], 1.0)
+        rates.append(hold.scale_decision(300.0, 1.0))
+        hold.record_landed(rates[-1], 1.0)
     assert max(rates) == pytest.approx(1.5 * 200.0, rel=0.01) and rates[-1] == pytest.approx(
         200.0, rel=0.02
     )
@@ -259,27 +263,27 @@ def test_a_bare_half_is_not_made_up_on_the_other():
 
 def test_a_drive_that_gives_less_is_made_good():
     """10 % too little comes out of the machine: within some horizons the mean is as ordered."""
-    hold, given_kg = HoldMean(200.0), 0.0
-    hold.learns = True
+    hold, given_kg = MeanRateHold(200.0), 0.0
+    hold.is_learning = True
     for _ in range(2000):
-        rate = 0.9 * hold.decided(250.0, 1.0)
+        rate = 0.9 * hold.scale_decision(250.0, 1.0)
         given_kg += rate
-        hold.landed(rate, 1.0)
+        hold.record_landed(rate, 1.0)
     assert rate == pytest.approx(200.0, rel=0.01)
     assert (
         given_kg / 2000.0 == pytest.approx(200.0, rel=0.02)
-        and hold.owed_kg_ha * HORIZON_M < 0.03 * 2000.0 * 200.0
+        and hold.owed_kg_ha * HOLD_HORIZON_M < 0.03 * 2000.0 * 200.0
     )
 
 
 def test_before_work_begins_nothing_is_learned_and_by_another_source_nothing_changed():
-    hold = HoldMean(200.0)
-    assert hold.decided(100.0, 1.0) == 200.0 and hold.decided(400.0, 1.0) == 200.0, (
+    hold = MeanRateHold(200.0)
+    assert hold.scale_decision(100.0, 1.0) == 200.0 and hold.scale_decision(400.0, 1.0) == 200.0, (
         "no mean yet: each is the mean"
     )
-    hold.on = False
-    assert hold.decided(123.0, 1.0) == 123.0
-    hold.landed(0.0, 500.0)
+    hold.is_active = False
+    assert hold.scale_decision(123.0, 1.0) == 123.0
+    hold.record_landed(0.0, 500.0)
     assert hold.owed_kg_ha == 0.0
 
 
@@ -288,8 +292,10 @@ def test_a_job_that_goes_on_knows_what_it_owes():
     assert loop._ahead.hold is not None
     from topdress.control.field.coverage import Coverage
 
-    loop.go_on(Sums(area_ha=0.024, kg=0.024 * 150.0), Coverage(2.4, 0.4).raster(), None)
-    assert loop._ahead.hold.owed_kg_ha * HORIZON_M == pytest.approx(50.0 * 100.0)
+    loop.resume_job(
+        TotalSums(area_ha=0.024, kg=0.024 * 150.0), Coverage(2.4, 0.4).make_raster(), None
+    )
+    assert loop._ahead.hold.owed_kg_ha * HOLD_HORIZON_M == pytest.approx(50.0 * 100.0)
 
 
 def test_only_the_canopy_has_no_mean_of_its_own():
@@ -318,43 +324,45 @@ def test_held_is_what_the_machine_does_and_the_needs_are_what_the_crop_gets(simu
 def test_without_grades_both_needs_are_one(simulated: Any) -> None:
     run = simulated(60.0)
     smooth = replace(run.rule, crop=run.rule.crop.model_copy(update={"grades": False}))
-    one = errors(run.record.columns(), run.record.fired, run.width_m, rule=smooth)
+    one = judge_run(run.record.make_columns(), run.record.fired, run.width_m, rule=smooth)
     assert one.graded_error_kg_ha == pytest.approx(one.smooth_error_kg_ha)
     assert one.smooth_error_kg_ha == pytest.approx(run.errors.smooth_error_kg_ha)
 
 
 def test_without_a_rule_there_is_no_need(simulated: Any) -> None:
     run = simulated(60.0)
-    one = errors(run.record.columns(), run.record.fired, run.width_m)
+    one = judge_run(run.record.make_columns(), run.record.fired, run.width_m)
     assert one.rate_error_percent == run.errors.rate_error_percent
     assert one.graded_error_percent is None and one.smooth_error_percent is None
 
 
 def test_what_lands_as_needed_has_no_error_against_the_need(simulated: Any) -> None:
     run = simulated(60.0)
-    columns = run.record.columns()
+    columns = run.record.make_columns()
     rows = columns["in_pass"] > 0.0
-    graded = np.array([run.rule.decide(value).rate_kg_ha for value in columns["ndvi"].tolist()])
+    graded = np.array(
+        [run.rule.decide_rate(value).rate_kg_ha for value in columns["ndvi"].tolist()]
+    )
     columns |= {
         "drop_s": 0.0 * graded,
         "settled_drop_s": 0.0 * graded,
         "flow_kg_s": graded * run.width_m * np.abs(columns["speed_mps"]) / 10_000.0 * rows,
     }
-    inside = landing(columns, run.width_m).inside > 0.0
-    again = errors(columns, [], run.width_m, rule=run.rule)
+    inside = find_landing(columns, run.width_m).inside > 0.0
+    again = judge_run(columns, [], run.width_m, rule=run.rule)
     assert inside.sum() > 50
     assert again.graded_error_percent < 0.3 * run.errors.graded_error_percent
     assert again.smooth_error_percent > 3.0 * again.graded_error_percent
 
 
 def test_needs_are_the_crops_rule() -> None:
-    from topdress.control.agronomy.noa import prepare
+    from topdress.control.agronomy.noa import prepare_rule
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import CROP
 
-    rule = prepare(load("huanghai_wheat", CROP).model)
-    found = needs(rule, np.array([0.2, 0.512, 0.55, 0.9]))
-    assert found.graded_kg_ha[1] == rule.decide(0.512).rate_kg_ha
+    rule = prepare_rule(load("huanghai_wheat", CROP).model)
+    found = find_crop_needs(rule, np.array([0.2, 0.512, 0.55, 0.9]))
+    assert found.graded_kg_ha[1] == rule.decide_rate(0.512).rate_kg_ha
     assert found.smooth_kg_ha[1] > found.graded_kg_ha[1], (
         "a grade's rate is taken at its upper edge: too low inside"
     )

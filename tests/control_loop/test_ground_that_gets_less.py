@@ -14,7 +14,7 @@ from topdress.control.field.job import Ground, Job, Margin, Nitrogen
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import Do, TargetSource
 from topdress.control.targets.index_map import IndexMap
-from topdress.control.targets.rate_map import GridMap, frame_m
+from topdress.control.targets.rate_map import GridMap, make_frame_m
 from topdress.drivers.files.setup import load_setup
 
 from tests.control_loop.closed import SETUP, Closed
@@ -66,7 +66,11 @@ def test_a_pass_whose_edge_lies_within_a_margin_gets_nothing():
     """The whole width keeps off: the first pass is half a width from the ditch, the second one
     and a half."""
     assert len(landed(Closed(**field(DITCH)), 40.0)) == 0
-    assert Closed(**field(DITCH)).job.field.spread_ground(0.5 * WIDTH_M).contains(WIDTH_M, 100.0)
+    assert (
+        Closed(**field(DITCH))
+        .job.field.make_spread_ground(0.5 * WIDTH_M)
+        .contains_place(WIDTH_M, 100.0)
+    )
 
 
 def test_the_operator_cannot_open_a_margin():
@@ -83,14 +87,14 @@ def test_margins_of_a_field():
         boundary_m=((0, 0), (0, 100), (50, 100), (50, 0)),
         margins=(Margin(along_m=((0, 0), (0, 100)), margin_m=5.0),),
     )
-    inner = ground.spread_ground(1.2)
+    inner = ground.make_spread_ground(1.2)
     assert isinstance(inner, Boundary) and inner.area_ha == pytest.approx(
         (50 - 6.2) * 100 / 1e4, rel=1e-3
     )
-    assert ground.boundary().area_ha == pytest.approx(0.5), "the field's own hectares stay"
-    assert not inner.contains(6.1, 50.0) and inner.contains(6.3, 50.0)
+    assert ground.make_boundary().area_ha == pytest.approx(0.5), "the field's own hectares stay"
+    assert not inner.contains_place(6.1, 50.0) and inner.contains_place(6.3, 50.0)
     with pytest.raises(ValueError, match="leave nothing of the field"):
-        ground.spread_ground(60.0)
+        ground.make_spread_ground(60.0)
     with pytest.raises(ValidationError, match="margins needs boundary_m"):
         Ground(margins=(BROOK,))
 
@@ -101,7 +105,7 @@ def test_zones_are_a_factor_of_the_rule():
     ground = SETUP.job.field
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
     cells = np.repeat([[1.0], [1.0], [0.5], [0.0]], 2, axis=1)
-    zones = IndexMap(GridMap(frame_m((-20.0, 0.0), 20.0, 20.0), cells), plane, WIDTH_M)
+    zones = IndexMap(GridMap(make_frame_m((-20.0, 0.0), 20.0, 20.0), cells), plane, WIDTH_M)
 
     def rates(**loop: Any) -> list[float]:
         steps = Closed(loop=loop).through(75.0)

@@ -18,15 +18,15 @@ from topdress.control.field.job import Canopy, Job, Wanted
 from topdress.control.geodesy import TangentPlane
 from topdress.control.loop import Tick
 from topdress.control.orders import Do, TargetSource
-from topdress.control.simulation.assembly import control_loop, simulated_machine
-from topdress.control.simulation.canopy import AcrossWidth, CanopyField
-from topdress.control.simulation.closed_loop import Record, simulated_run
-from topdress.control.targets.canopy import Around, MapAndCanopy
-from topdress.control.targets.index_map import MOST_OFF, IndexMap
+from topdress.control.simulation.assembly import make_control_loop, make_plant
+from topdress.control.simulation.canopy import CanopyField, HeadRow
+from topdress.control.simulation.closed_loop import RunRecord, simulate_run
+from topdress.control.targets.canopy import MapAndCanopy, RateBounds
+from topdress.control.targets.index_map import MAX_OFFSET, IndexMap
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import Fallbacks, Prescription
-from topdress.control.targets.profile import Stretches, Target, TargetChange
-from topdress.control.targets.rate_map import GridMap, frame_m
+from topdress.control.targets.profile import DecidedStretches, Target, TargetChange
+from topdress.control.targets.rate_map import GridMap, make_frame_m
 from topdress.drivers.files.setup import Setup, load_setup
 
 from tests.control_loop.closed import SETUP, Closed
@@ -51,7 +51,7 @@ def of_canopy(at: Callable[..., np.ndarray], off: float) -> GridMap:
     inner = (np.arange(5) + 0.5) / 5.0 * CELL_M
     e, n, a, b = np.meshgrid(easts, norths, inner, inner, indexing="xy")
     return GridMap(
-        frame_m((-30.0, -30.0), CELL_M, CELL_M), at(e + a, n + b).mean(axis=(2, 3)) - off
+        make_frame_m((-30.0, -30.0), CELL_M, CELL_M), at(e + a, n + b).mean(axis=(2, 3)) - off
     )
 
 
@@ -62,7 +62,7 @@ def driven(with_map: bool, heads: str) -> Run:
     off = SEEN_OFF if heads == "silent_later" else 0.0
     under = (
         IndexMap(
-            of_canopy(field.many_at, off),
+            of_canopy(field.find_many_ndvi, off),
             TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg),
             setup.machine.geometry.working_width_m,
         )
@@ -70,19 +70,21 @@ def driven(with_map: bool, heads: str) -> Run:
         else None
     )
     closed = Closed(loop={"index_map": under})
-    inner: Any = closed.loop.tick
+    inner: Any = closed.loop.run_tick
 
     def deaf(m: Any, *rest: Any) -> Tick:
         silent = heads == "never" or m.time_s > SILENT_S
         return inner(m._replace(ndvi=(None,) * len(m.ndvi)) if silent else m, *rest)
 
-    closed.loop.tick = deaf  # type: ignore[method-assign]
+    closed.loop.run_tick = deaf  # type: ignore[method-assign]
     steps = closed.through(95.0)
     half = 0.5 * setup.machine.geometry.working_width_m
     aside = np.linspace(-half, half, 7)
     wanted = [
-        setup.rule.decide(
-            float(np.mean(field.many_at(s.truth.east_m + aside, s.truth.north_m + 0.0 * aside)))
+        setup.rule.decide_rate(
+            float(
+                np.mean(field.find_many_ndvi(s.truth.east_m + aside, s.truth.north_m + 0.0 * aside))
+            )
         ).rate_kg_ha
         for s in steps
     ]
@@ -156,21 +158,24 @@ def test_a_machine_without_heads_goes_by_the_map_alone() -> None:
 def test_where_the_map_has_nothing_the_fallback_holds_and_wild_differences_are_not_taken() -> None:
     plane = TangentPlane(52.0, 9.0)
     under = IndexMap(
-        GridMap(frame_m((0.0, 0.0), 10.0, 10.0), [[0.5, np.nan], [0.7, 0.6]]), plane, 4.0
+        GridMap(make_frame_m((0.0, 0.0), 10.0, 10.0), [[0.5, np.nan], [0.7, 0.6]]), plane, 4.0
     )
-    assert under.at((5.0, 5.0), 0.0) == pytest.approx(0.5) and under.at((15.0, 5.0), 0.0) is None
-    assert under.at((500.0, 5.0), 0.0) is None and under.at((10.0, 5.0), 0.0) == pytest.approx(
-        0.5
-    ), "half of it"
+    assert (
+        under.find_index((5.0, 5.0), 0.0) == pytest.approx(0.5)
+        and under.find_index((15.0, 5.0), 0.0) is None
+    )
+    assert under.find_index((500.0, 5.0), 0.0) is None and under.find_index(
+        (10.0, 5.0), 0.0
+    ) == pytest.approx(0.5), "half of it"
     for _ in range(50):
-        under.learn(0.9, 0.2)
-    assert under.off == MOST_OFF
-    fresh = IndexMap(GridMap(frame_m((0.0, 0.0), 10.0, 10.0), [[0.5]]), plane, 4.0)
+        under.learn_offset(0.9, 0.2)
+    assert under.head_offset == MAX_OFFSET
+    fresh = IndexMap(GridMap(make_frame_m((0.0, 0.0), 10.0, 10.0), [[0.5]]), plane, 4.0)
     for k in range(400):
-        fresh.learn(0.55 + 0.02 * (-1) ** k, 0.5)
-    assert fresh.off == pytest.approx(0.05, abs=0.002) and fresh.levelled(0.4) == pytest.approx(
-        0.45, abs=0.002
-    )
+        fresh.learn_offset(0.55 + 0.02 * (-1) ** k, 0.5)
+    assert fresh.head_offset == pytest.approx(0.05, abs=0.002) and fresh.adjust_to_heads(
+        0.4
+    ) == pytest.approx(0.45, abs=0.002)
 
 
 def write_tif(
@@ -212,7 +217,9 @@ def test_a_job_names_a_geotiff(tmp_path: Path, name: str | None) -> None:
     under = read_loop_targets(job, tmp_path, setup.machine, crop.index)["index_map"]
     assert under is not None
     read = [
-        under.at(under.plane.to_m(34.282 - 0.0005 - 0.001 * row, 119.8805 + 0.001 * column), 0.0)
+        under.find_index(
+            under.plane.project_to_m(34.282 - 0.0005 - 0.001 * row, 119.8805 + 0.001 * column), 0.0
+        )
         for row in (0, 1)
         for column in (0, 1)
     ]
@@ -228,13 +235,13 @@ def test_a_job_names_a_geotiff(tmp_path: Path, name: str | None) -> None:
 
 @pytest.mark.parametrize("index", ["ndvi", "ndre"])
 def test_means_over_a_run_are_those_of_its_places_to_the_last_bit(index: str) -> None:
-    across = AcrossWidth(CanopyField(Canopy(), (-10.0, 300.0), (-30.0, 400.0), 3), 6, 2.4, index)
+    across = HeadRow(CanopyField(Canopy(), (-10.0, 300.0), (-30.0, 400.0), 3), 6, 2.4, index)
     draw = np.random.default_rng(1)
     east, north = draw.uniform(-500.0, 500.0, 400), draw.uniform(-500.0, 900.0, 400)
     heading = draw.choice([0.0, 180.0, 33.3, 271.2], 400)
     places = zip(east.tolist(), north.tolist(), heading.tolist(), strict=True)
-    one_by_one = [sum(read) / len(read) for read in (across.at(*place) for place in places)]
-    assert across.means(east, north, heading).tolist() == one_by_one
+    one_by_one = [sum(read) / len(read) for read in (across.read_heads(*place) for place in places)]
+    assert across.calc_means(east, north, heading).tolist() == one_by_one
 
 
 # --- The map's rate as base, the heads' around it within limits; both seen ahead
@@ -252,54 +259,60 @@ class Base:
             for place, rate in steps
         ]
 
-    def at(self, place_m: float) -> Target:
+    def find_target(self, place_m: float) -> Target:
         return [target for place, target in self.steps if place <= place_m][-1]
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
+    def find_next_change(
+        self, after_m: float, before_m: float, holding: Target
+    ) -> TargetChange | None:
         for place in (after_m, *(place for place, _ in self.steps if after_m < place <= before_m)):
-            if self.at(place) != holding:
-                return TargetChange(place, self.at(place))
+            if self.find_target(place) != holding:
+                return TargetChange(place, self.find_target(place))
         return None
 
 
-def seen(*stretches: tuple[float, float, float]) -> Stretches:
-    found = Stretches(99.0)
+def seen(*stretches: tuple[float, float, float]) -> DecidedStretches:
+    found = DecidedStretches(99.0)
     for one in stretches:
-        found.append(*one)
+        found.append_stretch(*one)
     return found
 
 
 def test_the_heads_move_the_rate_within_the_limits():
     for around, rates in (
-        (Around(20.0), (160.0, 190.0, 240.0)),
-        (Around(20.0, 30.0), (170.0, 190.0, 230.0)),
-        (Around(0.0), (200.0, 200.0, 200.0)),
-        (Around(100.0), (0.0, 190.0, 400.0)),
+        (RateBounds(20.0), (160.0, 190.0, 240.0)),
+        (RateBounds(20.0, 30.0), (170.0, 190.0, 230.0)),
+        (RateBounds(0.0), (200.0, 200.0, 200.0)),
+        (RateBounds(100.0), (0.0, 190.0, 400.0)),
     ):
         both = MapAndCanopy(
             Base((-1e9, 200.0)), seen((0.0, 2.0, 0.0), (2.0, 4.0, 190.0), (4.0, 6.0, 999.0)), around
         )
-        assert tuple(both.at(place).rate_kg_ha for place in (1.0, 3.0, 5.0)) == rates
-        assert both.at(1.0).source is BOTH
+        assert tuple(both.find_target(place).rate_kg_ha for place in (1.0, 3.0, 5.0)) == rates
+        assert both.find_target(1.0).source is BOTH
 
 
 def test_without_a_reading_the_map_without_a_map_nothing_changed():
     both = MapAndCanopy(
         Base((-1e9, 200.0), (10.0, 0.0), (20.0, -1.0)),
         seen((0.0, 2.0, 190.0), (11.0, 22.0, 190.0)),
-        Around(),
+        RateBounds(),
     )
-    assert both.at(1.0) == Target(190.0, BOTH) and both.at(6.0) == Target(200.0, MAP)
-    assert both.at(15.0) == Target(0.0, MAP), "where the map says nothing is to fall nothing falls"
-    assert both.at(21.0).source is TargetSource.FALLBACK
+    assert both.find_target(1.0) == Target(190.0, BOTH) and both.find_target(6.0) == Target(
+        200.0, MAP
+    )
+    assert both.find_target(15.0) == Target(0.0, MAP), (
+        "where the map says nothing is to fall nothing falls"
+    )
+    assert both.find_target(21.0).source is TargetSource.FALLBACK
 
 
 def test_changes_of_either_are_seen_ahead():
     both = MapAndCanopy(
-        Base((-1e9, 200.0), (3.0, 300.0)), seen((0.0, 2.0, 190.0), (2.0, 8.0, 280.0)), Around()
+        Base((-1e9, 200.0), (3.0, 300.0)), seen((0.0, 2.0, 190.0), (2.0, 8.0, 280.0)), RateBounds()
     )
-    found, place, holding = [], 0.5, both.at(0.5)
-    while (change := both.next_change(place, 12.0, holding)) is not None:
+    found, place, holding = [], 0.5, both.find_target(0.5)
+    while (change := both.find_next_change(place, 12.0, holding)) is not None:
         found.append((change.place_m, round(change.target.rate_kg_ha, 6)))
         place, holding = change.place_m, change.target
     assert found == [(2.0, 240.0), (3.0, 280.0), (9.5, 300.0)], (
@@ -324,18 +337,18 @@ def test_following_the_changes_is_being_at_the_places(base, canopy):
     steps = Base(
         (-1e9, 50.0), *((float(place), rate) for place, (_, rate) in zip(places, base, strict=True))
     )
-    stretches, at = Stretches(99.0), 0.0
+    stretches, at = DecidedStretches(99.0), 0.0
     for way, rate in canopy:
-        stretches.append(at, at + way, rate)
+        stretches.append_stretch(at, at + way, rate)
         at += way
-    both, place, holding = MapAndCanopy(steps, stretches, Around()), 0.0, None
-    holding, before = both.at(0.0), 0.0
+    both, place, holding = MapAndCanopy(steps, stretches, RateBounds()), 0.0, None
+    holding, before = both.find_target(0.0), 0.0
     for probe in np.linspace(0.05, 30.0, 120):
-        while (change := both.next_change(place, probe, holding)) is not None:
+        while (change := both.find_next_change(place, probe, holding)) is not None:
             place, holding = change.place_m, change.target
             before = place + 1e-9
-        assert holding == both.at(probe) or (
-            both.at(probe).source is MAP and holding == both.at(before)
+        assert holding == both.find_target(probe) or (
+            both.find_target(probe).source is MAP and holding == both.find_target(before)
         )
         place = before = probe
 
@@ -346,17 +359,17 @@ def driven_by_both():
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     job = setup.job.model_copy(update={"target": Wanted(source=BOTH, map="made here")})
     rates = np.where(np.arange(40)[:, None] % 2 == 0, 200.0, 300.0) * np.ones((1, 4))
-    grid = Prescription(GridMap(frame_m((-20.0, -20.0), 10.0, 10.0), rates), Fallbacks())
+    grid = Prescription(GridMap(make_frame_m((-20.0, -20.0), 10.0, 10.0), rates), Fallbacks())
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    loop = control_loop(
+    plant = make_plant(setup.machine, job, 1, 0.05)
+    loop = make_control_loop(
         setup.machine, setup.crop, setup.rule, job, prescription=MapProfile(grid, plane)
     )
-    record, ticks = Record(), []
-    for step in simulated_run(plant, loop, 200.0):
-        record.add(step)
+    record, ticks = RunRecord(), []
+    for step in simulate_run(plant, loop, 200.0):
+        record.add_tick(step)
         ticks.append(step.tick)
-    return ticks, record.columns(), grid, record.fired
+    return ticks, record.make_columns(), grid, record.fired
 
 
 def test_a_run_follows_both(driven_by_both):
@@ -367,7 +380,7 @@ def test_a_run_follows_both(driven_by_both):
     )
     inside = (columns["working"] > 0) & (columns["time_s"] > 25.0)
     target, north = columns["target_kg_ha"][inside], columns["north_m"][inside]
-    base = np.array([grid.at((0.0, float(n))).rate_kg_ha for n in north])
+    base = np.array([grid.find_target((0.0, float(n))).rate_kg_ha for n in north])
     # not where the place is known to centimetres only
     edge = np.abs((north + 20.0) % 10.0 - 5.0) < 4.8
     off = target[edge] / base[edge]
@@ -387,19 +400,19 @@ def test_edges_of_the_map_are_made_ahead_of_their_place(driven_by_both):
 def test_silent_heads_are_an_alarm_and_the_map_goes_on():
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     job = setup.job.model_copy(update={"target": Wanted(source=BOTH, map="made here")})
-    grid = Prescription(GridMap(frame_m((-20.0, -20.0), 400.0, 400.0), [[200.0]]), Fallbacks())
+    grid = Prescription(GridMap(make_frame_m((-20.0, -20.0), 400.0, 400.0), [[200.0]]), Fallbacks())
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    loop = control_loop(
+    plant = make_plant(setup.machine, job, 1, 0.05)
+    loop = make_control_loop(
         setup.machine, setup.crop, setup.rule, job, prescription=MapProfile(grid, plane)
     )
-    inner = loop.tick
+    inner = loop.run_tick
 
     def deaf(m, *rest):
         return inner(m._replace(ndvi=(None,) * 6) if m.time_s > 40.0 else m, *rest)
 
-    loop.tick = deaf
-    last = [step.tick for step in simulated_run(plant, loop, 60.0)][-1]
+    loop.run_tick = deaf
+    last = [step.tick for step in simulate_run(plant, loop, 60.0)][-1]
     assert "ndvi_silent" in (last.row.alarms or "") and last.row.target_source == "map"
     assert last.row.target_rate_kg_ha == 200.0 and last.command.shaft_rpm > 5.0
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from topdress.control.geodesy import TangentPlane
-from topdress.control.loop.events import EVENT_CHARACTERS, MOST_WAITING, ROW_CHARACTERS, Events
+from topdress.control.loop.events import EVENT_CHARACTERS, MAX_WAITING, ROW_CHARACTERS, EventQueue
 from topdress.control.orders import Do, Order
 from topdress.control.readings import GnssFix, Measurements, Reading
 from topdress.control.sensing import Sensing
@@ -176,7 +176,7 @@ def test_the_way_made_before_the_direction_was_known_is_put_right() -> None:
                 if course is None
                 else GnssFix(now, 34.0, 119.0, 4, speed_mps=speed, heading_deg=course)
             )
-            sensed = sensing.update(
+            sensed = sensing.sense_motion(
                 Measurements(now, gnss=fix, wheel_speed_mps=Reading(speed, now))
             )
         assert sensed is not None
@@ -241,11 +241,11 @@ def test_a_start_that_is_held_is_one_event_and_launches(simulated: Any) -> None:
 
 
 def test_what_one_row_cannot_hold_waits_for_the_next():
-    events = Events()
+    events = EventQueue()
     given = [f"mark {k} " + "x" * 900 for k in range(232)]
-    events.add(*given)
+    events.add_events(*given)
     rows = []
-    while found := events.of_one_row():
+    while found := events.take_row_events():
         rows.append(found)
     assert [event for row in rows for event in row] == given
     assert max(len(";".join(row)) for row in rows) <= ROW_CHARACTERS
@@ -253,18 +253,18 @@ def test_what_one_row_cannot_hold_waits_for_the_next():
 
 
 def test_one_event_is_no_longer_than_a_mark():
-    events = Events()
-    events.add("mark " + "x" * 50_000)
-    (found,) = events.of_one_row()
+    events = EventQueue()
+    events.add_events("mark " + "x" * 50_000)
+    (found,) = events.take_row_events()
     assert len(found) == EVENT_CHARACTERS and found.endswith("...")
 
 
 def test_of_more_than_can_wait_the_number_is_kept():
-    events = Events()
-    events.add(*(["nudge 5"] * (MOST_WAITING + 17)))
-    assert events.full
+    events = EventQueue()
+    events.add_events(*(["nudge 5"] * (MAX_WAITING + 17)))
+    assert events.is_full
     found = []
-    while row := events.of_one_row():
+    while row := events.take_row_events():
         found += row
-    assert found == ["nudge 5"] * MOST_WAITING + ["events_left_out 17"]
-    assert not events.full and events.of_one_row() == []
+    assert found == ["nudge 5"] * MAX_WAITING + ["events_left_out 17"]
+    assert not events.is_full and events.take_row_events() == []

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.control.metering.inverse import (
     Conditions,
-    flow_kg_s,
-    lowest_flow_kg_s,
-    opening_for,
-    shaft_command,
-    shaft_for,
+    calc_flow_kg_s,
+    calc_lowest_flow_kg_s,
+    find_opening_mm,
+    find_shaft_command,
+    find_shaft_rpm,
 )
-from topdress.control.metering.strategies import pair_for
+from topdress.control.metering.strategies import find_pair
 from topdress.control.orders import Do, Order, Strategy
 
 EXTENDED = add_effect(
@@ -45,12 +45,12 @@ def test_the_inverse_inverts(
     machine: Machine, flow: float, shaft_rpm: float, hopper_kg: float
 ) -> None:
     c = Conditions(hopper_kg=hopper_kg)
-    opening = opening_for(machine, flow, shaft_rpm, c)
+    opening = find_opening_mm(machine, flow, shaft_rpm, c)
     if opening > 0.0:
-        assert flow_kg_s(machine, shaft_rpm, opening, c) == pytest.approx(flow, rel=1e-9)
-    shaft = shaft_for(machine, flow, 25.0, c)
+        assert calc_flow_kg_s(machine, shaft_rpm, opening, c) == pytest.approx(flow, rel=1e-9)
+    shaft = find_shaft_rpm(machine, flow, 25.0, c)
     if shaft < 150.0:
-        assert flow_kg_s(machine, shaft, 25.0, c) == pytest.approx(flow, rel=1e-4)
+        assert calc_flow_kg_s(machine, shaft, 25.0, c) == pytest.approx(flow, rel=1e-4)
 
 
 @settings(max_examples=300, deadline=None)
@@ -63,12 +63,12 @@ def test_the_inverse_inverts(
 def test_every_pair_lies_within_the_limits(
     machine: Machine, strategy: Strategy, wanted: float, now_mm: float
 ) -> None:
-    pair = pair_for(machine, strategy, wanted, now_mm)
+    pair = find_pair(machine, strategy, wanted, now_mm)
     low, high = (
-        lowest_flow_kg_s(machine),
-        flow_kg_s(machine, LIMITS.shaft_high_rpm, LIMITS.opening_high_mm),
+        calc_lowest_flow_kg_s(machine),
+        calc_flow_kg_s(machine, LIMITS.shaft_high_rpm, LIMITS.opening_high_mm),
     )
-    given_flow = flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm)
+    given_flow = calc_flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm)
     if pair.shaft_rpm == 0.0:
         assert wanted <= 0.5 * low
         assert pair.opening_mm == now_mm
@@ -86,8 +86,8 @@ def test_every_pair_lies_within_the_limits(
 
 
 def test_opening_first_moves_the_opening_and_speed_first_the_shaft() -> None:
-    opening = [pair_for(Machine(), Strategy.OPENING_FIRST, q, 25.0) for q in (0.06, 0.09, 0.12)]
-    speed = [pair_for(Machine(), Strategy.SPEED_FIRST, q, 25.0) for q in (0.06, 0.09, 0.12)]
+    opening = [find_pair(Machine(), Strategy.OPENING_FIRST, q, 25.0) for q in (0.06, 0.09, 0.12)]
+    speed = [find_pair(Machine(), Strategy.SPEED_FIRST, q, 25.0) for q in (0.06, 0.09, 0.12)]
     assert {pair.shaft_rpm for pair in opening} == {70.0}
     assert {pair.opening_mm for pair in speed} == {25.0}
     assert (
@@ -97,7 +97,7 @@ def test_opening_first_moves_the_opening_and_speed_first_the_shaft() -> None:
 
 def test_known_sag_gain_and_droop_are_taken_back() -> None:
     machine = add_effect(add_effect(Machine(), "shaft.gain", -5.0), "shaft.voltage_sag", 4.0)
-    command = shaft_command(machine, 50.0, 20.0, Conditions(supply_v=12.5))
+    command = find_shaft_command(machine, 50.0, 20.0, Conditions(supply_v=12.5))
     assert command * 0.95 * 0.96 == pytest.approx(50.0)
 
 
@@ -195,7 +195,7 @@ def test_trims_do_not_wind_up_on_the_headland(simulated: Any) -> None:
     for start in starts[1:]:
         rows = [step.tick.row for step in run.steps[start : start + 60]]
         wanted = [
-            pair_for(
+            find_pair(
                 Machine(),
                 Strategy.OPENING_FIRST,
                 2.4 * row.target_rate_kg_ha * row.speed_used_mps / 1e4,

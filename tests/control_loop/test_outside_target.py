@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Wanted
-from topdress.control.field.totals import NOTHING
+from topdress.control.field.totals import NO_SUMS
 from topdress.control.orders import TargetSource
 from topdress.control.readings import Reading
 
@@ -76,7 +76,7 @@ def test_a_silent_display_gives_what_the_job_says_and_else_nothing(silent_kg_ha,
 
 def test_a_job_that_goes_on_waits_for_the_display_whatever_the_job_says():
     display = OtherDisplay(SILENT_KG_HA)
-    display.closed.loop.go_on(NOTHING, Raster(0.0, 0.0, 0.2, np.zeros((1, 1), np.bool_)), None)
+    display.closed.loop.resume_job(NO_SUMS, Raster(0.0, 0.0, 0.2, np.zeros((1, 1), np.bool_)), None)
     display.closed.start()
     assert display.run(6.0).row.target_rate_kg_ha == 0.0 and display.kg_s < 1e-6
     display.run(3.0, 200.0).run(5.0)

@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from topdress.control.machine.fall import drop_s
-from topdress.control.machine.landing import falls_s
+from topdress.control.machine.fall import calc_drop_s
+from topdress.control.machine.landing import calc_fall_times_s
 from topdress.control.machine.machine import Machine, Tolerance
-from topdress.control.machine.start import with_carried_share
-from topdress.control.metering.inverse import Conditions, flow_kg_s
-from topdress.control.metering.setting import Setting
-from topdress.control.metering.strategies import Pair, pair_for
+from topdress.control.machine.start import set_carried_share
+from topdress.control.metering.inverse import Conditions, calc_flow_kg_s
+from topdress.control.metering.setting import PairPlanner
+from topdress.control.metering.strategies import Pair, find_pair
 from topdress.control.orders import Strategy
-from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, possible
+from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, drop_impossible
 from topdress.control.sensing import Forecaster, SpeedAhead
-from topdress.control.sensing.speed_ahead import QUICK_TAU_S, Moving
-from topdress.control.simulation.assembly import control_loop
+from topdress.control.sensing.speed_ahead import QUICK_TAU_S, SpeedFilter
+from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers.files.setup import load_setup
 
 DT_S = 0.05
 # a lag test between two rates said so
 CARRIES = Machine(tolerance=Tolerance(carried_share=0.05))
-SINGLY = with_carried_share(CARRIES, 0.0)
+SINGLY = set_carried_share(CARRIES, 0.0)
 
 
 def planned(
@@ -35,12 +35,14 @@ def planned(
 ) -> list[Pair]:
     """Pairs tick by tick, at speeds that are expected to stay."""
     machine = machine or CARRIES
-    setting, pairs = Setting(machine, strategy), []
+    setting, pairs = PairPlanner(machine, strategy), []
     for k, mps in enumerate(speeds):
         pairs.append(
-            setting.pair(rate, SpeedAhead(mps, 0.0).mps, DT_S * k, DT_S, 20.0, Conditions())
+            setting.plan_pair(
+                rate, SpeedAhead(mps, 0.0).predict_speed_mps, DT_S * k, DT_S, 20.0, Conditions()
+            )
         )
-        setting.made(pairs[-1])
+        setting.record_command(pairs[-1])
     return pairs
 
 
@@ -58,12 +60,16 @@ def test_the_page_of_control_by_hand_has_the_figures_of_the_code() -> None:
         SETUP.machine,
         (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8"),
     )
-    lag_s = machine.gate.dead_time_s + 0.5 * DT_S + drop_s(machine.fall, 70.0)
-    mps = SpeedAhead(1.25, 0.5).mps(lag_s)
+    lag_s = machine.gate.dead_time_s + 0.5 * DT_S + calc_drop_s(machine.fall, 70.0)
+    mps = SpeedAhead(1.25, 0.5).predict_speed_mps(lag_s)
     openings = [planned(Strategy.OPENING_FIRST, [one])[0].opening_mm for one in (1.25, mps)]
-    settled = Setting(machine, Strategy.SPEED_FIRST).settled(0.09, 25.0, Conditions()).shaft_rpm
+    settled = (
+        PairPlanner(machine, Strategy.SPEED_FIRST)
+        .find_settled_pair(0.09, 25.0, Conditions())
+        .shaft_rpm
+    )
     exact = [
-        pair_for(machine, Strategy.OPENING_FIRST, 300.0 * 2.4 * one / 10_000.0, 20.0).opening_mm
+        find_pair(machine, Strategy.OPENING_FIRST, 300.0 * 2.4 * one / 10_000.0, 20.0).opening_mm
         for one in (1.25, mps)
     ]
     for text in (
@@ -88,8 +94,8 @@ def test_where_granules_fall_singly_speed_first_lands_the_step_as_a_step() -> No
         """Most that lands in a quarter of a second, as a share of what is wanted in the end."""
         fine_s, n = np.arange(0.0, 8.0, 0.005), np.array(rpm)
         smooth = np.interp(fine_s, time_s, n)
-        lands = fine_s + falls_s(
-            fine_s, np.array([drop_s(SINGLY.fall, x) for x in smooth.tolist()]), 0.0
+        lands = fine_s + calc_fall_times_s(
+            fine_s, np.array([calc_drop_s(SINGLY.fall, x) for x in smooth.tolist()]), 0.0
         )
         mass, _ = np.histogram(lands, np.arange(2.0, 7.0, 0.25), weights=smooth)
         return float(mass.max() / (50.0 * n[-1]))
@@ -101,27 +107,29 @@ def test_where_granules_fall_singly_speed_first_lands_the_step_as_a_step() -> No
 def test_an_abrupt_change_of_the_rate_is_the_gate_s_and_the_shaft_takes_over_slowly(
     machine: Machine,
 ) -> None:
-    setting = Setting(machine, Strategy.SPEED_FIRST)
+    setting = PairPlanner(machine, Strategy.SPEED_FIRST)
     pairs, rate = [], 450.0
     for k in range(1400):
         if k == 100:
-            setting.changed(450.0, 150.0)
+            setting.record_rate_change(450.0, 150.0)
             rate = 150.0
-        setting.rests(DT_S)
+        setting.return_opening(DT_S)
         pairs.append(
-            setting.pair(rate, SpeedAhead(1.25, 0.0).mps, DT_S * k, DT_S, 25.0, Conditions())
+            setting.plan_pair(
+                rate, SpeedAhead(1.25, 0.0).predict_speed_mps, DT_S * k, DT_S, 25.0, Conditions()
+            )
         )
-        setting.made(pairs[-1])
+        setting.record_command(pairs[-1])
     before, at, after = pairs[99], pairs[101], pairs[-1]
     assert before.opening_mm == 25.0 and at.opening_mm == pytest.approx(25.0 / 3.0, abs=0.3)
     assert at.shaft_rpm == pytest.approx(before.shaft_rpm, rel=0.03)
     assert after.opening_mm == 25.0 and after.shaft_rpm == pytest.approx(
         before.shaft_rpm / 3.0, rel=0.03
     )
-    flows = [flow_kg_s(machine, p.shaft_rpm, p.opening_mm) for p in pairs[105:]]
+    flows = [calc_flow_kg_s(machine, p.shaft_rpm, p.opening_mm) for p in pairs[105:]]
     assert min(flows) > 0.97 * flows[-1] and max(flows) < 1.03 * flows[-1]
-    assert setting.by_gate(300.0, 320.0) is None, "a small change is the shaft's"
-    assert Setting(machine, Strategy.OPENING_FIRST).by_gate(450.0, 150.0) is None
+    assert setting.find_gate_change_mm(300.0, 320.0) is None, "a small change is the shaft's"
+    assert PairPlanner(machine, Strategy.OPENING_FIRST).find_gate_change_mm(450.0, 150.0) is None
 
 
 @settings(max_examples=60, deadline=None)
@@ -146,7 +154,7 @@ def drive(
 ) -> list[SpeedAhead]:
     made, before = [], speeds[0]
     for k, (mps, one) in enumerate(zip(speeds, told, strict=True)):
-        made.append(forecaster.update(DT_S * k, mps, (mps - before) / DT_S, DT_S, one))
+        made.append(forecaster.forecast_speed(DT_S * k, mps, (mps - before) / DT_S, DT_S, one))
         before = mps
     return made
 
@@ -171,21 +179,21 @@ def test_what_is_told_and_comes_true_is_believed() -> None:
     speeds, told = ramps(4)
     forecaster = Forecaster()
     made = drive(forecaster, speeds, list(told))
-    assert forecaster.believed > 0.9
+    assert forecaster.reference_weight > 0.9
     at = 3 * 160 + 70  # half a second before it speeds up
-    assert made[at].mps(1.3) == pytest.approx(speeds[at + 26], abs=0.06)
-    assert made[at].way_m(1.3) == pytest.approx(sum(speeds[at : at + 26]) * DT_S, abs=0.06)
-    assert drive(Forecaster(), speeds, [None] * len(speeds))[at].mps(1.3) == pytest.approx(
-        1.0, abs=0.02
-    )
+    assert made[at].predict_speed_mps(1.3) == pytest.approx(speeds[at + 26], abs=0.06)
+    assert made[at].predict_way_m(1.3) == pytest.approx(sum(speeds[at : at + 26]) * DT_S, abs=0.06)
+    assert drive(Forecaster(), speeds, [None] * len(speeds))[at].predict_speed_mps(
+        1.3
+    ) == pytest.approx(1.0, abs=0.02)
 
 
 def test_what_is_told_and_does_not_come_true_is_not() -> None:
     _, told = ramps(4)
     forecaster = Forecaster()
     made = drive(forecaster, [1.0] * len(told), list(told))
-    assert forecaster.believed < 0.1
-    assert made[-1].mps(1.3) == pytest.approx(1.0, abs=0.1)
+    assert forecaster.reference_weight < 0.1
+    assert made[-1].predict_speed_mps(1.3) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("noise_mps", "most_mps"), [(0.0, 0.005), (0.02, 0.02), (0.06, 0.04)])
@@ -194,14 +202,16 @@ def test_what_counts_as_steady_follows_the_noise_of_the_wheel_and_a_change_is_st
 ) -> None:
     """A band for 0.02 m/s leaves 0.15 m/s of a forecast at 0.06, ten times what the gate leaves
     out."""
-    rng, quick, forecaster, ahead = np.random.default_rng(1), Moving(1.25), Forecaster(), []
+    rng, quick, forecaster, ahead = np.random.default_rng(1), SpeedFilter(1.25), Forecaster(), []
     for k in range(1400):
         mps = 1.25 + 0.5 * DT_S * max(0, k - 1360)
-        quick = quick.on(DT_S).taking(
+        quick = quick.extrapolate(DT_S).take_sample(
             mps + noise_mps * float(rng.standard_normal()), DT_S, QUICK_TAU_S
         )
         ahead.append(
-            forecaster.update(DT_S * k, quick.speed_mps, quick.acceleration_mps2, DT_S).mps(1.3)
+            forecaster.forecast_speed(
+                DT_S * k, quick.speed_mps, quick.acceleration_mps2, DT_S
+            ).predict_speed_mps(1.3)
         )
     assert float(np.std(ahead[800:1360])) < most_mps
     assert ahead[-1] > 1.25 + 0.5 * DT_S * 40 + 0.1, "2 s of 0.5 m/s2: it goes on"
@@ -228,7 +238,7 @@ def test_what_was_told_long_ago_says_nothing() -> None:
     ],
 )
 def test_told_speeds_that_cannot_be_are_never_heard(told: SpeedPlan) -> None:
-    assert possible(Measurements(1.0, speed_told=told)).speed_told is None
+    assert drop_impossible(Measurements(1.0, speed_told=told)).speed_told is None
 
 
 # --- How long a log row holds a value that no longer comes: the published times, as the loop
@@ -256,8 +266,8 @@ def test_a_value_stands_for_its_time_and_then_the_cell_is_empty(column: str) -> 
         if column == "lat_deg"
         else ({"ndvi": (heard,) * 6} if column == "ndvi_1" else {column: heard})
     )
-    loop = control_loop(SETUP.machine, SETUP.crop, SETUP.rule, SETUP.job)
+    loop = make_control_loop(SETUP.machine, SETUP.crop, SETUP.rule, SETUP.job)
     held_s = PUBLISHED_S[column]
     for age_s, stands in ((0.0, True), (held_s - 0.01, True), (held_s + 0.01, False)):
-        row = loop.tick(Measurements(100.0 + age_s, **said)).row  # type: ignore[arg-type]
+        row = loop.run_tick(Measurements(100.0 + age_s, **said)).row  # type: ignore[arg-type]
         assert (getattr(row, column) is not None) is stands

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.control.field.job import Wanted
-from topdress.control.geodesy import TangentPlane, apart_m
+from topdress.control.geodesy import TangentPlane, calc_plane_distance_m
 from topdress.control.loop.tick import Tick
 from topdress.control.orders import Do, TargetSource
-from topdress.control.readings import Doubted, GnssFix, Measurements, Reading
+from topdress.control.readings import GnssFix, Measurements, Reading, RefusedSpeed
 from topdress.control.sensing import Sensing, SensingLimits
 from topdress.control.sensing.position_gate import PositionGate
 from topdress.control.sensing.walk_watch import WINDOWS_S
-from topdress.control.simulation.assembly import with_simulated_field
+from topdress.control.simulation.assembly import add_simulated_field
 from topdress.drivers.files.prescriptions.for_job import read_job_map
 from topdress.drivers.files.setup import load_setup
 
@@ -63,7 +63,7 @@ class Work:
                 setup,
                 loop={
                     "prescription": read_job_map(
-                        with_simulated_field(setup.job, setup.machine), setup.folder
+                        add_simulated_field(setup.job, setup.machine), setup.folder
                     )
                 },
             )
@@ -85,7 +85,9 @@ class Work:
             if truth.time_s >= WORKED_S:
                 assert tick.place_m is not None
                 self.ticks.append(tick)
-                self.off_m.append(apart_m(tick.place_m, (truth.east_m, truth.north_m)))
+                self.off_m.append(
+                    calc_plane_distance_m(tick.place_m, (truth.east_m, truth.north_m))
+                )
 
     @property
     def events(self) -> list[str]:
@@ -170,9 +172,9 @@ def test_without_gnss_a_place_is_reckoned_as_long_as_it_is_good_enough(
         east, north = east + 0.0625 * sin(radians(course)), north + 0.0625 * cos(radians(course))
         if k % 4 == 0 and 0.05 * k < 10.0:
             fix = GnssFix(
-                0.05 * k, *plane.to_deg(east, north), quality, 12, 0.8, 1.25, course % 360.0
+                0.05 * k, *plane.convert_to_deg(east, north), quality, 12, 0.8, 1.25, course % 360.0
             )
-        found = sensing.update(
+        found = sensing.sense_motion(
             Measurements(0.05 * k, gnss=fix, wheel_speed_mps=Reading(1.25, 0.05 * k))
         )
         ok_m += 0.0625 * (found.position_ok and 0.05 * k >= 10.0)
@@ -186,7 +188,7 @@ def test_without_gnss_a_place_is_reckoned_as_long_as_it_is_good_enough(
 def driven(gate: PositionGate, seconds: float) -> float:
     """At 2 m/s east; the way, m."""
     for _ in range(round(seconds / 0.05)):
-        gate.moved(0.1, 0.1, 0.0)
+        gate.add_way(0.1, 0.1, 0.0)
     return 2.0 * seconds
 
 
@@ -205,28 +207,30 @@ def driven(gate: PositionGate, seconds: float) -> float:
 )
 def test_what_the_fix_allows_is_taken(before: int, after: int, jump_m: float, taken: bool) -> None:
     gate = PositionGate()
-    assert gate.judge((0.0, 0.0), before, 1.0, 2.0, 100.0).taken
+    assert gate.judge_epoch((0.0, 0.0), before, 1.0, 2.0, 100.0).taken
     way = driven(gate, 0.2)
-    judged = gate.judge((way, jump_m), after, 1.0, 2.0, 100.2)
+    judged = gate.judge_epoch((way, jump_m), after, 1.0, 2.0, 100.2)
     assert judged.taken is taken and judged.off_m == pytest.approx(jump_m)
 
 
 def test_after_two_seconds_any_place_within_the_way_is_possible() -> None:
     for seconds, side_m, taken in ((1.0, 5.0, False), (10.0, 18.0, True), (10.0, 60.0, False)):
         gate = PositionGate()
-        gate.judge((0.0, 0.0), 4, 1.0, 2.0, 100.0)
+        gate.judge_epoch((0.0, 0.0), 4, 1.0, 2.0, 100.0)
         driven(gate, seconds)
-        assert gate.judge((0.0, side_m), 4, 1.0, 2.0, 100.0 + seconds).taken is taken
+        assert gate.judge_epoch((0.0, side_m), 4, 1.0, 2.0, 100.0 + seconds).taken is taken
 
 
 def test_refused_places_that_do_not_agree_are_never_taken() -> None:
     gate = PositionGate()
-    gate.judge((0.0, 0.0), 4, 1.0, 2.0, 100.0)
+    gate.judge_epoch((0.0, 0.0), 4, 1.0, 2.0, 100.0)
     for k in range(1, 60):
         driven(gate, 0.1)
-        assert not gate.judge((1e3 if k % 2 else -1e3, 0.0), 4, 1.0, 2.0, 100.0 + 0.1 * k).taken
-    assert not gate.judge((math.nan, 0.0), 4, 1.0, 2.0, 107.0).taken
-    assert not gate.judge((math.inf, 0.0), 4, 1.0, 2.0, 107.1).taken
+        assert not gate.judge_epoch(
+            (1e3 if k % 2 else -1e3, 0.0), 4, 1.0, 2.0, 100.0 + 0.1 * k
+        ).taken
+    assert not gate.judge_epoch((math.nan, 0.0), 4, 1.0, 2.0, 107.0).taken
+    assert not gate.judge_epoch((math.inf, 0.0), 4, 1.0, 2.0, 107.1).taken
 
 
 def test_a_plane_that_began_with_a_wrong_place_begins_anew() -> None:
@@ -234,7 +238,7 @@ def test_a_plane_that_began_with_a_wrong_place_begins_anew() -> None:
     for k in range(40):
         lat = 80.0 if k == 0 else 34.28
         now = 100.0 + 0.1 * k
-        seen = sensing.update(
+        seen = sensing.sense_motion(
             Measurements(now, gnss=GnssFix(now, lat, 119.88, 4, speed_mps=0.0, heading_deg=0.0))
         )
     assert sensing.plane is not None and sensing.plane.lat_deg == 34.28
@@ -250,7 +254,9 @@ def test_readings_from_the_future_are_not_fresh() -> None:
     for k in range(10):
         now = 100.0 + 0.1 * k
         fix = GnssFix(now + 60.0, 34.28, 119.88, 4, speed_mps=2.0, heading_deg=0.0)
-        seen = sensing.update(Measurements(now, gnss=fix, wheel_speed_mps=Reading(2.0, now + 60.0)))
+        seen = sensing.sense_motion(
+            Measurements(now, gnss=fix, wheel_speed_mps=Reading(2.0, now + 60.0))
+        )
     assert seen.speed_mps is None and not seen.position_ok and seen.east_m is None
     work = Work(lambda after, m: m._replace(shaft_rpm=Reading(70.0, m.time_s + 5.0)))
     assert "drive_silent" in work.ticks[1].why_no_flow and work.ticks[1].row.shaft_rpm is None
@@ -272,8 +278,8 @@ def test_a_speed_that_cannot_be_leaves_track_and_fence_alone(mps: float) -> None
     work = Work(mad, 10.0, pass_length_m=50.0)
     track = [tick.sensed.track_m for tick in work.ticks]
     assert all(map(math.isfinite, track)) and 0.0 <= track[-1] - track[0] < 20.0
-    assert max(work.off_m) < 1.0 and work.loop.target_at(track[-1] + 1.0).rate_kg_ha == 300.0
-    assert work.loop.target_at(track[-1] + 40.0).rate_kg_ha == 0.0, "the edge ahead is still seen"
+    assert max(work.off_m) < 1.0 and work.loop.find_target(track[-1] + 1.0).rate_kg_ha == 300.0
+    assert work.loop.find_target(track[-1] + 40.0).rate_kg_ha == 0.0, "the edge ahead is still seen"
 
 
 @pytest.mark.parametrize("back_s", [0.01, 3600.0, math.nan, math.inf])
@@ -286,7 +292,7 @@ def test_a_clock_that_goes_back_stops_time_and_then_flow(back_s: float) -> None:
     work = Work(shifted, 3.0)
     times = [tick.row.time_s for tick in work.ticks]
     assert times == sorted(times)
-    assert work.ticks[-1].enabled is (back_s == 0.01) and (not work.ticks[-1].why_no_flow) is (
+    assert work.ticks[-1].is_enabled is (back_s == 0.01) and (not work.ticks[-1].why_no_flow) is (
         back_s == 0.01
     )
 
@@ -388,7 +394,7 @@ class Way:
         for _ in range(round(seconds / 0.2)):
             self.now_s += 0.2
             east = drift(self.now_s - begun_s) + 0.01 * self.rng.standard_normal()
-            lat, lon = WALK_PLANE.to_deg(east, 1.25 * self.now_s)
+            lat, lon = WALK_PLANE.convert_to_deg(east, 1.25 * self.now_s)
             fix = GnssFix(
                 self.now_s,
                 lat,
@@ -400,7 +406,7 @@ class Way:
                 0.0 if told else None,
             )
             found.append(
-                self.sensing.update(
+                self.sensing.sense_motion(
                     Measurements(
                         self.now_s, gnss=fix, wheel_speed_mps=Reading(wheel_mps, self.now_s)
                     )
@@ -501,4 +507,4 @@ def test_minutes_of_work_accuse_no_receiver(walks, number):
     """Hours: python -m benchmarks position_walks."""
     was = walks.hour(walks.RECEIVERS[number], 240.0, 100 + number)
     assert was.epochs > 100 and was.walks == 0, was
-    assert was.wheel_unspun == 0 and {one for one, _ in was.doubts} <= {Doubted.WHEEL}, was
+    assert was.wheel_unspun == 0 and {one for one, _ in was.doubts} <= {RefusedSpeed.WHEEL}, was

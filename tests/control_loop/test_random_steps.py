@@ -27,9 +27,9 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.log_row import ALL_COLUMNS, COLUMNS
 from topdress.control.loop import ControlLoop
 from topdress.control.loop.tick import Tick
-from topdress.control.orders import BY_PLACE, Do, Order, State, Strategy, TargetSource
+from topdress.control.orders import PLACE_SOURCES, Do, Order, State, Strategy, TargetSource
 from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan
-from topdress.control.simulation.assembly import control_loop, with_simulated_field
+from topdress.control.simulation.assembly import add_simulated_field, make_control_loop
 from topdress.drivers.files.log_text import RowText
 from topdress.drivers.files.setup import load_setup
 
@@ -142,7 +142,10 @@ class Rules:
                     row.target_rate_kg_ha is not None
                     and not 0.0 <= row.target_rate_kg_ha <= 1000.0,
                 ),
-                ("position_lost", tick.choices.source in BY_PLACE and not tick.sensed.position_ok),
+                (
+                    "position_lost",
+                    tick.choices.source in PLACE_SOURCES and not tick.sensed.position_ok,
+                ),
                 (
                     "outside_field",
                     self._field is not None and not allow.outside and not self._may_land(tick),
@@ -312,19 +315,19 @@ class Machine:
 def _degrees(plane: TangentPlane, east_m: float, north_m: float) -> tuple[float, float]:
     if hypot(east_m, north_m) > 1e6:
         return -45.0, 100.0
-    return plane.to_deg(east_m, north_m)
+    return plane.convert_to_deg(east_m, north_m)
 
 
 def _order(loop: ControlLoop, chance: random.Random) -> None:
     if chance.random() < 0.2:
-        loop.order(Order(Do.START, True))
+        loop.handle_order(Order(Do.START, True))
     if chance.random() < 0.05:
         for order in SETTLING:
-            loop.order(order)
+            loop.handle_order(order)
     if chance.random() < 0.01:
-        loop.order(chance.choice(SECTION_ORDERS))
+        loop.handle_order(chance.choice(SECTION_ORDERS))
     if chance.random() < 0.005:
-        loop.order(chance.choice(LIVELY if chance.random() < 0.98 else ORDERS))
+        loop.handle_order(chance.choice(LIVELY if chance.random() < 0.98 else ORDERS))
 
 
 def ran(number: int) -> tuple[int, int]:
@@ -336,11 +339,11 @@ def ran(number: int) -> tuple[int, int]:
     target = Wanted(source=source, manual_rate_kg_ha=chance.choice((100.0, 300.0)))
     job = setup.job.model_copy(update={"target": target, "strategy": chance.choice(list(Strategy))})
     if chance.random() < 0.8:
-        job = with_simulated_field(job, setup.machine)
+        job = add_simulated_field(job, setup.machine)
     has_switch = chance.random() < 0.3
     valved = number % 2 == 1
     applicator = setup.machine if valved else setup.machine.model_copy(update={"sections": ()})
-    loop = control_loop(applicator, setup.crop, setup.rule, job, has_switch)
+    loop = make_control_loop(applicator, setup.crop, setup.rule, job, has_switch)
     machine, rules = (
         Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))),
         Rules(job, has_switch),
@@ -354,7 +357,7 @@ def ran(number: int) -> tuple[int, int]:
         )
         log_ok = chance.random() > 0.002
         _order(loop, chance)
-        tick = loop.tick(m, console_s, log_ok)
+        tick = loop.run_tick(m, console_s, log_ok)
         assert rules.broken(m, console_s, log_ok, tick) == [], (step, m, tick)
         flowing += tick.command.shaft_rpm > 0.0
         opened += any(tick.command.valves)

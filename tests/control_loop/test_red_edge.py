@@ -11,9 +11,9 @@ from topdress.console.services.rerun import rerun_loop
 from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import prepare
+from topdress.control.agronomy.noa import prepare_rule
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
-from topdress.control.simulation.canopy import ndre_of
+from topdress.control.simulation.canopy import convert_to_ndre
 from topdress.drivers.cab_config import HeadsConfig
 from topdress.drivers.files.config import load, save
 from topdress.drivers.files.kinds import CROP, JOB
@@ -48,7 +48,7 @@ def dense(huanghai: Crop) -> Crop:
 def worked():
     """A run on a dense canopy, heads that read NDRE."""
     crop = dense(SETUP.crop)
-    rule = prepare(crop)
+    rule = prepare_rule(crop)
     canopy = SETUP.job.simulated.canopy.model_dump() | {"mean_ndvi": 0.86, "cv_percent": 4.0}
     closed = Closed(
         sim={"begin_m": 30.0, "heads_index": "ndre", "canopy": canopy},
@@ -60,9 +60,11 @@ def worked():
 def test_dense_canopies_differ_by_red_edge_long_after_ndvi():
     """From leaf area 3 to 5: NDVI rises by some 5 %, NDRE by a third."""
     low, high = (0.95 - 0.8 * np.exp(-0.7 * leaf) for leaf in (3.0, 5.0))
-    assert high / low - 1.0 < 0.10 and ndre_of(high) / ndre_of(low) - 1.0 > 0.25
-    assert [ndre_of(a) < ndre_of(b) for a, b in ((0.1, 0.3), (0.3, 0.6), (0.6, 0.9))] == [True] * 3
-    assert 0.0 < ndre_of(0.0) < ndre_of(0.99) < 0.6
+    assert high / low - 1.0 < 0.10 and convert_to_ndre(high) / convert_to_ndre(low) - 1.0 > 0.25
+    assert [
+        convert_to_ndre(a) < convert_to_ndre(b) for a, b in ((0.1, 0.3), (0.3, 0.6), (0.6, 0.9))
+    ] == [True] * 3
+    assert 0.0 < convert_to_ndre(0.0) < convert_to_ndre(0.99) < 0.6
 
 
 def test_the_row_names_what_the_heads_read(worked):
@@ -90,7 +92,7 @@ def test_a_log_of_red_edge_is_run_again(worked, tmp_path):
 
 def test_another_index_than_the_rules_is_as_none():
     crop = dense(SETUP.crop)
-    closed = Closed(sim={"begin_m": 30.0}, known={"crop": crop, "rule": prepare(crop)})
+    closed = Closed(sim={"begin_m": 30.0}, known={"crop": crop, "rule": prepare_rule(crop)})
     last = closed.through(15.0)[-1].tick
     assert last.row.target_source == "fallback" and "heads_few" in (last.row.alarms or "")
 

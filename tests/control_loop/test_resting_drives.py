@@ -7,7 +7,7 @@ import datetime as dt
 from collections.abc import Callable
 
 import pytest
-from topdress.control.loop.unintended_flow import Stopped, standing_limits
+from topdress.control.loop.unintended_flow import UnintendedFlow, make_standing_limits
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.readings import DriveCommand, Measurements, Reading
 from topdress.control.safety import SafetyLimits
@@ -35,8 +35,8 @@ def truths(name: str, effects: tuple[str, ...]) -> list[Truth]:
         keep=lambda truth: kept.append(truth._replace(canopy=None)),
     )
     for command in COURSE:
-        valves = (True,) * len(setup.machine.switched)
-        plant.step(command._replace(valves=valves), True)
+        valves = (True,) * len(setup.machine.switched_strips)
+        plant.advance_plant(command._replace(valves=valves), True)
     return kept
 
 
@@ -55,28 +55,28 @@ def test_the_same_to_the_last_bit(
     machine: str, effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steps: list[int] = []
-    stepped: Callable[..., tuple[object, object]] = plants.gate_step
+    stepped: Callable[..., tuple[object, object]] = plants.step_gate
 
     def counted(*given: object) -> tuple[object, object]:
         steps.append(1)
         return stepped(*given)
 
-    monkeypatch.setattr(plants, "gate_step", counted)
+    monkeypatch.setattr(plants, "step_gate", counted)
     rested, few = truths(machine, effects), len(steps)
-    monkeypatch.setattr(plants, "rest", lambda *_: False)
+    monkeypatch.setattr(plants, "is_drive_resting", lambda *_: False)
     assert truths(machine, effects) == rested
     assert few < 0.95 * (len(steps) - few), "a tick in which nothing moves takes one step of four"
 
 
 @pytest.mark.parametrize(("age_s", "turning_rpm"), [(0.0, 40.0), (0.5, 40.0), (0.6, 0.0)])
 def test_an_old_reading_of_the_shaft_does_not_say_that_it_turns(age_s, turning_rpm):
-    stopped = Stopped(load_setup("huanghai", "demo", TODAY).machine, SafetyLimits())
+    stopped = UnintendedFlow(load_setup("huanghai", "demo", TODAY).machine, SafetyLimits())
     read = Measurements(100.0, shaft_rpm=Reading(40.0, 100.0 - age_s))
-    assert stopped.turning_rpm(read) == turning_rpm
+    assert stopped.find_turning_rpm(read) == turning_rpm
 
 
 def test_a_valve_may_close_as_late_as_its_file_and_its_line_say():
     machine = load_setup("huanghai_sections", "sections_demo", TODAY).machine
     closes_s = max(section.valve.close_s for section in machine.sections if section.valve)
     # The status of the board comes ten times a second, and a switch bounces.
-    assert standing_limits(machine, SafetyLimits()).valve_closes_s >= closes_s + 0.5
+    assert make_standing_limits(machine, SafetyLimits()).valve_closes_s >= closes_s + 0.5

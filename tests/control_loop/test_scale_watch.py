@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from topdress.control.metering.flow_trim import FlowTrim
-from topdress.control.readings import Reading, ScaleSays
+from topdress.control.readings import Reading, ScaleFinding
 
 DT_S = 0.1
 SCALE_KG = 0.15  # correlated over 1 s, in steps of 0.05 kg
@@ -19,15 +19,15 @@ STANDS_S, BEGINS_S = 20.0, 120.0
 
 class Told(NamedTuple):
     # changes of what is said, by the time since `BEGINS_S`
-    said: list[tuple[float, ScaleSays]]
+    said: list[tuple[float, ScaleFinding]]
     trims: np.ndarray  # (n,) by tick
     filter: FlowTrim
 
-    def first_s(self, is_said: Callable[[ScaleSays], bool]) -> float:
+    def first_s(self, is_said: Callable[[ScaleFinding], bool]) -> float:
         return next((at_s for at_s, says in self.said if is_said(says)), float("inf"))
 
 
-def red(says: ScaleSays) -> bool:
+def red(says: ScaleFinding) -> bool:
     return (
         says.share is not None
         or says.outlets > 0
@@ -59,18 +59,18 @@ def runs(
             if at_s > STANDS_S and flows(since_s)
             else 0.0
         )
-        model = ordered / trim.value
+        model = ordered / trim.present_factor
         kg -= leaves(since_s, model) * DT_S
         noise = keep * noise + sqrt(1.0 - keep * keep) * SCALE_KG * float(rng.standard_normal())
         weighed = round((reads(since_s, kg) + noise) / 0.05) * 0.05
         rpm, pitch = 70.0 if model > 0.0 else 0.0, pitch_deg(since_s)
-        trim.update(at_s, DT_S, model, rpm, pitch, Reading(weighed, at_s), labours(since_s))
+        trim.update_trim(at_s, DT_S, model, rpm, pitch, Reading(weighed, at_s), labours(since_s))
         orders(since_s, trim)
-        if not said or trim.says._replace(trimmed_percent=0.0) != said[-1][1]._replace(
+        if not said or trim.scale_finding._replace(trimmed_percent=0.0) != said[-1][1]._replace(
             trimmed_percent=0.0
         ):
-            said.append((since_s, trim.says))
-        trims.append(trim.value)
+            said.append((since_s, trim.scale_finding))
+        trims.append(trim.present_factor)
     return Told(said, np.array(trims), trim)
 
 
@@ -88,7 +88,7 @@ def test_a_scale_whose_gain_is_wrong_is_said_and_trims_nothing(gain: float) -> N
     run = runs(120.0, reads=lambda s, kg: gain * kg)
     assert run.first_s(lambda says: says.beyond_percent is not None) < -BEGINS_S + STANDS_S + 60.0
     assert run.trims[-1] == 1.0 and np.abs(run.trims - 1.0).max() <= 0.1
-    beyond = run.filter.says.beyond_percent
+    beyond = run.filter.scale_finding.beyond_percent
     assert beyond is not None and beyond == pytest.approx(100.0 * (gain - 1.0), abs=4.0)
 
 
@@ -126,7 +126,7 @@ def test_a_refill_of_known_mass_finds_the_scales_gain() -> None:
 
     def fills(s: float, trim: FlowTrim) -> None:
         if abs(s - 12.0) < 0.5 * DT_S:
-            trim.refilled(120.0)
+            trim.record_refill(120.0)
 
     for gain, expected in ((0.7, -30.0), (1.0, None)):
         run = runs(
@@ -135,7 +135,7 @@ def test_a_refill_of_known_mass_finds_the_scales_gain() -> None:
             orders=fills,
             reads=lambda s, kg, gain=gain: gain * (kg + (120.0 if s > 10.0 else 0.0)),
         )
-        found = run.filter.says.refill_percent
+        found = run.filter.scale_finding.refill_percent
         if expected is None:
             assert found is None
         else:
@@ -146,7 +146,7 @@ def test_a_fresh_catch_test_is_believed_rather_than_the_scale() -> None:
     def trimmed(age_days: float | None) -> float:
         def tested(s: float, trim: FlowTrim) -> None:
             if age_days is not None and s < -BEGINS_S + 0.5 * DT_S:
-                trim.tested(age_days)
+                trim.set_catch_test_age(age_days)
 
         return float(runs(120.0, leaves=lambda s, kg_s: 1.06 * kg_s, orders=tested).trims[-1]) - 1.0
 
@@ -166,8 +166,8 @@ def test_a_flow_far_from_what_the_shaft_reads_is_said(factor: float, by_s: float
         assert run.first_s(lambda says: says.off_kg != 0.0) < 15.0
         assert 15.0 < run.first_s(lambda says: says.share is not None) < by_s
         assert run.trims[-1] == 1.0
-        run.filter.started()
-        assert run.filter.says.share is None and run.filter.value == 1.0, (
+        run.filter.begin_work()
+        assert run.filter.scale_finding.share is None and run.filter.present_factor == 1.0, (
             "a new START spreads by the model"
         )
 
@@ -179,7 +179,9 @@ def test_an_outlet_that_closes_is_said_and_not_made_up_for(outlets: int) -> None
         leaves = from_0(1.0 - outlets / 6.0)
         run = runs(120.0, leaves=leaves, seed=seed, labours=lambda s: s > 4.0)
         assert run.first_s(lambda says: says.outlets > 0) < 45.0
-        assert run.filter.says.outlets == outlets and run.filter.says.of_outlets == 6
+        assert (
+            run.filter.scale_finding.outlets == outlets and run.filter.scale_finding.of_outlets == 6
+        )
         assert abs(run.trims[-1] - 1.0) < 0.02
 
 
@@ -191,13 +193,13 @@ def test_a_fall_that_no_effort_bears_out_is_no_blocked_outlet(factor: float, lab
     run = runs(120.0, leaves=from_0(factor), labours=lambda s: labours)
     assert run.first_s(lambda says: says.outlets > 0) == float("inf")
     assert run.first_s(lambda says: says.below_percent is not None) < 80.0
-    assert run.filter.says.below_percent == pytest.approx(100.0 * (1.0 - factor), abs=4.0)
-    assert run.filter.says.beyond_percent is None and abs(run.trims[-1] - 1.0) < 0.03
+    assert run.filter.scale_finding.below_percent == pytest.approx(100.0 * (1.0 - factor), abs=4.0)
+    assert run.filter.scale_finding.beyond_percent is None and abs(run.trims[-1] - 1.0) < 0.03
 
 
 def test_a_drive_that_works_harder_while_all_flows_accuses_no_outlet() -> None:
     run = runs(120.0, labours=lambda s: s > 4.0)
-    assert run.first_s(red) == float("inf") and run.filter.says.below_percent is None
+    assert run.first_s(red) == float("inf") and run.filter.scale_finding.below_percent is None
 
 
 def test_a_flow_that_changes_by_six_per_cent_is_trimmed_all_the_same() -> None:
@@ -280,7 +282,7 @@ def test_a_fall_of_the_scale_while_nothing_turns_is_said_and_counted(from_work: 
         )
         assert run.first_s(lambda says: says.unordered_kg > 0.0) < 10.0
         assert sum(counted) == pytest.approx(4.8, abs=0.5)
-        assert run.filter.says.unordered_kg == 0.0, "it has ended"
+        assert run.filter.scale_finding.unordered_kg == 0.0, "it has ended"
 
 
 @pytest.mark.parametrize(
@@ -367,5 +369,5 @@ def test_a_scale_that_is_said_to_have_no_noise_is_used() -> None:
     """The machine file allows noise 0: a division by it ended the control."""
     trim = FlowTrim(0.0)
     for k in range(600):
-        trim.update(k * DT_S, DT_S, 0.0, 0.0, 0.0, Reading(300.0, k * DT_S))
-    assert trim.says.unordered_kg == 0.0
+        trim.update_trim(k * DT_S, DT_S, 0.0, 0.0, 0.0, Reading(300.0, k * DT_S))
+    assert trim.scale_finding.unordered_kg == 0.0

@@ -14,21 +14,26 @@ from shapely.geometry import Polygon
 from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import Coverage
 from topdress.control.field.job import Job, Wanted
-from topdress.control.loop.sections import NO_FLOW, Leads, Sections
-from topdress.control.machine.landing import carried_s
+from topdress.control.loop.sections import WHY_NO_FLOW, SectionControl, SectionLeads
+from topdress.control.machine.landing import calc_carried_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.sections import Section, Valve, strips
+from topdress.control.machine.sections import Section, Valve, make_section_strips
 from topdress.control.orders import Do, Order, State, Strategy, TargetSource
 from topdress.control.readings import DriveCommand
-from topdress.control.safety import limited_valves
+from topdress.control.safety import limit_valves
 from topdress.control.sensing import Sensed
-from topdress.control.simulation.assembly import control_loop, with_simulated_field
-from topdress.control.simulation.closed_loop import SimulatedTick, simulated_run
+from topdress.control.simulation.assembly import add_simulated_field, make_control_loop
+from topdress.control.simulation.closed_loop import SimulatedTick, simulate_run
 from topdress.control.simulation.plant import Plant, Truth
-from topdress.control.simulation.tractor import Leg
-from topdress.control.simulation.tractor import Path as Way
-from topdress.control.targets.boundary_profile import Fence
-from topdress.control.targets.section_ground import DONE, OUTSIDE, SectionGround, SectionsGround
+from topdress.control.simulation.tractor import PathLeg
+from topdress.control.simulation.tractor import TractorPath as Way
+from topdress.control.targets.boundary_profile import BoundaryAhead
+from topdress.control.targets.section_ground import (
+    WHY_DONE,
+    WHY_OUTSIDE,
+    SectionGround,
+    SectionsGround,
+)
 from topdress.drivers.files.config import load
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import MACHINE
@@ -60,7 +65,9 @@ def run(
 ) -> list[SimulatedTick]:
     plant = Plant(machine, job, 1, 0.05, path=way)
     return list(
-        simulated_run(plant, control_loop(machine, setup.crop, setup.rule, job), seconds, orders)
+        simulate_run(
+            plant, make_control_loop(machine, setup.crop, setup.rule, job), seconds, orders
+        )
     )
 
 
@@ -96,7 +103,9 @@ def test_a_bad_block_gets_one_line(tmp_path: Path, changes: str, said: str) -> N
 
 
 def test_strips_lie_side_by_side_over_the_width() -> None:
-    left, middle, right = strips([Section(outlets=1), Section(outlets=2), Section(outlets=3)], 2.4)
+    left, middle, right = make_section_strips(
+        [Section(outlets=1), Section(outlets=2), Section(outlets=3)], 2.4
+    )
     assert (left.left_m, left.right_m, middle.right_m, right.right_m) == pytest.approx(
         (-1.2, -0.8, 0.0, 1.2)
     )
@@ -106,7 +115,7 @@ def test_strips_lie_side_by_side_over_the_width() -> None:
 def test_sections_without_valves_change_nothing(setup: Setup) -> None:
     plain = setup.machine.model_copy(update={"sections": ()})
     told = setup.machine.model_copy(update={"sections": (Section(outlets=3), Section(outlets=3))})
-    job = with_simulated_field(setup.job, plain)
+    job = add_simulated_field(setup.job, plain)
     rows = [[step.tick.row for step in run(setup, machine, job, 30.0)] for machine in (plain, told)]
     assert rows[0] == rows[1]
     assert all(row.sections_cmd is None for row in rows[1])
@@ -118,11 +127,11 @@ def test_sections_without_valves_change_nothing(setup: Setup) -> None:
 
 def judged_over_the_edge(overlap: float, outside_share: float) -> Any:
     """One section 0.8 m wide, heading north, with that share of its width west of the field."""
-    ground = SectionGround(strips([Section(outlets=1)], 0.8), overlap, 0.0)
-    return ground.look(
+    ground = SectionGround(make_section_strips([Section(outlets=1)], 0.8), overlap, 0.0)
+    return ground.judge_sections(
         (0.4 - outside_share * 0.8, 50.0),
         0.0,
-        NOTHING._replace(fence=Fence(HALF_FIELD), started=(False,)),
+        NOTHING._replace(fence=BoundaryAhead(HALF_FIELD), started=(False,)),
     )[0]
 
 
@@ -135,39 +144,42 @@ def test_the_overlap_setting_is_a_share_of_the_width() -> None:
 def test_no_more_than_half_a_section_works_outside_the_field_whatever_the_setting() -> None:
     assert judged_over_the_edge(100.0, 0.45).wanted
     beyond = judged_over_the_edge(100.0, 0.55)
-    assert not beyond.wanted and beyond.why == OUTSIDE
+    assert not beyond.wanted and beyond.why == WHY_OUTSIDE
 
 
 def test_done_ground_closes_at_a_hundred_only_where_all_is_done() -> None:
     coverage = Coverage(2.4)
     for north in (0.0, 20.0):
-        coverage.lay((0.0, north), 0.0, north > 0.0)
+        coverage.extend_to((0.0, north), 0.0, north > 0.0)
     for north in np.arange(0.0, 40.0, 1.0).tolist():
-        coverage.lay((50.0, north), 0.0, False)
+        coverage.extend_to((50.0, north), 0.0, False)
     ground = NOTHING._replace(coverage=coverage)
-    three = strips([Section(outlets=2)] * 3, 2.4)
+    three = make_section_strips([Section(outlets=2)] * 3, 2.4)
 
     def wanted(overlap: float) -> list[bool]:
         """Heading north, half the machine to the west: of the middle one half is done, of the
         right one all."""
         return [
-            one.wanted for one in SectionGround(three, overlap, 0.2).look((-1.2, 10.0), 0.0, ground)
+            one.wanted
+            for one in SectionGround(three, overlap, 0.2).judge_sections((-1.2, 10.0), 0.0, ground)
         ]
 
     assert wanted(100.0) == [True, True, False]
     assert wanted(0.0) == [True, False, False]
-    judged = SectionGround(three, 50.0, 0.2).look((0.0, 10.0), 0.0, ground)
-    assert [one.why for one in judged] == [DONE] * 3
-    again = SectionGround(three, 50.0, 0.2).look(
+    judged = SectionGround(three, 50.0, 0.2).judge_sections((0.0, 10.0), 0.0, ground)
+    assert [one.why for one in judged] == [WHY_DONE] * 3
+    again = SectionGround(three, 50.0, 0.2).judge_sections(
         (0.0, 10.0), 0.0, ground._replace(started=(True, False, False))
     )
     assert [one.wanted for one in again] == [True, False, False]
 
 
 def test_without_a_place_no_section_works_on_a_known_field() -> None:
-    ground = SectionGround(strips([Section(outlets=1)], 0.8), 50.0, 0.0)
-    assert not ground.unknown(NOTHING._replace(fence=Fence(HALF_FIELD)))[0].wanted
-    assert ground.unknown(NOTHING)[0].wanted
+    ground = SectionGround(make_section_strips([Section(outlets=1)], 0.8), 50.0, 0.0)
+    assert not ground.judge_unknown_place(NOTHING._replace(fence=BoundaryAhead(HALF_FIELD)))[
+        0
+    ].wanted
+    assert ground.judge_unknown_place(NOTHING)[0].wanted
 
 
 # -- valves in time
@@ -188,16 +200,22 @@ def test_each_valve_is_told_so_long_before_the_moment_as_it_takes(setup: Setup) 
             )
         }
     )
-    sections = Sections(machine, 50.0, 0.2)
+    sections = SectionControl(machine, 50.0, 0.2)
     assert sections.prepare_s == 0.6
-    ground, told, share = NOTHING._replace(fence=Fence(HALF_FIELD), started=(False,) * 2), {}, {}
+    ground, told, share = (
+        NOTHING._replace(fence=BoundaryAhead(HALF_FIELD), started=(False,) * 2),
+        {},
+        {},
+    )
     for k in range(-200, 400):
         now = 0.01 * k + 10.0
-        sections.decide(sensed(now, 0.01 * k - 3.0, 1.0), 0.01, Leads(2.0, 2.0, 2.0), ground, ())
-        for number, on in enumerate(sections.valves(now, 0.01, ())):
+        sections.decide_switches(
+            sensed(now, 0.01 * k - 3.0, 1.0), 0.01, SectionLeads(2.0, 2.0, 2.0), ground, ()
+        )
+        for number, on in enumerate(sections.find_valves(now, 0.01, ())):
             if on:
                 told.setdefault(number, now)
-        if sections.share_at(now) > 0.9:
+        if sections.find_share_at(now) > 0.9:
             share.setdefault("whole", now)
     decided = 10.0 + 1.0  # 2 m before the edge at 0
     assert told[0] == pytest.approx(decided + 0.6 - 0.1, abs=0.011)
@@ -206,17 +224,17 @@ def test_each_valve_is_told_so_long_before_the_moment_as_it_takes(setup: Setup) 
 
 
 def test_a_jump_of_the_position_takes_back_what_was_decided(setup: Setup) -> None:
-    sections = Sections(setup.machine, 50.0, 0.2)
-    ground = NOTHING._replace(fence=Fence(HALF_FIELD))
+    sections = SectionControl(setup.machine, 50.0, 0.2)
+    ground = NOTHING._replace(fence=BoundaryAhead(HALF_FIELD))
     for k in range(40):
-        sections.decide(
-            sensed(0.05 * k, 50.0 + 0.05 * k, 1.0), 0.05, Leads(2.0, 2.0, 2.0), ground, ()
+        sections.decide_switches(
+            sensed(0.05 * k, 50.0 + 0.05 * k, 1.0), 0.05, SectionLeads(2.0, 2.0, 2.0), ground, ()
         )
-    assert sections.share_at(2.0) == pytest.approx(1.0) and sections.inside(2.0)
-    sections.moved()
-    sections.decide(sensed(2.0, 5e6, 1.0), 0.05, Leads(2.0, 2.0, 2.0), ground, ())
-    assert sections.share_at(2.0) == 0.0 and not sections.inside(2.0)
-    assert not any(sections.valves(2.0, 0.05, ()))
+    assert sections.find_share_at(2.0) == pytest.approx(1.0) and sections.is_any_inside(2.0)
+    sections.cancel_decisions()
+    sections.decide_switches(sensed(2.0, 5e6, 1.0), 0.05, SectionLeads(2.0, 2.0, 2.0), ground, ())
+    assert sections.find_share_at(2.0) == 0.0 and not sections.is_any_inside(2.0)
+    assert not any(sections.find_valves(2.0, 0.05, ()))
 
 
 @pytest.mark.parametrize("strategy", list(Strategy))
@@ -227,7 +245,7 @@ def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Stra
         strategy=strategy,
         field=setup.job.field.model_copy(update={"boundary_m": SLANTED}),
     )
-    steps = run(setup, setup.machine, job, 80.0, Way([Leg(1.2, -25.0, 0.0, 400.0, 0.0)]))
+    steps = run(setup, setup.machine, job, 80.0, Way([PathLeg(1.2, -25.0, 0.0, 400.0, 0.0)]))
     truths = [step.truth for step in steps]
     open_at_once = {step.tick.command.valves for step in steps}
     assert {(False,) * 3, (True, False, False), (True, True, False), (True,) * 3} <= open_at_once
@@ -255,10 +273,10 @@ def rates_by_section(truths: list[Truth], machine: Machine) -> list[tuple[np.nda
         np.array([getattr(t, name) for t in truths])
         for name in ("time_s", "north_m", "settled_drop_s", "drop_s")
     )
-    lands_m = np.interp(time_s + carried_s(time_s, settled) + drop - settled, time_s, north)
+    lands_m = np.interp(time_s + calc_carried_s(time_s, settled) + drop - settled, time_s, north)
     field, edges = Polygon(SLANTED), np.arange(-5.0, 45.0, 0.5)
     found = []
-    for k, strip in enumerate(machine.switched):
+    for k, strip in enumerate(machine.switched_strips):
         kg, _ = np.histogram(lands_m, edges, weights=[t.section_kg[k] for t in truths])
         wide = strip.right_m - strip.left_m
         inside = np.array(
@@ -279,12 +297,12 @@ def rates_by_section(truths: list[Truth], machine: Machine) -> list[tuple[np.nda
 
 
 def test_the_last_gate_closes_every_valve_without_flow() -> None:
-    assert limited_valves((True, False, True), False) == (False, False, False)
-    assert limited_valves((True, False, True), True) == (True, False, True)
+    assert limit_valves((True, False, True), False) == (False, False, False)
+    assert limit_valves((True, False, True), True) == (True, False, True)
 
 
 def test_a_valve_is_open_only_while_every_interlock_holds(setup: Setup) -> None:
-    job = manual(with_simulated_field(setup.job, setup.machine))
+    job = manual(add_simulated_field(setup.job, setup.machine))
     orders = [
         (1.0, Order(Do.READY)),
         (14.0, Order(Do.START)),
@@ -303,11 +321,11 @@ def test_a_valve_is_open_only_while_every_interlock_holds(setup: Setup) -> None:
             assert all(one.why for one in step.tick.sections)
     assert {
         one.why for step in steps if step.tick.row.state == State.OFF for one in step.tick.sections
-    } <= {NO_FLOW, OUTSIDE}
+    } <= {WHY_NO_FLOW, WHY_OUTSIDE}
 
 
 def test_a_section_closed_by_hand_stays_closed_until_it_is_given_back(setup: Setup) -> None:
-    job = manual(with_simulated_field(setup.job, setup.machine))
+    job = manual(add_simulated_field(setup.job, setup.machine))
     orders = [
         (1.0, Order(Do.READY)),
         (5.0, Order(Do.START)),
@@ -336,12 +354,12 @@ def test_a_section_closed_by_hand_stays_closed_until_it_is_given_back(setup: Set
     ],
 )
 def test_orders_for_no_section_are_refused(setup: Setup, value: Any, why: str) -> None:
-    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
-    assert loop.order(Order(Do.SECTION, value)).why == why
+    loop = make_control_loop(setup.machine, setup.crop, setup.rule, setup.job)
+    assert loop.handle_order(Order(Do.SECTION, value)).why == why
     plain = setup.machine.model_copy(update={"sections": ()})
     assert (
-        not control_loop(plain, setup.crop, setup.rule, setup.job)
-        .order(Order(Do.SECTION, "1 off"))
+        not make_control_loop(plain, setup.crop, setup.rule, setup.job)
+        .handle_order(Order(Do.SECTION, "1 off"))
         .accepted
     )
 
@@ -349,7 +367,7 @@ def test_orders_for_no_section_are_refused(setup: Setup, value: Any, why: str) -
 def test_without_power_every_valve_closes(setup: Setup) -> None:
     plant = Plant(setup.machine, setup.job, 1, 0.05)
     for _ in range(40):
-        plant.step(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
+        plant.advance_plant(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
     assert (
         plant.truth is not None
         and plant.truth.section_kg[0] > 0.0
@@ -357,7 +375,7 @@ def test_without_power_every_valve_closes(setup: Setup) -> None:
     )
     assert plant.truth.open_share == pytest.approx(2.0 / 3.0)
     for _ in range(20):
-        plant.step(DriveCommand(70.0, 25.0, valves=(True, True, True)), False)
+        plant.advance_plant(DriveCommand(70.0, 25.0, valves=(True, True, True)), False)
     assert plant.truth.section_kg == (0.0,) * 3 and plant.truth.open_share == 0.0
 
 
@@ -366,6 +384,6 @@ def test_a_stuck_valve_shows_in_the_truth_alone(setup: Setup) -> None:
     assert plant.valves is not None
     plant.valves.stuck = {1: False, 2: True}
     for _ in range(40):
-        plant.step(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
+        plant.advance_plant(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
     assert plant.truth is not None
     assert [kg > 0.0 for kg in plant.truth.section_kg] == [False, True, True]

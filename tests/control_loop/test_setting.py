@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 from topdress.control.machine.machine import Machine
 from topdress.control.metering.inverse import Conditions
-from topdress.control.metering.setting import OPENING_BAND_MM, SHAFT_BAND_RPM, Setting
+from topdress.control.metering.setting import COMMAND_BAND_MM, COMMAND_BAND_RPM, PairPlanner
 from topdress.control.metering.strategies import Pair
 from topdress.control.metering.trims import DriveTrim, TrimLimits
 from topdress.control.orders import Strategy
@@ -39,9 +39,9 @@ def sent(
     share: float = 0.0,
     gate_mm: float = 0.0,
 ) -> DriveCommand:
-    setting, trim = Setting(machine, Strategy.OPENING_FIRST), DriveTrim(TrimLimits(), still=1.0)
+    setting, trim = PairPlanner(machine, Strategy.OPENING_FIRST), DriveTrim(TrimLimits(), still=1.0)
     trim.shaft_share, trim.gate_mm = share, gate_mm
-    return setting.command(Pair(shaft_rpm, opening_mm, ""), C, trim, last)
+    return setting.make_command(Pair(shaft_rpm, opening_mm, ""), C, trim, last)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -50,11 +50,11 @@ def test_a_move_is_sent_from_its_band_on_and_left_out_below(
     machine: Machine, way: float, bands: float, moves: bool
 ) -> None:
     at = sent(machine, RPM, OPENING_MM, None)
-    last = DriveCommand(at.shaft_rpm - way * bands * SHAFT_BAND_RPM, at.opening_mm)
+    last = DriveCommand(at.shaft_rpm - way * bands * COMMAND_BAND_RPM, at.opening_mm)
     assert (
         sent(machine, RPM, OPENING_MM, last).shaft_rpm == pytest.approx(at.shaft_rpm, abs=1e-5)
     ) is moves
-    last = DriveCommand(at.shaft_rpm, at.opening_mm - way * bands * OPENING_BAND_MM)
+    last = DriveCommand(at.shaft_rpm, at.opening_mm - way * bands * COMMAND_BAND_MM)
     assert (
         sent(machine, RPM, OPENING_MM, last).opening_mm == pytest.approx(at.opening_mm, abs=1e-5)
     ) is moves
@@ -72,7 +72,7 @@ def test_trims_go_the_way_they_say(machine: Machine) -> None:
 
 def test_after_a_stop_no_move_is_too_small(machine: Machine) -> None:
     at = sent(machine, RPM, OPENING_MM, None)
-    stopped = DriveCommand(0.0, at.opening_mm - 0.5 * OPENING_BAND_MM)
+    stopped = DriveCommand(0.0, at.opening_mm - 0.5 * COMMAND_BAND_MM)
     assert sent(machine, RPM, OPENING_MM, stopped).opening_mm == pytest.approx(
         at.opening_mm, abs=1e-5
     )

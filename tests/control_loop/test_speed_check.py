@@ -10,7 +10,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 from topdress.control.geodesy import TangentPlane
-from topdress.control.readings import Doubted, GnssFix, Measurements, Reading
+from topdress.control.readings import GnssFix, Measurements, Reading, RefusedSpeed
 from topdress.control.safety import SafetyLimits
 from topdress.control.sensing import Sensed, Sensing
 
@@ -53,7 +53,7 @@ class Machine:
             if heard and self.now_s >= self.next_s - 1e-9:
                 self.next_s = self.now_s + 1.0 / hz
                 noise = self.rng.standard_normal(3)
-                lat, lon = PLANE.to_deg(
+                lat, lon = PLANE.convert_to_deg(
                     self.east_m + place_m * noise[0], self.north_m + place_m * noise[1]
                 )
                 speed = max(0.0, gnss(self.speeds[0]) + speed_mps * noise[2])
@@ -61,7 +61,7 @@ class Machine:
                     self.now_s, lat, lon, quality, 12, 0.8, speed, self.course_deg % 360.0
                 )
             found.append(
-                self.sensing.update(
+                self.sensing.sense_motion(
                     Measurements(
                         self.now_s, gnss=self.fix, wheel_speed_mps=Reading(wheel(mps), self.now_s)
                     )
@@ -78,7 +78,9 @@ def named(found):
     """Which were refused, in order, and after how many seconds the first one was named."""
     seen = [(k, one.doubt.refused) for k, one in enumerate(found) if one.doubt is not None]
     order = list(dict.fromkeys(refused for _, refused in seen))
-    return order, next((0.05 * k for k, refused in seen if refused is not Doubted.EITHER), None)
+    return order, next(
+        (0.05 * k for k, refused in seen if refused is not RefusedSpeed.EITHER), None
+    )
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.4, 0.8])
@@ -113,7 +115,7 @@ def test_a_wheel_that_stands_alone_is_not_used(wheel, by_s):
     it.go(30.0)
     found = it.go(20.0, wheel=wheel)
     order, after_s = named(found)
-    assert order[-1] is Doubted.WHEEL and after_s <= by_s, (order, after_s)
+    assert order[-1] is RefusedSpeed.WHEEL and after_s <= by_s, (order, after_s)
     used = [one.speed_mps for one in found[round(by_s / 0.05) :]]
     assert max(used) < 1.35 and min(used) > 1.15
     assert found[-1].position_ok and not any(one.walks for one in found)
@@ -130,7 +132,7 @@ def test_a_wheel_that_counts_double_is_not_said_to_count_too_little_as_the_machi
     found += it.go(5.0, 0.0)
     found += it.go(20.0, wheel=times(2.0))
     doubts = [one.doubt for one in found if one.doubt is not None]
-    assert doubts[-1].refused is Doubted.WHEEL
+    assert doubts[-1].refused is RefusedSpeed.WHEEL
     assert all(doubt.wheel_mps > 1.3 * doubt.gnss_mps for doubt in doubts)
 
 
@@ -142,7 +144,7 @@ def test_a_gnss_speed_that_stands_alone_is_not_used_and_its_places_are(factor, b
     it.go(70.0, wheel=times(1.06))
     found = it.go(40.0, wheel=times(1.06), gnss=times(factor))
     order, after_s = named(found)
-    assert order[-1] is Doubted.GNSS and after_s <= by_s, (order, after_s)
+    assert order[-1] is RefusedSpeed.GNSS and after_s <= by_s, (order, after_s)
     used = [one.speed_mps for one in found[round(by_s / 0.05) :]]
     assert max(used) < 1.29 and min(used) > 1.2, "the wheel, corrected as before"
     assert not any(one.walks for one in found[round(by_s / 0.05) :]) and found[-1].position_ok
@@ -152,17 +154,17 @@ def test_a_wheel_stuck_at_a_speed_while_the_machine_creeps():
     it = Machine()
     it.go(30.0)
     found = it.go(10.0, mps=0.6, wheel=lambda mps: 1.25)
-    assert named(found)[0][-1] is Doubted.WHEEL and named(found)[1] < 5.5
+    assert named(found)[0][-1] is RefusedSpeed.WHEEL and named(found)[1] < 5.5
     assert found[-1].speed_mps == pytest.approx(0.6, abs=0.1)
 
 
 @pytest.mark.parametrize(
     ("wheel", "gnss", "who"),
     [
-        (times(2.0), times(1.0), Doubted.WHEEL),
-        (times(0.5), times(1.0), Doubted.WHEEL),
-        (times(1.0), times(2.0), Doubted.GNSS),
-        (times(1.0), times(0.5), Doubted.GNSS),
+        (times(2.0), times(1.0), RefusedSpeed.WHEEL),
+        (times(0.5), times(1.0), RefusedSpeed.WHEEL),
+        (times(1.0), times(2.0), RefusedSpeed.GNSS),
+        (times(1.0), times(0.5), RefusedSpeed.GNSS),
     ],
 )
 def test_with_plain_gnss_it_stays_open_for_seconds_and_the_slower_one_is_used(wheel, gnss, who):
@@ -170,11 +172,11 @@ def test_with_plain_gnss_it_stays_open_for_seconds_and_the_slower_one_is_used(wh
     it.go(60.0)
     found = it.go(25.0, wheel=wheel, gnss=gnss)
     order, after_s = named(found)
-    assert order == [Doubted.EITHER, who] and 3.0 < after_s < 22.0
+    assert order == [RefusedSpeed.EITHER, who] and 3.0 < after_s < 22.0
     open_ones = [
         one.speed_mps
         for one in found
-        if one.doubt is not None and one.doubt.refused is Doubted.EITHER
+        if one.doubt is not None and one.doubt.refused is RefusedSpeed.EITHER
     ][20:]
     slower = min(wheel(1.25), gnss(1.25))
     assert max(open_ones) < slower + 0.3, "too little can be made up for"
@@ -187,7 +189,7 @@ def test_a_receiver_that_is_led_astray_with_speed_and_place_is_no_majority(recei
     it = Machine(receiver)
     it.go(60.0)
     found = it.go(20.0, mps=3.0, wheel=lambda mps: 1.25)
-    assert named(found)[0] == [Doubted.EITHER]
+    assert named(found)[0] == [RefusedSpeed.EITHER]
     doubt = found[-1].doubt
     assert doubt.differed_s - doubt.since_s > SafetyLimits().speeds_differ_s, "held"
     assert found[-1].speed_mps < 1.7
@@ -252,7 +254,7 @@ def test_a_wheel_that_spins_for_seconds_holds_no_work_with_plain_gnss():
         one
         for one in found
         if one.doubt is not None
-        and one.doubt.refused is Doubted.EITHER
+        and one.doubt.refused is RefusedSpeed.EITHER
         and one.doubt.differed_s - one.doubt.since_s >= SafetyLimits().speeds_differ_s
     ]
     assert not held and found[-1].doubt is None

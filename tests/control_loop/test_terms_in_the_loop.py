@@ -12,25 +12,25 @@ from topdress.control.diagnosis import diagnose_run
 from topdress.control.log_row import COLUMNS
 from topdress.control.loop.known_terms import KnownTerms
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.term_sums import TermSums, not_compensated
+from topdress.control.machine.term_sums import TermSums, explain_not_compensated
 from topdress.control.machine.terms import Term, parse_term
 from topdress.control.metering.inverse import (
     Conditions,
-    flow_kg_s,
-    gate_command,
-    opening_for,
-    shaft_command,
-    shaft_for,
+    calc_flow_kg_s,
+    find_gate_command,
+    find_opening_mm,
+    find_shaft_command,
+    find_shaft_rpm,
 )
 from topdress.control.orders import Strategy
 from topdress.control.readings import Measurements, Reading
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import Record, simulated_run
-from topdress.control.simulation.error_metrics import Errors, errors
+from topdress.control.simulation.closed_loop import RunRecord, simulate_run
+from topdress.control.simulation.error_metrics import RunErrors, judge_run
 from topdress.drivers.files.setup import load_setup
 
 SETUP = load_setup("huanghai", "demo", dt.date(2026, 3, 1))
@@ -44,8 +44,10 @@ def with_terms(*terms: Term) -> Machine:
     return SETUP.machine.model_copy(update={"terms": terms})
 
 
-def run(known: Machine, terms: list[Term], seconds: float = 300.0) -> tuple[dict[str, Any], Errors]:
-    job = with_simulated_field(
+def run(
+    known: Machine, terms: list[Term], seconds: float = 300.0
+) -> tuple[dict[str, Any], RunErrors]:
+    job = add_simulated_field(
         SETUP.job.model_copy(
             update={
                 "strategy": Strategy.OPENING_FIRST,
@@ -57,13 +59,15 @@ def run(known: Machine, terms: list[Term], seconds: float = 300.0) -> tuple[dict
         ),
         SETUP.machine,
     )
-    plant = simulated_machine(SETUP.machine, job, 3, 0.05, terms=terms)
-    record, rows = Record(), []
-    for step in simulated_run(plant, control_loop(known, SETUP.crop, SETUP.rule, job), seconds):
-        record.add(step)
+    plant = make_plant(SETUP.machine, job, 3, 0.05, terms=terms)
+    record, rows = RunRecord(), []
+    for step in simulate_run(plant, make_control_loop(known, SETUP.crop, SETUP.rule, job), seconds):
+        record.add_tick(step)
         rows.append(step.tick.row)
     columns = {name: _column([getattr(row, name, None) for row in rows]) for name in COLUMNS}
-    return columns, errors(record.columns(), record.fired, SETUP.machine.geometry.working_width_m)
+    return columns, judge_run(
+        record.make_columns(), record.fired, SETUP.machine.geometry.working_width_m
+    )
 
 
 def _column(values: list[Any]) -> Any:
@@ -99,8 +103,8 @@ def test_a_term_of_the_shaft_is_no_longer_found_either() -> None:
 
 def conditions(machine: Machine, **values: float) -> Conditions:
     sums = TermSums(machine.terms)
-    sums.step(values, 0.0)
-    return Conditions(terms=sums.frozen(values))
+    sums.advance_terms(values, 0.0)
+    return Conditions(terms=sums.freeze_terms(values))
 
 
 @pytest.mark.parametrize(
@@ -117,12 +121,12 @@ def conditions(machine: Machine, **values: float) -> Conditions:
 def test_the_inverse_gives_the_flow_that_was_asked_for(text: str, wanted: float) -> None:
     machine = with_terms(made(text))
     c = conditions(machine, roll_deg=1.5, shaft_rpm=60.0, opening_mm=30.0)
-    assert flow_kg_s(machine, 60.0, opening_for(machine, wanted, 60.0, c), c) == pytest.approx(
-        wanted, rel=1e-4
-    )
-    assert flow_kg_s(machine, shaft_for(machine, wanted, 25.0, c), 25.0, c) == pytest.approx(
-        wanted, rel=1e-4
-    )
+    assert calc_flow_kg_s(
+        machine, 60.0, find_opening_mm(machine, wanted, 60.0, c), c
+    ) == pytest.approx(wanted, rel=1e-4)
+    assert calc_flow_kg_s(
+        machine, find_shaft_rpm(machine, wanted, 25.0, c), 25.0, c
+    ) == pytest.approx(wanted, rel=1e-4)
 
 
 def test_drives_are_told_what_makes_them_go_where_they_should() -> None:
@@ -132,9 +136,9 @@ def test_drives_are_told_what_makes_them_go_where_they_should() -> None:
         made("gate_mm slope opening_mm slope=0.02 at=10"),
     )
     c = conditions(machine, told_rpm=50.0, told_mm=25.0, opening_mm=30.0)
-    told = shaft_command(machine, 50.0, 30.0, c)
+    told = find_shaft_command(machine, 50.0, 30.0, c)
     assert told * (1.0 - 0.1 * 10.0 / 100.0) - 3.0 == pytest.approx(50.0, abs=0.01)
-    told = gate_command(machine, 25.0, c)
+    told = find_gate_command(machine, 25.0, c)
     assert told + 0.02 * (told - 10.0) == pytest.approx(25.0, abs=0.001)
 
 
@@ -149,7 +153,7 @@ def test_drives_are_told_what_makes_them_go_where_they_should() -> None:
     ],
 )
 def test_what_control_cannot_take_back_is_said(text: str, why: str) -> None:
-    said = not_compensated(made(text))
+    said = explain_not_compensated(made(text))
     assert (said == "") if not why else (why in said)
 
 
@@ -158,6 +162,6 @@ def test_a_scale_that_runs_away_is_taken_back_by_its_rate_and_time() -> None:
     known = KnownTerms(with_terms(made("scale_kg_min slope roll_deg slope=0.5")))
     for k in range(901):
         m = Measurements(0.1 * k, roll_deg=Reading(2.0, 0.1 * k))
-        known.step(m, SimpleNamespace(speed_mps=1.0, heading_deg=0.0), 0.1 * k, None, 0.1)
-    weighed = known.weighed(Reading(100.0, 90.0))
+        known.advance_terms(m, SimpleNamespace(speed_mps=1.0, heading_deg=0.0), 0.1 * k, None, 0.1)
+    weighed = known.correct_weighing(Reading(100.0, 90.0))
     assert weighed is not None and weighed.value == pytest.approx(98.5, abs=0.01)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from topdress.console.services.rerun import rerun_loop
 from topdress.control.field.job import Ground, Job
 from topdress.control.field.planned_speed import find_pass_number, find_planned_mps
-from topdress.control.readings import SpeedPlan, announced_of, announced_text
+from topdress.control.readings import SpeedPlan, describe_announcement, parse_announcement
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.replay import measurements
 from topdress.drivers.files.run_log import write_log
@@ -29,7 +29,7 @@ FIELD = Ground(boundary_m=((0, 0), (24, 0), (24, 100), (0, 100)))
     ],
 )
 def test_a_told_speed_comes_back_to_the_last_digit(announced):
-    found = announced_of(announced_text(announced, 10.0), 10.0)
+    found = parse_announcement(describe_announcement(announced, 10.0), 10.0)
     assert (
         found.points == announced.points and found.acceleration_mps2 == announced.acceleration_mps2
     )
@@ -38,7 +38,7 @@ def test_a_told_speed_comes_back_to_the_last_digit(announced):
 
 def test_points_that_say_nothing_new_are_left_out():
     announced = SpeedPlan(0.0, ((0.0, 1.0), (0.1, 1.0), (0.2, 1.5), (0.3, 1.5)), 0.5)
-    assert announced_text(announced, 0.0) == "0.0 0.5 0.0 1.0 0.2 1.5"
+    assert describe_announcement(announced, 0.0) == "0.0 0.5 0.0 1.0 0.2 1.5"
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_points_that_say_nothing_new_are_left_out():
     ],
 )
 def test_what_is_no_told_speed(text):
-    assert announced_of(text, 10.0) is None
+    assert parse_announcement(text, 10.0) is None
 
 
 def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
@@ -142,7 +142,7 @@ def test_the_planned_speed_of_the_pass():
 
 def test_the_loop_is_told_the_speed_of_its_pass():
     closed, asked = Closed(sim={"begin_m": 30.0}, planned_speed_kmh=(4.5, 6.0)), []
-    inner = closed.loop._forecaster.update
-    closed.loop._forecaster.update = lambda *a: (asked.append(a[-1]), inner(*a))[1]
+    inner = closed.loop._forecaster.forecast_speed
+    closed.loop._forecaster.forecast_speed = lambda *a: (asked.append(a[-1]), inner(*a))[1]
     closed.through(10.0)
     assert asked[-1].points == ((0.0, 4.5 / 3.6),)

@@ -15,7 +15,7 @@ from topdress.console.worker.parts import FRAME_FIELDS
 from topdress.console.worker.wire import format_frame
 from topdress.control.field.job import Wanted
 from topdress.control.orders import Do, TargetSource
-from topdress.control.readings import POSSIBLE, Measurements, Reading, possible
+from topdress.control.readings import POSSIBLE_RANGES, Measurements, Reading, drop_impossible
 
 from tests.control_loop.closed import Closed
 
@@ -33,13 +33,13 @@ def work() -> Closed:
     return work
 
 
-@pytest.mark.parametrize("name", POSSIBLE)
+@pytest.mark.parametrize("name", POSSIBLE_RANGES)
 @pytest.mark.parametrize("value", WILD)
 def test_a_reading_that_cannot_be_counts_as_never_received(name: str, value: float) -> None:
     good = Measurements(1.0, **{name: Reading(1.0, 1.0)})
-    assert possible(good) is good
-    assert getattr(possible(good._replace(**{name: Reading(value, 1.0)})), name) is None
-    assert getattr(possible(good._replace(**{name: Reading(1.0, nan)})), name) is None
+    assert drop_impossible(good) is good
+    assert getattr(drop_impossible(good._replace(**{name: Reading(value, 1.0)})), name) is None
+    assert getattr(drop_impossible(good._replace(**{name: Reading(1.0, nan)})), name) is None
 
 
 @pytest.mark.parametrize("value", WILD)
@@ -63,7 +63,7 @@ def test_a_gate_that_is_nowhere_at_the_start_spoils_nothing(value: float) -> Non
     """The loop takes from the first tick where the gate stands."""
     loop = Closed().loop
     for number in range(5):
-        loop.tick(
+        loop.run_tick(
             Measurements(
                 0.05 * number, opening_mm=Reading(value, 0.0), supply_v=Reading(value, 0.0)
             )
@@ -74,9 +74,9 @@ def test_a_gate_that_is_nowhere_at_the_start_spoils_nothing(value: float) -> Non
 def test_with_a_clock_that_stands_nothing_flows_for_long(work: Closed, time_s: float) -> None:
     """Its readings do not grow old then, and the field's edge does not come nearer."""
     m = work.measured()
-    work.loop.tick(m)
+    work.loop.run_tick(m)
     for _ in range(30):
-        newest = work.loop.tick(m._replace(time_s=time_s))
+        newest = work.loop.run_tick(m._replace(time_s=time_s))
     assert newest.command.shaft_rpm == 0.0 and "drive_silent" in newest.why_no_flow
     assert isfinite(newest.row.time_s)
 
@@ -84,8 +84,8 @@ def test_with_a_clock_that_stands_nothing_flows_for_long(work: Closed, time_s: f
 def test_a_first_tick_of_no_time_is_the_beginning() -> None:
     for first in (nan, inf, -inf):
         loop = Closed().loop
-        loop.tick(Measurements(first))
-        assert loop.tick(Measurements(1.0)).row.time_s == 1.0
+        loop.run_tick(Measurements(first))
+        assert loop.run_tick(Measurements(1.0)).row.time_s == 1.0
 
 
 @pytest.mark.parametrize("value", [None, nan, 1e308, 400.0])

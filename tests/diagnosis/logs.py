@@ -16,15 +16,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 from topdress.control.log_row import COMMANDS_HELD
-from topdress.control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
-from topdress.control.machine.elements import stepped
+from topdress.control.machine.compiled import run_flow, run_gate, run_scale, run_shaft, run_speed
+from topdress.control.machine.elements import round_to_step
 from topdress.control.machine.flow import FlowInput, FlowOutput, make_flow_start
 from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
 from topdress.control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, add_effect
 from topdress.control.machine.scale import ScaleInput
 from topdress.control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_shaft_start
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
-from topdress.control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
 
@@ -122,14 +122,14 @@ def wandering(rng: Rng, count: int, kept: float, begins: bool = False) -> Array:
 def gate_answers(machine: Machine, time_s: Array, command_mm: Array) -> Array:
     """True and read opening (rows, 2) of the compiled model."""
     first = float(command_mm[0])
-    return gate_run(
+    return run_gate(
         (machine.gate,),
         make_no_switch(),
         make_gate_start(first),
         GateOutput(first, first),
         make_input_rows(GateInput, len(time_s), command_mm=command_mm),
         time_s,
-        MOST_STEP_S,
+        MAX_MODEL_STEP_S,
     )
 
 
@@ -141,14 +141,14 @@ def shaft_answers(
     rows = make_input_rows(
         ShaftInput, len(time_s), **{"supply_v": machine.shaft.nominal_supply_v, **inputs}
     )
-    return shaft_run(
+    return run_shaft(
         (machine.shaft,),
         make_no_switch(),
         make_shaft_start(first_rpm),
         ShaftOutput(first_rpm, first_rpm),
         rows,
         time_s,
-        MOST_STEP_S,
+        MAX_MODEL_STEP_S,
     )
 
 
@@ -166,16 +166,16 @@ def hopper_answers(
 ) -> tuple[Array, Array]:
     """Mass in the hopper and what its scale reads without noise, by the compiled model."""
     rows = make_input_rows(FlowInput, len(time_s), pitch_deg=pitch_deg, **inputs)
-    left_kg = flow_run(
+    left_kg = run_flow(
         (machine.flow,),
         make_no_switch(),
         make_flow_start(full_kg),
         FlowOutput(0.0, full_kg),
         rows,
         time_s,
-        MOST_STEP_S,
+        MAX_MODEL_STEP_S,
     )[:, 1]
-    return left_kg, scale_run(
+    return left_kg, run_scale(
         machine.scale,
         make_input_rows(
             ScaleInput, len(time_s), hopper_kg=left_kg, time_s=time_s, pitch_deg=pitch_deg
@@ -209,7 +209,7 @@ def whole_run(
     _, scale_kg = hopper_answers(
         machine, time_s, 280.0, pitch_deg, shaft_rpm=turns[:, 0], opening_mm=gate[:, 0]
     )
-    speed = speed_run(
+    speed = run_speed(
         (machine.speed,),
         make_no_switch(),
         make_speed_start(1.3),
@@ -222,7 +222,7 @@ def whole_run(
             pitch_deg=pitch_deg,
         ),
         time_s,
-        MOST_STEP_S,
+        MAX_MODEL_STEP_S,
     )
     keep = np.exp(-STEP_S / sd.scale_correlation_s)
     first_kg = sd.scale_kg * rng.standard_normal()
@@ -263,7 +263,7 @@ def drive_run(machine: Machine, seed: int = 1) -> Columns:
     return {
         "time_s": time_s,
         "shaft_rpm_cmd": command,
-        "shaft_rpm": np.array([stepped(one, machine.shaft.encoder_step_rpm) for one in read]),
+        "shaft_rpm": np.array([round_to_step(one, machine.shaft.encoder_step_rpm) for one in read]),
     }
 
 

@@ -16,7 +16,7 @@ from topdress.control.diagnosis.runs.log import Clean, gate
 from topdress.control.diagnosis.runs.row_order import COMMANDS, in_order
 from topdress.control.diagnosis.runs.stages import run_data
 from topdress.control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from tests.diagnosis.logs import HUANGHAI, Columns, settled, stairs_work, taken
 
@@ -326,7 +326,7 @@ def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:
     )[::20]
     data = run_data(gate(log), HUANGHAI)
     left = hopper_channel(data.hopper, HUANGHAI)
-    off_kg = left.measured - left.predict(schedule(list_stages(HUANGHAI), ()), MOST_STEP_S)
+    off_kg = left.measured - left.predict(schedule(list_stages(HUANGHAI), ()), MAX_MODEL_STEP_S)
     assert np.allclose(data.hopper.read_at, 0.0)
     assert np.std(np.diff(off_kg)) < 0.02, (
         "half a second of a flow of 0.05 to 0.4 kg/s makes 0.04 kg"

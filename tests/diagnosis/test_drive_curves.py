@@ -26,7 +26,7 @@ from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.runs.search import Search
 from topdress.control.machine.machine import Limits
-from topdress.control.machine.shaft import lag_s
+from topdress.control.machine.shaft import calc_time_constant_s
 from topdress.drivers.files.config import load, save
 from topdress.drivers.files.kinds import MACHINE
 from topdress.drivers.files.plain import typed
@@ -88,8 +88,8 @@ def test_freedom_of_form_moves_no_size() -> None:
 
 
 def test_a_drive_may_be_quicker_than_its_data_sheet_and_never_ahead() -> None:
-    assert lag_s(DRIVE.shaft._replace(slow_s=-0.04)) == pytest.approx(0.02)
-    assert lag_s(DRIVE.shaft._replace(slow_s=-1.0)) > 0.0
+    assert calc_time_constant_s(DRIVE.shaft._replace(slow_s=-0.04)) == pytest.approx(0.02)
+    assert calc_time_constant_s(DRIVE.shaft._replace(slow_s=-1.0)) > 0.0
 
 
 def eight_duties(seed: int) -> Columns:

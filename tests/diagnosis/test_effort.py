@@ -16,7 +16,7 @@ from topdress.console.reports.diagnosis_wording import format_verdict_line
 from topdress.control.diagnosis import diagnose_run, extend
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs.effort_reference import fit_effort
-from topdress.control.machine.flow import bridged
+from topdress.control.machine.flow import is_bridged
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
@@ -165,7 +165,9 @@ def test_what_a_loop_hides_is_named_in_closed_loop(
     # its slots come at fixed irregular times: their share while the shaft turns
     if "bridging" in effect:
         size = 100.0 * float(
-            np.mean([bridged(at_s, size) for at_s in columns["time_s"][columns["shaft_rpm"] > 5.0]])
+            np.mean(
+                [is_bridged(at_s, size) for at_s in columns["time_s"][columns["shaft_rpm"] > 5.0]]
+            )
         )
     if scale or "bridging" in effect:
         assert names[effect.split("=")[0]] > 0.95 and cause.size.value == pytest.approx(

@@ -15,7 +15,7 @@ from topdress.control.diagnosis import diagnose_run, extend
 from topdress.control.diagnosis.judgement.checks import by_chance_together
 from topdress.control.diagnosis.runs.quantised import find_reading_step
 from topdress.control.machine.machine import Machine, Noise, Tolerance
-from topdress.control.recordings.values import without_lone
+from topdress.control.recordings.values import blank_outliers
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
 
@@ -483,7 +483,7 @@ def test_lone_cells_lose_their_weight_and_nothing_else_does() -> None:
     spoilt = quiet.copy()
     spoilt[[100, 700, 701, 1500]] = [0.0, 99.0, 98.0, -4000.0]
     findings: list[Any] = []
-    mended = without_lone("supply_v", spoilt, findings)
+    mended = blank_outliers("supply_v", spoilt, findings)
     assert np.flatnonzero(np.isnan(mended)).tolist() == [100, 700, 701, 1500]
     assert [one.id for one in findings] == ["lone"] and findings[0].rows == 4
     # switches, and stays for five rows
@@ -498,7 +498,7 @@ def test_lone_cells_lose_their_weight_and_nothing_else_does() -> None:
         pulses,
         np.round(quiet, 1),
     ):
-        assert np.isnan(without_lone("x", real, [])).mean() < 0.002
+        assert np.isnan(blank_outliers("x", real, [])).mean() < 0.002
 
 
 def test_by_chance_as_often_as_it_says() -> None:

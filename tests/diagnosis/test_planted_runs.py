@@ -19,7 +19,7 @@ from topdress.control.diagnosis.runs.log import gate
 from topdress.control.diagnosis.runs.model import nuisances
 from topdress.control.diagnosis.runs.report import find_separation
 from topdress.control.diagnosis.runs.stages import run_data
-from topdress.control.experiments.manoeuvres import manoeuvres
+from topdress.control.experiments.manoeuvres import list_manoeuvres
 from topdress.control.machine.machine import CATALOGUE, Machine, list_effect_sizes
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
@@ -323,9 +323,9 @@ def test_what_is_not_named_has_a_smallest_size_or_none_at_all() -> None:
     sizes = {n.id: n.smallest_detectable.value for n in of_nothing(1).not_shown}
     assert sizes["flow.pulsation"] is None and sizes["lag.offset"] is None
     assert 0.0 < sizes["shaft.gain"] < 1.0
-    assert set(sizes) == {one for one, entry in CATALOGUE.items() if Machine().has(entry.stage)}, (
-        "no effort"
-    )
+    assert set(sizes) == {
+        one for one, entry in CATALOGUE.items() if Machine().has_stage(entry.stage)
+    }, "no effort"
 
 
 def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell() -> None:
@@ -336,7 +336,7 @@ def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell() -> Non
         "scale.gain",
     }
     assert found.next_run is not None and found.next_run.plan
-    run = next(one for one in manoeuvres(Machine()) if one.id == found.next_run.id)
+    run = next(one for one in list_manoeuvres(Machine()) if one.id == found.next_run.id)
     assert (found.next_run.plan, found.next_run.minutes) == (
         run.plan,
         run.minutes,
@@ -410,7 +410,7 @@ def test_the_gate_s_speed_may_be_off_by_its_share_of_the_nominal_one() -> None:
 
 
 def test_manoeuvres_separate_what_they_are_for() -> None:
-    plans = {m.id: m for m in manoeuvres(Machine())}
+    plans = {m.id: m for m in list_manoeuvres(Machine())}
     gain = EffectInstance("flow.gain", 5.0)
     assert find_separation(plans["openings"], Machine(), gain, "flow.zero_offset") > 3.0
     assert find_separation(plans["standing"], Machine(), gain, "flow.zero_offset") < 1.0
@@ -626,13 +626,13 @@ def test_a_refill_is_a_share_of_the_hopper(name: str, knock_kg: float, refilled:
 
 def test_a_manoeuvre_of_another_machine_is_within_its_ranges_and_separates() -> None:
     spreader = of("spreader")
-    plans = {one.id: one for one in manoeuvres(spreader)}
+    plans = {one.id: one for one in list_manoeuvres(spreader)}
     assert plans["stairs"].plan.startswith(
         "Shaft staircase: 200, 400, 600, 800 r/min for a minute each"
     )
     assert plans["stairs"].steps[:2] == ("200 r/min for 60 s", "400 r/min for 60 s")
     for one in plans.values():
-        columns = one.reads(spreader)
+        columns = one.predict(spreader)
         assert columns["hopper_kg"].min() > 0.5 * spreader.flow.full_kg
         assert columns["opening_mm"].max() <= spreader.limits.opening_high_mm
     assert (

@@ -26,7 +26,7 @@ from topdress.control.diagnosis.runs.search import Search
 from topdress.control.diagnosis.runs.stages import run_data
 from topdress.control.diagnosis.runs.whitened import find_even_gain
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from tests.diagnosis.logs import (
     HUANGHAI,
@@ -686,7 +686,7 @@ def test_a_gap_that_ends_while_the_hopper_is_filled_starts_no_new_level() -> Non
     ).hopper
     assert [end for end, _ in hopper.gaps] == [303] and 303 not in hopper.grid.rows
     channel = hopper_channel(hopper, HUANGHAI)
-    left = channel.measured - channel.predict(schedule(list_stages(HUANGHAI), ()), MOST_STEP_S)
+    left = channel.measured - channel.predict(schedule(list_stages(HUANGHAI), ()), MAX_MODEL_STEP_S)
     before, after = (
         np.median(left[rows]) for rows in (channel.grid.even_s < 290.0, channel.grid.even_s > 330.0)
     )

@@ -18,9 +18,9 @@ from topdress.control.diagnosis.tables.problem import make_problem
 from topdress.control.diagnosis.tables.rows import make_pieces
 from topdress.control.diagnosis.tables.search import search
 from topdress.control.diagnosis.tables.verdict import judged
-from topdress.control.machine.fall import drop_s, find_start_drop_s
+from topdress.control.machine.fall import calc_drop_s, find_start_drop_s
 from topdress.control.machine.machine import CATALOGUE
-from topdress.control.machine.start import response_s
+from topdress.control.machine.start import calc_response_s
 from topdress.drivers.files.bench_table import read_bench_table
 
 from tests.diagnosis.planted import Between, answered_wrongly, check, members
@@ -93,9 +93,9 @@ def settings_off_at_random(rng: Rng) -> BenchTable:
 RPM = np.tile([30.0, 40.0, 50.0, 60.0, 70.0], 8)
 BEFORE = np.repeat([20.0, 25.0], 20)
 DEAD_S = MACHINE.shaft.dead_time_s
-RUNNING_S = DEAD_S + np.array([drop_s(MACHINE.fall, n) for n in RPM.tolist()])
+RUNNING_S = DEAD_S + np.array([calc_drop_s(MACHINE.fall, n) for n in RPM.tolist()])
 START_S = np.array(
-    [response_s(MACHINE, n) + find_start_drop_s(MACHINE.fall, n) for n in RPM.tolist()]
+    [calc_response_s(MACHINE, n) + find_start_drop_s(MACHINE.fall, n) for n in RPM.tolist()]
 )
 STANDS = np.arange(len(RPM)) % 2 == 0
 ASKED_FROM = np.where(STANDS, 5.0, 90.0)
@@ -775,7 +775,7 @@ def test_the_line_of_starts_leaves_a_running_shaft_out() -> None:
 def test_a_file_may_carry_the_speed_before(tmp_path: Any) -> None:
     path = tmp_path / "lags.csv"
     path.write_text("before_rpm,shaft_rpm,lag_s\n20,50,1.8\n,50,1.85\n0,60,1.7\n")
-    assert read_bench_table(path).running().tolist() == [True, False, False]
+    assert read_bench_table(path).find_running_rows().tolist() == [True, False, False]
     path.write_text("before_rpm,shaft_rpm,lag_s\n20,50,1.8\n-3,50,1.85\n")
     with pytest.raises(ValueError, match="column before_rpm: -3: allowed 0 to 1000"):
         read_bench_table(path)

@@ -18,13 +18,13 @@ from topdress.control.diagnosis.runs.diagnose import series_of_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
 from topdress.control.diagnosis.runs.model import GROUPS, GroupModel
 from topdress.control.diagnosis.runs.stages import run_data
-from topdress.control.machine.compiled import term_run
-from topdress.control.machine.form import ANGLES, FORMS, Scaled, TriedForm, scaled
-from topdress.control.machine.forms import Lost, ProductForm
-from topdress.control.machine.machine import CATALOGUE, Machine, bounds, unit_of
-from topdress.control.machine.shaft import LEAST_LAG_S
-from topdress.control.machine.stage_runner import MOST_STEP_S
-from topdress.control.machine.term_sums import over_log
+from topdress.control.machine.compiled import run_term
+from topdress.control.machine.form import ANGLES, FORMS, ScaledVariable, TriedForm, scale_variable
+from topdress.control.machine.forms import LostConstantForm, ProductForm
+from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, find_size_bounds
+from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
+from topdress.control.machine.term_sums import sum_over_log
 from topdress.control.machine.terms import Term
 from topdress.drivers.files.config import load, save
 from topdress.drivers.files.kinds import MACHINE
@@ -99,7 +99,7 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
     name: str, seen: Any, tmp_path: Path
 ) -> None:
     clean, data = seen
-    low, high = bounds(name, BOTH_WAYS)
+    low, high = find_size_bounds(name, BOTH_WAYS)
     member = 2 if CATALOGUE[name].effect.member_field else None
     every = channels(data, BOTH_WAYS)
     # a gain of -210 %: the other way round
@@ -107,7 +107,7 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
         part = EffectInstance(name, float(size), member=member)
         cause = Cause(
             name,
-            Size(part.size, None, None, unit_of(name, BOTH_WAYS)),
+            Size(part.size, None, None, describe_unit(name, BOTH_WAYS)),
             None,
             1.0,
             (),
@@ -125,18 +125,18 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
         )
         for channel, predicted in fit.items():
             own = every[channel]._replace(predict=again[channel].predict)
-            of_file = own.predict(schedule(list_stages(file), ()), MOST_STEP_S)
+            of_file = own.predict(schedule(list_stages(file), ()), MAX_MODEL_STEP_S)
             assert np.abs(of_file - predicted).max() < 1e-9 * max(1.0, np.abs(predicted).max()), (
                 channel
             )
 
 
-def variable(name: str, log_of: dict[str, Array]) -> Scaled:
+def variable(name: str, log_of: dict[str, Array]) -> ScaledVariable:
     work = np.ones(ROWS_OF_LOG, bool)
-    return scaled(name, log_of[name], work, log_of["time_s"], term_run)
+    return scale_variable(name, log_of[name], work, log_of["time_s"], run_term)
 
 
-def forms() -> list[tuple[TriedForm, dict[str, Scaled]]]:
+def forms() -> list[tuple[TriedForm, dict[str, ScaledVariable]]]:
     log_of = log()
     by = {
         name: variable(name, log_of) for name in ("supply_v", "roll_deg", "time_s", "heading_deg")
@@ -145,15 +145,21 @@ def forms() -> list[tuple[TriedForm, dict[str, Scaled]]]:
         "shaft_angle_deg", {**log_of, "shaft_angle_deg": 90.0 * log_of["time_s"]}
     )
     found = [
-        (one, by) for kind in FORMS.values() for name in by for one in kind.tried(by[name])[::7]
+        (one, by)
+        for kind in FORMS.values()
+        for name in by
+        for one in kind.list_candidates(by[name])[::7]
     ]
-    found += [(one, by) for one in ProductForm.tried_with(by["supply_v"], by["roll_deg"])]
-    found += [(one, by) for one in ProductForm.tried_with(by["supply_v"], by["roll_deg"], alone=1)]
+    found += [(one, by) for one in ProductForm.list_pair_candidates(by["supply_v"], by["roll_deg"])]
+    found += [
+        (one, by)
+        for one in ProductForm.list_pair_candidates(by["supply_v"], by["roll_deg"], alone=1)
+    ]
     command = log_of["shaft_rpm_cmd"]
-    told = Scaled(
-        "shaft_rpm", command, 0.0, 1.0, -np.inf, np.inf, command > 0.1, log_of["time_s"], term_run
+    told = ScaledVariable(
+        "shaft_rpm", command, 0.0, 1.0, -np.inf, np.inf, command > 0.1, log_of["time_s"], run_term
     )
-    return [*found, *((one, {"shaft_rpm": told}) for one in Lost.tried(told))]
+    return [*found, *((one, {"shaft_rpm": told}) for one in LostConstantForm.list_candidates(told))]
 
 
 def test_no_time_in_the_file_falls_below_nothing(tmp_path: Path) -> None:
@@ -166,7 +172,7 @@ def test_no_time_in_the_file_falls_below_nothing(tmp_path: Path) -> None:
     )
     shaft = written(quick, diagnosis(causes=causes), tmp_path).shaft
     assert shaft.dead_time_s + shaft.extra_dead_time_s == 0.0
-    assert shaft.time_constant_s + shaft.slow_s == pytest.approx(LEAST_LAG_S)
+    assert shaft.time_constant_s + shaft.slow_s == pytest.approx(MIN_TIME_CONSTANT_S)
 
 
 @pytest.mark.parametrize("level", [0.0, 1.7])
@@ -177,8 +183,8 @@ def test_a_term_in_the_file_is_the_form_of_the_fit(level: float, tmp_path: Path)
     for k, (form, by) in enumerate(tried):
         a = rng.uniform(0.3, 1.0, len(form.columns)) * rng.choice([-1.0, 1.0], len(form.columns))
         of = level if form.kind.has_level else 0.0
-        said = form.written(a.tolist(), of, by)
-        acts = "shaft_rpm" if form.kind is Lost else "shaft_percent"
+        said = form.write_form(a.tolist(), of, by)
+        acts = "shaft_rpm" if form.kind is LostConstantForm else "shaft_percent"
         terms.append(
             Term.model_validate(
                 {
@@ -188,17 +194,17 @@ def test_a_term_in_the_file_is_the_form_of_the_fit(level: float, tmp_path: Path)
                     "nodes": said.nodes,
                     "values": said.values,
                     "coefficients": said.coefficients,
-                    "over": [{"name": v, "valid": by[v].valid} for v in form.over],
+                    "over": [{"name": v, "valid": by[v].valid_range} for v in form.over],
                 }
             )
         )
-        fits.append(a @ form.rows(by) + of)
+        fits.append(a @ form.calc_rows(by) + of)
     found = tuple(
         TermFound(one.model_dump(mode="json"), "shaft", one.unit, 0.5, 0.0, 9.0, 0.5)
         for one in terms
     )
     span = [k for k, one in enumerate(terms) if FORMS[one.form].one_run]
-    angle = [k for k, one in enumerate(terms) if set(one.variables) & set(ANGLES)]
+    angle = [k for k, one in enumerate(terms) if set(one.variable_names) & set(ANGLES)]
     values = {
         **log(),
         "shaft_angle_deg": 90.0 * log()["time_s"],
@@ -208,7 +214,7 @@ def test_a_term_in_the_file_is_the_form_of_the_fit(level: float, tmp_path: Path)
     file = written(BOTH_WAYS, diagnosis(terms=tuple(found[k] for k in kept)), tmp_path)
     read = dict(zip(kept, file.terms, strict=True))
     for k, fit in enumerate(fits):
-        of_file = over_log([read.get(k, terms[k])], values, values["time_s"], term_run)[
+        of_file = sum_over_log([read.get(k, terms[k])], values, values["time_s"], run_term)[
             terms[k].acts_on.value
         ]
         assert np.abs(of_file - fit).max() < 1e-9 * max(1.0, np.abs(fit).max()), terms[k]

@@ -13,15 +13,15 @@ from topdress.console.cli import app
 from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
-from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.fault_injection import PlantedEffect
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.control.orders import Strategy
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.closed_loop import simulate_run
 from topdress.drivers.files.setup import Setup, load_setup
 from typer.testing import CliRunner
 
@@ -38,12 +38,12 @@ def logged(
     setup: Setup, machine: Machine, strategy: Strategy, seconds: float, seed: int
 ) -> dict[str, Any]:
     """Columns of the log of a simulated run, as the console writes them."""
-    job = with_simulated_field(setup.job.model_copy(update={"strategy": strategy}), machine)
-    plant = simulated_machine(machine, job, seed, 0.05)
+    job = add_simulated_field(setup.job.model_copy(update={"strategy": strategy}), machine)
+    plant = make_plant(machine, job, seed, 0.05)
     rows = [
         step.tick.row
-        for step in simulated_run(
-            plant, control_loop(machine, setup.crop, setup.rule, job), seconds
+        for step in simulate_run(
+            plant, make_control_loop(machine, setup.crop, setup.rule, job), seconds
         )
     ]
     columns: dict[str, Any] = {}
@@ -73,7 +73,7 @@ def test_a_speed_sensors_own_noise_is_no_finding(setup: Setup, strategy: Strateg
 
 @pytest.mark.exam
 def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup) -> None:
-    effects = (Planted("flow.fill_falloff", 12.0), Planted("shaft.voltage_sag", 3.0))
+    effects = (PlantedEffect("flow.fill_falloff", 12.0), PlantedEffect("shaft.voltage_sag", 3.0))
     known = setup.machine
     for effect in effects:
         known = add_effect(known, effect.id, effect.size)
@@ -107,7 +107,7 @@ def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> N
 
 @pytest.mark.exam
 def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: Setup) -> None:
-    shifted = (Planted("gate.offset", 1.5),)
+    shifted = (PlantedEffect("gate.offset", 1.5),)
     known = add_effect(setup.machine, "gate.offset", 1.5)
     job = setup.job.model_copy(update={"strategy": Strategy.OPENING_FIRST, "flow_trim": False})
     gain = closed_loop_gain(

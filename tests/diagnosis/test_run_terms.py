@@ -16,9 +16,9 @@ from topdress.console.reports.term_words import describe_compensation, describe_
 from topdress.control.diagnosis import diagnose_run, extend
 from topdress.control.diagnosis.extend import adoptable_terms, term_not_adoptable
 from topdress.control.diagnosis.result import Diagnosis, TermFound
-from topdress.control.machine.compiled import term_run
+from topdress.control.machine.compiled import run_term
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.term_sums import commanded_over_log, over_log
+from topdress.control.machine.term_sums import average_commands_over_log, sum_over_log
 from topdress.control.machine.terms import Term, parse_term
 
 from tests.diagnosis.logs import Columns, shaft_answers, wandering
@@ -50,9 +50,12 @@ def shaft_log(
         "engine_torque_nm": 300.0 + 40.0 * slow(rng, 12.0),
     }
     columns["engine_torque_nm"] = columns["engine_torque_nm"] + along * columns["roll_deg"]
-    values = {**columns, "told_rpm": commanded_over_log(command, time_s, machine.shaft.dead_time_s)}
+    values = {
+        **columns,
+        "told_rpm": average_commands_over_log(command, time_s, machine.shaft.dead_time_s),
+    }
     terms = [parse_term(text, Term.model_validate) for text in texts]
-    more = over_log(terms, values, time_s, term_run)
+    more = sum_over_log(terms, values, time_s, run_term)
     out = shaft_answers(
         machine,
         time_s,
@@ -143,7 +146,7 @@ def test_terms_that_are_alike_are_told_with_the_sizes_that_they_have_together() 
     assert len(found.terms) == 2
     values = {**columns, "told_rpm": columns["shaft_rpm_cmd"]}
     true, told = (
-        over_log(terms, values, columns["time_s"], term_run)["shaft_percent"]
+        sum_over_log(terms, values, columns["time_s"], run_term)["shaft_percent"]
         for terms in (
             [parse_term(text, Term.model_validate) for text in texts],
             [
@@ -213,7 +216,7 @@ def test_the_level_of_a_term_is_that_of_the_machine_tolerance_and_all() -> None:
     true = parse_term(text, Term.model_validate)
     roll = np.linspace(-2.0, 3.0, 50)
     one, other = (
-        over_log([term], {"roll_deg": roll}, np.arange(50.0), term_run)["shaft_percent"]
+        sum_over_log([term], {"roll_deg": roll}, np.arange(50.0), run_term)["shaft_percent"]
         for term in (told, true)
     )
     assert np.mean(one - other) == pytest.approx(by, rel=0.2)
@@ -230,12 +233,12 @@ def test_a_term_and_what_is_named_with_it_add_up_to_what_the_shaft_does(seed: in
     found = diagnose_run(columns, NOMINAL)
     adopted, told_rpm = extend(NOMINAL, found), columns["shaft_rpm_cmd"]
     values = {**columns, "told_rpm": told_rpm}
-    acts = over_log(adopted.terms, values, columns["time_s"], term_run)
+    acts = sum_over_log(adopted.terms, values, columns["time_s"], run_term)
     percent = (
         acts.get("shaft_percent", 0.0) + adopted.shaft.gain_percent - NOMINAL.shaft.gain_percent
     )
     rpm = percent * told_rpm / 100.0 + acts.get("shaft_rpm", 0.0)
-    hidden = over_log([true], values, columns["time_s"], term_run)["shaft_rpm"]
+    hidden = sum_over_log([true], values, columns["time_s"], run_term)["shaft_rpm"]
     assert np.sqrt(np.mean((rpm - hidden) ** 2)) < 0.35 * np.std(hidden)
 
 

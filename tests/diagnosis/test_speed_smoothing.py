@@ -12,7 +12,7 @@ from topdress.control.diagnosis.runs.channels import channels
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
 from topdress.control.diagnosis.runs.log import gate
 from topdress.control.diagnosis.runs.stages import run_data
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
 
@@ -52,7 +52,8 @@ def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
         parts = (EffectInstance(SPEED_GNSS_LATENCY.id, size),)
         return float(
             np.var(
-                speed.measured - speed.predict(schedule(list_stages(machine), parts), MOST_STEP_S)
+                speed.measured
+                - speed.predict(schedule(list_stages(machine), parts), MAX_MODEL_STEP_S)
             )
         )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.control.diagnosis.tables import diagnose_tables
-from topdress.control.machine.fall import drop_s
+from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.imports.trouble import TableError
@@ -57,7 +57,7 @@ def test_what_stands_for_a_missing_value_is_none(tmp_path: Path) -> None:
 def test_speed_in_kmh_is_understood(tmp_path: Path) -> None:
     speed = read_bench_table(
         written(tmp_path, "shaft_rpm,speed_kmh,lag_m\n10,3.6,3.1\n20,7.2,5.9\n")
-    ).speed_mps()
+    ).find_speed_mps()
     assert speed is not None
     assert speed.tolist() == pytest.approx([1.0, 2.0])
 
@@ -131,7 +131,7 @@ def rig_table(path, machine, late_s=0.0, seed=3):
                 t += step
                 if rpm >= 2.0:
                     begun = t if begun is None else begun
-                    way += step / drop_s(machine.fall, rpm)
+                    way += step / calc_drop_s(machine.fall, rpm)
             heard = t - begun
             response = machine.shaft.dead_time_s + begun
             lines.append(

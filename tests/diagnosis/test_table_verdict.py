@@ -10,7 +10,7 @@ from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.tables import diagnose
 from topdress.control.diagnosis.tables.report import field_cost
 from topdress.control.diagnosis.tables.table_series import SizedEffect, TableCandidate
-from topdress.control.experiments.bench_tests import bench_tests
+from topdress.control.experiments.bench_tests import list_bench_tests
 from topdress.control.machine.machine import Machine
 
 from tests.diagnosis.tables import MACHINE, diagnosed, labelled_lags
@@ -19,7 +19,7 @@ from tests.diagnosis.tables import MACHINE, diagnosed, labelled_lags
 def test_the_next_run_has_its_tests_and_minutes() -> None:
     found = diagnosed(labelled_lags(0.3)).next_run
     assert found is not None
-    tests = [one for one in bench_tests(Machine()) if one.id in found.id.split("+")]
+    tests = [one for one in list_bench_tests(Machine()) if one.id in found.id.split("+")]
     assert found.steps and set(found.steps) == {one.plan for one in tests}
     assert found.minutes == sum(one.minutes for one in tests)
     assert all(step in found.plan for step in found.steps)
@@ -34,7 +34,7 @@ def test_the_next_run_has_its_tests_and_minutes() -> None:
 
 
 def test_every_experiment_has_an_id_of_its_own() -> None:
-    ids = [one.id for one in bench_tests(Machine())]
+    ids = [one.id for one in list_bench_tests(Machine())]
     assert len(set(ids)) == len(ids) and not any("+" in one for one in ids)
 
 
@@ -51,7 +51,7 @@ def test_bench_tests_are_at_settings_of_the_machines_own_ranges() -> None:
     )
     steps = {
         one.id: (one.plan, other.plan)
-        for one, other in zip(bench_tests(nominal), bench_tests(large), strict=True)
+        for one, other in zip(list_bench_tests(nominal), list_bench_tests(large), strict=True)
     }
     assert "5 starts each at 10, 40 and 70 r/min" in steps["response_test"][0]
     assert "5 starts each at 150, 400 and 700 r/min" in steps["response_test"][1]

@@ -71,7 +71,7 @@ class FakePlant:
         self.way_m = 0.0
         self.commands: list[tuple[DriveCommand, bool]] = []
 
-    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
+    def advance_plant(self, command: DriveCommand, enabled: bool) -> SensorReadings:
         self.steps += 1
         self.way_m += self.speed_mps * self.dt_s
         self.commands.append((command, enabled))

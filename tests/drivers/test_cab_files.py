@@ -12,17 +12,17 @@ from pydantic import ValidationError
 from topdress.control.orders import Do, Order, Strategy
 from topdress.control.readings import DriveCommand, Measurements, Reading
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.simulation.closed_loop import RunRecord, simulate_run
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.files.config import ConfigError, load, load_any, schema, shipped
 from topdress.drivers.files.kinds import CAB, KINDS
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.ports import memory_pair
-from topdress.drivers.virtual.machine import virtual_cab
+from topdress.drivers.ports import make_memory_pair
+from topdress.drivers.virtual.machine import make_virtual_cab
 
 from tests.command import topdress
 
@@ -73,7 +73,7 @@ def test_what_is_wrong_is_said_with_file_key_and_line(tmp_path, text, said):
 @pytest.fixture
 def switched(clock):
     def make(fitted: bool):
-        host, device = memory_pair("board", clock)
+        host, device = make_memory_pair("board", clock)
         return Cab(
             CabConfig.model_validate({"board": {"port": "b", "work_switch": fitted}}),
             clock,
@@ -123,9 +123,9 @@ def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
     parts.bench.close_devices()
     parts.writer.close()
     for now_s, do in ((0.0, Do.READY), (0.05, Do.START)):
-        parts.loop.tick(Measurements(now_s))
-        assert parts.loop.order(Order(do)).accepted
-    assert ("work_switch_up" in parts.loop.tick(Measurements(0.1)).why_no_flow) is fitted
+        parts.loop.run_tick(Measurements(now_s))
+        assert parts.loop.handle_order(Order(do)).accepted
+    assert ("work_switch_up" in parts.loop.run_tick(Measurements(0.1)).why_no_flow) is fitted
 
 
 @pytest.mark.parametrize("strategy", list(Strategy))
@@ -133,13 +133,13 @@ def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strat
     from topdress.console.worker.assemble import fix_gate_opening
 
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
-    job = with_simulated_field(setup.job.model_copy(update={"strategy": strategy}), setup.machine)
+    job = add_simulated_field(setup.job.model_copy(update={"strategy": strategy}), setup.machine)
     machine = fix_gate_opening(setup.machine, 30.0)
-    plant = simulated_machine(machine, job, 3, 0.05)
-    loop = control_loop(machine, setup.crop, setup.rule, job)
-    record, openings, errors = Record(), set(), []
-    for step in simulated_run(plant, loop, 30.0):
-        record.add(step)
+    plant = make_plant(machine, job, 3, 0.05)
+    loop = make_control_loop(machine, setup.crop, setup.rule, job)
+    record, openings, errors = RunRecord(), set(), []
+    for step in simulate_run(plant, loop, 30.0):
+        record.add_tick(step)
         row = step.tick.row
         if row.state == "working":
             openings.add(row.opening_mm_cmd)
@@ -196,20 +196,20 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
 
     setup = load_setup("huanghai_sections", "demo", dt.date(2026, 4, 1))
     target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
-    job = with_simulated_field(setup.job.model_copy(update={"target": target}), setup.machine)
+    job = add_simulated_field(setup.job.model_copy(update={"target": target}), setup.machine)
     truths, now = [], [0.0]
-    plant = simulated_machine(setup.machine, job, 3, 0.05, keep=truths.append)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-    cab, machine = virtual_cab(plant, lambda: now[0])
+    plant = make_plant(setup.machine, job, 3, 0.05, keep=truths.append)
+    loop = make_control_loop(setup.machine, setup.crop, setup.rule, job)
+    cab, machine = make_virtual_cab(plant, lambda: now[0])
     orders = {1.0: Order(Do.READY), 8.0: Order(Do.START), 25.0: Order(Do.SECTION, "2 off")}
     for k in range(800):
         now[0] = round(0.05 * k, 3)
-        machine.advance(now[0])
+        machine.advance_to(now[0])
         if now[0] in orders:
-            loop.order(orders[now[0]])
+            loop.handle_order(orders[now[0]])
         if now[0] < 35.0:
-            tick = loop.tick(cab.read_measurements(now[0]))
-            cab.send_command(now[0], tick.command, tick.enabled)
+            tick = loop.run_tick(cab.read_measurements(now[0]))
+            cab.send_command(now[0], tick.command, tick.is_enabled)
 
     def passed(low_s, high_s):
         return [
@@ -254,7 +254,7 @@ CONFIG = {
 @pytest.fixture
 def plugged(clock):
     """A cab, and the device ends of its lines by port name."""
-    pairs = {name: memory_pair(name, clock) for name in ("gnss", "board", "h1", "h2")}
+    pairs = {name: make_memory_pair(name, clock) for name in ("gnss", "board", "h1", "h2")}
     bauds = {}
 
     def opener(url, baud, _clock):
@@ -368,13 +368,13 @@ def test_a_tick_costs_less_than_two_hundred_microseconds(clock, fake_plant):
     """Twenty milliseconds a tick, six heads, GNSS at 5 Hz: the median of the cheapest of three
     runs."""
     fake_plant.dt_s = 0.02
-    cab, machine = virtual_cab(fake_plant, clock)
+    cab, machine = make_virtual_cab(fake_plant, clock)
     best = 1.0
     for _ in range(3):
         took = []
         for _ in range(200):
             clock.now_s += 0.02
-            machine.advance(clock.now_s)
+            machine.advance_to(clock.now_s)
             begin = time.perf_counter()
             cab.read_measurements(clock.now_s)
             took.append(time.perf_counter() - begin)
@@ -424,7 +424,7 @@ def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(
     m = cab.read_measurements(100.0)
     assert m.ndvi == (None, Reading(0.65, 100.0)) and m.put_aside == ("board",)
     assert (
-        cab.find_device_line("board").status(100.0).last_error
+        cab.find_device_line("board").make_status(100.0).last_error
         == "put aside: ZeroDivisionError: division by zero"
     )
     monkeypatch.undo()
@@ -432,8 +432,8 @@ def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(
     assert cab.read_measurements(100.05).shaft_rpm is None
     cab.send_command(100.05, None, False)
     assert lines["board"].read() == board_line("T1,0,0.000,0.000,0")
-    cab.find_device_line("board").plug(False)
-    cab.find_device_line("board").plug(True)
+    cab.find_device_line("board").set_plugged(False)
+    cab.find_device_line("board").set_plugged(True)
     lines["board"].write(good)
     m = cab.read_measurements(100.1)
     assert m.shaft_rpm == Reading(60.0, 100.1) and m.put_aside == ()
@@ -442,8 +442,8 @@ def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(
 def test_who_listens_in_and_raises_is_left_out(plugged):
     cab, lines = plugged
     heard = []
-    cab.find_device_line("head_1").listen_in(lambda *_: 1 / 0)
-    cab.find_device_line("head_1").listen_in(lambda *said: heard.append(said))
+    cab.find_device_line("head_1").add_tap(lambda *_: 1 / 0)
+    cab.find_device_line("head_1").add_tap(lambda *said: heard.append(said))
     for _ in range(2):
         lines["h1"].write(b"0.2,0.45,1,2,3\r\n")
         assert cab.read_measurements(100.0).put_aside == ()

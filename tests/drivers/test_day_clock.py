@@ -26,7 +26,7 @@ def raises() -> float:
 
 @pytest.fixture
 def clock_is(monkeypatch):
-    return lambda asked: monkeypatch.setattr(day_clock, "_epoch_s", asked)
+    return lambda asked: monkeypatch.setattr(day_clock, "_read_epoch_s", asked)
 
 
 @pytest.mark.parametrize(
@@ -36,17 +36,26 @@ def clock_is(monkeypatch):
 )
 def test_what_no_date_can_be_made_of_is_a_clock_that_is_not_set(clock_is, asked):
     clock_is(asked)
-    assert day_clock.utc_now() == day_clock.UNKNOWN and day_clock.today() == dt.date(1970, 1, 1)
-    assert day_clock.local_now().year == 1970 and day_clock.utc_now().tzinfo is dt.UTC
+    assert day_clock.read_utc_now() == day_clock.UNKNOWN_DATE and day_clock.read_today() == dt.date(
+        1970, 1, 1
+    )
+    assert day_clock.read_local_now().year == 1970 and day_clock.read_utc_now().tzinfo is dt.UTC
 
 
 def test_what_can_be_said_is_said(clock_is):
     for epoch_s, year in ((-1.2e9, 1931), (1.79e9, 2026), (YEAR_7000_S, 7000)):
         clock_is(lambda epoch_s=epoch_s: epoch_s)
-        assert day_clock.utc_now().year == day_clock.today().year == year and day_clock.is_set()
-    assert day_clock.said_of_file(1.79e9).startswith("2026-") and day_clock.said_of_file(1e15) == ""
+        assert (
+            day_clock.read_utc_now().year == day_clock.read_today().year == year
+            and day_clock.is_clock_set()
+        )
     assert (
-        day_clock.moment(YEAR_7000_S).year == 7000 and day_clock.moment(1e15) == day_clock.UNKNOWN
+        day_clock.format_file_time(1.79e9).startswith("2026-")
+        and day_clock.format_file_time(1e15) == ""
+    )
+    assert (
+        day_clock.convert_to_utc(YEAR_7000_S).year == 7000
+        and day_clock.convert_to_utc(1e15) == day_clock.UNKNOWN_DATE
     )
 
 
@@ -78,7 +87,7 @@ def test_nobody_else_asks_the_clock():
             "import topdress.console.app.app, topdress.console.serve.server; "
             "import topdress.console.worker.assemble; from "
             "drivers import day_clock; "
-            "print(day_clock.utc_now())",
+            "print(day_clock.read_utc_now())",
         ],
     ],
     ids=["simulate", "console and worker"],

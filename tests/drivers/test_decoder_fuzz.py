@@ -10,25 +10,35 @@ import random
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from topdress.control.readings import FASTEST_ANNOUNCED_MPS, GnssFix, SpeedPlan
-from topdress.drivers.board.framing import seal
+from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix, SpeedPlan
+from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
 from topdress.drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder
-from topdress.drivers.devices.capture import captured, header, is_capture, received
-from topdress.drivers.devices.decode import PROTOCOLS, decode
+from topdress.drivers.devices.capture import (
+    extract_received,
+    is_capture,
+    make_capture_header,
+    make_capture_lines,
+)
+from topdress.drivers.devices.decode import PROTOCOLS, decode_capture
 from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.devices.probe import probe, recognise, recognise_either, recognise_modules
-from topdress.drivers.devices.rate_line import MOST_KG_HA, target_sentence
+from topdress.drivers.devices.probe import (
+    probe_port,
+    recognise_either,
+    recognise_modules,
+    recognise_protocol,
+)
+from topdress.drivers.devices.rate_line import MAX_RATE_KG_HA, make_target_sentence
 from topdress.drivers.devices.rate_module_frames import Status
 from topdress.drivers.devices.rate_module_frames import encode_status as encode_module
 from topdress.drivers.devices.slave_board import SlaveBoard
-from topdress.drivers.devices.tractor_speed import sentence
-from topdress.drivers.ports import memory_pair
+from topdress.drivers.devices.tractor_speed import make_sentence
+from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
-from topdress.drivers.virtual.extras import agopengps_frames
-from topdress.drivers.virtual.faults import at_wrong_baud
-from topdress.drivers.virtual.machine import gnss_sentences, head_line
+from topdress.drivers.virtual.extras import make_agopengps_frames
+from topdress.drivers.virtual.faults import read_at_wrong_baud
+from topdress.drivers.virtual.machine import make_gnss_sentences, make_head_line
 
 from tests.command import topdress
 
@@ -43,10 +53,10 @@ RANGES = {
     "heading_deg": (0, 360),
     "wheel_speed_mps": (0, 30),
     "work_switch": (0, 1),
-    "target_rate_kg_ha": (0, MOST_KG_HA),
-    "applied_rate_kg_ha": (0, MOST_KG_HA),
+    "target_rate_kg_ha": (0, MAX_RATE_KG_HA),
+    "applied_rate_kg_ha": (0, MAX_RATE_KG_HA),
     "acceleration_mps2": (0, 10),
-    "speed_mps_in": (-FASTEST_ANNOUNCED_MPS, FASTEST_ANNOUNCED_MPS),
+    "speed_mps_in": (-MAX_ANNOUNCED_MPS, MAX_ANNOUNCED_MPS),
     **{f"ndvi_{head}": (-1, 1) for head in range(1, 7)},
     **STATUS_RANGES,
 }
@@ -55,14 +65,16 @@ RANGES = {
 def clean(protocol: str) -> bytes:
     if protocol == "gnss":
         return b"".join(
-            gnss_sentences(GnssFix(tick / 5, 34.28, 119.88 + tick * 1e-6, 4, 14, 0.8, 1.25, 12.0))
+            make_gnss_sentences(
+                GnssFix(tick / 5, 34.28, 119.88 + tick * 1e-6, 4, 14, 0.8, 1.25, 12.0)
+            )
             for tick in range(40)
         )
     if protocol == "agopengps":
         return b"".join(
             frame
             for tick in range(40)
-            for frame in agopengps_frames(
+            for frame in make_agopengps_frames(
                 GnssFix(tick / 5, 34.28, 119.88 + tick * 1e-6, 1, speed_mps=1.25, heading_deg=12.0)
             )
         )
@@ -86,7 +98,7 @@ def clean(protocol: str) -> bytes:
         )
     if protocol == "board":
         return b"".join(
-            seal(
+            seal_frame(
                 f"S1,{tick},{tick},{tick * 50_000},{tick // 3},{tick * 50_000},60.000,"
                 "25.000,250.000,"
                 "13.500,1.000,0.000,1,1"
@@ -95,14 +107,16 @@ def clean(protocol: str) -> bytes:
         )
     if protocol == "tractor":
         return b"".join(
-            sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5))
+            make_sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5))
             for tick in range(40)
         )
     if protocol == "rate_line":
-        return b"".join(target_sentence(100.0 + tick) for tick in range(40))
+        return b"".join(make_target_sentence(100.0 + tick) for tick in range(40))
     name, _, multiplexed = protocol.partition("-")
     return b"".join(
-        head_line(0.3 + 0.01 * tick, HEAD_PROTOCOLS[name], tick % 6 + 1 if multiplexed else None)
+        make_head_line(
+            0.3 + 0.01 * tick, HEAD_PROTOCOLS[name], tick % 6 + 1 if multiplexed else None
+        )
         for tick in range(40)
     )
 
@@ -130,7 +144,7 @@ def spoilt(draw, protocol: str) -> bytes:
 
 @pytest.mark.parametrize("protocol", sorted(PROTOCOLS))
 def test_a_clean_stream_is_accepted_whole(protocol):
-    records, counts = decode(protocol, clean(protocol))
+    records, counts = decode_capture(protocol, clean(protocol))
     assert not counts.rejected and not counts.ignored
     assert len(records) == 40
 
@@ -142,7 +156,7 @@ def test_spoilt_streams(protocol, data):
     stream = data.draw(spoilt(protocol))
     # noise that begins as a capture is refused as a broken one
     assume(not is_capture(stream))
-    records, counts = decode(protocol, stream)
+    records, counts = decode_capture(protocol, stream)
     assert counts.read == counts.accepted + counts.rejected_total + sum(counts.ignored.values())
     for record in records:
         for name, value in record.items():
@@ -154,20 +168,20 @@ def test_spoilt_streams(protocol, data):
 @SHORT
 @given(data=st.data())
 def test_a_spoilt_board_line_says_nothing_that_was_not_sent(data):
-    for record in decode("board", data.draw(spoilt("board")))[0]:
+    for record in decode_capture("board", data.draw(spoilt("board")))[0]:
         assert (record["shaft_rpm"], record["hopper_kg"], record["roll_deg"]) == (60.0, 250.0, 0.0)
 
 
 def test_no_single_bit_of_an_epoch_can_move_the_fix():
     """All 1,500 of them. (Two flips can cancel in NMEA's checksum: more is not to be had from
     it.)"""
-    epoch = gnss_sentences(GnssFix(0.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.0))
-    (true,) = decode("gnss", epoch)[0]
+    epoch = make_gnss_sentences(GnssFix(0.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.0))
+    (true,) = decode_capture("gnss", epoch)[0]
     for place in range(len(epoch)):
         for bit in range(8):
             flipped = bytearray(epoch)
             flipped[place] ^= 1 << bit
-            for record in decode("gnss", bytes(flipped))[0]:
+            for record in decode_capture("gnss", bytes(flipped))[0]:
                 assert record["lat_deg"] == true["lat_deg"]
                 assert record["speed_mps"] in (
                     None,
@@ -209,11 +223,11 @@ def test_the_board_obeys_only_what_was_sent(seed, word):
         )
         for _ in range(chance.randrange(3)):
             line[chance.randrange(len(line))] ^= 1 << chance.randrange(8)
-        board.feed(
+        board.feed_commands(
             bytes(line[: chance.randrange(5, len(line) + 1)] if chance.random() < 0.2 else line),
             tick * 0.05,
         )
-        command, _ = board.set_points(tick * 0.05)
+        command, _ = board.find_set_points(tick * 0.05)
         assert command.shaft_rpm in sent
         assert command.opening_mm == 20.0
 
@@ -223,11 +237,14 @@ def test_the_board_obeys_only_what_was_sent(seed, word):
 
 
 def test_a_capture_reads_as_a_list_of_lines():
-    assert header("gnss", "nmea0183", "COM3") == b"# topdress-capture/1 gnss nmea0183 COM3\n"
-    assert captured(12.3456, "<", b"$GPGGA,1*47\r\n$GP\x80\\") == (
+    assert (
+        make_capture_header("gnss", "nmea0183", "COM3")
+        == b"# topdress-capture/1 gnss nmea0183 COM3\n"
+    )
+    assert make_capture_lines(12.3456, "<", b"$GPGGA,1*47\r\n$GP\x80\\") == (
         b"12.346 < $GPGGA,1*47\\r\\n\n12.346 < $GP\\x80\\\\\n"
     )
-    assert captured(-0.5, ">", b"$T1\r\n") == b"-0.500 > $T1\\r\\n\n"
+    assert make_capture_lines(-0.5, ">", b"$T1\r\n") == b"-0.500 > $T1\\r\\n\n"
 
 
 @settings(max_examples=300, deadline=None)
@@ -242,31 +259,41 @@ def test_a_capture_reads_as_a_list_of_lines():
     )
 )
 def test_every_received_byte_comes_back(pieces):
-    capture = header("x", "y", "\udcff") + b"".join(
-        captured(number * 0.05, direction, data) for number, (direction, data) in enumerate(pieces)
+    capture = make_capture_header("x", "y", "\udcff") + b"".join(
+        make_capture_lines(number * 0.05, direction, data)
+        for number, (direction, data) in enumerate(pieces)
     )
     assert is_capture(capture)
-    assert received(capture) == b"".join(data for direction, data in pieces if direction == "<")
+    assert extract_received(capture) == b"".join(
+        data for direction, data in pieces if direction == "<"
+    )
 
 
 def test_one_that_was_cut_off_is_read_to_its_last_whole_line():
-    assert received(header("x", "y", "z") + captured(1.0, "<", b"a\n") + b"1.05 < hal") == b"a\n"
+    assert (
+        extract_received(
+            make_capture_header("x", "y", "z")
+            + make_capture_lines(1.0, "<", b"a\n")
+            + b"1.05 < hal"
+        )
+        == b"a\n"
+    )
 
 
 @pytest.mark.parametrize("line", [b"hello", b"1.0 < x", b"1.000 = x", b"nan < x"])
 def test_a_line_that_is_none_is_named(line):
     with pytest.raises(ValueError, match=r"line 2: .* allowed is TIME_S < BYTES"):
-        received(header("x", "y", "z") + line + b"\n")
+        extract_received(make_capture_header("x", "y", "z") + line + b"\n")
 
 
 def test_decode_reads_it_as_it_reads_the_bare_bytes():
     data = b"0,0.5,0.512,0.61,0\r\n" * 5
-    capture = header("head_1", "greenseeker", "COM4") + b"".join(
-        captured(number, "<", data[start : start + 7])
+    capture = make_capture_header("head_1", "greenseeker", "COM4") + b"".join(
+        make_capture_lines(number, "<", data[start : start + 7])
         for number, start in enumerate(range(0, len(data), 7))
     )
-    records, counts = decode("greenseeker", capture)
-    assert (records, counts) == decode("greenseeker", data)
+    records, counts = decode_capture("greenseeker", capture)
+    assert (records, counts) == decode_capture("greenseeker", data)
     assert records[0] == {"ndvi_1": 0.512}
 
 
@@ -275,25 +302,25 @@ def test_decode_reads_it_as_it_reads_the_bare_bytes():
 
 FIX = GnssFix(0.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.0)
 HEARD = {
-    "nmea0183": b"".join(gnss_sentences(FIX._replace(time_s=t / 5)) for t in range(3)),
+    "nmea0183": b"".join(make_gnss_sentences(FIX._replace(time_s=t / 5)) for t in range(3)),
     "slave-board/1": b"".join(
-        seal(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)
+        seal_frame(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)
     ),
     "tractor": clean("tractor"),
     "rate_line": clean("rate_line"),
-    "greenseeker": b"345,0.5\r\n" + head_line(0.5, HEAD_PROTOCOLS["greenseeker"]) * 4,
-    "acs435": head_line(0.5, HEAD_PROTOCOLS["acs435"]) * 4,
+    "greenseeker": b"345,0.5\r\n" + make_head_line(0.5, HEAD_PROTOCOLS["greenseeker"]) * 4,
+    "acs435": make_head_line(0.5, HEAD_PROTOCOLS["acs435"]) * 4,
     "greenseeker (multiplexed)": b"".join(
-        head_line(0.5, HEAD_PROTOCOLS["greenseeker"], head) for head in (1, 2, 3)
+        make_head_line(0.5, HEAD_PROTOCOLS["greenseeker"], head) for head in (1, 2, 3)
     ),
-    "lag-rig/1": b"".join(seal(f"L1,{n},0,0,{n * 50000},0.000,500,,,0") for n in range(5)),
+    "lag-rig/1": b"".join(seal_frame(f"L1,{n},0,0,{n * 50000},0.000,500,,,0") for n in range(5)),
     "gpsd": b'{"class":"VERSION","release":"3.25"}\r\n',
 }
 
 
 @pytest.mark.parametrize("protocol", HEARD)
 def test_each_protocol_is_recognised(protocol):
-    assert recognise(HEARD[protocol]).protocol == protocol
+    assert recognise_protocol(HEARD[protocol]).protocol == protocol
 
 
 @pytest.mark.parametrize(
@@ -303,12 +330,12 @@ def test_each_protocol_is_recognised(protocol):
         b"hello\r\n" * 9,
         bytes(range(256)) * 4,
         b"$GPGGA,1,2*00\r\n" * 9,
-        at_wrong_baud(HEARD["nmea0183"]),
+        read_at_wrong_baud(HEARD["nmea0183"]),
         b"1,2,3,4,5,6\r\n" * 9 + b"1,2,0.3,4,5\r\n" * 3,
     ],
 )
 def test_what_is_no_device_is_none(noise):
-    assert recognise(noise).protocol == ""
+    assert recognise_protocol(noise).protocol == ""
 
 
 class HandTime:
@@ -326,13 +353,13 @@ def test_the_rate_is_found_and_nothing_is_sent():
     ends = []
 
     def open_at(baud):
-        host, device = memory_pair(str(baud), at)
+        host, device = make_memory_pair(str(baud), at)
         data = HEARD["greenseeker"]
-        device.write(data if baud == 38400 else at_wrong_baud(data))
+        device.write(data if baud == 38400 else read_at_wrong_baud(data))
         ends.append(device)
         return host
 
-    found = probe(open_at, (115200, 38400, 9600), at, at.sleep)
+    found = probe_port(open_at, (115200, 38400, 9600), at, at.sleep)
     assert (found.protocol, found.baud, found.said) == ("greenseeker", 38400, "0,0,0.500,0.500,0")
     assert len(ends) == 2 and all(end.read() == b"" for end in ends)
 

@@ -14,13 +14,13 @@ from math import atan2, cos, degrees, hypot, radians
 import pytest
 from topdress.control.readings import DriveCommand, GnssFix
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.datagrams import datagram_pair
+from topdress.drivers.datagrams import make_datagram_pair
 from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
-from topdress.drivers.devices.decode import decode
+from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.gpsd import WATCH, GpsdDecoder
-from topdress.drivers.ports import memory_pair
-from topdress.drivers.virtual.extras import agopengps_frames
+from topdress.drivers.ports import make_memory_pair
+from topdress.drivers.virtual.extras import make_agopengps_frames
 from topdress.drivers.virtual.faults import PortFaults
 from topdress.drivers.virtual.gpsd import GpsdServer, VirtualGpsd
 
@@ -134,7 +134,7 @@ def test_a_time_that_no_calendar_has_is_malformed(utc):
 
 
 def test_gpsd_is_asked_to_speak_at_every_connect(clock):
-    host, device = memory_pair("gpsd", clock)
+    host, device = make_memory_pair("gpsd", clock)
     cab = Cab(
         CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}),
         clock,
@@ -149,7 +149,7 @@ def test_gpsd_is_asked_to_speak_at_every_connect(clock):
 
 
 def test_the_virtual_gpsd_speaks_when_asked(clock, fake_plant):
-    host, device = memory_pair("gpsd", clock)
+    host, device = make_memory_pair("gpsd", clock)
     virtual = VirtualGpsd(device)
     cab = Cab(
         CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}),
@@ -157,8 +157,8 @@ def test_the_virtual_gpsd_speaks_when_asked(clock, fake_plant):
         lambda *_: host,
     )
     for _ in range(20):
-        virtual.before(0.0, DriveCommand(0.0, 25.0), False)
-        virtual.after(fake_plant.step(DriveCommand(0.0, 25.0), False), 0.0)
+        virtual.alter_command(0.0, DriveCommand(0.0, 25.0), False)
+        virtual.take_readings(fake_plant.advance_plant(DriveCommand(0.0, 25.0), False), 0.0)
         clock.now_s += 0.05
         m = cab.read_measurements(clock.now_s)
     assert m.gnss.lat_deg == pytest.approx(34.28 + fake_plant.way_m / 111_195.0, abs=1e-9)
@@ -235,7 +235,7 @@ def test_what_follows_a_flood_is_heard():
 
 
 def test_agopengps_over_the_cab(clock):
-    host, device = datagram_pair("aog", clock)
+    host, device = make_datagram_pair("aog", clock)
     cab = Cab(
         CabConfig.model_validate(
             {"gnss": {"protocol": "agopengps", "port": "udp://127.0.0.1:17777"}}
@@ -243,7 +243,9 @@ def test_agopengps_over_the_cab(clock):
         clock,
         lambda *_: host,
     )
-    for frame in agopengps_frames(GnssFix(0.0, 34.28, 119.88, 4, speed_mps=1.25, heading_deg=12.5)):
+    for frame in make_agopengps_frames(
+        GnssFix(0.0, 34.28, 119.88, 4, speed_mps=1.25, heading_deg=12.5)
+    ):
         device.write(frame)
     m = cab.read_measurements(100.0)
     assert (m.gnss.lat_deg, m.gnss.lon_deg, m.gnss.speed_mps) == (
@@ -277,7 +279,7 @@ EXPECTED = {  # fixes, accepted sentences, rejected by kind
 @pytest.mark.parametrize("name", EXPECTED)
 def test_what_each_recording_gives(recordings, name):
     data = next(path for path in recordings if path.stem == name).read_bytes()
-    records, counts = decode("gnss", data)
+    records, counts = decode_capture("gnss", data)
     assert (len(records), counts.accepted, dict(counts.rejected)) == EXPECTED[name]
     assert counts.read == counts.accepted + sum(counts.rejected.values()) + sum(
         counts.ignored.values()
@@ -301,7 +303,7 @@ def test_positions_are_where_the_recordings_say_they_were_made(recordings):
     }
     for path in recordings:
         if path.stem in places:
-            for record in decode("gnss", path.read_bytes())[0]:
+            for record in decode_capture("gnss", path.read_bytes())[0]:
                 assert (record["lat_deg"], record["lon_deg"]) == (
                     pytest.approx(places[path.stem][0], abs=0.08),
                     pytest.approx(places[path.stem][1], abs=0.08),
@@ -312,7 +314,7 @@ def test_speed_agrees_with_the_way_between_positions(recordings):
     """The end of bt451 drives at 16 m/s: knots taken for km/h or m/s would not fit its
     positions."""
     data = next(path for path in recordings if path.stem == "bt451").read_bytes()
-    fixes = decode("gnss", data[data.index(b"$GPGGA,143306.00") :])[0]
+    fixes = decode_capture("gnss", data[data.index(b"$GPGGA,143306.00") :])[0]
     ways = []
     for before, after in pairwise(fixes[1:]):
         north_m = (after["lat_deg"] - before["lat_deg"]) * 111_195.0
@@ -361,8 +363,8 @@ def served(clock, fake_plant) -> Iterator[tuple[GpsdServer, Step]]:
     virtual = VirtualGpsd(server)
 
     def step() -> None:
-        virtual.before(clock.now_s, STOP, False)
-        virtual.after(fake_plant.step(STOP, False), clock.now_s)
+        virtual.alter_command(clock.now_s, STOP, False)
+        virtual.take_readings(fake_plant.advance_plant(STOP, False), clock.now_s)
         clock.now_s += 0.05
         time.sleep(0.003)
 
@@ -464,11 +466,11 @@ def test_unplugged_lets_everybody_go_and_takes_them_again(served):
     server, step = served
     client = Client(server, step)
     client.ask()
-    server.fault(PortFaults(unplugged=True))
+    server.set_faults(PortFaults(unplugged=True))
     step()
     with pytest.raises(ConnectionError):
         socket.create_connection(("127.0.0.1", server.number), timeout=1.0)
-    server.fault(PortFaults())
+    server.set_faults(PortFaults())
     step()
     again = Client(server, step)
     assert classes(again.ask()) == ["VERSION"]

@@ -17,13 +17,13 @@ from topdress.drivers.devices.lag_rig import LagRig, RigReadings
 from topdress.drivers.devices.lag_run import (
     DropRun,
     DropTest,
+    LagPlan,
     LagRun,
     LagTest,
-    Plan,
-    bench_table,
-    drop_table,
+    make_bench_table,
+    make_drop_table,
 )
-from topdress.drivers.ports import memory_pair
+from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.lag_rig import VirtualLagRig
 from topdress.drivers.virtual.machine import VirtualMachine
 
@@ -87,8 +87,8 @@ def test_a_drifting_crystal_and_a_jittery_link_move_the_start_by_milliseconds_on
 
 def test_orders_are_numbered_and_sealed(board_line):
     rig = LagRig()
-    assert rig.order(7, True) == board_line("R1,0,7,1")
-    assert rig.order(8, False) == board_line("R1,1,8,0")
+    assert rig.make_order(7, True) == board_line("R1,0,7,1")
+    assert rig.make_order(8, False) == board_line("R1,1,8,0")
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def bench(clock):
         update={"simulated": job.simulated.model_copy(update={"speed_kmh": 0.0001})}
     )
     plant = Plant(machine, job, seed=3, dt_s=0.02)
-    pairs = {name: memory_pair(name, clock) for name in ("gnss", "heads", "board", "rig")}
+    pairs = {name: make_memory_pair(name, clock) for name in ("gnss", "heads", "board", "rig")}
     virtual = VirtualMachine(
         plant,
         pairs["gnss"][1],
@@ -123,22 +123,22 @@ def go(bench, clock, test: LagTest, seconds: float, allowed=lambda: True) -> lis
     said = []
     for tick in range(round(seconds / 0.02)):
         clock.now_s += 0.02
-        virtual.advance(clock.now_s)
+        virtual.advance_to(clock.now_s)
         cab.read_measurements(clock.now_s)
-        wish = test.tick(clock.now_s, cab.rig_readings, allowed())
+        wish = test.run_tick(clock.now_s, cab.rig_readings, allowed())
         cab.send_rig_order(wish.run, wish.arm)
         cab.send_command(clock.now_s, DriveCommand(wish.shaft_rpm, 25.0), tick > 10 and allowed())
         if wish.said:
             said.append(wish.said)
-        if test.done:
+        if test.is_done:
             break
     return said
 
 
 def test_the_procedure_finds_the_models_lags(bench, clock):
-    test = LagTest(Plan(shaft_rpm=(10.0, 40.0, 70.0), repeats=3))
+    test = LagTest(LagPlan(shaft_rpm=(10.0, 40.0, 70.0), repeats=3))
     assert go(bench, clock, test, 120.0) == []
-    assert test.done and test.progress == 1.0 and not test.left_out and len(test.runs) == 9
+    assert test.is_done and test.progress == 1.0 and not test.left_out and len(test.runs) == 9
     fall = bench[2].fall
     for rpm in (10.0, 40.0, 70.0):
         runs = [run for run in test.runs if run.shaft_rpm == rpm]
@@ -151,11 +151,11 @@ def test_the_procedure_finds_the_models_lags(bench, clock):
 
 
 def test_a_released_button_stops_the_shaft_and_the_run_begins_again(bench, clock):
-    test = LagTest(Plan(shaft_rpm=(40.0,), repeats=1))
+    test = LagTest(LagPlan(shaft_rpm=(40.0,), repeats=1))
     cab, *_ = bench
     go(bench, clock, test, 4.0)
-    assert not test.runs and test.tick(clock.now_s, cab.rig_readings, True).shaft_rpm == 40.0
-    assert test.tick(clock.now_s, cab.rig_readings, False).shaft_rpm == 0.0
+    assert not test.runs and test.run_tick(clock.now_s, cab.rig_readings, True).shaft_rpm == 40.0
+    assert test.run_tick(clock.now_s, cab.rig_readings, False).shaft_rpm == 0.0
     go(bench, clock, test, 1.0, allowed=lambda: False)
     assert go(bench, clock, test, 20.0) == []
     assert len(test.runs) == 1
@@ -172,7 +172,7 @@ def until_running(test: LagTest, now_s: float) -> tuple[float, int]:
     run = 0
     for _ in range(1000):
         now_s += 0.05
-        wish = test.tick(now_s, rig_says(now_s, run, state), True)
+        wish = test.run_tick(now_s, rig_says(now_s, run, state), True)
         run, state = wish.run, ARMED if wish.arm else 0
         if wish.phase == "running":
             return now_s, run
@@ -188,7 +188,7 @@ def until_running(test: LagTest, now_s: float) -> tuple[float, int]:
     ],
 )
 def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, said):
-    test = LagTest(Plan(shaft_rpm=(40.0,), repeats=1, tries=2))
+    test = LagTest(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=2))
     now_s = 0.0
     for _ in range(2):
         now_s, run = until_running(test, now_s)
@@ -203,37 +203,39 @@ def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, sai
             landed.get("turned", False),
             plate=landed.get("plate", False),
         )
-        wish = test.tick(now_s + 2.0, said_now, True)
+        wish = test.run_tick(now_s + 2.0, said_now, True)
         assert said in wish.said and wish.shaft_rpm == 0.0
         now_s += 2.0
-    assert test.done and not test.runs and said in test.left_out[0][2]
+    assert test.is_done and not test.runs and said in test.left_out[0][2]
 
 
 def test_nothing_lands_is_said_after_the_longest_wait():
-    test = LagTest(Plan(shaft_rpm=(40.0,), repeats=1, tries=1, longest_s=3.0))
+    test = LagTest(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=1, longest_s=3.0))
     now_s, run = until_running(test, 0.0)
-    assert test.tick(now_s + 2.9, rig_says(now_s + 2.9, run, ARMED), True).shaft_rpm == 40.0
-    assert "did not turn" in test.tick(now_s + 3.1, rig_says(now_s + 3.1, run, ARMED), True).said
+    assert test.run_tick(now_s + 2.9, rig_says(now_s + 2.9, run, ARMED), True).shaft_rpm == 40.0
+    assert (
+        "did not turn" in test.run_tick(now_s + 3.1, rig_says(now_s + 3.1, run, ARMED), True).said
+    )
 
 
 def test_a_silent_rig_starts_nothing():
     test = LagTest()
-    wishes = [test.tick(tick * 0.05, rig_says(0.0), True) for tick in range(400)]
+    wishes = [test.run_tick(tick * 0.05, rig_says(0.0), True) for tick in range(400)]
     assert {wish.shaft_rpm for wish in wishes} == {0.0}
     assert {
-        wish.shaft_rpm for wish in (test.tick(tick * 0.05, None, True) for tick in range(400))
+        wish.shaft_rpm for wish in (test.run_tick(tick * 0.05, None, True) for tick in range(400))
     } == {0.0}
 
 
 def test_the_plan_is_the_papers():
-    plan = Plan()
+    plan = LagPlan()
     assert plan.shaft_rpm == (10, 20, 30, 40, 50, 60, 70) and plan.repeats == 10
 
 
 def test_the_bench_table():
     runs = [LagRun(20.0, 1, 0.3834, 1.5), LagRun(10.0, 1, 0.38, 1.7)]
     assert (
-        bench_table(runs)
+        make_bench_table(runs)
         == "shaft_rpm,replicate,response_s,drop_s\n10,1,0.380,1.700\n20,1,0.383,1.500\n"
     )
 
@@ -244,9 +246,9 @@ def test_drop_times_of_a_shaft_that_somebody_else_turns(bench, clock):
     test, phases, asked_s = DropTest(), [], None
     for tick in range(1500):
         clock.now_s += 0.02
-        virtual.advance(clock.now_s)
+        virtual.advance_to(clock.now_s)
         cab.read_measurements(clock.now_s)
-        wish = test.tick(clock.now_s, cab.rig_readings)
+        wish = test.run_tick(clock.now_s, cab.rig_readings)
         cab.send_rig_order(wish.run, wish.arm)
         assert not wish.said
         phases += [wish.phase] if phases[-1:] != [wish.phase] else []
@@ -269,26 +271,27 @@ def test_drop_times_of_a_shaft_that_somebody_else_turns(bench, clock):
 def test_a_drop_that_cannot_be_right_is_not_kept(flag, said):
     test = DropTest(settle_s=1.0)
     for tick in range(60):
-        wish = test.tick(tick * 0.05, rig_says(tick * 0.05))
+        wish = test.run_tick(tick * 0.05, rig_says(tick * 0.05))
     assert (wish.run, wish.arm, wish.phase) == (1, True, "arming")
-    assert test.tick(3.1, rig_says(3.1, 1, ARMED)).phase == "start"
-    assert said in test.tick(5.0, rig_says(5.0, 1, LANDED, 50.0, 3.5, 1.4, **flag)).said
+    assert test.run_tick(3.1, rig_says(3.1, 1, ARMED)).phase == "start"
+    assert said in test.run_tick(5.0, rig_says(5.0, 1, LANDED, 50.0, 3.5, 1.4, **flag)).said
     assert (
-        not test.runs and test.tick(5.1, rig_says(5.1, 1, LANDED, 50.0, 3.5, 1.4)).phase == "stop"
+        not test.runs
+        and test.run_tick(5.1, rig_says(5.1, 1, LANDED, 50.0, 3.5, 1.4)).phase == "stop"
     )
 
 
 def test_granules_that_never_come_are_told_after_the_longest_wait():
     test = DropTest(settle_s=1.0, longest_s=4.0)
     for tick in range(60):
-        test.tick(tick * 0.05, rig_says(tick * 0.05))
-    test.tick(3.1, rig_says(3.1, 1, ARMED))
-    assert test.tick(4.0, rig_says(4.0, 1, 2, 30.0, 3.9)).phase == "falling"
-    assert test.tick(7.9, rig_says(7.9, 1, 2, 30.0, 3.9)).said == ""
-    assert test.tick(8.1, rig_says(8.1, 1, 2, 30.0, 3.9)).said == "nothing landed"
+        test.run_tick(tick * 0.05, rig_says(tick * 0.05))
+    test.run_tick(3.1, rig_says(3.1, 1, ARMED))
+    assert test.run_tick(4.0, rig_says(4.0, 1, 2, 30.0, 3.9)).phase == "falling"
+    assert test.run_tick(7.9, rig_says(7.9, 1, 2, 30.0, 3.9)).said == ""
+    assert test.run_tick(8.1, rig_says(8.1, 1, 2, 30.0, 3.9)).said == "nothing landed"
 
 
 def test_the_table_of_drops():
-    assert drop_table([DropRun(59.96, 1.6304), DropRun(20.0, 1.75)]) == (
+    assert make_drop_table([DropRun(59.96, 1.6304), DropRun(20.0, 1.75)]) == (
         "shaft_rpm,replicate,drop_s\n60.0,1,1.630\n20.0,2,1.750\n"
     )

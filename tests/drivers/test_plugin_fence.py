@@ -12,8 +12,8 @@ from topdress.control.readings import DriveCommand, GnssFix
 from topdress.drivers import plugin_process, plugins
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.cab_config import GnssConfig
-from topdress.drivers.devices.canopy_heads import head_fields
-from topdress.drivers.devices.decode import decode
+from topdress.drivers.devices.canopy_heads import find_head_fields
+from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.files.layers import read_layers
 from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import PortState
@@ -104,9 +104,9 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     lines += ["[topdress.effects]", "unloadable.effect = hostile_exit:X"]
     (about / "entry_points.txt").write_text("\n".join(lines) + "\n")
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    monkeypatch.setattr(plugin_process, "FEED_S", 0.3)
-    monkeypatch.setattr(plugin_process, "FORMAT_S", 0.3)
-    forget = (plugins.names.cache_clear, plugins._described.cache_clear)
+    monkeypatch.setattr(plugin_process, "FEED_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(plugin_process, "FORMAT_TIMEOUT_S", 0.3)
+    forget = (plugins.find_entry_points.cache_clear, plugins._describe_once.cache_clear)
     for cleared in forget:
         cleared()
     yield tmp_path
@@ -155,7 +155,7 @@ def a_cab(protocol: str) -> tuple[Cab, dict[str, Line]]:
 def test_a_receiver_that_does_what_it_should_not_is_named_in_a_recording(installed, name):
     began_s = time.monotonic()
     with pytest.raises(PluginFault) as fault:
-        decode(name, b"one line\n")
+        decode_capture(name, b"one line\n")
     said = str(fault.value)
     assert said.startswith(f"plug-in {name} of hostile: ") and DEVICES[name][1] in said
     assert "\n" not in said and time.monotonic() - began_s < 5.0
@@ -180,7 +180,7 @@ def test_a_receiver_that_does_what_it_should_not_delays_no_tick_and_is_put_aside
 
     wait_for(ticked)
     assert ticked() == (f"gnss (plug-in {name})",) and longest_s < 0.2
-    status = cab.find_device_line("gnss").status(0.0)
+    status = cab.find_device_line("gnss").make_status(0.0)
     assert status.last_error.startswith(f"put aside: plug-in {name} of hostile: ")
     assert DEVICES[name][1].split(":")[0] in status.last_error
     began_s = time.monotonic()
@@ -198,13 +198,13 @@ def test_a_sound_receiver_gives_fixes_and_counts_and_begins_anew_when_it_is_plug
 
     assert wait_for(lambda: fix_after(7.0)) is None
     assert cab.read_measurements(7.0).gnss[1:4] == (40.0, 117.0, 4)
-    assert cab.find_device_line("gnss").status(7.0).accepted >= 1
+    assert cab.find_device_line("gnss").make_status(7.0).accepted >= 1
     session = cab._gnss._plugin._session
     session._decoder._process._process.kill()
     wait_for(lambda: fix_after(9.0) or cab.read_measurements(9.0).put_aside)
     assert cab.read_measurements(9.0).put_aside == ("gnss (plug-in sound)",)
     for is_plugged in (False, True):
-        cab.find_device_line("gnss").plug(is_plugged)
+        cab.find_device_line("gnss").set_plugged(is_plugged)
     wait_for(lambda: fix_after(20.0))
     child = cab._gnss._plugin._session._decoder._process._process
     cab.close_devices()
@@ -212,12 +212,12 @@ def test_a_sound_receiver_gives_fixes_and_counts_and_begins_anew_when_it_is_plug
 
 
 def test_a_slow_receiver_loses_the_oldest_bytes_and_holds_no_more_than_some(installed):
-    session = plugin_process._Session("sleeps")
+    session = plugin_process._DecoderSession("sleeps")
     for k in range(100):
-        session.put(4096 * bytes([k]), float(k))
-    assert session._waiting_bytes <= plugin_process.WAITING_BYTES
+        session.put_bytes(4096 * bytes([k]), float(k))
+    assert session._waiting_bytes <= plugin_process.MAX_WAITING_BYTES
     assert session._pieces[-1][1] == 99.0
-    session.end()
+    session.end_session()
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -248,6 +248,6 @@ def test_what_cannot_be_loaded_ends_no_command_without_a_word(installed, tmp_pat
 
 def test_values_of_the_wrong_kind_are_refused_by_name(installed):
     with pytest.raises(PluginFault, match="plug-in wrong_head of hostile: "):
-        head_fields("wrong_head")
+        find_head_fields("wrong_head")
     with pytest.raises(ValueError, match="allowed is one of nmea0183"):
         GnssConfig(protocol="wrong_head", port="COM3")

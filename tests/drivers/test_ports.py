@@ -20,7 +20,7 @@ from topdress.drivers.ports import (
     MAX_QUEUED_WRITES,
     SerialStream,
     ThreadedPort,
-    memory_pair,
+    make_memory_pair,
     open_port,
 )
 from topdress.drivers.virtual.faults import PortFaults, ServedLine
@@ -42,7 +42,7 @@ def read_all(port, length: int) -> bytes:
 
 
 def test_memory_pair_both_ways_in_order(clock):
-    host, device = memory_pair("memory:board", clock)
+    host, device = make_memory_pair("memory:board", clock)
     device.write(b"one\r\n")
     device.write(b"two\r\nthr")
     assert host.read() == b"one\r\ntwo\r\nthr"
@@ -56,11 +56,11 @@ def test_memory_pair_both_ways_in_order(clock):
         2,
         100.0,
     )
-    assert state.last_lines(2) == ["one", "two"], "a line under way is not shown"
+    assert state.format_last_lines(2) == ["one", "two"], "a line under way is not shown"
 
 
 def test_memory_pair_closed_or_flooded(clock):
-    host, device = memory_pair("x", clock)
+    host, device = make_memory_pair("x", clock)
     device.write(b"a" * (MAX_BUFFERED_BYTES - 1) + b"bc")
     assert host.state().dropped_in == 1
     assert host.read()[-3:] == b"abc"
@@ -97,7 +97,7 @@ def test_socket_both_ways(server, port):
     assert read_all(server, 5) == b"hello"
     server.write(b"$x\r\n" * 3000)
     assert read_all(port, 12_000) == b"$x\r\n" * 3000
-    assert port.state().last_lines() == ["$x"]
+    assert port.state().format_last_lines() == ["$x"]
 
 
 def test_socket_latency_is_milliseconds(server, port):
@@ -306,7 +306,7 @@ def test_a_lost_device_is_looked_for_every_two_seconds_at_least(opened, clock):
         raise OSError("not there")
 
     class Hurried(ThreadedPort):
-        def _pause(self, seconds: float) -> None:
+        def _wait_before_retry(self, seconds: float) -> None:
             waits.append(seconds)
             time.sleep(0.005)
 
@@ -316,7 +316,7 @@ def test_a_lost_device_is_looked_for_every_two_seconds_at_least(opened, clock):
 
 
 def test_a_memory_line_can_be_pulled_at_either_end(clock):
-    host, device = memory_pair("line", clock)
+    host, device = make_memory_pair("line", clock)
     device.plug(False)
     device.write(b"lost")
     host.write(b"lost")
@@ -370,31 +370,31 @@ def test_a_serial_line_belongs_to_one_program() -> None:
 @pytest.fixture
 def line(clock):
     """A faulty device end, and the host's."""
-    host, device = memory_pair("line", clock)
+    host, device = make_memory_pair("line", clock)
     return ServedLine((device,), clock, seed=1), host
 
 
 def test_unplugged(line):
     device, port = line
-    device.fault(PortFaults(unplugged=True))
+    device.set_faults(PortFaults(unplugged=True))
     device.write(b"lost\n")
     port.write(b"lost too")
     assert (port.read(), device.read(), port.state().connected) == (b"", b"", False)
-    device.fault(PortFaults())
+    device.set_faults(PortFaults())
     device.write(b"back\n")
     assert (port.read(), port.state().connected) == (b"back\n", True)
 
 
 def test_delayed(line, clock):
     device, port = line
-    device.fault(PortFaults(delay_s=0.3))
+    device.set_faults(PortFaults(delay_s=0.3))
     device.write(b"one\n")
     assert port.read() == b""
     clock.now_s += 0.29
     device.write(b"two\n")
     assert port.read() == b""
     clock.now_s += 0.02
-    device.push()
+    device.send_due()
     assert port.read() == b"one\n"
 
 
@@ -406,13 +406,13 @@ def test_frozen_half_double_and_dirty_lines(line):
         (PortFaults(half_share=1.0), b"12345x"),
         (PortFaults(duplicate_share=1.0), b"123456789\n123456789\nx\nx\n"),
     ):
-        device.fault(faults)
+        device.set_faults(faults)
         device.write(b"123456789\nx\n")
         assert port.read() == expected
-    device.fault(PortFaults(garbage_share=1.0))
+    device.set_faults(PortFaults(garbage_share=1.0))
     device.write(b"123456789\n")
     assert (found := port.read()).endswith(b"123456789\n") and len(found) > 10
-    device.fault(PortFaults(bit_flip_share=1.0))
+    device.set_faults(PortFaults(bit_flip_share=1.0))
     device.write(b"123456789\n")
     flipped = port.read()
     assert sum((a ^ b).bit_count() for a, b in zip(flipped, b"123456789\n", strict=True)) == 1
@@ -427,7 +427,7 @@ BAD = {
 @pytest.fixture
 def bad_cab(clock, fake_plant):
     """Cab and machine joined by faulty lines, which are given by name."""
-    pairs = {name: memory_pair(name, clock) for name in ("gnss", "heads", "board")}
+    pairs = {name: make_memory_pair(name, clock) for name in ("gnss", "heads", "board")}
     lines = {name: ServedLine((pair[1],), clock, seed=7) for name, pair in pairs.items()}
     machine = VirtualMachine(
         fake_plant, lines["gnss"], [lines["heads"]], lines["board"], clock(), multiplexed=True
@@ -445,11 +445,11 @@ def bad_cab(clock, fake_plant):
 def test_through_a_bad_line_nothing_wrong_is_accepted(bad_cab, clock, fake_plant):
     cab, machine, lines = bad_cab
     for name, faults in BAD.items():
-        lines[name].fault(faults)
+        lines[name].set_faults(faults)
     seen = 0
     for tick in range(2000):
         clock.now_s += 0.05
-        machine.advance(clock.now_s)
+        machine.advance_to(clock.now_s)
         m = cab.read_measurements(clock.now_s)
         cab.send_command(clock.now_s, DriveCommand(60.0, 30.0), tick > 4)
         if tick > 100:
@@ -472,17 +472,17 @@ def test_an_unplugged_device_goes_stale_and_comes_back(bad_cab, clock):
     def run(seconds):
         for _ in range(round(seconds / 0.05)):
             clock.now_s += 0.05
-            machine.advance(clock.now_s)
+            machine.advance_to(clock.now_s)
             m = cab.read_measurements(clock.now_s)
             cab.send_command(clock.now_s, DriveCommand(60.0, 30.0), False)
         return m
 
     run(2.0)
-    lines["board"].fault(PortFaults(unplugged=True))
+    lines["board"].set_faults(PortFaults(unplugged=True))
     m = run(2.0)
     assert clock.now_s - m.shaft_rpm.time_s == pytest.approx(2.0)
     assert not cab.list_device_status(clock.now_s)[-1].connected
-    lines["board"].fault(PortFaults())
+    lines["board"].set_faults(PortFaults())
     assert run(0.1).shaft_rpm.time_s == clock.now_s
 
 
@@ -491,8 +491,8 @@ def test_a_frozen_board_is_silent_not_steady(bad_cab, clock):
     stale."""
     cab, machine, lines = bad_cab
     for tick in range(80):
-        lines["board"].fault(PortFaults(frozen=tick >= 40))
+        lines["board"].set_faults(PortFaults(frozen=tick >= 40))
         clock.now_s += 0.05
-        machine.advance(clock.now_s)
+        machine.advance_to(clock.now_s)
         m = cab.read_measurements(clock.now_s)
     assert clock.now_s - m.shaft_rpm.time_s == pytest.approx(2.0)

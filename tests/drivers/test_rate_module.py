@@ -11,7 +11,7 @@ import struct
 import pytest
 from topdress.control.readings import DriveCommand
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.datagrams import MOST_WAITING, UdpPort, datagram_pair, udp_address
+from topdress.drivers.datagrams import MAX_WAITING, UdpPort, make_datagram_pair, parse_udp_address
 from topdress.drivers.devices.probe import recognise_modules
 from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
 from topdress.drivers.devices.rate_module_frames import (
@@ -20,7 +20,7 @@ from topdress.drivers.devices.rate_module_frames import (
     decode_command,
     encode_target,
 )
-from topdress.drivers.ports import memory_pair
+from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.extras import VirtualRateModule
 
 WITH_BOARD = {"pulses_per_turn": 360.0, "listen": "0.0.0.0"}
@@ -58,7 +58,7 @@ def test_a_target_is_these_fourteen_bytes():
 
 def test_the_first_command_brings_relays_and_target():
     """32501 is mandatory: without a relay bit the module neither controls nor counts."""
-    told = [decode_command(data) for data in module().command(60.0, True, 0.0)]
+    told = [decode_command(data) for data in module().make_datagrams(60.0, True, 0.0)]
     assert told == [Relays(0, 0, 1), FlowTarget(0, 0, 60.0, 360.0, "motor", True, True)]
 
 
@@ -66,7 +66,9 @@ def test_commands_go_on_change_and_as_often_as_the_module_needs():
     driver, sent = module(), []
     for tick in range(200):
         rpm = 60.0 if tick < 60 else 61.0
-        sent += [(tick, decode_command(data)) for data in driver.command(rpm, True, tick * 0.05)]
+        sent += [
+            (tick, decode_command(data)) for data in driver.make_datagrams(rpm, True, tick * 0.05)
+        ]
     targets = [(tick, told.units_per_min) for tick, told in sent if isinstance(told, FlowTarget)]
     assert (60, 61.0) in targets, "a change at once"
     gaps = [(after - before) * 0.05 for (before, _), (after, _) in itertools.pairwise(targets)]
@@ -77,14 +79,14 @@ def test_commands_go_on_change_and_as_often_as_the_module_needs():
 
 def test_a_stop_is_sent_in_the_same_tick_and_the_relay_stays_for_the_run_down():
     driver = module()
-    driver.command(60.0, True, 0.0)
-    assert driver.command(61.0, True, 0.05) == [], "changes are spaced ..."
-    (stop,) = [decode_command(data) for data in driver.command(60.0, False, 0.06)]
+    driver.make_datagrams(60.0, True, 0.0)
+    assert driver.make_datagrams(61.0, True, 0.05) == [], "changes are spaced ..."
+    (stop,) = [decode_command(data) for data in driver.make_datagrams(60.0, False, 0.06)]
     assert (stop.units_per_min, stop.master_on) == (0.0, False), "... a stop is not"
     later = [
         decode_command(data)
         for tick in range(100)
-        for data in driver.command(None, False, 0.1 + tick * 0.05)
+        for data in driver.make_datagrams(None, False, 0.1 + tick * 0.05)
     ]
     assert all(told.units_per_min == 0.0 for told in later if isinstance(told, FlowTarget))
     assert [told.relays for told in later if isinstance(told, Relays)][:3] == [1, 1, 0]
@@ -94,14 +96,14 @@ def test_a_stop_is_sent_in_the_same_tick_and_the_relay_stays_for_the_run_down():
     ("asked", "sent"), [(250.0, 100.0), (-5.0, 0.0), (16777.3, 100.0), (1e12, 100.0)]
 )
 def test_set_points_are_cut_and_never_wrap(asked, sent):
-    told = [decode_command(data) for data in module().command(asked, True, 0.0)]
+    told = [decode_command(data) for data in module().make_datagrams(asked, True, 0.0)]
     assert told[1].units_per_min == sent
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_set_point_that_is_not_finite_is_refused(bad):
     with pytest.raises(ValueError, match="finite"):
-        module().command(bad, True, 0.0)
+        module().make_datagrams(bad, True, 0.0)
 
 
 @pytest.mark.parametrize("value", [16777.216, -0.001, math.nan])
@@ -165,7 +167,7 @@ def test_a_module_that_does_not_hear_us_is_no_drive():
 @pytest.fixture
 def plugged(clock):
     """A cab with a rate module and a gate set by hand, and the virtual module."""
-    host, device = datagram_pair("module", clock)
+    host, device = make_datagram_pair("module", clock)
     cab = Cab(
         CabConfig.model_validate({"rate_module": MODULE}),
         clock,
@@ -181,12 +183,12 @@ def steps(plugged, clock, seconds, command=None, enabled=False, silent=False):
     speeds = []
     for _ in range(round(seconds / 0.05)):
         begin_s = clock.now_s - 100.0
-        command_now, _ = virtual.before(begin_s, DriveCommand(0.0, 25.0), False)
+        command_now, _ = virtual.alter_command(begin_s, DriveCommand(0.0, 25.0), False)
         speeds.append(command_now.shaft_rpm)
         clock.now_s += 0.05
         from types import SimpleNamespace
 
-        virtual.after(
+        virtual.take_readings(
             SimpleNamespace(
                 time_s=begin_s + 0.05, shaft_rpm=speeds[-1], wheel_pulses=0, work_switch=True
             ),
@@ -234,26 +236,28 @@ def test_a_silent_module_leaves_no_fresh_reading(plugged, clock):
 
 
 def test_without_a_relay_bit_the_module_does_nothing():
-    line = datagram_pair("m", lambda: 0.0)
+    line = make_datagram_pair("m", lambda: 0.0)
     virtual = VirtualRateModule(line[1], 360.0)
     line[0].write(encode_target(FlowTarget(0, 0, 60.0, 360.0, "motor", True)))
-    assert virtual.before(0.0, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == 0.0
-    for data in itertools.islice(module().command(60.0, True, 0.0), 1):
+    assert virtual.alter_command(0.0, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == 0.0
+    for data in itertools.islice(module().make_datagrams(60.0, True, 0.0), 1):
         line[0].write(data)
-    assert virtual.before(0.1, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == 60.0
+    assert virtual.alter_command(0.1, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == 60.0
 
 
 def test_a_wrong_number_of_pulses_shows_as_a_wrong_speed(clock):
-    line = datagram_pair("m", lambda: 0.0)
+    line = make_datagram_pair("m", lambda: 0.0)
     virtual = VirtualRateModule(line[1], 400.0)
-    for data in module().command(60.0, True, 0.0):
+    for data in module().make_datagrams(60.0, True, 0.0):
         line[0].write(data)
-    assert virtual.before(0.0, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == pytest.approx(54.0)
+    assert virtual.alter_command(0.0, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == pytest.approx(
+        54.0
+    )
 
 
 def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_line):
-    host, device = datagram_pair("module", clock)
-    lines = memory_pair("board", clock)
+    host, device = make_datagram_pair("module", clock)
+    lines = make_memory_pair("board", clock)
     cab = Cab(
         CabConfig.model_validate({"board": {"port": "b"}, "rate_module": WITH_BOARD}),
         clock,
@@ -322,7 +326,7 @@ def test_configuration_mistakes_are_said(change, said):
 )
 def test_an_address_that_cannot_be_read_is_said(url):
     with pytest.raises(ValueError, match=r"allowed is udp://HOST:PORT"):
-        udp_address(url)
+        parse_udp_address(url)
 
 
 def test_a_taken_port_is_tried_again(clock):
@@ -348,7 +352,7 @@ def test_a_taken_port_is_tried_again(clock):
     ],
 )
 def test_who_is_believed(url, senders):
-    assert str(udp_address(url).senders) == senders
+    assert str(parse_udp_address(url).senders) == senders
 
 
 def test_a_stranger_is_not_heard(clock):
@@ -371,7 +375,7 @@ def test_a_stranger_is_not_heard(clock):
     )
     for _ in range(100):
         module.sendto(b"again", ("127.0.0.1", port.number))
-    assert len(port.read_each()) == MOST_WAITING, "of a flood the newest are given"
+    assert len(port.read_each()) == MAX_WAITING, "of a flood the newest are given"
     for one in (port, module, stranger):
         one.close()
 
@@ -418,14 +422,16 @@ def test_probing_names_a_module_by_its_label_and_its_trace():
 
 
 def test_the_virtual_module_says_who_it_is_and_traces_when_told(clock, fake_plant):
-    host, device = datagram_pair("module", clock)
+    host, device = make_datagram_pair("module", clock)
     virtual = VirtualRateModule(device, 360.0, label="Rechts 右")
     heard = []
 
     def steps(count: int) -> None:
         for _ in range(count):
-            virtual.before(clock.now_s, DriveCommand(0.0, 25.0), False)
-            virtual.after(fake_plant.step(DriveCommand(0.0, 25.0), False), clock.now_s)
+            virtual.alter_command(clock.now_s, DriveCommand(0.0, 25.0), False)
+            virtual.take_readings(
+                fake_plant.advance_plant(DriveCommand(0.0, 25.0), False), clock.now_s
+            )
             clock.now_s += 0.05
             heard.extend(host.read_each())
 
@@ -444,34 +450,35 @@ def test_the_virtual_module_says_who_it_is_and_traces_when_told(clock, fake_plan
 
 
 def test_valves_hang_on_the_relays_from_the_second_on_and_close_with_the_drive():
-    near, far = datagram_pair("m", lambda: 0.0)
+    near, far = make_datagram_pair("m", lambda: 0.0)
     virtual, driver = VirtualRateModule(far, 360.0), module()
-    for data in driver.command(60.0, True, 0.0, (True, False, True)):
+    for data in driver.make_datagrams(60.0, True, 0.0, (True, False, True)):
         near.write(data)
-    assert virtual.before(0.0, DriveCommand(0.0, 25.0), True)[0].valves[:4] == (
+    assert virtual.alter_command(0.0, DriveCommand(0.0, 25.0), True)[0].valves[:4] == (
         True,
         False,
         True,
         False,
     )
     closed = [
-        decode_command(data) for data in driver.command(60.0, True, 0.2, (False, False, True))
+        decode_command(data)
+        for data in driver.make_datagrams(60.0, True, 0.2, (False, False, True))
     ]
     assert [told.relays for told in closed if isinstance(told, Relays)] == [0b1001], (
         "at once, on change"
     )
     stopped = [
-        decode_command(data) for data in driver.command(60.0, False, 0.4, (True, True, True))
+        decode_command(data) for data in driver.make_datagrams(60.0, False, 0.4, (True, True, True))
     ]
     assert [told.relays for told in stopped if isinstance(told, Relays)] == [0b0001]
-    for data in driver.command(60.0, True, 0.6, (True, True, True)):
+    for data in driver.make_datagrams(60.0, True, 0.6, (True, True, True)):
         near.write(data)
-    assert any(virtual.before(0.6, DriveCommand(0.0, 25.0), True)[0].valves)
-    assert not any(virtual.before(9.0, DriveCommand(0.0, 25.0), True)[0].valves), (
+    assert any(virtual.alter_command(0.6, DriveCommand(0.0, 25.0), True)[0].valves)
+    assert not any(virtual.alter_command(9.0, DriveCommand(0.0, 25.0), True)[0].valves), (
         "the console is silent"
     )
 
 
 def test_relays_without_valves_are_as_they_were():
-    told = [decode_command(data) for data in module().command(60.0, True, 0.0)]
+    told = [decode_command(data) for data in module().make_datagrams(60.0, True, 0.0)]
     assert [one.relays for one in told if isinstance(one, Relays)] == [1]

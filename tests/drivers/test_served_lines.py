@@ -15,17 +15,17 @@ from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import Plant
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.ports import open_port, socket_address
+from topdress.drivers.ports import open_port, parse_socket_address
 from topdress.drivers.virtual.faults import (
     PortFaults,
     ServedLine,
     TimedFault,
-    at_wrong_baud,
-    faults_at,
+    find_faults,
     parse_fault,
+    read_at_wrong_baud,
 )
-from topdress.drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
-from topdress.drivers.virtual.served import ListeningPort, Serve, ServedMachine
+from topdress.drivers.virtual.machine import VirtualMachine, make_gnss_sentences, make_virtual_cab
+from topdress.drivers.virtual.served import ListeningPort, ServedMachine, ServeOptions
 
 from tests.waiting import wait_for
 
@@ -35,7 +35,7 @@ DEVICES = ("gnss", "head_1", "head_2", "board")
 def refuses(url: str) -> bool:
     """Nobody listens there. (A full queue of connections that nobody takes is something else.)"""
     try:
-        socket.create_connection(socket_address(url), 0.2).close()
+        socket.create_connection(parse_socket_address(url), 0.2).close()
     except OSError as error:
         return isinstance(error, ConnectionRefusedError)
     return False
@@ -72,20 +72,20 @@ def test_faults_add_up_and_end():
         parse_fault(text, DEVICES)
         for text in ("garbage:heads@10+5", "delayed:head_2@12+5", "unplug:gnss@1+1")
     ]
-    assert faults_at(timeline, "head_1", 9.9) == PortFaults()
-    assert faults_at(timeline, "head_1", 12.0) == PortFaults(garbage_share=0.5)
-    assert faults_at(timeline, "head_2", 12.0) == PortFaults(garbage_share=0.5, delay_s=1.0)
-    assert faults_at(timeline, "head_2", 15.0) == PortFaults(delay_s=1.0)
-    assert faults_at(timeline, "board", 12.0) == PortFaults()
-    assert faults_at(timeline, "gnss", 2.0) == PortFaults()
+    assert find_faults(timeline, "head_1", 9.9) == PortFaults()
+    assert find_faults(timeline, "head_1", 12.0) == PortFaults(garbage_share=0.5)
+    assert find_faults(timeline, "head_2", 12.0) == PortFaults(garbage_share=0.5, delay_s=1.0)
+    assert find_faults(timeline, "head_2", 15.0) == PortFaults(delay_s=1.0)
+    assert find_faults(timeline, "board", 12.0) == PortFaults()
+    assert find_faults(timeline, "gnss", 2.0) == PortFaults()
 
 
 def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
     sent = b"$GNGGA,060005.20,3416.8*5C\r\n" * 20
-    heard = at_wrong_baud(sent)
+    heard = read_at_wrong_baud(sent)
     assert 0.3 * len(sent) < len(heard) < 0.7 * len(sent)
     assert b"GGA" not in heard
-    assert at_wrong_baud(sent, 1.0) == sent, "at the right rate it is what was sent"
+    assert read_at_wrong_baud(sent, 1.0) == sent, "at the right rate it is what was sent"
 
 
 @pytest.mark.parametrize(
@@ -100,15 +100,15 @@ def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
     ],
 )
 def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_plant, fault, kind):
-    from topdress.drivers.virtual.faults import KINDS
+    from topdress.drivers.virtual.faults import FAULT_KINDS
 
-    cab, machine = virtual_cab(fake_plant, clock)
+    cab, machine = make_virtual_cab(fake_plant, clock)
     board, line = cab._drives[1], ServedLine((machine._board_port,), clock, seed=0)
-    line.fault(KINDS[fault])
+    line.set_faults(FAULT_KINDS[fault])
     machine._board_port = line
     for _ in range(200):
         clock.now_s += 0.05
-        machine.advance(clock.now_s)
+        machine.advance_to(clock.now_s)
         measured = cab.read_measurements(clock.now_s)
         for reading, true in ((measured.opening_mm, 25.0), (measured.supply_v, 13.5)):
             assert reading is None or reading.value == true
@@ -122,7 +122,7 @@ def machine_at(fake_plant):
     made = []
 
     def make(**options):
-        served = ServedMachine(fake_plant, Serve(first_port=0, **options), time.monotonic)
+        served = ServedMachine(fake_plant, ServeOptions(first_port=0, **options), time.monotonic)
         made.append(served)
         urls: dict[str, list[str]] = {}
         for address in served.addresses:
@@ -138,13 +138,13 @@ def test_a_pulled_plug_ends_the_line_and_a_plugged_one_is_found_again(machine_at
     served, urls = machine_at(faults=[TimedFault("unplug", "board", 2.0, 3.0)])
     port = open_port(urls["board"][0], 115200, time.monotonic)
     try:
-        wait_for(lambda: served.advance() == ["board: unplugged"])
+        wait_for(lambda: served.advance_plant() == ["board: unplugged"])
         wait_for(lambda: not port.state().connected)
         heard = port.state().bytes_in
         assert heard > 0
         wait_for(lambda: refuses(urls["board"][0]))
-        wait_for(lambda: served.advance() == ["board: as it should be"])
-        wait_for(lambda: served.advance() or port.state().bytes_in > heard)
+        wait_for(lambda: served.advance_plant() == ["board: as it should be"])
+        wait_for(lambda: served.advance_plant() or port.state().bytes_in > heard)
         assert port.state().connects == 2
     finally:
         port.close()
@@ -156,12 +156,12 @@ def test_a_pseudo_terminal_is_a_serial_port_that_can_be_pulled(machine_at, tmp_p
     name = urls["gnss"][1]
     port = open_port(name, 115200, time.monotonic)
     try:
-        wait_for(lambda: served.advance() == ["gnss: unplugged"])
+        wait_for(lambda: served.advance_plant() == ["gnss: unplugged"])
         wait_for(lambda: not port.state().connected)
         heard = port.state().bytes_in
-        assert heard > 100 and port.state().last_lines()[0].startswith("$GN")
-        wait_for(lambda: served.advance() == ["gnss: as it should be"])
-        wait_for(lambda: served.advance() or port.state().bytes_in > heard)
+        assert heard > 100 and port.state().format_last_lines()[0].startswith("$GN")
+        wait_for(lambda: served.advance_plant() == ["gnss: as it should be"])
+        wait_for(lambda: served.advance_plant() or port.state().bytes_in > heard)
     finally:
         port.close()
     served.close()
@@ -204,7 +204,7 @@ def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
     ]
 
     def told() -> bool:
-        served.advance()
+        served.advance_plant()
         now_s = time.monotonic()
         m, other = (cab.read_measurements(now_s) for cab in cabs)
         cabs[0].send_command(now_s, DriveCommand(60.0, 30.0), now_s - began_s > 0.3)
@@ -240,7 +240,7 @@ def drive(clock):
     def go(cab, machine, seconds, command=None, enabled=False, tick_s=0.05):
         for _ in range(round(seconds / tick_s)):
             clock.now_s += tick_s
-            machine.advance(clock.now_s)
+            machine.advance_to(clock.now_s)
             measured = cab.read_measurements(clock.now_s)
             if command is not None:
                 cab.send_command(clock.now_s, command, enabled)
@@ -252,7 +252,7 @@ def drive(clock):
 @pytest.mark.parametrize("multiplexed", [False, True])
 @pytest.mark.parametrize("protocol", ["greenseeker", "acs430", "acs435"])
 def test_what_the_plant_senses_is_measured(clock, drive, fake_plant, protocol, multiplexed):
-    cab, machine = virtual_cab(fake_plant, clock, protocol=protocol, multiplexed=multiplexed)
+    cab, machine = make_virtual_cab(fake_plant, clock, protocol=protocol, multiplexed=multiplexed)
     drive(cab, machine, 0.2, RUN, False)
     m = drive(cab, machine, 5.0, RUN, True)
     assert m.gnss is not None
@@ -280,7 +280,7 @@ def test_what_the_plant_senses_is_measured(clock, drive, fake_plant, protocol, m
 
 
 def test_no_sentence_was_rejected_on_a_clean_line(clock, drive, fake_plant):
-    cab, machine = virtual_cab(fake_plant, clock)
+    cab, machine = make_virtual_cab(fake_plant, clock)
     drive(cab, machine, 10.0, RUN, False)
     assert [device.rejected for device in cab.list_device_status(clock.now_s)] == [0] * 8
     assert cab.list_device_status(clock.now_s)[0].rate_hz == pytest.approx(5.0, rel=0.01)
@@ -288,7 +288,7 @@ def test_no_sentence_was_rejected_on_a_clean_line(clock, drive, fake_plant):
 
 
 def test_a_command_acts_from_the_next_step(clock, drive, fake_plant):
-    cab, machine = virtual_cab(fake_plant, clock)
+    cab, machine = make_virtual_cab(fake_plant, clock)
     drive(cab, machine, 0.2, RUN, False)
     fake_plant.commands.clear()
     cab.send_command(clock.now_s, RUN, True)
@@ -297,7 +297,7 @@ def test_a_command_acts_from_the_next_step(clock, drive, fake_plant):
 
 
 def test_standing_still_keeps_the_gate_where_it_is(clock, drive, fake_plant):
-    cab, machine = virtual_cab(fake_plant, clock, opening_mm=17.0)
+    cab, machine = make_virtual_cab(fake_plant, clock, opening_mm=17.0)
     drive(cab, machine, 0.5, RUN, False)
     assert set(fake_plant.commands) == {(DriveCommand(0.0, 17.0), False)}
     drive(cab, machine, 0.5, RUN, True)
@@ -308,7 +308,7 @@ def test_standing_still_keeps_the_gate_where_it_is(clock, drive, fake_plant):
 def test_a_silent_host_stops_the_drives_within_a_second_until_told_to_start_again(
     clock, drive, fake_plant
 ):
-    cab, machine = virtual_cab(fake_plant, clock)
+    cab, machine = make_virtual_cab(fake_plant, clock)
     drive(cab, machine, 0.2, RUN, False)
     drive(cab, machine, 1.0, RUN, True)
     fake_plant.commands.clear()
@@ -326,7 +326,7 @@ def test_a_silent_host_stops_the_drives_within_a_second_until_told_to_start_agai
 
 
 def test_a_driver_fault_stops_and_is_told(clock, drive, fake_plant):
-    cab, machine = virtual_cab(fake_plant, clock)
+    cab, machine = make_virtual_cab(fake_plant, clock)
     drive(cab, machine, 0.2, RUN, False)
     drive(cab, machine, 0.5, RUN, True)
     machine.board.driver_fault = True
@@ -336,12 +336,12 @@ def test_a_driver_fault_stops_and_is_told(clock, drive, fake_plant):
 
 
 def test_advance_steps_exactly_up_to_now_and_skips_a_long_pause(clock, fake_plant):
-    _, machine = virtual_cab(fake_plant, clock)
-    assert machine.advance(100.049) == 0
-    assert machine.advance(100.05) == 1
-    assert machine.advance(101.0) == 19
-    assert machine.advance(10_000.0) == 100
-    assert machine.advance(10_000.05) == 1
+    _, machine = make_virtual_cab(fake_plant, clock)
+    assert machine.advance_to(100.049) == 0
+    assert machine.advance_to(100.05) == 1
+    assert machine.advance_to(101.0) == 19
+    assert machine.advance_to(10_000.0) == 100
+    assert machine.advance_to(10_000.05) == 1
 
 
 @pytest.mark.parametrize(
@@ -356,7 +356,7 @@ def test_advance_steps_exactly_up_to_now_and_skips_a_long_pause(clock, fake_plan
 )
 def test_positions_survive_degrees_and_minutes(lat_deg, lon_deg):
     decoder = GnssDecoder(live=False)
-    decoder.feed(gnss_sentences(GnssFix(0.0, lat_deg, lon_deg, 5)), 0.0)
+    decoder.feed(make_gnss_sentences(GnssFix(0.0, lat_deg, lon_deg, 5)), 0.0)
     (fix,) = decoder.flush(0.0)
     assert not decoder.counts.rejected
     assert (fix.lat_deg, fix.lon_deg) == (
@@ -367,7 +367,7 @@ def test_positions_survive_degrees_and_minutes(lat_deg, lon_deg):
 
 def test_a_plant_without_a_fix_gives_no_position():
     decoder = GnssDecoder(live=False)
-    decoder.feed(gnss_sentences(GnssFix(0.0, 34.28, 119.88, 0)), 0.0)
+    decoder.feed(make_gnss_sentences(GnssFix(0.0, 34.28, 119.88, 0)), 0.0)
     assert decoder.flush(0.0) == []
     assert decoder.counts.ignored == {"no_fix": 3}
 
@@ -390,7 +390,7 @@ def test_the_same_ends_on_tcp(clock, fake_plant):
         deadline = time.monotonic() + 30.0
         while True:
             clock.now_s += 0.05
-            machine.advance(clock.now_s)
+            machine.advance_to(clock.now_s)
             m = cab.read_measurements(clock.now_s)
             cab.send_command(clock.now_s, RUN, clock.now_s > 101.0)
             if m.gnss and m.ndvi[5] and m.shaft_rpm and m.shaft_rpm.value == 60.0:
@@ -409,13 +409,15 @@ def test_the_same_ends_on_tcp(clock, fake_plant):
 def test_thirty_seconds_of_the_real_plant(clock):
     plant = Plant(Machine(), Job(), seed=3)
     sensed = []
-    step = plant.step
-    plant.step = lambda command, enabled: sensed.append(step(command, enabled)) or sensed[-1]
-    cab, machine = virtual_cab(plant, clock)
+    step = plant.advance_plant
+    plant.advance_plant = lambda command, enabled: (
+        sensed.append(step(command, enabled)) or sensed[-1]
+    )
+    cab, machine = make_virtual_cab(plant, clock)
     wheel_errors = []
     for tick in range(600):
         clock.now_s += 0.05
-        machine.advance(clock.now_s)
+        machine.advance_to(clock.now_s)
         m = cab.read_measurements(clock.now_s)
         cab.send_command(clock.now_s, DriveCommand(60.0, 30.0), tick > 20)
         last = sensed[-1]

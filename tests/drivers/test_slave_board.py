@@ -9,18 +9,18 @@ from pathlib import Path
 import pytest
 from topdress.control.readings import DoseOrder, DriveCommand
 from topdress.control.simulation.plant import SensorReadings
-from topdress.drivers.board.framing import seal
+from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.devices.board_frames import (
     ASK,
     CommandFrame,
-    crc16,
+    calc_crc16,
     decode_status,
     encode_command,
 )
 from topdress.drivers.devices.point_dose import DoseState
-from topdress.drivers.devices.slave_board import ASKED, SetPointLimits, SlaveBoard
-from topdress.drivers.ports import memory_pair
+from topdress.drivers.devices.slave_board import MAX_WORD_REQUESTS, SetPointLimits, SlaveBoard
+from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
 
 STATUS = "S1,{seq},41,1000000,8,990000,69.900,24.980,250.050,13.480,1.500,-0.250,1,1"
@@ -48,7 +48,7 @@ def status(seq: int, /, **changes: str) -> str:
 
 
 def test_crc_is_the_published_one():
-    assert crc16(b"123456789") == 0x29B1
+    assert calc_crc16(b"123456789") == 0x29B1
 
 
 def test_frames_are_written_as_the_protocol_page_shows_them(board_line):
@@ -56,13 +56,13 @@ def test_frames_are_written_as_the_protocol_page_shows_them(board_line):
     sensed = SensorReadings(
         1.0, None, 0.0, 8, None, 69.9, 24.98, 250.05, 13.48, 1.5, -0.25, True, 0.99
     )
-    assert VirtualBoard(25.0, lambda: None).status(sensed, 0.0) == board_line(
+    assert VirtualBoard(25.0, lambda: None).make_status(sensed, 0.0) == board_line(
         status(0, echo="0", flags="0")
     )
     bare = sensed._replace(
         hopper_kg=math.nan, work_switch=None, valves_open=(True, False, True), shaft_effort=41.5
     )
-    assert VirtualBoard(25.0, lambda: None).status(bare, 0.0) == board_line(
+    assert VirtualBoard(25.0, lambda: None).make_status(bare, 0.0) == board_line(
         status(0, name="S3", echo="0", hopper="", switch="", flags="0") + ",5,41.500,"
     )
 
@@ -183,15 +183,23 @@ def test_missed_status_lines_are_counted_over_the_wrap_and_a_restarted_board_is_
 
 def test_commands_count_up_and_stop_when_not_enabled(board_line):
     board = SlaveBoard()
-    assert board.command(DriveCommand(70.0, 25.0), True) == board_line("T1,0,70.000,25.000,1")
-    assert board.command(DriveCommand(70.0, 25.0), False) == board_line("T1,1,0.000,25.000,0")
-    assert board.command(None, True) == board_line("T1,2,0.000,25.000,0")
+    assert board.make_command_line(DriveCommand(70.0, 25.0), True) == board_line(
+        "T1,0,70.000,25.000,1"
+    )
+    assert board.make_command_line(DriveCommand(70.0, 25.0), False) == board_line(
+        "T1,1,0.000,25.000,0"
+    )
+    assert board.make_command_line(None, True) == board_line("T1,2,0.000,25.000,0")
 
 
 def test_commands_are_cut_to_the_limits(board_line):
     board = SlaveBoard(SetPointLimits(max_shaft_rpm=80.0, max_opening_mm=50.0))
-    assert board.command(DriveCommand(1e9, 1e9), True) == board_line("T1,0,80.000,50.000,1")
-    assert board.command(DriveCommand(-5.0, -5.0), True) == board_line("T1,1,0.000,0.000,1")
+    assert board.make_command_line(DriveCommand(1e9, 1e9), True) == board_line(
+        "T1,0,80.000,50.000,1"
+    )
+    assert board.make_command_line(DriveCommand(-5.0, -5.0), True) == board_line(
+        "T1,1,0.000,0.000,1"
+    )
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -199,7 +207,7 @@ def test_commands_are_cut_to_the_limits(board_line):
 def test_no_command_that_is_not_finite(bad, enabled):
     for command in (DriveCommand(bad, 25.0), DriveCommand(70.0, bad)):
         with pytest.raises(ValueError, match="finite"):
-            SlaveBoard().command(command, enabled)
+            SlaveBoard().make_command_line(command, enabled)
     with pytest.raises(ValueError, match="allowed is 0 to 300"):
         encode_command(CommandFrame(0, bad, 25.0, True))
 
@@ -215,36 +223,38 @@ def test_the_examples_on_the_protocol_page_are_real_frames(board_line):
 
 def test_valves_of_sections_go_in_a_frame_of_their_own_and_close_with_the_drives() -> None:
     host, board = SlaveBoard(), VirtualBoard(25.0)
-    board.feed(host.command(None, False), 0.0)
-    line = host.command(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
+    board.feed_commands(host.make_command_line(None, False), 0.0)
+    line = host.make_command_line(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
     assert line.startswith(b"$T2,1,70.000,25.000,1,5*")
-    board.feed(line, 0.1)
-    command, enabled = board.set_points(0.1)
+    board.feed_commands(line, 0.1)
+    command, enabled = board.find_set_points(0.1)
     assert enabled and command.valves[:4] == (True, False, True, False)
-    assert not any(board.set_points(1.2)[0].valves), "the host is silent"
-    assert host.command(None, False).startswith(b"$T2,2,0.000,25.000,0,0*")
-    assert SlaveBoard().command(DriveCommand(70.0, 25.0), True).startswith(b"$T1,")
+    assert not any(board.find_set_points(1.2)[0].valves), "the host is silent"
+    assert host.make_command_line(None, False).startswith(b"$T2,2,0.000,25.000,0,0*")
+    assert SlaveBoard().make_command_line(DriveCommand(70.0, 25.0), True).startswith(b"$T1,")
     open_valves = DriveCommand(70.0, 25.0, valves=(True, True))
-    assert SlaveBoard().command(open_valves, False).startswith(b"$T2,0,0.000,25.000,0,0*")
+    assert SlaveBoard().make_command_line(open_valves, False).startswith(b"$T2,0,0.000,25.000,0,0*")
 
 
 def test_a_board_that_does_not_answer_is_no_longer_asked_for_its_word(board_line) -> None:
     host = SlaveBoard()
     host.feed(board_line("W1,1,12345"), 0.0)
-    host.opened_anew()
-    lines = [host.command(DriveCommand(70.0, 25.0), True) for _ in range(ASKED + 5)]
-    assert [line.startswith(ASK) for line in lines] == [True] * ASKED + [False] * 5
+    host.forget_board()
+    lines = [
+        host.make_command_line(DriveCommand(70.0, 25.0), True) for _ in range(MAX_WORD_REQUESTS + 5)
+    ]
+    assert [line.startswith(ASK) for line in lines] == [True] * MAX_WORD_REQUESTS + [False] * 5
     assert b",12345*" in lines[0] and b"12345" not in lines[-1]
 
 
 def test_a_machine_that_is_recorded_only_gets_no_byte(clock) -> None:
-    host, end = memory_pair("board", clock)
+    host, end = make_memory_pair("board", clock)
     config = CabConfig.model_validate({"board": {"port": "b"}, "record_only": True})
     cab = Cab(config, clock, lambda *_: host)
     cab.read_measurements(0.0)
     cab.send_command(0.0, DriveCommand(70.0, 25.0), True)
     assert cab.give_dose(0.0, 120.0, 60.0) is None
-    cab.ask_turned()
+    cab.request_turned()
     assert end.read() == b""
 
 
@@ -259,8 +269,8 @@ def test_a_machine_that_is_recorded_only_gets_no_byte(clock) -> None:
 )
 def test_a_wrong_command_with_valves_changes_nothing(payload: str, kind: str) -> None:
     board = VirtualBoard(25.0)
-    board.feed(seal(payload), 0.0)
-    assert board.counts.rejected == {kind: 1} and board.set_points(0.0)[0].valves == ()
+    board.feed_commands(seal_frame(payload), 0.0)
+    assert board.counts.rejected == {kind: 1} and board.find_set_points(0.0)[0].valves == ()
 
 
 # --- Doses from the loop's command over the cab's bytes to the virtual board, and its reports
@@ -274,7 +284,7 @@ class Bench:
     """A cab and a virtual board on one line, stepped together every 50 ms."""
 
     def __init__(self, clock) -> None:
-        host, self.end = memory_pair("board", clock)
+        host, self.end = make_memory_pair("board", clock)
         self.cab = Cab(CabConfig.model_validate({"board": {"port": "b"}}), clock, lambda *_: host)
         self.board = VirtualBoard(25.0)
         self.clock = clock
@@ -288,10 +298,10 @@ class Bench:
             now_s = self.clock.now_s
             self.cab.read_measurements(now_s)
             self.cab.send_command(now_s, STANDING._replace(dose=(doses or {}).get(tick)), enabled)
-            self.board.feed(self.end.read(), now_s)
-            begins = self.board.dose(now_s)
+            self.board.feed_commands(self.end.read(), now_s)
+            begins = self.board.take_dose(now_s)
             self.begun += [] if begins is None else [begins]
-            self.end.write(self.board.status(sensed(now_s), now_s))
+            self.end.write(self.board.make_status(sensed(now_s), now_s))
             self.clock.now_s += 0.05
 
 
@@ -310,7 +320,7 @@ def bench(clock) -> Bench:
 def test_a_commanded_dose_reaches_the_board_once_and_is_reported_done(bench):
     bench.run(10, doses={0: DOSE})
     assert bench.begun == [DOSE]
-    dose = bench.cab.dose
+    dose = bench.cab.newest_dose
     assert dose is not None and dose.state is DoseState.DONE and dose.turned_deg == 120.0
     assert dose.took_s == pytest.approx(0.2004, abs=1e-3)
     assert not bench.board.counts.rejected
@@ -326,7 +336,7 @@ def test_a_dose_that_comes_too_soon_waits_for_the_one_before_or_is_dropped_and_c
 def test_a_stop_ends_the_dose_and_one_that_waits(bench):
     bench.run(5, doses={0: DoseOrder(720.0, 99.8), 4: DOSE})
     bench.run(3, enabled=False)
-    dose = bench.cab.dose
+    dose = bench.cab.newest_dose
     assert dose is not None and dose.state is DoseState.ABORTED and 60.0 < dose.turned_deg < 250.0
     bench.run(10)
     assert len(bench.begun) == 1, "nothing is given by itself afterwards"
@@ -336,19 +346,19 @@ def test_a_stop_ends_the_dose_and_one_that_waits(bench):
 
 def test_a_board_asked_too_much_refuses(bench):
     word = bench.board.word
-    bench.board.feed(seal(f"D3,900,1,720.000,99.800,{word}"), bench.clock.now_s)
-    bench.board.feed(seal(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
-    assert b"E1," in bench.board.status(sensed(bench.clock.now_s), bench.clock.now_s)
-    assert b",2,3,0.000," in bench.board.status(sensed(bench.clock.now_s), bench.clock.now_s)
-    bench.board.feed(seal(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
+    bench.board.feed_commands(seal_frame(f"D3,900,1,720.000,99.800,{word}"), bench.clock.now_s)
+    bench.board.feed_commands(seal_frame(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
+    assert b"E1," in bench.board.make_status(sensed(bench.clock.now_s), bench.clock.now_s)
+    assert b",2,3,0.000," in bench.board.make_status(sensed(bench.clock.now_s), bench.clock.now_s)
+    bench.board.feed_commands(seal_frame(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
     assert bench.board.counts.rejected["repeated_sequence"] == 1
 
 
 def test_a_dose_of_another_session_is_not_given_and_stops_the_board(bench):
-    bench.board.feed(seal("D1,900,1,720.000,99.800"), bench.clock.now_s)
+    bench.board.feed_commands(seal_frame("D1,900,1,720.000,99.800"), bench.clock.now_s)
     assert (
         bench.board.counts.rejected["old_order"] == 1
-        and not bench.board.set_points(bench.clock.now_s)[1]
+        and not bench.board.find_set_points(bench.clock.now_s)[1]
     )
     bench.run(3)
     assert bench.begun == [] and bench.cab.read_measurements(bench.clock.now_s).old_orders

@@ -11,9 +11,9 @@ from topdress.control.readings import SpeedPlan
 from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
 from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
-from topdress.drivers.devices.decode import decode
-from topdress.drivers.devices.nmea import checksum
-from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder, sentence
+from topdress.drivers.devices.decode import decode_capture
+from topdress.drivers.devices.nmea import calc_checksum
+from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder, make_sentence
 from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 WAY_M = 0.15625
@@ -35,7 +35,7 @@ def drive(
         done = int(now_s * speed_mps / WAY_M + 1e-9)
         at_us = start_us + round(done * WAY_M / speed_mps * 1e6) if speed_mps else start_us
         found.append(
-            wheel.update(
+            wheel.update_speed(
                 (start_us + round(now_s * 1e6)) % 2**32, (pulses + done) % 2**32, at_us % 2**32
             )
         )
@@ -55,7 +55,9 @@ def test_circumference_and_pulses_per_turn_count():
 def test_no_pulse_for_eight_tenths_of_a_second_is_standstill_and_the_speed_falls_before():
     wheel = WheelSpeed(WheelGeometry())
     drive(wheel, 1.25, 2.0)  # last pulse: number 16, at 2.875 s
-    after = [wheel.update(2_875_000 + ms * 1000, 16, 2_875_000) for ms in (100, 200, 400, 799, 800)]
+    after = [
+        wheel.update_speed(2_875_000 + ms * 1000, 16, 2_875_000) for ms in (100, 200, 400, 799, 800)
+    ]
     assert after == [
         pytest.approx(1.25),
         pytest.approx(WAY_M / 0.2),
@@ -83,11 +85,11 @@ def test_a_restarted_board_begins_anew():
 def test_impossible_counts_are_no_speed():
     wheel = WheelSpeed(WheelGeometry())
     drive(wheel, 1.25, 2.0)
-    assert wheel.update(3_050_000, 5000, 3_049_000) is None
+    assert wheel.update_speed(3_050_000, 5000, 3_049_000) is None
 
 
 def test_a_wheel_that_never_turned_stands():
-    assert WheelSpeed(WheelGeometry()).update(100_000, 0, 0) == 0.0
+    assert WheelSpeed(WheelGeometry()).update_speed(100_000, 0, 0) == 0.0
 
 
 # --- Told speeds in bytes: what is taken, what is refused and counted, and the way from a cab's
@@ -97,13 +99,13 @@ PLAN = SpeedPlan(3.0, ((0.0, 1.25), (1.2, 2.0)), 0.5)
 
 
 def framed(body: bytes) -> bytes:
-    return b"$%s*%02X\r\n" % (body, checksum(body))
+    return b"$%s*%02X\r\n" % (body, calc_checksum(body))
 
 
 def test_a_plan_comes_through_in_any_pieces() -> None:
     for size in (1, 3, 7, 100):
         decoder, found = TractorSpeedDecoder(), []
-        data = sentence(PLAN) * 3
+        data = make_sentence(PLAN) * 3
         for k in range(0, len(data), size):
             found += decoder.feed(data[k : k + size], 3.0)
         assert [one.points[1] for one in found] == [pytest.approx((1.2, 2.0))] * 3
@@ -131,7 +133,7 @@ def test_what_is_wrong_is_counted_and_told_to_nobody(line: bytes, kind: str) -> 
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.one_of(st.binary(max_size=60), st.just(sentence(PLAN))), max_size=8))
+@given(st.lists(st.one_of(st.binary(max_size=60), st.just(make_sentence(PLAN))), max_size=8))
 def test_no_bytes_break_it(pieces: list[bytes]) -> None:
     decoder = TractorSpeedDecoder()
     for k, piece in enumerate(pieces):
@@ -163,7 +165,7 @@ def test_from_the_cabs_port_to_control() -> None:
         lambda *_: line,
     )
     assert cab.read_measurements(0.0).speed_told is None
-    line.waiting = sentence(PLAN)
+    line.waiting = make_sentence(PLAN)
     told = cab.read_measurements(1.0).speed_told
     assert (
         told is not None
@@ -176,7 +178,7 @@ def test_from_the_cabs_port_to_control() -> None:
 
 
 def test_a_capture_is_decoded() -> None:
-    records, counts = decode("tractor", sentence(PLAN))
+    records, counts = decode_capture("tractor", make_sentence(PLAN))
     assert counts.accepted == 1 and records[0]["speed_mps_in_1.2_s"] == pytest.approx(2.0)
 
 

@@ -8,15 +8,15 @@ import datetime as dt
 
 import pytest
 from topdress.control.orders import Do, Strategy
-from topdress.control.sensing import speed_ahead_mps, travelled_ahead_m
+from topdress.control.sensing import predict_speed_ahead_mps, predict_way_ahead_m
 from topdress.drivers.files.exports.as_applied import build_as_applied
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import run_meta
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
+from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, DriveRunaway
 
-SHAFT, GATE = Runaway(shaft_rpm=RUNAWAY_RPM), Runaway(opening_mm=RUNAWAY_MM)
+SHAFT, GATE = DriveRunaway(shaft_rpm=RUNAWAY_RPM), DriveRunaway(opening_mm=RUNAWAY_MM)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,12 @@ def test_a_gate_that_opens_is_said(bench, name):
 @pytest.mark.parametrize("name", ["held, from the order on"])
 def test_a_valve_that_stays_open_is_said(bench, name):
     found = bench.lied_to(
-        bench.STATES[name], Runaway(), "valve_open", "huanghai_sections", "sections_demo", {2: True}
+        bench.STATES[name],
+        DriveRunaway(),
+        "valve_open",
+        "huanghai_sections",
+        "sections_demo",
+        {2: True},
     )
     assert all(bench.promised(name, found, bench.VALVE_SAID_S).values()), found
 
@@ -102,9 +107,9 @@ def test_what_runs_down_after_a_catch_test_lies_in_the_tray(bench):
     it = bench.Rig()
     bench.STATES[bench.CALIBRATING](it)
     for rpm in (0.0, 60.0):
-        it.loop.order(bench.Order(Do.CALIBRATE_SHAFT, rpm))
+        it.loop.handle_order(bench.Order(Do.CALIBRATE_SHAFT, rpm))
         for _ in range(40):
-            it.loop.order(bench.Order(Do.CALIBRATE))
+            it.loop.handle_order(bench.Order(Do.CALIBRATE))
             it.run(0.05)
     it.order(Do.RELEASE)
     it.run(3.0)
@@ -120,7 +125,7 @@ def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
     it.run(3.0)
     it.runaway = SHAFT
     it.run(10.0)
-    it.runaway = Runaway()
+    it.runaway = DriveRunaway()
     it.run(3.0)
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
     writer = RunLogWriter(
@@ -219,14 +224,14 @@ def test_what_a_speed_that_is_announced_reaches(benchmark_module, strategy, rate
 @pytest.mark.exam
 def test_strategies_in_the_same_units(benchmark_module):
     m = benchmark_module("manoeuvres")
-    from topdress.control.simulation.figures import moves
+    from topdress.control.simulation.figures import count_moves
 
     setup = m.the_setup()
     found = {}
     for strategy in (Strategy.OPENING_FIRST, Strategy.SPEED_FIRST):
         record = m.driven(setup, strategy, 1, 120.0, {}, None)
-        found[strategy] = moves(
-            record.columns(), record.fired, setup.machine.geometry.working_width_m
+        found[strategy] = count_moves(
+            record.make_columns(), record.fired, setup.machine.geometry.working_width_m
         )
     opening, shaft = found[Strategy.OPENING_FIRST], found[Strategy.SPEED_FIRST]
     assert 0.15 < opening.reach_p50_s < 0.4, "gate: dead time 0.1 s and its travel"
@@ -242,11 +247,11 @@ def test_strategies_in_the_same_units(benchmark_module):
 
 def test_the_forecast_is_bounded_and_its_own_integral():
     for speed, acceleration in ((1.25, 0.5), (1.25, -0.5), (0.5, 3.0), (1.0, -3.0), (0.0, 0.7)):
-        steps = [speed_ahead_mps(speed, acceleration, 0.001 * k) for k in range(2001)]
+        steps = [predict_speed_ahead_mps(speed, acceleration, 0.001 * k) for k in range(2001)]
         way = sum(steps[:-1]) * 0.001
-        assert travelled_ahead_m(speed, acceleration, 2.0) == pytest.approx(way, abs=0.2)
+        assert predict_way_ahead_m(speed, acceleration, 2.0) == pytest.approx(way, abs=0.2)
         assert all(0.5 * speed - 1e-9 <= s <= 1.5 * speed + 1e-9 for s in steps)
-    assert speed_ahead_mps(2.0, 0.5, 10.0) == pytest.approx(2.4), (
+    assert predict_speed_ahead_mps(2.0, 0.5, 10.0) == pytest.approx(2.4), (
         "0.5 m/s2 dies out within 0.8 s: 0.4 m/s more"
     )
 

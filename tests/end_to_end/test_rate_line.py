@@ -11,9 +11,9 @@ import pytest
 from topdress.control.field.job import Wanted
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.readings import Measurements
-from topdress.control.simulation.assembly import control_loop
+from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.devices.rate_line import RateLineDecoder, target_sentence
+from topdress.drivers.devices.rate_line import RateLineDecoder, make_target_sentence
 from topdress.drivers.ports import PortState
 
 from tests.control_loop.closed import SETUP, STEP_S, Closed
@@ -22,7 +22,7 @@ from tests.waiting import wait_for
 WANTED_KG_HA, SILENT_KG_HA = 200.0, 120.0
 MOST_KG_HA = SETUP.crop.max_rate_kg_ha
 RAVEN = b"$R,RC,2000,0\r\n"
-TOO_MUCH = target_sentence(1000.0)
+TOO_MUCH = make_target_sentence(1000.0)
 GARBAGE = (
     b"\x00\xff$R,RC,20a0\r\n$PTDRT,950.0*00\r\n$R,RC,99999999\r\n"
     b"$R,RC,-200\r\n\x80\x80$PTDRT,nan*11\r\n"
@@ -116,7 +116,7 @@ class Metering:
         ("its cable is pulled", b"", True, SILENT_KG_HA, "fallback", "target_silent"),
         ("garbage", GARBAGE, False, SILENT_KG_HA, "fallback", "target_silent"),
         ("1,000 kg/ha", TOO_MUCH, False, MOST_KG_HA, "external", "target_cut"),
-        ("0 kg/ha", target_sentence(0.0), False, 0.0, "external", None),
+        ("0 kg/ha", make_target_sentence(0.0), False, 0.0, "external", None),
     ],
 )
 def test_what_the_ground_gets_by_another_display(
@@ -186,8 +186,8 @@ def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_
     theirs = Closed(
         sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=target
     ).start()
-    ours = control_loop(SETUP.machine, SETUP.crop, SETUP.rule, theirs.job, record_only=True)
-    assert [ours.order(Order(do)).why for do in (Do.READY, Do.START, Do.CALIBRATE)] == [
+    ours = make_control_loop(SETUP.machine, SETUP.crop, SETUP.rule, theirs.job, record_only=True)
+    assert [ours.handle_order(Order(do)).why for do in (Do.READY, Do.START, Do.CALIBRATE)] == [
         "record_only"
     ] * 3
     rows = []
@@ -197,16 +197,16 @@ def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_
             lines["rates"].waiting = b"$R114-,AR,%d\r\n" % round(10.0 * row.applied_rate_kg_ha)
         heard = cab.read_measurements(row.time_s)
         m = theirs._measuring._now
-        tick = ours.tick(
+        tick = ours.run_tick(
             m._replace(
                 rate_applied=heard.rate_applied, shaft_rpm=None, opening_mm=None, hopper_kg=None
             )
         )
-        cab.send_command(row.time_s, tick.command, tick.enabled)
+        cab.send_command(row.time_s, tick.command, tick.is_enabled)
         cab.give_dose(row.time_s, 120.0, 70.0)
         rows.append(tick.row)
     cab.close_devices()
-    assert lines["board"].written == b"" and not tick.enabled and tick.command.shaft_rpm == 0.0
+    assert lines["board"].written == b"" and not tick.is_enabled and tick.command.shaft_rpm == 0.0
     last = rows[-1]
     assert last.applied_rate_kg_ha == pytest.approx(300.0, rel=0.05)
     assert (last.state, last.shaft_rpm_cmd, last.opening_mm_cmd) == (None, None, None)
@@ -230,7 +230,7 @@ def test_a_raven_target_counts_once_it_came_twice_and_no_spoilt_line_is_one():
         for one in decoder.feed(b"$R,RC,2000\r\n$R,RC,9000\r\n$R,RC,2000\r\n$R,RC,2000\r\n", 1.0)
     ]
     assert said == [200.0] and decoder.counts.ignored["said_once"] == 3
-    assert [one.rate_kg_ha for one in decoder.feed(target_sentence(130.0), 2.0)] == [130.0]
+    assert [one.rate_kg_ha for one in decoder.feed(make_target_sentence(130.0), 2.0)] == [130.0]
     assert decoder.feed(GARBAGE, 3.0) == [] and sum(decoder.counts.rejected.values()) == 5
     actual = decoder.feed(b"$R114-,AR,1287,0,0\r\n", 4.0)
     assert [(one.rate_kg_ha, one.is_target) for one in actual] == [(pytest.approx(128.7), False)]

@@ -26,7 +26,7 @@ def row(k: int, machine: Machine) -> LogRow:
     time = k * STEP_S
     north = SPEED_MPS * time + machine.geometry.antenna_m
     fix = 2 * (k // 2)  # GNSS at half the log's rate: held in between
-    lat, lon = PLANE.to_deg(5.0, north - SPEED_MPS * (k - fix) * STEP_S)
+    lat, lon = PLANE.convert_to_deg(5.0, north - SPEED_MPS * (k - fix) * STEP_S)
     working = not 40.0 <= time < 45.0
     rate = 200.0 if time < 12.0 else 320.0
     return LogRow(

@@ -60,7 +60,7 @@ def test_sums_are_the_logs_own(applied: AsApplied) -> None:
 def test_each_stretch_lies_where_its_material_landed(applied: AsApplied) -> None:
     """Released in the middle of the stretch, behind the antenna, landed a drop time later."""
     s = applied.stretches
-    east, north = PLANE.many_to_m(s.lat_deg, s.lon_deg).T
+    east, north = PLANE.project_many_to_m(s.lat_deg, s.lon_deg).T
     inner = slice(2, 38)
     assert east[inner] == pytest.approx(np.full(36, 5.0), abs=1e-3)
     assert north[inner] == pytest.approx(SPEED_MPS * (s.time_s[inner] + DROP_S), abs=1e-3)
@@ -68,16 +68,16 @@ def test_each_stretch_lies_where_its_material_landed(applied: AsApplied) -> None
 
 def test_the_step_of_the_rate_lies_at_its_landing_place(applied: AsApplied) -> None:
     s = applied.stretches
-    north = PLANE.many_to_m(s.lat_deg, s.lon_deg)[:, 1]
+    north = PLANE.project_many_to_m(s.lat_deg, s.lon_deg)[:, 1]
     last_low = north[s.applied_kg_ha < 260.0].max() + 0.5 * SPEED_MPS
     assert last_low == pytest.approx(SPEED_MPS * (12.0 + DROP_S), abs=0.07)
 
 
 def test_polygons_touch_and_have_the_width(applied: AsApplied) -> None:
     s = applied.stretches
-    corners = PLANE.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(
-        -1, 4, 2
-    )
+    corners = PLANE.project_many_to_m(
+        s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()
+    ).reshape(-1, 4, 2)
     assert np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1) == pytest.approx(
         np.full(len(corners), 2.4), abs=1e-6
     )
@@ -274,12 +274,13 @@ def test_every_section_has_stretches_of_its_own(by_section):
     late = s.time_s > 27.0
     plane = TangentPlane(float(s.lat_deg[0]), float(s.lon_deg[0]))
     east_m = [
-        plane.to_m(lat, lon)[0] for lat, lon in zip(s.lat_deg[late], s.lon_deg[late], strict=True)
+        plane.project_to_m(lat, lon)[0]
+        for lat, lon in zip(s.lat_deg[late], s.lon_deg[late], strict=True)
     ]
     apart_m = [right - left for left, right in zip(east_m[::2], east_m[1::2], strict=True)]
     assert apart_m == pytest.approx([1.6] * len(apart_m), abs=0.02), "left and right alone"
     places = [
-        Polygon(plane.many_to_m(corners[:, 0], corners[:, 1]))
+        Polygon(plane.project_many_to_m(corners[:, 0], corners[:, 1]))
         for corners in s.corners_deg[late][:6]
     ]
     left, right = places[::2], places[1::2]

@@ -12,7 +12,13 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
+from topdress.control.targets.prescription import (
+    Fallbacks,
+    GridDeg,
+    MapData,
+    Zone,
+    calc_rate_shares,
+)
 from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct
 from topdress.drivers.files.exports.isoxml import write_isoxml_task
 from topdress.drivers.files.prescriptions.read import read_prescription
@@ -86,7 +92,7 @@ def ground(data: MapData) -> dict[int, float]:
     """ha by whole mg/m2; nothing wanted counts as ground without a rate, which a grid of
     numbers cannot tell apart."""
     found: dict[int, float] = {}
-    for share in statistics(data):
+    for share in calc_rate_shares(data):
         steps = round(100.0 * share.rate_kg_ha)
         if steps > 0 and share.area_ha > 1e-6:
             found[steps] = found.get(steps, 0.0) + share.area_ha

@@ -7,7 +7,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 from topdress.control.field.coverage import Coverage
-from topdress.control.field.ground_trace import MOST_WAY_M, GroundTrace
+from topdress.control.field.ground_trace import MAX_WAY_M, GroundTrace
 
 WIDTH_M = 2.4
 STEP_M = 0.1
@@ -28,7 +28,7 @@ def north(trace: GroundTrace, from_m: float, to_m: float, *, placed: bool, slip:
 
 def done_share(trace: GroundTrace, from_m: float, to_m: float, east_m: float = 0.0) -> float:
     places = [(east_m, at_m) for at_m in np.arange(from_m, to_m, 0.1)]
-    return float(np.isfinite(trace.coverage._stamps(places)).mean())
+    return float(np.isfinite(trace.coverage._find_stamps(places)).mean())
 
 
 @pytest.mark.parametrize("slip", [0.93, 1.0, 1.08])
@@ -40,8 +40,8 @@ def test_a_way_between_two_places_is_done_where_the_wheel_agrees(slip):
     way_m, is_done = north(trace, 30.1, 35.0, placed=True)
     assert is_done and way_m == pytest.approx(slip * 20.1, abs=0.2)
     assert done_share(trace, 0.5, 34.5) == 1.0
-    assert trace.coverage.covered.area_ha == pytest.approx(35.0 * WIDTH_M / 1e4, rel=0.02)
-    assert trace.coverage.covered.overlap_ha == 0.0
+    assert trace.coverage.covered_area.area_ha == pytest.approx(35.0 * WIDTH_M / 1e4, rel=0.02)
+    assert trace.coverage.covered_area.overlap_ha == 0.0
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,9 @@ def test_a_way_that_nobody_can_follow_is_given_up(ends):
     trace = a_trace()
     north(trace, 0.0, 10.0, placed=True)
     north(trace, 10.1, 20.0, placed=False)
-    trace.pass_over(None, None, True, -STEP_M if ends == "backwards" else MOST_WAY_M)
+    trace.pass_over(None, None, True, -STEP_M if ends == "backwards" else MAX_WAY_M)
     north(trace, 20.1, 30.0, placed=False)
-    assert trace.reckoned() == [] and north(trace, 30.1, 31.0, placed=True) is None
+    assert trace.reckon_open_way() == [] and north(trace, 30.1, 31.0, placed=True) is None
     assert done_share(trace, 11.0, 29.0) == 0.0
 
 
@@ -102,14 +102,14 @@ def test_a_curve_is_followed_between_both_courses():
     for _ in steps[1:]:
         trace.pass_over(None, None, True, radius_m * radians(0.2))
     assert trace.pass_over(at(40.0), 40.0, True, radius_m * radians(0.2))[1]
-    assert np.isfinite(trace.coverage._stamps([at(float(a)) for a in steps])).all()
+    assert np.isfinite(trace.coverage._find_stamps([at(float(a)) for a in steps])).all()
 
 
 def test_an_open_way_is_reckoned_straight_on_as_far_as_a_course_is_believed():
     trace = a_trace()
     north(trace, 0.0, 10.0, placed=True)
-    assert trace.reckoned() == []
+    assert trace.reckon_open_way() == []
     north(trace, 10.1, 60.0, placed=False)
-    way = [place[1] for place, _heading, _flowing in trace.reckoned()]
+    way = [place[1] for place, _heading, _flowing in trace.reckon_open_way()]
     assert way[0] == pytest.approx(10.0) and way[-1] == pytest.approx(10.0 + 24.0)
     assert done_share(trace, 11.0, 60.0) == 0.0, "nothing is entered before the place returns"

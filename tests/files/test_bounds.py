@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from topdress.control.field.job import Canopy, Job, Simulated, rule_of
+from topdress.control.field.job import Canopy, Job, Simulated, make_rule
 from topdress.control.machine.machine import Machine
-from topdress.control.metering.inverse import opening_for
+from topdress.control.metering.inverse import find_opening_mm
 from topdress.control.orders import Do, Order
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.canopy import CELL_M, MOST_CELLS, CanopyField
-from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.canopy import CANOPY_CELL_M, MAX_CANOPY_CELLS, CanopyField
+from topdress.control.simulation.closed_loop import simulate_run
 from topdress.drivers.files.config import ConfigError, validated
 from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
 from topdress.drivers.files.setup import load_setup
@@ -93,10 +93,10 @@ def test_a_width_that_no_machine_has_is_refused_in_one_line(tmp_path, command):
 )
 def test_the_simulated_canopy_has_a_most(east_m, north_m):
     field = CanopyField(Canopy(), (0.0, east_m), (0.0, north_m), 1)
-    assert field.ndvi.size <= MOST_CELLS
-    if east_m * north_m < 0.5 * MOST_CELLS * CELL_M**2:
-        assert field.ndvi.shape == (round(north_m / CELL_M), round(east_m / CELL_M))
-    assert 0.0 < field.at(0.9 * east_m, 0.9 * north_m) < 1.0
+    assert field.ndvi.size <= MAX_CANOPY_CELLS
+    if east_m * north_m < 0.5 * MAX_CANOPY_CELLS * CANOPY_CELL_M**2:
+        assert field.ndvi.shape == (round(north_m / CANOPY_CELL_M), round(east_m / CANOPY_CELL_M))
+    assert 0.0 < field.find_ndvi(0.9 * east_m, 0.9 * north_m) < 1.0
 
 
 def test_plants_beyond_what_a_list_may_hold_are_refused():
@@ -118,18 +118,17 @@ def test_the_largest_field_of_the_widest_machine_can_be_simulated():
     )
     machine = Machine.model_validate(widest.model_dump(exclude_defaults=True))
     sim = Simulated(passes=1000, pass_length_m=20_000.0, run_in_m=1000.0)
-    job = with_simulated_field(
+    job = add_simulated_field(
         Job(**setup.job.model_dump(exclude={"simulated"}), simulated=sim), machine
     )
-    loop = control_loop(machine, setup.crop, rule_of(setup.crop, job, 110), job)
+    loop = make_control_loop(machine, setup.crop, make_rule(setup.crop, job, 110), job)
     orders = [(0.5, Order(Do.READY)), (1.0, Order(Do.START))]
     rows = [
-        step.tick.row
-        for step in simulated_run(simulated_machine(machine, job, 1, 0.05), loop, 2.0, orders)
+        step.tick.row for step in simulate_run(make_plant(machine, job, 1, 0.05), loop, 2.0, orders)
     ]
     assert rows[-1].state == "working"
 
 
 def test_a_machine_all_of_whose_outlets_are_blocked_is_metered_to_its_limits():
     machine = Machine.model_validate({"flow": {"blocked_percent": 100.0}})
-    assert opening_for(machine, 0.1, 70.0) > machine.limits.opening_high_mm
+    assert find_opening_mm(machine, 0.1, 70.0) > machine.limits.opening_high_mm

@@ -13,7 +13,7 @@ import pytest
 import shapely
 from click.testing import Result
 from topdress.control.field.coverage import Coverage
-from topdress.control.field.done_ground import done_ground
+from topdress.control.field.done_ground import rasterise_ground
 from topdress.control.field.job import Job
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import TargetSource
@@ -65,7 +65,7 @@ def farthest_m(one: FieldData, other: FieldData) -> float:
         *((a.places_deg, b.places_deg) for a, b in zip(one.lines, other.lines, strict=True)),
     ]
     return max(
-        float(np.hypot(*(plane.many_to_m(*a.T) - plane.many_to_m(*b.T)).T).max())
+        float(np.hypot(*(plane.project_many_to_m(*a.T) - plane.project_many_to_m(*b.T)).T).max())
         for a, b in pairs
         if a is not None and b is not None
     )
@@ -115,10 +115,10 @@ def test_into_a_job_and_out_again(topdress: Callable[..., Result], tmp_path: Pat
     assert done.exit_code == 0 and "1 obstacles taken out" in done.output, done.output
     job = load(tmp_path / "job.yaml", JOB).model
     assert isinstance(job, Job) and len(job.field.holes_m) == 1 and len(job.field.lines) == 2
-    boundary = job.field.boundary()
+    boundary = job.field.make_boundary()
     assert boundary is not None
     hole = shapely.Polygon(job.field.holes_m[0]).centroid
-    assert not boundary.contains(hole.x, hole.y)
+    assert not boundary.contains_place(hole.x, hole.y)
     assert job.field.pass_heading_deg == pytest.approx(
         1.337, abs=0.02
     ) and job.field.headland_m == pytest.approx(12.0)
@@ -283,14 +283,14 @@ def test_shapefiles_of_an_outline_and_of_lines(
     plane = FIELD.plane()
     for one, other in (
         (
-            shapely.Polygon(plane.many_to_m(*back.outline_deg.T)),
-            shapely.Polygon(plane.many_to_m(*FIELD.outline_deg.T)),
+            shapely.Polygon(plane.project_many_to_m(*back.outline_deg.T)),
+            shapely.Polygon(plane.project_many_to_m(*FIELD.outline_deg.T)),
         ),
         *(
             (
-                shapely.LineString(plane.many_to_m(*line.places_deg.T)),
+                shapely.LineString(plane.project_many_to_m(*line.places_deg.T)),
                 shapely.LineString(
-                    plane.many_to_m(
+                    plane.project_many_to_m(
                         *next(same.places_deg for same in FIELD.lines if same.title == line.title).T
                     )
                 ),
@@ -340,7 +340,7 @@ OF_DEMO = TangentPlane(34.28, 119.88)  # as the shipped demo job has it
 
 
 def degrees(*places: tuple[float, float]) -> np.ndarray:
-    return np.array([OF_DEMO.to_deg(*place) for place in places])
+    return np.array([OF_DEMO.convert_to_deg(*place) for place in places])
 
 
 def strip(
@@ -407,7 +407,7 @@ def test_areas_are_those_of_a_geopandas_union(
     assert (
         sum(
             shapely.Polygon(one).area
-            for one in OF_DEMO.many_to_m(
+            for one in OF_DEMO.project_many_to_m(
                 triangles[..., 0].ravel(), triangles[..., 1].ravel()
             ).reshape(-1, 3, 2)
         )
@@ -439,9 +439,9 @@ def test_polygons_of_any_format(name: str, tmp_path: Path) -> None:
     found = read_worked_area(tmp_path / name, OF_DEMO)
     assert found.area_ha == pytest.approx((60 * 50 - 100) / 10_000.0, rel=1e-6)
     coverage = Coverage(2.4)
-    coverage.seed(found.raster, ours=False)
-    assert coverage.covered.area_ha == 0.0, "another machine's ground is no area of ours"
-    inside = coverage.applied_earlier(
+    coverage.add_earlier_ground(found.raster, ours=False)
+    assert coverage.covered_area.area_ha == 0.0, "another machine's ground is no area of ours"
+    inside = coverage.find_covered_earlier(
         [(5.0, 5.0), (15.0, 15.0), (55.0, 25.0), (61.0, 25.0), (-1.0, 5.0)]
     )
     assert inside.tolist() == [True, False, True, False, False]
@@ -454,7 +454,7 @@ def test_cells_are_those_whose_middle_lies_in_it() -> None:
         + [shapely.Point(3.0, 4.0).buffer(6.0).difference(shapely.Point(3.0, 4.0).buffer(3.0))],
         dtype=object,
     )
-    found = done_ground(shapes, OF_DEMO, 0.25)
+    found = rasterise_ground(shapes, OF_DEMO, 0.25)
     rows, columns = found.raster.done.shape
     east = found.raster.west_m + (np.arange(columns) + 0.5) * 0.25
     north = found.raster.south_m + (np.arange(rows) + 0.5) * 0.25
@@ -521,9 +521,9 @@ def test_what_is_no_done_ground_is_one_line(
     wrong = topdress("field", tmp_path / "other", "--done", "--out", tmp_path / "a.kml")
     assert wrong.exit_code == 2 and "allowed with --done is a job" in wrong.output
     with pytest.raises(ValueError, match="no ground"):
-        done_ground(np.array([shapely.Polygon()], dtype=object), OF_DEMO)
+        rasterise_ground(np.array([shapely.Polygon()], dtype=object), OF_DEMO)
     with pytest.raises(ValueError, match="allowed are 16 km2 for one field"):
-        done_ground(np.array([shapely.box(0, 0, 5000, 5000)], dtype=object), OF_DEMO)
+        rasterise_ground(np.array([shapely.box(0, 0, 5000, 5000)], dtype=object), OF_DEMO)
 
 
 def _task_ring(kind: str, places: list[tuple[float, float]]) -> str:

@@ -14,7 +14,7 @@ from topdress.control.log_row import (
     WHOLE_COLUMNS,
     LogRow,
 )
-from topdress.control.loop.events import Events
+from topdress.control.loop.events import EventQueue
 from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.limits import BeyondLimits
 from topdress.drivers.files.log_text import HEADER, RowText
@@ -342,11 +342,14 @@ def test_a_file_of_nothing_but_one_long_line_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sign", [",", "|", "\t", '"', ";"])
 def test_events_full_of_signs_that_part_columns_are_no_columns(tmp_path: Path, sign: str) -> None:
     """2,000 commas in an operator's marks made a log of 2,001 columns, which nobody may have."""
-    events = Events()
-    events.add(*(["mark " + sign * 990] * 8))
+    events = EventQueue()
+    events.add_events(*(["mark " + sign * 990] * 8))
     rows = [
         LogRow(
-            0.05 * k, state="working", speed_mps=1.0, events=";".join(events.of_one_row()) or None
+            0.05 * k,
+            state="working",
+            speed_mps=1.0,
+            events=";".join(events.take_row_events()) or None,
         )
         for k in range(20)
     ]

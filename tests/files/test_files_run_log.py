@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from pydantic import BaseModel
-from topdress.control.log_row import COLUMNS, HOLDS_S, TEXT_COLUMNS, LogRow
+from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, VALID_FOR_S, LogRow
 from topdress.control.readings import Measurements, Reading
 from topdress.drivers.files.atomic import NewFile, create
 from topdress.drivers.files.log_text import HEADER, LONGEST_CELL, LONGEST_ROW, RowText
@@ -484,7 +484,9 @@ def the_reading(m: Measurements, column: str) -> Reading | None:
     [("shaft_rpm", 0.05), ("opening_mm", 0.1), ("wheel_speed_mps", 0.2), ("hopper_kg", 0.1)],
 )
 def test_values_and_their_times_come_back(tmp_path: Path, column: str, period_s: float) -> None:
-    log, truth = logged(tmp_path, column, Sensor(period_s, HOLDS_S[column], silent=(10.0, 15.0)))
+    log, truth = logged(
+        tmp_path, column, Sensor(period_s, VALID_FOR_S[column], silent=(10.0, 15.0))
+    )
     for m, true in zip(measurements(log), truth, strict=True):
         reading = the_reading(m, column)
         assert reading is not None and true is not None
@@ -497,7 +499,7 @@ def test_values_and_their_times_come_back(tmp_path: Path, column: str, period_s:
 
 
 def test_a_silent_head_grows_old_as_it_did(tmp_path: Path) -> None:
-    sensor = Sensor(0.5, HOLDS_S["ndvi_1"], silent=(10.0, 20.0))
+    sensor = Sensor(0.5, VALID_FOR_S["ndvi_1"], silent=(10.0, 20.0))
     sensor.random = np.random.default_rng(3)
     original = sensor.random.normal
     sensor.random = type("R", (), {"normal": staticmethod(lambda *_: original(0.5, 0.01))})()  # type: ignore[assignment]
@@ -515,12 +517,12 @@ def test_a_steady_value_that_comes_is_never_taken_for_silence(tmp_path: Path) ->
     log, truth = logged(
         tmp_path,
         "opening_mm",
-        Sensor(0.05, HOLDS_S["opening_mm"], silent=(20.0, 99.0), steady=True),
+        Sensor(0.05, VALID_FOR_S["opening_mm"], silent=(20.0, 99.0), steady=True),
     )
     for m, true in zip(measurements(log), truth, strict=True):
         assert m.opening_mm is not None and true is not None
         age_s, true_age_s = m.time_s - m.opening_mm.time_s, m.time_s - true.time_s
-        assert age_s == pytest.approx(true_age_s, abs=HOLDS_S["opening_mm"] + TICK_S)
+        assert age_s == pytest.approx(true_age_s, abs=VALID_FOR_S["opening_mm"] + TICK_S)
         if m.time_s < 19.0:
             assert age_s < TICK_S
         if m.time_s > 20.6:
@@ -532,7 +534,7 @@ def test_a_rare_change_is_not_a_slow_sensor(written: Written) -> None:
     log = read_log(written("time_s,opening_mm\n" + "\n".join(lines) + "\n"))
     for m in measurements(log):
         assert m.opening_mm is not None
-        assert m.time_s - m.opening_mm.time_s <= HOLDS_S["opening_mm"] / 2 + 1e-6
+        assert m.time_s - m.opening_mm.time_s <= VALID_FOR_S["opening_mm"] / 2 + 1e-6
 
 
 def test_never_received_is_none_and_no_sensor_stays_none(written: Written) -> None:

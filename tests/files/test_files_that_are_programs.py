@@ -19,7 +19,7 @@ from topdress.drivers.files import geopackage
 from topdress.drivers.files.fields.shapes import read_field_shapes
 from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.prescriptions.read import read_prescription
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 ENDINGS = (
     "gpkg",
@@ -205,7 +205,7 @@ def test_a_geopackage_is_read_without_gdal(tmp_path: Path, monkeypatch: pytest.M
 )
 def test_a_view_without_an_end_has_one(tmp_path: Path, view: str, said: str) -> None:
     began_s = time.monotonic()
-    with pytest.raises(Refused, match=said):
+    with pytest.raises(RefusedInput, match=said):
         geopackage.read_geopackage(as_geopackage(tmp_path / "map.gpkg", view), longest_s=1.0)
     assert time.monotonic() - began_s < 30.0
 
@@ -230,7 +230,7 @@ def test_an_interrupt_ends_a_view_at_once(tmp_path: Path) -> None:
     ],
 )
 def test_a_view_reaches_nothing_but_tables(tmp_path: Path, sql: str) -> None:
-    with pytest.raises(Refused, match="not readable as GeoPackage"):
+    with pytest.raises(RefusedInput, match="not readable as GeoPackage"):
         read_prescription(
             as_geopackage(tmp_path / "map.gpkg", VIEW.format(f"{sql} AS geom FROM n LIMIT 1"))
         )
@@ -239,7 +239,7 @@ def test_a_view_reaches_nothing_but_tables(tmp_path: Path, sql: str) -> None:
 def test_a_geopackage_that_is_still_written_is_not_read_by_half(tmp_path: Path) -> None:
     path = as_geopackage(tmp_path / "map.gpkg")
     (tmp_path / "map.gpkg-wal").write_bytes(b"rows")
-    with pytest.raises(Refused, match="open in another program"):
+    with pytest.raises(RefusedInput, match="open in another program"):
         read_prescription(path)
 
 
@@ -260,7 +260,7 @@ def _short(data: bytes) -> bytes:
 def test_a_damaged_geopackage_is_one_line(tmp_path: Path, change: Callable[[bytes], bytes]) -> None:
     path = as_geopackage(tmp_path / "map.gpkg")
     path.write_bytes(change(path.read_bytes()))
-    with pytest.raises(Refused) as said:
+    with pytest.raises(RefusedInput) as said:
         read_prescription(path)
     assert len(str(said.value).splitlines()) == 1
 

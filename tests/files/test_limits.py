@@ -23,8 +23,8 @@ import polars as pl
 import pytest
 from topdress.console.worker import resume
 from topdress.console.worker.resume_ground import unpack_raster
-from topdress.control.recordings.places import pieces
-from topdress.control.targets.prescription import statistics
+from topdress.control.recordings.places import cut_track_pieces
+from topdress.control.targets.prescription import calc_rate_shares
 from topdress.drivers.files import limits
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.columns import count_rows
@@ -38,7 +38,7 @@ from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.setup import by_kind
 from topdress.drivers.files.sheet_text import check_sheets
-from topdress.drivers.plain_text import one_line
+from topdress.drivers.plain_text import join_lines
 
 from tests.geojson import feature, geojson
 
@@ -235,7 +235,7 @@ def test_times_of_other_scales_cost_nothing() -> None:
     """Three rows, the last a thousand years later: marks of five seconds between them would be
     50 GB."""
     time_s = np.array([0.0, 6.0, 12.0, 3.2e10])
-    found = pieces(time_s, np.array([34.0, 34.1, 34.2, 34.3]), np.full(4, 119.0))
+    found = cut_track_pieces(time_s, np.array([34.0, 34.1, 34.2, 34.3]), np.full(4, 119.0))
     assert found is not None and found[0].tolist() == [0, 1] and found[1].tolist() == [1, 2]
 
 
@@ -707,7 +707,7 @@ def _job(path: Path) -> None:
     try:
         by_kind([str(path)])
     except ConfigError as error:
-        assert all(line == one_line(line) for line in error.lines)
+        assert all(line == join_lines(line) for line in error.lines)
         raise ValueError(error.lines[0]) from None
 
 
@@ -751,8 +751,8 @@ def test_a_zip_of_which_the_library_falls_over_is_refused_in_a_line(
 
 
 def test_one_line_leaves_the_words_and_takes_what_parts_or_steers() -> None:
-    assert one_line(f"a{ENDS}b\x1b[2Jc") in ("a b[2Jc", "ab[2Jc")
-    assert one_line("value x: allowed 1 to 5") == "value x: allowed 1 to 5"
+    assert join_lines(f"a{ENDS}b\x1b[2Jc") in ("a b[2Jc", "ab[2Jc")
+    assert join_lines("value x: allowed 1 to 5") == "value x: allowed 1 to 5"
 
 
 # as the store of a run log (`drivers.files.log_store`), and as another program's file
@@ -828,7 +828,7 @@ def test_outlines_that_touch_themselves_are_no_crossings(tmp_path: Path) -> None
     assert [one.rows for one in read.findings if one.id == "crossing"] == [2]
     # a degree at 40 to 40.12 degrees north, WGS84
     cell_ha = (3e-5 * 111_037.0) * (3e-5 * 85_320.0) / 1e4
-    ha = sum(share.area_ha for share in statistics(read.data))
+    ha = sum(share.area_ha for share in calc_rate_shares(read.data))
     assert ha == pytest.approx(cell_ha * (60 * 60 + 2 * 0.5), rel=0.001)
 
 

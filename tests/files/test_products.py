@@ -13,7 +13,7 @@ from topdress.console.app.units import METRIC
 from topdress.console.services.job import JobFiles, Launcher
 from topdress.control.agronomy.product import CatchTest, Product
 from topdress.control.field.job_names import JobNames
-from topdress.control.machine.product_calibration import with_product
+from topdress.control.machine.product_calibration import apply_product
 from topdress.drivers.files.config import load, save, shipped
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import JOB, MACHINE, PRODUCT
@@ -72,8 +72,8 @@ def test_a_jobs_rate_follows_the_n_share(job):
         load_setup("huanghai", str(job), TODAY),
         load_setup("huanghai", "demo", TODAY),
     )
-    assert with_it.rule.decide(0.5).rate_kg_ha == pytest.approx(
-        without.rule.decide(0.5).rate_kg_ha * 0.45 / 0.46
+    assert with_it.rule.decide_rate(0.5).rate_kg_ha == pytest.approx(
+        without.rule.decide_rate(0.5).rate_kg_ha * 0.45 / 0.46
     )
 
 
@@ -90,18 +90,18 @@ def test_what_a_test_tells_replaces_what_was_told():
     machine = machine.model_copy(
         update={"flow": machine.flow._replace(gain_percent=4.0, zero_offset_g_rev=3.0)}
     )
-    found = with_product(machine, prills(caught(6.0, "2026-03-17", fill_falloff_percent=2.0))).flow
+    found = apply_product(machine, prills(caught(6.0, "2026-03-17", fill_falloff_percent=2.0))).flow
     assert (found.gain_percent, found.zero_offset_g_rev, found.fill_falloff_percent) == (
         0.0,
         0.0,
         2.0,
     )
     two = prills(caught(6.0, "2026-03-17"), caught(6.1, "2026-03-17"), caught(5.0, "2026-03-01"))
-    assert two.newest_test("huanghai").grams_per_rev_mm == 6.1, (
+    assert two.find_newest_test("huanghai").grams_per_rev_mm == 6.1, (
         "of one day the one that stands last"
     )
     with pytest.raises(ValueError, match="catch test of 2026-03-17 with huanghai"):
-        with_product(machine, prills(caught(6.0, "2026-03-17", zero_offset_g_rev=90000.0)))
+        apply_product(machine, prills(caught(6.0, "2026-03-17", zero_offset_g_rev=90000.0)))
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
         out,
     )
     assert said.exit_code == 0, said.output
-    test = load(str(out), PRODUCT).model.newest_test("huanghai")
+    test = load(str(out), PRODUCT).model.find_newest_test("huanghai")
     assert (
         test.grams_per_rev_mm == pytest.approx(6.1, rel=0.002)
         and test.date == TODAY

@@ -12,27 +12,27 @@ import pytest
 from topdress.control.diagnosis.effects import ROWS
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
-from topdress.control.experiments.levels import list_shaft_levels, opening_levels
+from topdress.control.experiments.levels import list_opening_levels, list_shaft_levels
 from topdress.control.machine import compiled, stage_runner
 from topdress.control.machine.effect import FULL_FLOW, SHAFT_RANGE
-from topdress.control.machine.effort import EffortInput, gate_effort, shaft_effort
-from topdress.control.machine.fall import FallInput, drop_s, fall_start, step_fall
-from topdress.control.machine.fault_injection import Planted, schedule
-from topdress.control.machine.flow import FlowInput, FlowOutput, grams_per_rev, make_flow_start
+from topdress.control.machine.effort import EffortInput, calc_gate_effort, calc_shaft_effort
+from topdress.control.machine.fall import FallInput, calc_drop_s, make_fall_start, step_fall
+from topdress.control.machine.fault_injection import PlantedEffect, schedule_effects
+from topdress.control.machine.flow import FlowInput, FlowOutput, calc_grams_per_rev, make_flow_start
 from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
 from topdress.control.machine.heads import HeadInput, read_head
-from topdress.control.machine.history import last_change, undone
+from topdress.control.machine.history import find_last_change, undo_last_change
 from topdress.control.machine.machine import (
     CATALOGUE,
-    NOMINAL,
+    NOMINAL_MACHINE,
     Machine,
     add_effect,
-    bounds,
+    describe_unit,
+    find_size_bounds,
     list_effect_sizes,
     scale_nominal,
-    unit_of,
 )
-from topdress.control.machine.scale import ScaleInput, scale_reads
+from topdress.control.machine.scale import ScaleInput, read_scale
 from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from topdress.control.machine.terms import Term
@@ -72,7 +72,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     none = stage_runner.make_no_switch()
     rows = stage_runner.make_input_rows
     found: dict[str, Any] = {}
-    found["shaft"] = compiled.shaft_run(
+    found["shaft"] = compiled.run_shaft(
         (machine.shaft,),
         none,
         make_shaft_start(),
@@ -81,7 +81,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
         time_s,
         0.05,
     )
-    found["gate"] = compiled.gate_run(
+    found["gate"] = compiled.run_gate(
         (machine.gate,),
         none,
         make_gate_start(20.0),
@@ -93,7 +93,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     refill = np.zeros(n)
     refill[2000] = 50.0
     stopped = np.where(np.arange(n) % 1000 < 100, 0.0, command)
-    found["flow"] = compiled.flow_run(
+    found["flow"] = compiled.run_flow(
         (machine.flow,),
         none,
         make_flow_start(250.0),
@@ -104,7 +104,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
         time_s,
         0.05,
     )
-    found["speed"] = compiled.speed_run(
+    found["speed"] = compiled.run_speed(
         (machine.speed,),
         none,
         make_speed_start(),
@@ -115,7 +115,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     )
     found["scale"] = np.array(
         [
-            scale_reads(machine.scale, ScaleInput(h, t, p))
+            read_scale(machine.scale, ScaleInput(h, t, p))
             for h, t, p in zip(250.0 - 0.1 * time_s, time_s, pitch, strict=True)
         ]
     )
@@ -134,13 +134,13 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     found["effort"] = np.array(
         [
             (
-                shaft_effort(works, EffortInput(r, 0.0, 1.0, 5.0 * o)),
-                gate_effort(works, EffortInput(o - 20.0)),
+                calc_shaft_effort(works, EffortInput(r, 0.0, 1.0, 5.0 * o)),
+                calc_gate_effort(works, EffortInput(o - 20.0)),
             )
             for r, o in zip(command, opening, strict=True)
         ]
     )
-    state, falls = fall_start(), []
+    state, falls = make_fall_start(), []
     for t, rpm in zip(time_s[::10], stopped[::10], strict=True):
         state, drop = step_fall(
             machine.fall, state, FallInput(rpm, 0.1 if rpm > 0 else 0.0, np.sign(np.sin(t))), 0.5
@@ -265,19 +265,19 @@ def test_the_last_change_is_taken_back_and_the_one_before_stays() -> None:
         {"flow.gain": 5.0},
         [TERM.id],
     )
-    back = undone(second, date="2026-07-10")
+    back = undo_last_change(second, date="2026-07-10")
     assert back.model_copy(update={"history": ()}) == first.model_copy(update={"history": ()})
     assert [one.undone for one in back.history] == ["", "2026-07-10"]
-    again = undone(back, date="2026-07-11")
+    again = undo_last_change(back, date="2026-07-11")
     assert again.model_copy(update={"history": ()}) == start
-    assert last_change(again) is None
+    assert find_last_change(again) is None
     with pytest.raises(ValueError, match="nothing to take back"):
-        undone(again)
+        undo_last_change(again)
 
 
 def test_what_was_changed_by_hand_since_stays() -> None:
     changed = add_effect(extend(Machine(), found(2.0), date="2026-07-01"), "flow.gain", 2.5)
-    assert list_effect_sizes(undone(changed)) == {"flow.gain": pytest.approx(0.5)}
+    assert list_effect_sizes(undo_last_change(changed)) == {"flow.gain": pytest.approx(0.5)}
 
 
 def test_the_file_keeps_it(tmp_path: Path) -> None:
@@ -285,7 +285,7 @@ def test_the_file_keeps_it(tmp_path: Path) -> None:
     save(tmp_path / "new.yaml", extended, MACHINE)
     read = load(str(tmp_path / "new.yaml"), MACHINE).model
     assert read == extended
-    save(tmp_path / "back.yaml", undone(read, date="2026-07-10"), MACHINE)
+    save(tmp_path / "back.yaml", undo_last_change(read, date="2026-07-10"), MACHINE)
     back = load(str(tmp_path / "back.yaml"), MACHINE).model
     assert (list_effect_sizes(back), back.terms, back.history[0].terms) == (
         {},
@@ -372,9 +372,9 @@ def of(name: str) -> Machine:
 @pytest.mark.parametrize("effect_id", CATALOGUE)
 def test_sizes_on_the_nominal_machine_are_as_published(effect_id: str) -> None:
     low, high, unit = OF_HUANGHAI[effect_id]
-    for machine in (of("huanghai"), Machine(), NOMINAL):
-        assert bounds(effect_id, machine) == (low, high)
-        assert unit_of(effect_id, machine) == CATALOGUE[effect_id].effect.unit == unit
+    for machine in (of("huanghai"), Machine(), NOMINAL_MACHINE):
+        assert find_size_bounds(effect_id, machine) == (low, high)
+        assert describe_unit(effect_id, machine) == CATALOGUE[effect_id].effect.unit == unit
         assert ROWS[effect_id].on(machine) == ROWS[effect_id]
 
 
@@ -398,14 +398,14 @@ def test_the_table_has_every_effect() -> None:
 def test_bounds_are_shares_of_the_machines_own_ranges(
     name: str, effect_id: str, low: float, high: float
 ) -> None:
-    assert bounds(effect_id, of(name)) == pytest.approx((low, high))
+    assert find_size_bounds(effect_id, of(name)) == pytest.approx((low, high))
 
 
 @pytest.mark.parametrize("name", sorted(shipped("machines")))
 @pytest.mark.parametrize("effect_id", sorted(CATALOGUE))
 def test_sizes_tried_lie_within_the_bounds(name: str, effect_id: str) -> None:
     machine = of(name)
-    row, (low, high) = ROWS[effect_id].on(machine), bounds(effect_id, machine)
+    row, (low, high) = ROWS[effect_id].on(machine), find_size_bounds(effect_id, machine)
     tried = [*row.trial_sizes, *([] if row.probe is None else [row.probe])]
     assert all(low <= size <= high for size in tried) and list(row.trial_sizes) == sorted(
         set(row.trial_sizes)
@@ -426,7 +426,7 @@ def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:
     with pytest.raises(
         ValueError, match=r"size 400: allowed 0 to 390 r/min where limits.shaft_high_rpm is 650$"
     ):
-        schedule(drive, [Planted("shaft.dead_band", 400.0)])
+        schedule_effects(drive, [PlantedEffect("shaft.dead_band", 400.0)])
     with pytest.raises(
         ValueError, match=r"size 150: allowed 0 to 60 r/min where limits.shaft_high_rpm is 100$"
     ):
@@ -456,16 +456,16 @@ def test_a_machine_file_with_a_size_out_of_its_bounds_is_refused_by_key_and_line
 
 def test_what_is_told_at_full_speed_is_told_at_the_machines_own() -> None:
     spreader = of("spreader")
-    assert unit_of("flow.fill_falloff", spreader) == "% lost at 1000 r/min"
-    assert unit_of("lag.rebound", of("planter")) == "s above the straight line at 60 r/min"
+    assert describe_unit("flow.fill_falloff", spreader) == "% lost at 1000 r/min"
+    assert describe_unit("lag.rebound", of("planter")) == "s above the straight line at 60 r/min"
     lossy = add_effect(spreader, "flow.fill_falloff", 8.0).flow
-    assert grams_per_rev(lossy, 1000.0, 80.0) == pytest.approx(
-        0.92 * grams_per_rev(spreader.flow, 1000.0, 80.0)
+    assert calc_grams_per_rev(lossy, 1000.0, 80.0) == pytest.approx(
+        0.92 * calc_grams_per_rev(spreader.flow, 1000.0, 80.0)
     )
     fall = add_effect(Machine(), "lag.rebound", 0.4).fall._replace(
         slope_s_per_rpm=0.0, valid_to_rpm=400.0, full_rpm=600.0
     )
-    assert drop_s(fall, 600.0) - drop_s(fall, 400.0) == pytest.approx(0.4)
+    assert calc_drop_s(fall, 600.0) - calc_drop_s(fall, 400.0) == pytest.approx(0.4)
 
 
 def test_figures_as_multiples_of_the_nominal_machines() -> None:
@@ -479,7 +479,7 @@ def test_figures_as_multiples_of_the_nominal_machines() -> None:
 
 
 def test_stairs_are_within_what_the_machine_can_do() -> None:
-    assert list_shaft_levels(Machine()) == (20.0, 40.0, 60.0, 80.0) and opening_levels(
+    assert list_shaft_levels(Machine()) == (20.0, 40.0, 60.0, 80.0) and list_opening_levels(
         Machine()
     ) == (
         10.0,

@@ -10,29 +10,29 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.control.machine.compiled import shaft_run
+from topdress.control.machine.compiled import run_shaft
 from topdress.control.machine.compiled_tick import CompiledDrives
 from topdress.control.machine.elements import convert_to_lists
 from topdress.control.machine.fall import Fall, find_paper_lag_s, find_start_drop_s
 from topdress.control.machine.flow import Flow, FlowInput, make_flow_start, step_flow
-from topdress.control.machine.gate import Gate, GateInput, gate_step, make_gate_start
-from topdress.control.machine.landing import landed
+from topdress.control.machine.gate import Gate, GateInput, make_gate_start, step_gate
+from topdress.control.machine.landing import bin_landings
 from topdress.control.machine.machine import Machine, add_effect
 from topdress.control.machine.shaft import (
     Shaft,
     ShaftInput,
     ShaftOutput,
-    lag_s,
+    calc_step_response,
+    calc_time_constant_s,
     make_shaft_start,
-    shaft_step,
-    swing,
-    swung,
+    step_second_order,
+    step_shaft,
 )
-from topdress.control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
-from topdress.control.machine.start import response_s
-from topdress.control.machine.term_step import TermState, term_step
-from topdress.control.machine.terms import Term, params_of
-from topdress.control.metering.inverse import shaft_command
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
+from topdress.control.machine.start import calc_response_s
+from topdress.control.machine.term_step import TermState, step_term
+from topdress.control.machine.terms import Term, make_term_params
+from topdress.control.metering.inverse import find_shaft_command
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
 
@@ -42,7 +42,7 @@ STEP_S = 0.001
 def time_to(rpm: float, set_point_rpm: float) -> float:
     state, time_s = make_shaft_start(0.0), 0.0
     while time_s < 3.0:
-        state, out = shaft_step(Shaft(), state, ShaftInput(set_point_rpm, 25.0, 13.5), STEP_S)
+        state, out = step_shaft(Shaft(), state, ShaftInput(set_point_rpm, 25.0, 13.5), STEP_S)
         time_s += STEP_S
         if out.rpm >= rpm:
             return time_s
@@ -65,7 +65,7 @@ def test_response_and_drop_make_eq_6(shaft_rpm: float) -> None:
 def test_gate_waits_then_slews() -> None:
     state, openings = make_gate_start(10.0), []
     for _ in range(1000):
-        state, out = gate_step(Gate(), state, GateInput(20.0), STEP_S)
+        state, out = step_gate(Gate(), state, GateInput(20.0), STEP_S)
         openings.append(out.opening_mm)
     assert openings[98] == pytest.approx(10.0, abs=1e-9)
     assert openings[349] == pytest.approx(15.0, abs=0.05)
@@ -105,7 +105,7 @@ def test_kg_landed_equal_kg_released(count: int, seed: int, spread_s: float, bin
     track = np.cumsum(rng.uniform(0.0, 0.15, count))
     mass = rng.uniform(0.0, 0.01, count)
     drop = rng.uniform(0.0, spread_s + 0.01, count)
-    ground, place = landed(time_s, track, mass, drop, bin_m)
+    ground, place = bin_landings(time_s, track, mass, drop, bin_m)
     assert ground.mass_kg.sum() == pytest.approx(mass.sum(), rel=1e-9)
     assert (ground.mass_kg >= -1e-15).all()
     assert len(place) == count
@@ -115,22 +115,22 @@ def test_a_step_lands_one_lag_distance_later() -> None:
     time_s = np.arange(2000) * 0.05
     track = 1.25 * time_s
     mass = np.where(time_s >= 50.0, 0.01, 0.0)
-    ground, _ = landed(time_s, track, mass, np.full(2000, 1.6), 0.05)
-    first = ground.centres_m()[np.flatnonzero(ground.mass_kg > 0)[0]]
+    ground, _ = bin_landings(time_s, track, mass, np.full(2000, 1.6), 0.05)
+    first = ground.calc_centres_m()[np.flatnonzero(ground.mass_kg > 0)[0]]
     assert first == pytest.approx(1.25 * (50.0 + 1.6), abs=0.06)
 
 
 def test_a_lever_arm_moves_everything() -> None:
     time_s = np.arange(100) * 0.05
-    _, near = landed(time_s, time_s, np.ones(100), np.ones(100), 0.1)
-    _, far = landed(time_s, time_s, np.ones(100), np.ones(100), 0.1, lever_arm_m=0.7)
+    _, near = bin_landings(time_s, time_s, np.ones(100), np.ones(100), 0.1)
+    _, far = bin_landings(time_s, time_s, np.ones(100), np.ones(100), 0.1, lever_arm_m=0.7)
     assert far - near == pytest.approx(0.7)
 
 
 def test_steady_flow_lies_evenly() -> None:
     """No comb where bins are finer than a tick's travel."""
     time_s = np.arange(4000) * 0.05
-    ground, _ = landed(time_s, 1.25 * time_s, np.full(4000, 0.004), np.full(4000, 1.3), 0.05)
+    ground, _ = bin_landings(time_s, 1.25 * time_s, np.full(4000, 0.004), np.full(4000, 1.3), 0.05)
     inner = ground.mass_kg[50:-50]
     assert inner == pytest.approx(np.full(len(inner), inner.mean()), rel=1e-9)
 
@@ -145,7 +145,7 @@ DRIVE = load("drive_alone", MACHINE).model
 def settled(shaft: Shaft, command_rpm: float) -> float:
     state = make_shaft_start(0.0)
     for _ in range(400):
-        state, out = shaft_step(
+        state, out = step_shaft(
             shaft, state, ShaftInput(command_rpm, 0.0, shaft.nominal_supply_v), 0.01
         )
     return out.rpm
@@ -156,14 +156,14 @@ def turned(machine: Machine, command: Array, time_s: Array) -> Array:
         ShaftInput, len(time_s), command_rpm=command, supply_v=machine.shaft.nominal_supply_v
     )
     return np.asarray(
-        shaft_run(
+        run_shaft(
             (machine.shaft,),
             make_no_switch(),
             make_shaft_start(),
             ShaftOutput(0.0, 0.0),
             inputs,
             time_s,
-            MOST_STEP_S,
+            MAX_MODEL_STEP_S,
         )[:, 0]
     )
 
@@ -214,9 +214,9 @@ def test_each_side_of_the_command(change: dict[str, float], command: float, rpm:
 def test_what_is_known_of_the_curve_is_taken_back_by_metering(off: dict[str, float]) -> None:
     shaft = DRIVE.shaft._replace(dead_zone_rpm=40.0, saturation_percent=20.0, **off)
     machine = DRIVE.model_copy(update={"shaft": shaft})
-    assert shaft_command(machine, 0.0, 0.0) == 0.0
+    assert find_shaft_command(machine, 0.0, 0.0) == 0.0
     for wanted in (0.0, 50.0, 200.0, 450.0):
-        assert settled(shaft, shaft_command(machine, wanted, 0.0)) == pytest.approx(
+        assert settled(shaft, find_shaft_command(machine, wanted, 0.0)) == pytest.approx(
             wanted, abs=0.01
         )
 
@@ -265,10 +265,10 @@ def test_a_dead_zone_is_also_a_term_over_the_command() -> None:
         }
     )
     for command in (-300.0, -41.0, -20.0, 20.0, 41.0, 300.0):
-        _, more_rpm = term_step(params_of(term), TermState(), command, 0.0, 0.01)
+        _, more_rpm = step_term(make_term_params(term), TermState(), command, 0.0, 0.01)
         state = make_shaft_start(0.0)
         for _ in range(400):
-            state, out = shaft_step(
+            state, out = step_shaft(
                 DRIVE.shaft, state, ShaftInput(command, 0.0, 7.4, 0.0, more_rpm), 0.01
             )
         assert out.rpm == pytest.approx(
@@ -287,7 +287,7 @@ def answered(shaft: Shaft, goals: list[float], hold_s: float, step_s: float) -> 
     state, found = make_shaft_start(0.0), []
     for goal in goals:
         for _ in range(round(hold_s / step_s)):
-            state, out = shaft_step(
+            state, out = step_shaft(
                 shaft, state, ShaftInput(goal, 0.0, shaft.nominal_supply_v), step_s
             )
             found.append(out.rpm)
@@ -321,9 +321,12 @@ def test_the_acceleration_limit_holds_and_the_way_is_that_of_small_steps(
     for _ in range(100_000):
         faster = min(fastest, max(-fastest, v + step_s * (90.0 - x - tau * v) / (tau * second)))
         x, v = x + 0.5 * step_s * (v + faster), faster
-    assert swung(0.0, 0.0, 90.0, tau, second, fastest, -1e100, 1.0)[0] == pytest.approx(x, abs=0.02)
+    assert step_second_order(0.0, 0.0, 90.0, tau, second, fastest, -1e100, 1.0)[0] == pytest.approx(
+        x, abs=0.02
+    )
     speeds = [
-        swung(0.0, 0.0, 90.0, tau, second, fastest, -1e100, t)[0] for t in np.arange(0.0, 2.0, 0.01)
+        step_second_order(0.0, 0.0, 90.0, tau, second, fastest, -1e100, t)[0]
+        for t in np.arange(0.0, 2.0, 0.01)
     ]
     assert np.abs(np.diff(speeds)).max() <= 0.01 * fastest * (1.0 + 1e-9)
 
@@ -337,13 +340,16 @@ def test_a_shaft_that_turns_one_way_stops_where_it_would_swing_back() -> None:
 
 
 def test_overshoot_and_period_are_those_of_the_step() -> None:
-    rpm, answer = answered(RINGS, [100.0], 3.0, 0.001), swing(RINGS)
+    rpm, answer = answered(RINGS, [100.0], 3.0, 0.001), calc_step_response(RINGS)
     assert rpm.max() - 100.0 == pytest.approx(answer.overshoot_percent, abs=0.01)
     tops = np.flatnonzero(np.diff(np.sign(np.diff(rpm))) < 0)
     assert 0.001 * (tops[1] - tops[0]) == pytest.approx(answer.period_s, abs=0.002)
-    quiet = swing(GRADUAL)
+    quiet = calc_step_response(GRADUAL)
     assert answered(GRADUAL, [100.0], 3.0, 0.01).max() <= 100.0
-    assert (quiet.overshoot_percent, sum(quiet.lags_s)) == (0.0, pytest.approx(lag_s(GRADUAL)))
+    assert (quiet.overshoot_percent, sum(quiet.lags_s)) == (
+        0.0,
+        pytest.approx(calc_time_constant_s(GRADUAL)),
+    )
     assert quiet.lags_s[0] * quiet.lags_s[1] == pytest.approx(0.1 * 0.02)
 
 
@@ -354,18 +360,18 @@ def test_compiled_ticks_are_the_steps() -> None:
         CompiledDrives(begun, make_gate_start(20.0)),
         begun._replace(line=convert_to_lists(begun.line)),
     )
-    drives.of(shaft, gate)
+    drives.set_stages(shaft, gate)
     for k in range(400):
         goal = 70.0 if k % 100 < 60 else 15.0
-        rpm, _ = drives.step(goal, 20.0, 13.5, 0.0125)
-        state, out = shaft_step(shaft, state, ShaftInput(goal, 20.0, 13.5), 0.0125)
+        rpm, _ = drives.step_drives(goal, 20.0, 13.5, 0.0125)
+        state, out = step_shaft(shaft, state, ShaftInput(goal, 20.0, 13.5), 0.0125)
         assert rpm == out.rpm
 
 
 def test_a_start_takes_longer() -> None:
     first = [
-        response_s(add_effect(Machine(), "shaft.second_order", size), 50.0)
+        calc_response_s(add_effect(Machine(), "shaft.second_order", size), 50.0)
         for size in (1e-6, 0.05, 0.2)
     ]
-    assert first[0] == pytest.approx(response_s(Machine(), 50.0), abs=1e-3)
+    assert first[0] == pytest.approx(calc_response_s(Machine(), 50.0), abs=1e-3)
     assert first[0] < first[1] < first[2]

@@ -13,19 +13,22 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.control.machine import compiled
-from topdress.control.machine.fall import drop_s, find_start_drop_s
+from topdress.control.machine.fall import calc_drop_s, find_start_drop_s
 from topdress.control.machine.flow import Flow, FlowInput, FlowOutput, make_flow_start, step_flow
-from topdress.control.machine.gate import Gate, GateInput, GateOutput, gate_step, make_gate_start
-from topdress.control.machine.jit_cache import KeptCode, named_apart
-from topdress.control.machine.landing import carried_s, falls_s
+from topdress.control.machine.gate import Gate, GateInput, GateOutput, make_gate_start, step_gate
+from topdress.control.machine.jit_cache import CompiledCodeCache, rename_uniquely
+from topdress.control.machine.landing import calc_carried_s, calc_fall_times_s
 from topdress.control.machine.machine import Machine, list_effect_sizes
-from topdress.control.machine.parameter_uncertainty import PLAUSIBLE, plausible
+from topdress.control.machine.parameter_uncertainty import (
+    PLAUSIBLE_MACHINES,
+    make_plausible_machine,
+)
 from topdress.control.machine.shaft import (
     Shaft,
     ShaftInput,
     ShaftOutput,
     make_shaft_start,
-    shaft_step,
+    step_shaft,
 )
 from topdress.control.machine.speed import (
     Speed,
@@ -35,13 +38,13 @@ from topdress.control.machine.speed import (
     step_speed,
 )
 from topdress.control.machine.stage_runner import (
-    MOST_STEP_S,
-    filling,
+    MAX_MODEL_STEP_S,
+    make_fill,
     make_input_rows,
     make_no_switch,
-    over_log,
+    make_stage_run,
 )
-from topdress.control.machine.start import find_first_fall_s, with_carried_share
+from topdress.control.machine.start import find_first_fall_s, set_carried_share
 
 N = 3000
 
@@ -60,27 +63,27 @@ CASES: list[tuple[str, Any, Any, Any]] = [
         Shaft(
             extra_dead_time_s=0.07, dead_band_rpm=15.0, sag_percent_per_v=3.0, encoder_step_rpm=1.0
         ),
-        shaft_step,
-        compiled.shaft_run,
+        step_shaft,
+        compiled.run_shaft,
     ),
-    ("shaft", Shaft(second_order_s=0.3, time_constant_s=0.12), shaft_step, compiled.shaft_run),
+    ("shaft", Shaft(second_order_s=0.3, time_constant_s=0.12), step_shaft, compiled.run_shaft),
     (
         "shaft",
         Shaft(second_order_s=0.02, time_constant_s=0.3, one_way=1.0),
-        shaft_step,
-        compiled.shaft_run,
+        step_shaft,
+        compiled.run_shaft,
     ),
     (
         "shaft",
         Shaft(second_order_s=0.4, acceleration_rpm_s=1e6, one_way=1.0),
-        shaft_step,
-        compiled.shaft_run,
+        step_shaft,
+        compiled.run_shaft,
     ),
     (
         "gate",
         Gate(backlash_mm=0.7, lost_mm_per_100mm=0.05, offset_mm=0.4),
-        gate_step,
-        compiled.gate_run,
+        step_gate,
+        compiled.run_gate,
     ),
     (
         "flow",
@@ -91,9 +94,9 @@ CASES: list[tuple[str, Any, Any, Any]] = [
             hopper_head_percent=2.0,
         ),
         step_flow,
-        compiled.flow_run,
+        compiled.run_flow,
     ),
-    ("speed", Speed(gnss_latency_s=0.33, slip_percent=6.0), step_speed, compiled.speed_run),
+    ("speed", Speed(gnss_latency_s=0.33, slip_percent=6.0), step_speed, compiled.run_speed),
 ]
 
 
@@ -102,7 +105,7 @@ EXACT = ("shaft", "gate")
 
 
 def arguments(
-    stage: str, params: Any, step_s: float, jitter: float, most: float = MOST_STEP_S
+    stage: str, params: Any, step_s: float, jitter: float, most: float = MAX_MODEL_STEP_S
 ) -> tuple[Any, ...]:
     time_s, command, opening, supply = drive(step_s, jitter)
     if stage == "shaft":
@@ -157,7 +160,9 @@ def arguments(
 def test_interpreted_equals_compiled(
     stage: str, params: Any, step: Any, run: Any, jitter: float
 ) -> None:
-    interpreted = over_log(step, exact=stage in EXACT)(*arguments(stage, params, 0.05, jitter))
+    interpreted = make_stage_run(step, exact=stage in EXACT)(
+        *arguments(stage, params, 0.05, jitter)
+    )
     assert np.array_equal(interpreted, run(*arguments(stage, params, 0.05, jitter)))
     assert np.ptp(interpreted[:, 0]) > 0.0
 
@@ -168,7 +173,7 @@ def test_one_step_a_row_is_as_good_as_many(
     stage: str, params: Any, step: Any, run: Any, row_s: float
 ) -> None:
     at_once = run(*arguments(stage, params, row_s, 0.5))
-    cut = compiled.stage_run(step)(*arguments(stage, params, row_s, 0.5))
+    cut = compiled.compile_stage_run(step)(*arguments(stage, params, row_s, 0.5))
     off = np.abs(at_once - cut).max(axis=1)
     # a speed half-way between two counts of the encoder may be read as either
     if stage == "shaft":
@@ -181,14 +186,14 @@ def test_a_command_cannot_show_in_its_own_row() -> None:
     time_s = np.arange(100) * 0.05
     rows = make_input_rows(GateInput, 100, command_mm=np.where(np.arange(100) >= 50, 30.0, 20.0))
     p = Gate(dead_time_s=0.0)
-    out = compiled.gate_run(
+    out = compiled.run_gate(
         (p,),
         make_no_switch(),
         make_gate_start(20.0),
         GateOutput(20.0, 20.0),
         rows,
         time_s,
-        MOST_STEP_S,
+        MAX_MODEL_STEP_S,
     )
     assert out[50, 0] == 20.0
     assert out[51, 0] == pytest.approx(21.0)
@@ -196,8 +201,8 @@ def test_a_command_cannot_show_in_its_own_row() -> None:
 
 def test_an_effect_may_begin_mid_run() -> None:
     sets, _, *rest = arguments("shaft", Shaft(), 0.05, 0.0)
-    late = compiled.shaft_run((sets[0], Shaft(gain_percent=10.0)), np.array([1500]), *rest)
-    never = compiled.shaft_run(sets, make_no_switch(), *rest)
+    late = compiled.run_shaft((sets[0], Shaft(gain_percent=10.0)), np.array([1500]), *rest)
+    never = compiled.run_shaft(sets, make_no_switch(), *rest)
     assert np.array_equal(late[:1501], never[:1501])
     assert not np.array_equal(late[1510:1600], never[1510:1600])
 
@@ -213,11 +218,11 @@ def test_a_stage_compiles_without_counting_references(
     the model."""
     # code that comes from the disk shows no listing
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
-    fill = compiled.compiled(filling(gate_step, exact=True), makes_arrays=False)
+    fill = compiled.compile_function(make_fill(step_gate, exact=True), makes_arrays=False)
     given = arguments("gate", Gate(), 0.05, 0.0)
     out = np.empty((N, 2))
     fill(out, *given)
-    assert np.array_equal(out, compiled.gate_run(*arguments("gate", Gate(), 0.05, 0.0)))
+    assert np.array_equal(out, compiled.run_gate(*arguments("gate", Gate(), 0.05, 0.0)))
     listing = "".join(fill.inspect_llvm().values())
     assert "gate_step" in listing and "NRT_incref" not in listing
 
@@ -231,7 +236,7 @@ MACHINE = Machine()
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75, 1.0])
 def test_every_share_has_the_same_starts(share: float) -> None:
     """10 ms: a third of the scatter of lag table 3."""
-    fall = with_carried_share(MACHINE, share).fall
+    fall = set_carried_share(MACHINE, share).fall
     off = [
         find_first_fall_s(MACHINE, fall, n) - find_start_drop_s(fall, n)
         for n in (10.0, 30.0, 50.0, 70.0)
@@ -241,52 +246,54 @@ def test_every_share_has_the_same_starts(share: float) -> None:
 
 def test_singly_the_running_drop_is_the_line_that_eq_6_allows_as_well() -> None:
     """1.7916 - 0.01331 n s: fitted by the referee of this model, with code of his own."""
-    fall = with_carried_share(MACHINE, 0.0).fall
+    fall = set_carried_share(MACHINE, 0.0).fall
     for rpm in (10.0, 40.0, 70.0):
-        assert drop_s(fall, rpm) == pytest.approx(1.7916 - 0.01331 * rpm, abs=0.005)
-    assert drop_s(fall, 70.0) < drop_s(MACHINE.fall, 70.0) - 0.3, (
+        assert calc_drop_s(fall, rpm) == pytest.approx(1.7916 - 0.01331 * rpm, abs=0.005)
+    assert calc_drop_s(fall, 70.0) < calc_drop_s(MACHINE.fall, 70.0) - 0.3, (
         "and a third of a second quicker than carried along"
     )
 
 
 def test_there_and_back_is_the_same_machine() -> None:
-    again = with_carried_share(with_carried_share(MACHINE, 0.0), 1.0)
+    again = set_carried_share(set_carried_share(MACHINE, 0.0), 1.0)
     for rpm in (10.0, 40.0, 70.0):
-        assert drop_s(again.fall, rpm) == pytest.approx(drop_s(MACHINE.fall, rpm), abs=0.003)
+        assert calc_drop_s(again.fall, rpm) == pytest.approx(
+            calc_drop_s(MACHINE.fall, rpm), abs=0.003
+        )
     with pytest.raises(ValueError, match=r"carried_share 1\.5: allowed 0 to 1"):
-        with_carried_share(MACHINE, 1.5)
+        set_carried_share(MACHINE, 1.5)
 
 
 def test_the_share_goes_from_each_granule_s_own_fall_to_the_stream_s() -> None:
     time_s = np.arange(0.0, 8.0, 0.05)
     rpm = np.where(time_s < 4.0, 40.0, 80.0)
-    settled = np.array([drop_s(MACHINE.fall, n) for n in rpm.tolist()])
-    assert falls_s(time_s, settled, 1.0) == pytest.approx(carried_s(time_s, settled))
-    assert falls_s(time_s, settled, 0.0) == pytest.approx(settled)
+    settled = np.array([calc_drop_s(MACHINE.fall, n) for n in rpm.tolist()])
+    assert calc_fall_times_s(time_s, settled, 1.0) == pytest.approx(calc_carried_s(time_s, settled))
+    assert calc_fall_times_s(time_s, settled, 0.0) == pytest.approx(settled)
     # released before the step, still falling after it
     late = int(np.searchsorted(time_s, 3.5))
-    each = [falls_s(time_s, settled, share)[late] for share in (0.0, 0.3, 0.6, 1.0)]
+    each = [calc_fall_times_s(time_s, settled, share)[late] for share in (0.0, 0.3, 0.6, 1.0)]
     assert each == sorted(each, reverse=True) and each[0] - each[-1] > 0.1
 
 
 def test_the_set_has_the_machines_that_it_says() -> None:
     assert (
-        plausible(MACHINE, "singly").fall.carried_share == 0.0
-        and plausible(MACHINE, "carried_along") == MACHINE
+        make_plausible_machine(MACHINE, "singly").fall.carried_share == 0.0
+        and make_plausible_machine(MACHINE, "carried_along") == MACHINE
     )
-    assert list_effect_sizes(plausible(MACHINE, "flow_6_more")) == {"flow.gain": 6.0}
-    assert list_effect_sizes(plausible(MACHINE, "field_lag")) == {"lag.offset": 0.3}
-    slow = plausible(MACHINE, "slow_drives")
+    assert list_effect_sizes(make_plausible_machine(MACHINE, "flow_6_more")) == {"flow.gain": 6.0}
+    assert list_effect_sizes(make_plausible_machine(MACHINE, "field_lag")) == {"lag.offset": 0.3}
+    slow = make_plausible_machine(MACHINE, "slow_drives")
     assert slow.shaft.dead_time_s == pytest.approx(
         1.2 * 0.373
     ) and slow.gate.slew_mm_s == pytest.approx(20.0 / 1.2)
-    assert len({plausible(MACHINE, name).model_dump_json() for name in PLAUSIBLE}) == len(
-        PLAUSIBLE
-    ), "no two alike"
+    assert len(
+        {make_plausible_machine(MACHINE, name).model_dump_json() for name in PLAUSIBLE_MACHINES}
+    ) == len(PLAUSIBLE_MACHINES), "no two alike"
     with pytest.raises(
         ValueError, match="plausible machine 'falling': allowed carried_along, singly"
     ):
-        plausible(MACHINE, "falling")
+        make_plausible_machine(MACHINE, "falling")
 
 
 # --- Compiled code on disk: variants have files and symbols of their own, and a damaged folder
@@ -332,16 +339,17 @@ def kept(folder: Path) -> list[Path]:
 
 def called(factor: float) -> tuple[float, bool]:
     """What it gives, and whether it came from the disk."""
-    made = compiled.compiled(times(factor))
+    made = compiled.compile_function(times(factor))
     answer = made(np.ones(1))
     return float(answer), bool(sum(made.stats.cache_hits.values()))
 
 
 def test_variants_have_names_of_their_own() -> None:
-    names = [named_apart(times(factor)).__qualname__ for factor in (2.0, 3.0)]
+    names = [rename_uniquely(times(factor)).__qualname__ for factor in (2.0, 3.0)]
     assert len(set(names)) == 2 and all(name.isascii() and " " not in name for name in names)
     gate, shaft = (
-        named_apart(filling(step, exact=True)).__qualname__ for step in (gate_step, shaft_step)
+        rename_uniquely(make_fill(step, exact=True)).__qualname__
+        for step in (step_gate, step_shaft)
     )
     assert gate != shaft and "gate_step" in gate
 
@@ -377,7 +385,7 @@ def test_without_a_folder_or_room_it_runs(folder: Path, monkeypatch: pytest.Monk
     def nowhere(*_: Any) -> None:
         raise RuntimeError("cannot cache function: no locator available")
 
-    monkeypatch.setattr(KeptCode, "__init__", nowhere)
+    monkeypatch.setattr(CompiledCodeCache, "__init__", nowhere)
     assert called(6.0) == (6.0, False)
 
 
@@ -413,6 +421,6 @@ def test_a_number_that_changed_in_its_own_file_is_compiled_anew(
         file.write_text(f"FACTOR = {factor}\n\ndef run(values):\n    return FACTOR * values[0]\n")
         space: dict[str, Any] = {}
         exec(compile(file.read_text(), str(file), "exec"), space)
-        return float(compiled.compiled(space["run"])(np.ones(1)))
+        return float(compiled.compile_function(space["run"])(np.ones(1)))
 
     assert answer(2.0) == 2.0 and answer(3.0) == 3.0

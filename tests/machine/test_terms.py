@@ -9,28 +9,28 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from topdress.control.machine.compiled import term_run
+from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import (
     ANGLES,
     FORMS,
     FormSeries,
-    Scaled,
+    ScaledVariable,
     TermParams,
     TriedForm,
-    scaled,
+    scale_variable,
 )
-from topdress.control.machine.forms import Form, Lost, ProductForm
+from topdress.control.machine.forms import Form, LostConstantForm, ProductForm
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.term_step import TermState, over_rows, term_step
+from topdress.control.machine.term_step import TermState, make_term_run, step_term
 from topdress.control.machine.term_sums import (
-    NOTHING,
+    NO_TERMS,
     HeldCommands,
     TermSums,
-    angle_over_log,
-    commanded_over_log,
-    over_log,
+    average_commands_over_log,
+    calc_angle_over_log,
+    sum_over_log,
 )
-from topdress.control.machine.terms import Term, needed, params_of, parse_term
+from topdress.control.machine.terms import Term, list_needed_values, make_term_params, parse_term
 from topdress.drivers.files.config import ConfigError, load, save, shipped
 from topdress.drivers.files.kinds import MACHINE
 
@@ -75,7 +75,7 @@ def drive(rows: int = 3000) -> tuple[dict[str, Any], Any]:
     return {
         **wave,
         "time_s": time_s,
-        "shaft_angle_deg": angle_over_log(wave["shaft_rpm"], time_s),
+        "shaft_angle_deg": calc_angle_over_log(wave["shaft_rpm"], time_s),
         "heading_deg": np.where(np.arange(rows) % 900 < 450, 10.0, 190.0),
     }, time_s
 
@@ -88,20 +88,20 @@ def test_every_form_has_a_case() -> None:
 def test_interpreted_equals_compiled(form: Form) -> None:
     values, time_s = drive()
     term = made(TEXTS[form])
-    names = needed(term)
-    given = (params_of(term), values[names[0]], values[names[-1]], time_s)
-    interpreted = over_rows(term_step)(*given)
-    assert np.array_equal(interpreted, term_run(*given))
+    names = list_needed_values(term)
+    given = (make_term_params(term), values[names[0]], values[names[-1]], time_s)
+    interpreted = make_term_run(step_term)(*given)
+    assert np.array_equal(interpreted, run_term(*given))
     assert np.ptp(interpreted) > 0.0
 
 
 def test_tick_by_tick_equals_over_a_log() -> None:
     values, time_s = drive(800)
     terms = [made(text).model_copy(update={"id": form.value}) for form, text in TEXTS.items()]
-    log = over_log(terms, values, time_s, term_run)
+    log = sum_over_log(terms, values, time_s, run_term)
     sums = TermSums(terms)
     for k in range(len(time_s)):
-        more = sums.step(
+        more = sums.advance_terms(
             {name: float(series[k]) for name, series in values.items()},
             float(time_s[k] - time_s[max(0, k - 1)]),
         )
@@ -113,7 +113,7 @@ def test_the_values_are_those_of_the_formulas() -> None:
     """Against the formulas that `topdress effects` says, written here once more."""
 
     def value(text: str, x: float, y: float = 0.0) -> float:
-        return term_step(params_of(made(text)), TermState(), x, y, 0.0)[1]
+        return step_term(make_term_params(made(text)), TermState(), x, y, 0.0)[1]
 
     assert value(
         "flow_percent bend speed_mps bend=-4.4 slope=1 at=1.2 level=0.5", 2.2
@@ -135,17 +135,17 @@ def test_the_values_are_those_of_the_formulas() -> None:
 
 
 def test_outside_its_range_a_term_holds_its_edge_value() -> None:
-    term = params_of(made(TEXTS[Form.SLOPE]))
+    term = make_term_params(made(TEXTS[Form.SLOPE]))
     assert (
-        term_step(term, TermState(), 9.0, 0.0, 0.0)[1]
-        == term_step(term, TermState(), 2.0, 0.0, 0.0)[1]
+        step_term(term, TermState(), 9.0, 0.0, 0.0)[1]
+        == step_term(term, TermState(), 2.0, 0.0, 0.0)[1]
         == 4.25
     )
 
 
 def test_a_table_of_fewer_nodes_is_held_beyond_its_last() -> None:
-    term = params_of(made("flow_percent table roll_deg nodes=0,1,3 values=1,2,8"))
-    assert [term_step(term, TermState(), x, 0.0, 0.0)[1] for x in (-5.0, 2.0, 3.0, 3.5, 99.0)] == [
+    term = make_term_params(made("flow_percent table roll_deg nodes=0,1,3 values=1,2,8"))
+    assert [step_term(term, TermState(), x, 0.0, 0.0)[1] for x in (-5.0, 2.0, 3.0, 3.5, 99.0)] == [
         1,
         5,
         8,
@@ -155,19 +155,19 @@ def test_a_table_of_fewer_nodes_is_held_beyond_its_last() -> None:
 
 
 def test_memory_follows_with_its_time_constant_whatever_the_step() -> None:
-    p = params_of(made("flow_percent memory roll_deg bend=1 tau_s=5"))
+    p = make_term_params(made("flow_percent memory roll_deg bend=1 tau_s=5"))
     for steps in (1, 10, 1000):
-        state, _ = term_step(p, TermState(), 0.0, 0.0, 0.0)
-        state, _ = term_step(p, state, 1.0, 0.0, 0.0)
+        state, _ = step_term(p, TermState(), 0.0, 0.0, 0.0)
+        state, _ = step_term(p, state, 1.0, 0.0, 0.0)
         for _ in range(steps):
-            state, value = term_step(p, state, 1.0, 0.0, 5.0 / steps)
+            state, value = step_term(p, state, 1.0, 0.0, 5.0 / steps)
         assert value == pytest.approx(1.0 - np.exp(-1.0))
 
 
 def test_a_term_whose_variable_is_not_there_adds_nothing() -> None:
     terms = [made(TEXTS[Form.SLOPE])]
-    assert TermSums(terms).step({"pitch_deg": 3.0}, 0.05) == NOTHING
-    assert over_log(terms, {"time_s": np.arange(5.0)}, np.arange(5.0), term_run) == {}
+    assert TermSums(terms).advance_terms({"pitch_deg": 3.0}, 0.05) == NO_TERMS
+    assert sum_over_log(terms, {"time_s": np.arange(5.0)}, np.arange(5.0), run_term) == {}
 
 
 def test_told_is_the_mean_of_the_command_a_dead_time_ago() -> None:
@@ -176,8 +176,8 @@ def test_told_is_the_mean_of_the_command_a_dead_time_ago() -> None:
     command = np.repeat(rng.uniform(0, 100, 40), 10)
     told, found = HeldCommands(machine, command[0], 20.0), []
     for now, value in zip(time_s, command, strict=True):
-        found.append(told.step(float(now), float(value), 20.0, 0.05)["told_rpm"])
-    assert commanded_over_log(command, time_s, machine.shaft.dead_time_s) == pytest.approx(
+        found.append(told.average_commands(float(now), float(value), 20.0, 0.05)["told_rpm"])
+    assert average_commands_over_log(command, time_s, machine.shaft.dead_time_s) == pytest.approx(
         np.array(found)
     )
 
@@ -258,7 +258,7 @@ def test_an_old_file_with_tables_over_becomes_a_term_with_a_note(tmp_path: Path)
     data["gate"] |= {"table_x": list(range(8)), "table_mm": [0.0] * 8}
     (tmp_path / "old.yaml").write_text(yaml.safe_dump(data))
     machine = load(tmp_path / "old.yaml", MACHINE).model
-    assert [(t.acts_on, t.form, t.variables, t.nodes, t.values) for t in machine.terms] == [
+    assert [(t.acts_on, t.form, t.variable_names, t.nodes, t.values) for t in machine.terms] == [
         ("flow_percent", "table", ("supply_v",), tuple(nodes), tuple(values))
     ]
     assert machine.warnings == (
@@ -278,14 +278,14 @@ ROWS = 1500
 TIME_S = 0.2 * np.arange(ROWS)
 
 
-def variable(name: str, seed: int = 3) -> Scaled:
+def variable(name: str, seed: int = 3) -> ScaledVariable:
     rng = np.random.default_rng(seed)
     x = {
         "heading_deg": rng.uniform(0.0, 360.0, ROWS),
         "shaft_angle_deg": 17.0 * TIME_S,
         "time_s": TIME_S,
     }.get(name, 1.3 + np.sin(TIME_S / 7.0) + 0.3 * rng.standard_normal(ROWS))
-    return scaled(name, x, np.ones(ROWS, bool), TIME_S, term_run)
+    return scale_variable(name, x, np.ones(ROWS, bool), TIME_S, run_term)
 
 
 def every() -> list[TriedForm]:
@@ -293,15 +293,17 @@ def every() -> list[TriedForm]:
         one
         for name in ("roll_deg", "heading_deg", "time_s")
         for kind in FORMS.values()
-        for one in kind.tried(variable(name))
+        for one in kind.list_candidates(variable(name))
     ]
     roll, pitch = variable("roll_deg"), variable("pitch_deg", 5)
-    return found + [one for alone in (1, 2) for one in ProductForm.tried_with(roll, pitch, alone)]
+    return found + [
+        one for alone in (1, 2) for one in ProductForm.list_pair_candidates(roll, pitch, alone)
+    ]
 
 
-def written(form: TriedForm, sizes: Any, level: float, by: dict[str, Scaled]) -> Term:
-    file = form.written(sizes, level, by)
-    over = [{"name": name, "valid": by[name].valid} for name in form.over]
+def written(form: TriedForm, sizes: Any, level: float, by: dict[str, ScaledVariable]) -> Term:
+    file = form.write_form(sizes, level, by)
+    over = [{"name": name, "valid": by[name].valid_range} for name in form.over]
     return Term.model_validate(
         {
             "id": "shaft.one",
@@ -315,8 +317,8 @@ def written(form: TriedForm, sizes: Any, level: float, by: dict[str, Scaled]) ->
     )
 
 
-def values(term: Term, by: dict[str, Scaled]) -> Any:
-    return over_log([term], {name: one.x for name, one in by.items()}, TIME_S, term_run)[
+def values(term: Term, by: dict[str, ScaledVariable]) -> Any:
+    return sum_over_log([term], {name: one.x for name, one in by.items()}, TIME_S, run_term)[
         "shaft_percent"
     ]
 
@@ -342,20 +344,24 @@ def test_what_is_fitted_is_what_the_file_holds(name: str) -> None:
     tried = [form for form in every() if form.kind.form == name]
     for form in tried[:: max(1, len(tried) // 20)]:
         for move in ("", *form.kind.movable):
-            place = {move: form.kind.step(form.shape, move, 0.4, by[form.over[0]])} if move else {}
+            place = (
+                {move: form.kind.step_shape(form.shape, move, 0.4, by[form.over[0]])}
+                if move
+                else {}
+            )
             shape = {**form.shape, **place}
             if not shape.get("low_end", -np.inf) < shape.get("high_end", np.inf):
                 continue
-            moved = form.moved(shape, by)
+            moved = form.change_shape(shape, by)
             sizes = rng.uniform(0.5, 2.0, len(moved.columns)).tolist()
-            fitted = np.asarray(sizes) @ moved.rows(by) + 0.3
+            fitted = np.asarray(sizes) @ moved.calc_rows(by) + 0.3
             there = values(written(moved, sizes, 0.3, by), by)
             assert there == pytest.approx(fitted, abs=1e-9), (form.shape, move)
 
 
 def test_columns_of_many_shapes_share_few_series() -> None:
     """What a series does to a channel takes a run of the model: it is had once."""
-    forms = [one for kind in FORMS.values() for one in kind.tried(variable("roll_deg"))]
+    forms = [one for kind in FORMS.values() for one in kind.list_candidates(variable("roll_deg"))]
     shared = {series for form in forms for column in form.columns for series in column}
     assert len(forms) > 100 and len(shared) < 50
     assert all(isinstance(series, FormSeries) for series in shared)
@@ -364,34 +370,36 @@ def test_columns_of_many_shapes_share_few_series() -> None:
 def test_a_products_square_is_taken_off_its_level() -> None:
     """It was fitted about the middle of its variables, with slopes of its own there."""
     x, y = (
-        Scaled(
-            name, np.zeros(3), middle, spread, -9.0, 9.0, np.ones(3, bool), np.arange(3.0), term_run
+        ScaledVariable(
+            name, np.zeros(3), middle, spread, -9.0, 9.0, np.ones(3, bool), np.arange(3.0), run_term
         )
         for name, middle, spread in (("roll_deg", -0.1, 2.0), ("speed_mps", 1.0, 0.2))
     )
-    form = ProductForm.tried_with(x, y)[1]
+    form = ProductForm.list_pair_candidates(x, y)[1]
     by, sizes = {"roll_deg": x, "speed_mps": y}, [-8.0, -0.4, 8.0]
     for level in (0.0, 0.7):
-        assert form.written(sizes, level, by).coefficients == pytest.approx(
+        assert form.write_form(sizes, level, by).coefficients == pytest.approx(
             {"slope": 20.0, "at": 0.0, "second_at": 1.2, "level": level - 0.4}
         )
 
 
-def field(axis_deg: float) -> Scaled:
+def field(axis_deg: float) -> ScaledVariable:
     """Headings up and down a field."""
     ways = np.where(np.arange(ROWS) % 200 < 100, axis_deg, axis_deg + 180.0)
     headings = np.mod(ways + np.random.default_rng(1).normal(0.0, 1.0, ROWS), 360.0)
-    return scaled("heading_deg", headings, np.ones(ROWS, bool), TIME_S, term_run)
+    return scale_variable("heading_deg", headings, np.ones(ROWS, bool), TIME_S, run_term)
 
 
 def test_an_angle_driven_up_and_down_has_one_amplitude_along_its_axis() -> None:
     """Sine and cosine are not told apart there, and across the axis nothing is said; all round
     there are two."""
-    [along] = FORMS["periodic"].tried(field(30.0))
+    [along] = FORMS["periodic"].list_candidates(field(30.0))
     assert len(along.columns) == 1
     sine, cosine = along.shape["sine"], along.shape["cosine"]
     assert abs(sine * np.sin(np.radians(30.0)) + cosine * np.cos(np.radians(30.0))) > 0.999
-    assert {len(form.columns) for form in FORMS["periodic"].tried(variable("heading_deg"))} == {2}
+    assert {
+        len(form.columns) for form in FORMS["periodic"].list_candidates(variable("heading_deg"))
+    } == {2}
     assert ANGLES == FORMS["periodic"].only_over
 
 
@@ -400,7 +408,7 @@ def test_what_was_seen_up_and_down_a_field_is_said_of_these_headings_alone(axis_
     """The phase of a cycle is not known from one axis: across it a wave would be a guess."""
     heading = field(axis_deg)
     by = {"heading_deg": heading}
-    [along] = FORMS["periodic"].tried(heading)
+    [along] = FORMS["periodic"].list_candidates(heading)
     sine, cosine = along.shape["sine"], along.shape["cosine"]
     ahead = sine * np.sin(np.radians(axis_deg)) + cosine * np.cos(np.radians(axis_deg))
     term = written(along, [0.5 * ahead], 0.1, by)
@@ -410,7 +418,7 @@ def test_what_was_seen_up_and_down_a_field_is_said_of_these_headings_alone(axis_
         + np.array([-10.0, 0.0, 10.0, 40.0, 90.0, 140.0, 170.0, 180.0, 190.0, 220.0, 270.0, 320.0]),
         360.0,
     )
-    found = over_log([term], {"heading_deg": asked}, np.arange(12.0), term_run)["shaft_percent"]
+    found = sum_over_log([term], {"heading_deg": asked}, np.arange(12.0), run_term)["shaft_percent"]
     assert found == pytest.approx([0.6] * 3 + [0.1] * 3 + [-0.4] * 3 + [0.1] * 3)
 
 
@@ -420,8 +428,12 @@ def test_a_saturation_is_reported_as_it_was_fitted_without_a_large_level(
 ) -> None:
     roll = variable("roll_deg")
     by = {"roll_deg": roll}
-    form = FORMS["saturation"].tried(roll)[0].moved({"low_end": low, "high_end": high}, by)
-    [series] = form.rows(by)
+    form = (
+        FORMS["saturation"]
+        .list_candidates(roll)[0]
+        .change_shape({"low_end": low, "high_end": high}, by)
+    )
+    [series] = form.calc_rows(by)
     term = written(form, [30.0], 0.2, by)
     assert values(term, by) == pytest.approx(0.2 + 30.0 * series)
     assert series.min() <= 0.0 <= series.max() and abs(term.coefficients["level"] - 0.2) <= 30.0 * (
@@ -431,14 +443,16 @@ def test_a_saturation_is_reported_as_it_was_fitted_without_a_large_level(
 
 def test_a_constant_that_is_lost_of_every_command_is_a_saturation_from_zero_on() -> None:
     commands = np.concatenate((np.zeros(500), np.linspace(12.0, 80.0, 1000)))
-    x = Scaled("shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, commands > 0.0, TIME_S, term_run)
-    [form] = Lost.tried(x)
-    file = form.written([-2.5], 0.0, {"shaft_rpm": x})
+    x = ScaledVariable(
+        "shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, commands > 0.0, TIME_S, run_term
+    )
+    [form] = LostConstantForm.list_candidates(x)
+    file = form.write_form([-2.5], 0.0, {"shaft_rpm": x})
     assert file.form == "saturation" and file.coefficients == {
         "slope": -1.0,
         "low_end": 0.0,
         "high_end": 2.5,
     }
     # more than the slowest command: the constant is the same
-    wide = form.written([-30.0], 0.0, {"shaft_rpm": x})
+    wide = form.write_form([-30.0], 0.0, {"shaft_rpm": x})
     assert wide.coefficients["slope"] * wide.coefficients["high_end"] == -30.0

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from topdress.console.cli import app
 from topdress.control.agronomy.crop import Crop
-from topdress.control.machine.fall import drop_s
-from topdress.control.machine.landing import carried_s
+from topdress.control.machine.fall import calc_drop_s
+from topdress.control.machine.landing import calc_carried_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import find_first_fall_s, find_start_lag_s, response_s
+from topdress.control.machine.start import calc_response_s, find_first_fall_s, find_start_lag_s
 from topdress.control.papers import published
 from topdress.control.papers.claims_decision import decision_claims, grain_n, yields
 from topdress.control.papers.claims_lag import lag_claims
@@ -34,7 +34,7 @@ from topdress.control.papers.lag import eq3, lag_line
 from topdress.control.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
 from topdress.control.papers.page import Claim, How, Table, ledger
 from topdress.control.papers.points import delays, microsteps, points_claims
-from topdress.control.targets.point import point_lag
+from topdress.control.targets.point import calc_point_lag
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import CROP
 
@@ -91,7 +91,7 @@ def test_eq_3_as_printed_makes_8_39_m_of_10() -> None:
 
 def test_the_machine_turns_after_the_response_of_table_2() -> None:
     for rpm, values in published.RESPONSE_S.items():
-        assert response_s(Machine(), rpm) == pytest.approx(sum(values) / 2, abs=0.01)
+        assert calc_response_s(Machine(), rpm) == pytest.approx(sum(values) / 2, abs=0.01)
 
 
 def test_eq_6_exact_leaves_nothing_after_the_correction() -> None:
@@ -124,10 +124,10 @@ def test_the_papers_own_test_played_through_the_model_gives_its_tables() -> None
 def test_nothing_overtakes_in_the_tube_and_a_start_takes_longer_than_a_running_shaft() -> None:
     time = np.arange(0.0, 6.0, 0.05)
     drops = np.where(time < 2.0, 1.8, np.where(time < 4.0, 1.1, 1.6))
-    lands = time + carried_s(time, drops)
+    lands = time + calc_carried_s(time, drops)
     assert np.all(np.diff(lands) > 0.0)
-    assert carried_s(time, np.full(len(time), 1.3)) == pytest.approx(np.full(len(time), 1.3))
-    assert drop_s(Machine().fall, 70.0) == pytest.approx(
+    assert calc_carried_s(time, np.full(len(time), 1.3)) == pytest.approx(np.full(len(time), 1.3))
+    assert calc_drop_s(Machine().fall, 70.0) == pytest.approx(
         find_first_fall_s(Machine(), Machine().fall, 70.0) - 0.07, abs=0.01
     )
 
@@ -330,7 +330,7 @@ def claims_of(crop: Crop) -> dict[str, list[Claim]]:
     return {
         "decision": decision_claims(crop, table, forward, simulated),
         "lag": lag_claims(Machine()),
-        "points": points_claims(point_lag(120.0, 99.8, 1.0)),
+        "points": points_claims(calc_point_lag(120.0, 99.8, 1.0)),
     }
 
 

@@ -46,7 +46,7 @@ class Driven(NamedTuple):
 def outline(k: int) -> list[list[float]]:
     east = 2.4 * k
     ring = ((east, 5.0), (east + 2.4, 5.0), (east + 2.4, 55.0), (east, 55.0), (east, 5.0))
-    return [list(PLANE.to_deg(*place)[::-1]) for place in ring]
+    return [list(PLANE.convert_to_deg(*place)[::-1]) for place in ring]
 
 
 def plots_file(path: Path, names: tuple[str, ...] = NAMES) -> Path:
@@ -115,7 +115,9 @@ def test_readings_are_counted_where_the_heads_look(driven: Driven) -> None:
     last: tuple[str, ...] = ()
     for row in rows:
         heads = tuple(row[f"ndvi_{k}"] for k in range(1, 7))
-        east, north = PLANE.to_m(float(row["lat_deg"] or "nan"), float(row["lon_deg"] or "nan"))
+        east, north = PLANE.project_to_m(
+            float(row["lat_deg"] or "nan"), float(row["lon_deg"] or "nan")
+        )
         if heads != last and all(heads) and east < 2.4 and 5.0 < north + 4.5 < 55.0:
             seen.append(float(np.mean([float(one) for one in heads])))
         last = heads

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from topdress.control.field.boundary import Boundary
 from topdress.control.targets.prescription import Fallbacks, Prescription
-from topdress.control.targets.rate_map import GridMap, frame_m
+from topdress.control.targets.rate_map import GridMap, make_frame_m
 
 
 @pytest.fixture
@@ -16,5 +16,5 @@ def chequered() -> Prescription:
     rates = 100.0 + np.arange(144.0).reshape(12, 12)
     field = Boundary([(4.0, 3.0), (113.0, 8.0), (118.0, 97.0), (61.0, 116.0), (7.0, 88.0)])
     return Prescription(
-        GridMap(frame_m((0.0, 0.0), 10.0, 10.0), rates), Fallbacks(80.0, 5.0, 60.0), [field]
+        GridMap(make_frame_m((0.0, 0.0), 10.0, 10.0), rates), Fallbacks(80.0, 5.0, 60.0), [field]
     )

@@ -11,12 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 import shapefile
-from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
+from topdress.control.targets.prescription import (
+    Fallbacks,
+    GridDeg,
+    MapData,
+    Zone,
+    calc_rate_shares,
+)
 from topdress.drivers.files.prescriptions.projected import TransverseMercator, parse_projection
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
 from topdress.drivers.files.prescriptions.write import write_prescription
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 from tests.geojson import collection, feature
 
@@ -105,9 +111,9 @@ def test_shapefile_and_its_zip(shape: Path, tmp_path: Path) -> None:
 def test_a_column_must_be_chosen_where_none_speaks_for_itself(tmp_path: Path) -> None:
     file = tmp_path / "m.geojson"
     file.write_text(collection(feature([SQUARE], a=1.0, b=2.0, name="x")))
-    with pytest.raises(Refused, match="rate column not chosen: allowed a, b"):
+    with pytest.raises(RefusedInput, match="rate column not chosen: allowed a, b"):
         read_prescription(file)
-    with pytest.raises(Refused, match="column c: allowed a, b, name"):
+    with pytest.raises(RefusedInput, match="column c: allowed a, b, name"):
         read_prescription(file, RateChoice(column="c"))
 
 
@@ -141,7 +147,7 @@ def test_a_grid_becomes_one_polygon_a_cell(tmp_path: Path) -> None:
     write_prescription(MapData(grid=grid), tmp_path / "g.shp")
     again = read_prescription(tmp_path / "g.shp").data
     assert [z.rate_kg_ha for z in again.zones] == [100.0, 50.0, 75.0]
-    mass = [sum(s.mass_kg for s in statistics(data)) for data in (MapData(grid=grid), again)]
+    mass = [sum(s.mass_kg for s in calc_rate_shares(data)) for data in (MapData(grid=grid), again)]
     assert mass[0] == pytest.approx(mass[1], rel=1e-9)
 
 
@@ -186,7 +192,7 @@ def test_an_independent_reader_sees_the_same_shapefile(tmp_path: Path) -> None:
 def test_broken_geojson_is_said_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     file = tmp_path / "broken.geojson"
     file.write_text(text)
-    with pytest.raises(Refused, match=words) as caught:
+    with pytest.raises(RefusedInput, match=words) as caught:
         read_prescription(file)
     assert "\n" not in str(caught.value) and "broken.geojson" in str(caught.value)
 
@@ -205,7 +211,7 @@ def test_broken_geojson_is_said_in_one_line(tmp_path: Path, text: str, words: st
 def test_impossible_choices_are_said_in_one_line(
     geojson: Path, choice: dict[str, Any], words: str
 ) -> None:
-    with pytest.raises(Refused, match=words):
+    with pytest.raises(RefusedInput, match=words):
         read_prescription(geojson, RateChoice(**choice))
 
 
@@ -245,7 +251,7 @@ def test_coordinates_that_cannot_be_used_are_said_in_one_line(
     shape: Path, text: str, words: str
 ) -> None:
     shape.with_suffix(".prj").write_text(text)
-    with pytest.raises(Refused, match=words) as caught:
+    with pytest.raises(RefusedInput, match=words) as caught:
         read_prescription(shape)
     assert "allowed are degrees on WGS84" in str(caught.value) and "\n" not in str(caught.value)
 
@@ -256,7 +262,7 @@ def test_a_cut_shapefile_is_said_in_one_line(shape: Path, ending: str, keep: flo
     file = shape.with_suffix(ending)
     data = file.read_bytes()
     file.write_bytes(data[: keep if isinstance(keep, int) else int(keep * len(data))])
-    with pytest.raises(Refused) as caught:
+    with pytest.raises(RefusedInput) as caught:
         read_prescription(shape)
     assert "\n" not in str(caught.value) and "map.shp" in str(caught.value)
 
@@ -269,10 +275,10 @@ def test_what_is_not_there_and_what_is_no_prescription(tmp_path: Path) -> None:
         ("x.txt", "no prescription"),
         ("x.zip", "x.zip: "),
     ):
-        with pytest.raises(Refused, match=words):
+        with pytest.raises(RefusedInput, match=words):
             read_prescription(tmp_path / name)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(Refused, match="no prescription: allowed is an ISO"):
+    with pytest.raises(RefusedInput, match="no prescription: allowed is an ISO"):
         read_prescription(tmp_path / "empty")
 
 
@@ -364,7 +370,7 @@ def test_a_shapefile_in_utm_lies_where_it_belongs(projected: Path, tmp_path: Pat
     geod = pyproj.Geod(ellps="WGS84")
     area = abs(geod.polygon_area_perimeter(*zip(*CORNERS_DEG, strict=True))[0])
     hole = abs(geod.polygon_area_perimeter(*zip(*HOLE_DEG, strict=True))[0])
-    assert sum(s.area_ha for s in statistics(read.data)) == pytest.approx(
+    assert sum(s.area_ha for s in calc_rate_shares(read.data)) == pytest.approx(
         (area - hole) / 1e4, rel=1e-5
     )
     packed = tmp_path / "utm.zip"

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from topdress.control.geodesy import TangentPlane
-from topdress.control.targets.prescription import Fallbacks, MapData, Zone, statistics
+from topdress.control.targets.prescription import Fallbacks, MapData, Zone, calc_rate_shares
 from topdress.drivers.files.imports.task_log import describe_task_file
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import ImportedMap, PrescriptionError, RateChoice
 from topdress.drivers.files.prescriptions.write import write_prescription
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 from tests.places import TASK_FILES
 
@@ -105,7 +105,7 @@ def near(one: npt.ArrayLike, other: npt.ArrayLike) -> bool:
 
 
 def total(read: ImportedMap) -> tuple[float, float]:
-    shares = statistics(read.data)
+    shares = calc_rate_shares(read.data)
     return sum(share.area_ha for share in shares), sum(share.mass_kg for share in shares)
 
 
@@ -239,7 +239,9 @@ def test_fallback_zones_that_are_not_there_are_nothing_and_said(make: Make) -> N
 def test_a_type_2_cell_holds_a_number_for_each_of_its_data(make: Make) -> None:
     cells = np.array([[100, 1], [200, 2], [300, 3], [400, 4], [500, 5], [600, 6]], "<i4").tobytes()
     folder = make(GRID2, cells=cells)
-    with pytest.raises(Refused, match=r"allowed TSK1/0006 \(mass per area\), TSK1/0001 \(volume"):
+    with pytest.raises(
+        RefusedInput, match=r"allowed TSK1/0006 \(mass per area\), TSK1/0001 \(volume"
+    ):
         read_prescription(folder)
     mass = read_prescription(folder, RateChoice(layer="TSK1/0006")).data.grid
     volume = read_prescription(folder, RateChoice(layer="TSK1/0001", density_kg_l=2.0)).data.grid
@@ -267,7 +269,7 @@ def test_a_field_is_written_with_its_area(tmp_path: Path) -> None:
     def box(east_m: float, width_m: float, height_m: float) -> npt.NDArray[np.float64]:
         return np.array(
             [
-                plane.to_deg(east_m + x, y)
+                plane.convert_to_deg(east_m + x, y)
                 for x, y in ((0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m))
             ]
         )
@@ -306,7 +308,7 @@ def test_external_files_and_a_zip_with_a_folder(tmp_path: Path) -> None:
 def test_a_presentation_that_disagrees_must_be_decided(make: Make) -> None:
     around = '<VPN A="VPN1" B="0" C="1" D="0" E="kg/ha"/>'
     folder = make(ZONES.replace('B="31500"', 'B="315" E="VPN1"'), around=around)
-    with pytest.raises(Refused, match="allowed ddi, presentation"):
+    with pytest.raises(RefusedInput, match="allowed ddi, presentation"):
         read_prescription(folder)
     assert read_prescription(folder, RateChoice(rate_from="ddi")).data.zones[
         0
@@ -368,7 +370,7 @@ def test_broken_zones_are_said_in_one_line(
     folder = make(ZONES)
     file = folder / "TaskData.xml"
     file.write_text(broken(file.read_text()))
-    with pytest.raises(Refused, match=words) as caught:
+    with pytest.raises(RefusedInput, match=words) as caught:
         read_prescription(folder)
     assert "\n" not in str(caught.value) and "TaskData.xml" in str(caught.value)
 
@@ -391,7 +393,7 @@ def test_broken_zones_are_said_in_one_line(
 def test_broken_grids_are_said_in_one_line(
     make: Make, cells: bytes | None, task: str, words: str
 ) -> None:
-    with pytest.raises(Refused, match=words):
+    with pytest.raises(RefusedInput, match=words):
         read_prescription(make(task, cells=cells))
 
 

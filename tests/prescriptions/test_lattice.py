@@ -12,12 +12,12 @@ import pytest
 import shapefile
 import shapely
 from topdress.control.geodesy import TangentPlane
-from topdress.control.targets.prescription import statistics
+from topdress.control.targets.prescription import calc_rate_shares
 from topdress.drivers.files.opened import Opened
 from topdress.drivers.files.prescriptions.lattice import NoGridError, fit_point_grid
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress
 from tests.geojson import feature, geojson
@@ -49,12 +49,12 @@ def lattice(
 
 
 def degrees(places: np.ndarray) -> np.ndarray:
-    return np.array([PLANE.to_deg(*place) for place in places.tolist()])
+    return np.array([PLANE.convert_to_deg(*place) for place in places.tolist()])
 
 
 def sums(path: Path, choice: RateChoice | None = None) -> tuple[float, float]:
     """Area, ha, and kilograms."""
-    shares = statistics(read_prescription(path, choice).data)
+    shares = calc_rate_shares(read_prescription(path, choice).data)
     return sum(one.area_ha for one in shares), sum(one.mass_kg for one in shares)
 
 
@@ -116,7 +116,7 @@ def test_a_lattice_that_is_even_in_degrees(tmp_path):
     read = read_prescription(csv_of(tmp_path / "p.csv", lat_lon, np.full(len(i), 200.0), digits=6))
     box = read.data.box_deg
     assert box == pytest.approx((60.09995, 24.8999, 60.10795, 24.9119), abs=1e-9)
-    assert sum(one.area_ha for one in statistics(read.data)) == pytest.approx(59.4, rel=5e-3)
+    assert sum(one.area_ha for one in calc_rate_shares(read.data)) == pytest.approx(59.4, rel=5e-3)
 
 
 def test_every_point_keeps_its_rate_at_its_place(tmp_path):
@@ -267,7 +267,7 @@ def driven() -> np.ndarray:
 )
 def test_what_is_no_lattice_is_one_line(tmp_path, places, said):
     path = csv_of(tmp_path / "p.csv", degrees(places), np.full(len(places), 200.0))
-    with pytest.raises(Refused, match=said) as trouble:
+    with pytest.raises(RefusedInput, match=said) as trouble:
         read_prescription(path)
     assert "\n" not in str(trouble.value) and str(path) in str(trouble.value)
     told = topdress("map", path)
@@ -283,7 +283,7 @@ def test_scattered_points_are_never_a_lattice(seed):
 def test_a_log_is_still_a_log(tmp_path):
     log = tmp_path / "log.csv"
     log.write_text("time_s,lat_deg,lon_deg,applied_rate_kg_ha\n0,34.8,113.6,200\n")
-    with pytest.raises(Refused, match="a log is read by topdress import"):
+    with pytest.raises(RefusedInput, match="a log is read by topdress import"):
         read_prescription(log)
 
 
@@ -306,10 +306,10 @@ def test_a_table_in_metres_is_asked_for_its_zone(tmp_path: Path) -> None:
     assert Opened(path).holds == "map"
     with pytest.raises(RateQuestion, match=r"columns x, y.*--zone 32N.*--column .*: value"):
         read_prescription(path)
-    with pytest.raises(Refused, match="zone 99N: allowed are 1N to 60N"):
+    with pytest.raises(RefusedInput, match="zone 99N: allowed are 1N to 60N"):
         read_prescription(path, RateChoice(zone="99N"))
     read = read_prescription(path, RateChoice(zone="32N", column="value", unit="kg/ha"))
-    ha = sum(share.area_ha for share in statistics(read.data))
+    ha = sum(share.area_ha for share in calc_rate_shares(read.data))
     # a UTM metre on the central meridian is 1 / 0.9996 m
     assert ha == pytest.approx(20 * 25e-4 / 0.9996**2, rel=1e-4)
     assert read.data.box_deg[1] == pytest.approx(9.0, abs=1e-4)

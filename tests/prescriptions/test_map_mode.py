@@ -18,24 +18,30 @@ from topdress.console.worker.options import Options
 from topdress.control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
 from topdress.control.geodesy import TangentPlane
 from topdress.control.loop import ControlLoop
-from topdress.control.loop.map_near import NEAR_M
+from topdress.control.loop.map_near import NEAR_MAP_M
 from topdress.control.loop.tick import Tick
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.safety import read_refusal
-from topdress.control.simulation.assembly import control_loop, with_simulated_field
-from topdress.control.simulation.closed_loop import Record, simulated_run
-from topdress.control.simulation.error_metrics import landing, place_errors
+from topdress.control.simulation.assembly import add_simulated_field, make_control_loop
+from topdress.control.simulation.closed_loop import RunRecord, simulate_run
+from topdress.control.simulation.error_metrics import find_landing, find_place_errors
 from topdress.control.simulation.plant import Plant
-from topdress.control.simulation.tractor import Leg
-from topdress.control.simulation.tractor import Path as Way
+from topdress.control.simulation.tractor import PathLeg
+from topdress.control.simulation.tractor import TractorPath as Way
 from topdress.control.targets.map_profile import MapProfile
-from topdress.control.targets.prescription import Fallbacks, MapData, Prescription, Zone, on_plane
-from topdress.control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
+from topdress.control.targets.prescription import (
+    Fallbacks,
+    MapData,
+    Prescription,
+    Zone,
+    project_prescription,
+)
+from topdress.control.targets.rate_map import GridMap, ZoneMap, make_frame_deg, make_frame_m
 from topdress.drivers.files.config import shipped
 from topdress.drivers.files.prescriptions.for_job import read_job_map, read_job_plants
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.setup import Setup, load_setup
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress
 from tests.control_loop.closed import Change, Closed
@@ -54,7 +60,8 @@ def setup() -> Setup:
 def grid() -> Prescription:
     chequered = np.indices((12, 12)).sum(axis=0) % 2
     return Prescription(
-        GridMap(frame_m((-20.0, -20.0), 10.0, 10.0), np.where(chequered, 420.0, 240.0)), Fallbacks()
+        GridMap(make_frame_m((-20.0, -20.0), 10.0, 10.0), np.where(chequered, 420.0, 240.0)),
+        Fallbacks(),
     )
 
 
@@ -66,17 +73,19 @@ def driven(setup: Setup, grid: Prescription, look_ahead: bool) -> tuple[list[flo
         simulated=Simulated(speed_kmh=6.0, passes=1, refill_at_kg=0.0),
     )
     profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
-    plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)]))
-    loop, record = (
-        control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile),
-        Record(),
+    plant = Plant(
+        setup.machine, job, 1, 0.05, path=Way([PathLeg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)])
     )
-    for step in simulated_run(plant, loop, 40.0):
-        record.add(step)
-    columns = record.columns()
+    loop, record = (
+        make_control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile),
+        RunRecord(),
+    )
+    for step in simulate_run(plant, loop, 40.0):
+        record.add_tick(step)
+    columns = record.make_columns()
     columns["time_s"] = columns["time_s"] - 0.05
     columns["driven_m"] = np.concatenate(([0.0], columns["driven_m"][:-1]))
-    true = [s.distance_m for s in grid.ahead((3.3, 1.7), HEADING_DEG, 55.0)][1:]
+    true = [s.distance_m for s in grid.find_targets_ahead((3.3, 1.7), HEADING_DEG, 55.0)][1:]
     fired = []
     for change in record.fired:
         at = float(np.interp(change.place_m, columns["track_m"], columns["driven_m"]))
@@ -87,7 +96,7 @@ def driven(setup: Setup, grid: Prescription, look_ahead: bool) -> tuple[list[flo
                     place_m=float(np.interp(nearest, columns["driven_m"], columns["track_m"]))
                 )
             )
-    misses, _ = place_errors(columns, fired, landing(columns, 2.4), 2.4)
+    misses, _ = find_place_errors(columns, fired, find_landing(columns, 2.4), 2.4)
     return misses.tolist(), loop
 
 
@@ -107,11 +116,13 @@ def test_a_start_before_the_first_course_is_no_lost_position(
         simulated=Simulated(passes=1, speed_changes=stands),
     )
     profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
-    plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)]))
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
+    plant = Plant(
+        setup.machine, job, 1, 0.05, path=Way([PathLeg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)])
+    )
+    loop = make_control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
     ticks = [
         step.tick
-        for step in simulated_run(
+        for step in simulate_run(
             plant, loop, 20.0, [(1.0, Order(Do.READY)), (2.0, Order(Do.START))]
         )
     ]
@@ -132,11 +143,13 @@ def test_without_the_look_ahead_they_land_a_lag_distance_late(
 
 
 def test_the_map_can_be_ordered_only_where_there_is_one(setup: Setup, grid: Prescription) -> None:
-    without = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
-    assert without.order(Order(Do.SOURCE, "map")).why == "source_not_ready"
+    without = make_control_loop(setup.machine, setup.crop, setup.rule, setup.job)
+    assert without.handle_order(Order(Do.SOURCE, "map")).why == "source_not_ready"
     profile = MapProfile(grid, TangentPlane(34.28, 119.88))
-    with_map = control_loop(setup.machine, setup.crop, setup.rule, setup.job, prescription=profile)
-    assert with_map.order(Order(Do.SOURCE, "map")).accepted
+    with_map = make_control_loop(
+        setup.machine, setup.crop, setup.rule, setup.job, prescription=profile
+    )
+    assert with_map.handle_order(Order(Do.SOURCE, "map")).accepted
 
 
 @pytest.fixture
@@ -154,13 +167,13 @@ def test_a_jobs_map_lies_on_the_fields_plane(map_file: Path) -> None:
     )
     assert profile is not None
     assert (profile.plane.lat_deg, profile.plane.lon_deg) == (34.28, 119.88)
-    assert profile.prescription.at((10.0, 10.0)).rate_kg_ha == 200.0
-    assert profile.prescription.at((-10.0, 10.0)).rate_kg_ha == 0.0
+    assert profile.prescription.find_target((10.0, 10.0)).rate_kg_ha == 200.0
+    assert profile.prescription.find_target((-10.0, 10.0)).rate_kg_ha == 0.0
     assert read_job_map(Job(), map_file) is None
 
 
 def test_a_jobs_map_that_is_not_there_is_said(map_file: Path) -> None:
-    with pytest.raises(Refused, match=r"no.shp: not there"):
+    with pytest.raises(RefusedInput, match=r"no.shp: not there"):
         read_job_map(Job(target=Wanted(map="no.shp")), map_file)
 
 
@@ -186,7 +199,7 @@ def test_plants_from_csv_and_geojson(tmp_path: Path) -> None:
 )
 def test_broken_plant_lists_are_said_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(Refused, match=words):
+    with pytest.raises(RefusedInput, match=words):
         read_job_plants(Job(target=Wanted(plants="p.csv")), tmp_path)
 
 
@@ -274,7 +287,7 @@ def test_the_worker_takes_the_source_map_live_only_with_a_map(job: Path, tmp_pat
         parts = assemble_run(
             Options(config, tmp_path / "w.json", log=str(tmp_path / f"{accepted}.csv")), lambda: 0.0
         )
-        answer = parts.loop.order(Order(Do.SOURCE, "map"))
+        answer = parts.loop.handle_order(Order(Do.SOURCE, "map"))
         assert answer.accepted == accepted
         assert answer.why == ("" if accepted else "source_not_ready")
         parts.bench.close_devices()
@@ -296,7 +309,7 @@ def square(south_m: float, west_m: float, size_m: float = 400.0) -> MapData:
         (west_m, south_m + size_m),
     ]
     return MapData(
-        zones=(Zone(250.0, (np.array([PLANE.to_deg(*corner) for corner in corners]),)),),
+        zones=(Zone(250.0, (np.array([PLANE.convert_to_deg(*corner) for corner in corners]),)),),
         fallbacks=OUTSIDE,
     )
 
@@ -307,12 +320,12 @@ class Work(Closed):
 
     def __init__(self, data: MapData, with_field: bool = False, seen: bool = True) -> None:
         setup = load_setup("huanghai", "map_demo", dt.date(2026, 4, 1))
-        job = with_simulated_field(setup.job, setup.machine)
+        job = add_simulated_field(setup.job, setup.machine)
         field = job.field.model_copy(update={} if with_field else {"boundary_m": ()})
         super().__init__(
             setup,
             known={"job": job.model_copy(update={"field": field})},
-            loop={"prescription": MapProfile(on_plane(data, PLANE), PLANE)},
+            loop={"prescription": MapProfile(project_prescription(data, PLANE), PLANE)},
         )
         self.seen = seen
         self.run(1.0)
@@ -388,15 +401,15 @@ def test_in_a_field_that_the_map_covers_in_part_every_place_is_near():
 )
 def test_distances_to_cells_and_to_zones_are_the_same(place):
     """150 m by 90 m of cells of which every other has a rate, and the same cells as zones."""
-    south, west = PLANE.to_deg(0.0, 0.0)
+    south, west = PLANE.convert_to_deg(0.0, 0.0)
     cell_lat, cell_lon = 30.0 / 110_922.0, 30.0 / 92_070.0
     rates = np.where((np.arange(15) % 2 == 0).reshape(3, 5), 100.0, np.nan)
-    grid = GridMap(frame_deg(PLANE, south, west, cell_lat, cell_lon, 3, 5), rates)
+    grid = GridMap(make_frame_deg(PLANE, south, west, cell_lat, cell_lon, 3, 5), rates)
     rings = [
         [
             np.array(
                 [
-                    PLANE.to_m(south + (r + i) * cell_lat, west + (c + j) * cell_lon)
+                    PLANE.project_to_m(south + (r + i) * cell_lat, west + (c + j) * cell_lon)
                     for i, j in ((0, 0), (0, 1), (1, 1), (1, 0))
                 ]
             )
@@ -406,21 +419,28 @@ def test_distances_to_cells_and_to_zones_are_the_same(place):
         if (5 * r + c) % 2 == 0
     ]
     zones = ZoneMap(rings, np.full(len(rings), 100.0))
-    assert grid.away_m(place) == pytest.approx(zones.away_m(place), rel=2e-3, abs=0.05)
-    assert grid.away_m((15.0, 15.0)) == zones.away_m((15.0, 15.0)) == 0.0
+    assert grid.calc_distance_m(place) == pytest.approx(
+        zones.calc_distance_m(place), rel=2e-3, abs=0.05
+    )
+    assert grid.calc_distance_m((15.0, 15.0)) == zones.calc_distance_m((15.0, 15.0)) == 0.0
 
 
 def test_a_map_without_any_rate_is_nowhere():
-    empty = GridMap(frame_deg(PLANE, 34.28, 119.88, 1e-4, 1e-4, 2, 2), np.full((2, 2), np.nan))
-    assert empty.away_m((0.0, 0.0)) == np.inf > NEAR_M
+    empty = GridMap(make_frame_deg(PLANE, 34.28, 119.88, 1e-4, 1e-4, 2, 2), np.full((2, 2), np.nan))
+    assert empty.calc_distance_m((0.0, 0.0)) == np.inf > NEAR_MAP_M
     assert Prescription(empty, OUTSIDE).outside_kg_ha == 157.0
 
 
 def test_a_field_of_the_map_itself_counts_as_the_map():
     data = square(300.0, 0.0)
     corners = ((-50.0, -50.0), (400.0, -50.0), (400.0, 800.0), (-50.0, 800.0))
-    ring = np.array([PLANE.to_deg(*corner) for corner in corners])
+    ring = np.array([PLANE.convert_to_deg(*corner) for corner in corners])
     assert (
-        on_plane(dataclasses.replace(data, fields_deg=((ring,),)), PLANE).away_m((0.0, 0.0)) == 0.0
+        project_prescription(
+            dataclasses.replace(data, fields_deg=((ring,),)), PLANE
+        ).calc_distance_m((0.0, 0.0))
+        == 0.0
     )
-    assert on_plane(data, PLANE).away_m((0.0, 0.0)) == pytest.approx(300.0, abs=0.5)
+    assert project_prescription(data, PLANE).calc_distance_m((0.0, 0.0)) == pytest.approx(
+        300.0, abs=0.5
+    )

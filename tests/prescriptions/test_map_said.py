@@ -23,8 +23,8 @@ from topdress.console.services.launcher import Launcher
 from topdress.control.field.boundary import Boundary
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import Alarm, Severity
-from topdress.control.targets.map_check import map_check
-from topdress.control.targets.prescription import GridDeg, MapData, Zone, statistics
+from topdress.control.targets.map_check import check_map
+from topdress.control.targets.prescription import GridDeg, MapData, Zone, calc_rate_shares
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.config import shipped
 from topdress.drivers.files.prescriptions.read import read_prescription
@@ -206,10 +206,11 @@ def test_ground_is_counted_as_it_lies() -> None:
     )
     data, plane = MapData(zones), TangentPlane(40.0, 116.0)
     first, second, _ = (
-        shapely.Polygon(plane.many_to_m(z.rings_deg[0][:, 0], z.rings_deg[0][:, 1])) for z in zones
+        shapely.Polygon(plane.project_many_to_m(z.rings_deg[0][:, 0], z.rings_deg[0][:, 1]))
+        for z in zones
     )
     field = shapely.Polygon([(-10.0, -10.0), (100.0, -10.0), (100.0, 50.0), (-10.0, 50.0)])
-    found = map_check(
+    found = check_map(
         data, LIMIT, Boundary([(float(e), float(n)) for e, n in field.exterior.coords[:-1]]), plane
     )
     own = second.difference(first)
@@ -220,7 +221,7 @@ def test_ground_is_counted_as_it_lies() -> None:
     assert found.above_ha == pytest.approx(own.intersection(field).area / 1e4)
     assert found.above_kg == pytest.approx(200.0 * own.intersection(field).area / 1e4)
     assert found.highest_kg_ha == 700.0, "the third zone lies wholly under the first"
-    shares = statistics(data)
+    shares = calc_rate_shares(data)
     assert [share.rate_kg_ha for share in shares] == [100.0, 700.0]
     assert sum(share.area_ha for share in shares) == pytest.approx(
         first.union(second).area / 1e4, rel=1e-4
@@ -229,12 +230,12 @@ def test_ground_is_counted_as_it_lies() -> None:
 
 def test_a_map_that_fits_has_nothing_to_be_said() -> None:
     grid = GridDeg(40.0, 116.0, 1e-4, 1e-4, np.full((5, 5), 200.0))
-    assert map_words(map_check(MapData(grid=grid), LIMIT), METRIC) == ()
+    assert map_words(check_map(MapData(grid=grid), LIMIT), METRIC) == ()
     zones = (
         Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
         Zone(200.0, (square(40.0, 116.001, 40.001, 116.002),)),
     )
-    assert map_words(map_check(MapData(zones), LIMIT), METRIC) == ()
+    assert map_words(check_map(MapData(zones), LIMIT), METRIC) == ()
 
 
 def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
@@ -250,7 +251,7 @@ def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
             text
             for where in (field, far)
             for text in map_words(
-                map_check(MapData(zones), LIMIT, where, TangentPlane(40.0, 116.0)), METRIC
+                check_map(MapData(zones), LIMIT, where, TangentPlane(40.0, 116.0)), METRIC
             )
         ]
     finally:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import shapefile
 import shapely
-from topdress.control.targets.prescription import MapData, Zone, statistics
+from topdress.control.targets.prescription import MapData, Zone, calc_rate_shares
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.imports.trouble import LogImportError
@@ -20,7 +20,7 @@ from topdress.drivers.files.prescriptions import raster
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
 from topdress.drivers.files.prescriptions.write import write_prescription
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress
 
@@ -57,7 +57,7 @@ def differences(one: MapData, other: MapData) -> tuple[float, float, float]:
         )
         for a, b in zip(one.zones, other.zones, strict=True)
     )
-    masses = [sum(share.mass_kg for share in statistics(data)) for data in (one, other)]
+    masses = [sum(share.mass_kg for share in calc_rate_shares(data)) for data in (one, other)]
     return rates, corner, abs(masses[1] / masses[0] - 1.0)
 
 
@@ -88,7 +88,7 @@ def test_geopandas_sees_the_same_areas(tmp_path: Path) -> None:
     write_prescription(plan(), tmp_path / "a.gpkg")
     frame = geopandas.read_file(tmp_path / "a.gpkg").to_crs("EPSG:32632")
     kilograms = float((frame.area * frame.rate_kg_ha).sum()) / 10_000.0
-    ours = sum(share.mass_kg for share in statistics(plan()))
+    ours = sum(share.mass_kg for share in calc_rate_shares(plan()))
     assert kilograms == pytest.approx(ours, rel=1e-3)  # UTM's scale
 
 
@@ -130,7 +130,7 @@ def test_a_national_grid_is_read_with_pyproj_and_refused_without(
         assert np.abs(theirs - place).sum(axis=1).min() < 1e-6
     assert any("taken to degrees, right to " in str(one) for one in read.findings)
     monkeypatch.setitem(sys.modules, "pyproj", None)
-    with pytest.raises(Refused, match="allowed are degrees on WGS84, or UTM"):
+    with pytest.raises(RefusedInput, match="allowed are degrees on WGS84, or UTM"):
         read_prescription(path)
 
 
@@ -173,7 +173,7 @@ def test_a_raster(crs: str, described: str, tmp_path: Path) -> None:
     assert len(read.data.zones) == 59 and read.data.zones[0].rate_kg_ha == pytest.approx(
         float(values[0, 1])
     )
-    area = sum(share.area_ha for share in statistics(read.data))
+    area = sum(share.area_ha for share in calc_rate_shares(read.data))
     assert area == pytest.approx(
         59
         * {
@@ -222,14 +222,14 @@ def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "rasterio", None)
     (tmp_path / "a.tif").write_bytes(b"II*\0" + bytes(60))
     with pytest.raises(
-        Refused, match=r"this is a GeoTIFF, a raster: install the extra raster: .*pip "
+        RefusedInput, match=r"this is a GeoTIFF, a raster: install the extra raster: .*pip "
     ):
         read_prescription(tmp_path / "a.tif")
 
 
 def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
 
-    from topdress.control.agronomy.noa import rate_kg_ha
+    from topdress.control.agronomy.noa import decide_rate_kg_ha
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import CROP
 
@@ -248,7 +248,7 @@ def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
     crop = load("huanghai_wheat", CROP).model
     back = read_prescription(tmp_path / "rates.geojson").data.zones
     assert [zone.rate_kg_ha for zone in back] == [
-        rate_kg_ha(crop, zone.rate_kg_ha) for zone in zones
+        decide_rate_kg_ha(crop, zone.rate_kg_ha) for zone in zones
     ]
     assert len({zone.rate_kg_ha for zone in back}) > 3
     (tmp_path / "ndvi.geojson").write_text(text.replace('"NDVI": 0.', '"NDVI": 30.'))
@@ -525,7 +525,7 @@ def test_one_of_several_shapefiles_is_asked_for_and_named(
         read_prescription(path)
     for name, first in (("rx", 120.0), ("b/edge.shp", 1.0), ("EDGE.SHP", 1.0), ("a", 120.0)):
         assert read_prescription(path, RateChoice(inside=name)).data.zones[0].rate_kg_ha == first
-    with pytest.raises(Refused, match="no prescription named c"):
+    with pytest.raises(RefusedInput, match="no prescription named c"):
         read_prescription(path, RateChoice(inside="c"))
     told = topdress("map", path, "--inside", "rx")
     assert told.exit_code == 0 and "3 zones" in told.stdout
@@ -563,7 +563,7 @@ def test_task_sets_however_deep_and_of_several_one(tmp_path: Path, rx: dict[str,
 
 def test_a_zip_in_a_zip_is_said(tmp_path: Path, rx: dict[str, bytes]) -> None:
     inner = packed(tmp_path / "inner.zip", rx)
-    with pytest.raises(Refused, match=r"it holds inner\.zip: unpack that first"):
+    with pytest.raises(RefusedInput, match=r"it holds inner\.zip: unpack that first"):
         read_prescription(packed(tmp_path / "outer.zip", {"inner.zip": inner.read_bytes()}))
 
 

@@ -16,22 +16,28 @@ from topdress.console.worker.assemble import assemble_run
 from topdress.console.worker.options import Options
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Camera, Job, Plants, Wanted
-from topdress.control.field.totals import NOTHING
-from topdress.control.geodesy import TangentPlane, direction
+from topdress.control.field.totals import NO_SUMS
+from topdress.control.geodesy import TangentPlane, find_unit_vector
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.readings import DoseOrder, PlantSeen
 from topdress.control.simulation.assembly import (
-    control_loop,
-    point_source,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
+    make_point_source,
 )
-from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.closed_loop import simulate_run
 from topdress.control.simulation.dose_watch import DoseErrors, DoseWatch
-from topdress.control.simulation.point_run import PointTruth, point_run
+from topdress.control.simulation.point_run import PointTruth, simulate_point_run
 from topdress.control.targets.plants import PlantList, PlantRow, SeenPlant
-from topdress.control.targets.point import Learning, PointMode, Threshold, fastest_mps, point_lag
-from topdress.control.targets.point_source import CommandedDose, Due, PointSource
+from topdress.control.targets.point import (
+    DoseThreshold,
+    PointMode,
+    ThresholdLearning,
+    calc_max_speed_mps,
+    calc_point_lag,
+)
+from topdress.control.targets.point_source import CommandedDose, DueDose, PointSource
 from topdress.drivers.files.prescriptions.for_job import read_loop_targets
 from topdress.drivers.files.prescriptions.words import PrescriptionError
 from topdress.drivers.files.setup import Setup, load_setup
@@ -53,17 +59,17 @@ def job_of(bench: Setup, sim: dict[str, Any] | None = None, **target: Any) -> Jo
             "simulated": bench.job.simulated.model_copy(update=sim or {}),
         }
     )
-    return with_simulated_field(job, bench.machine)
+    return add_simulated_field(job, bench.machine)
 
 
 def driven(
     bench: Setup, job: Job, seconds: float, orders: Any = None, plants: PlantList | None = None
 ) -> tuple[DoseErrors, list[Any]]:
-    plant = simulated_machine(bench.machine, job, 1, TICK_S, plants=plants)
-    loop = control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
+    plant = make_plant(bench.machine, job, 1, TICK_S, plants=plants)
+    loop = make_control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
     watch = DoseWatch(plant.plants_m, 3, 0.01)
-    ticks = [step.tick for step in simulated_run(plant, loop, seconds, orders, watch)]
-    return watch.errors(settle=50), ticks
+    ticks = [step.tick for step in simulate_run(plant, loop, seconds, orders, watch)]
+    return watch.judge_doses(settle=50), ticks
 
 
 def events(ticks: list[Any]) -> Counter[str]:
@@ -102,7 +108,7 @@ def test_doses_fall_at_the_plants_of_a_list_and_none_outside_the_field(bench: Se
     job = job_of(bench, {"plants": None, "camera": None, "passes": 1})
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
     ways = np.arange(-8.0, 60.0, 0.4)
-    plants = PlantList([plane.to_deg(0.3, way) for way in ways], plane)
+    plants = PlantList([plane.convert_to_deg(0.3, way) for way in ways], plane)
     found, ticks = driven(bench, job, 75.0, plants=plants)
     assert found.p95_m < 0.06 and found.doubled == 0
     missed = events(ticks)["dose_missed no_flow"]
@@ -126,11 +132,11 @@ def test_a_dose_passes_the_last_gate_or_is_not_commanded_whatever_asks_for_it(
     """Plants that are due in every tick, also where no flow is allowed, of an angle and a speed
     that no drive has."""
 
-    def always(points: PointSource, time_s: float, track_m: float, *_: Any) -> Due:
+    def always(points: PointSource, time_s: float, track_m: float, *_: Any) -> DueDose:
         points.given.append(CommandedDose(time_s, track_m, 0.0, 0.0, time_s))
-        return Due(asked, ())
+        return DueDose(asked, ())
 
-    monkeypatch.setattr(PointSource, "tick", always)
+    monkeypatch.setattr(PointSource, "find_due_dose", always)
     _, ticks = driven(
         bench,
         job_of(bench, {"passes": 1}),
@@ -153,13 +159,13 @@ def test_a_dose_passes_the_last_gate_or_is_not_commanded_whatever_asks_for_it(
 def test_plants_dosed_before_a_power_cut_are_passed_by(bench: Setup, no_double: bool) -> None:
     job = job_of(bench, {"passes": 1}, learn_threshold=False, camera=None)
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
-    plants = PlantList([plane.to_deg(0.0, way) for way in np.arange(2.0, 40.0, 0.4)], plane)
-    plant = simulated_machine(bench.machine, job, 1, TICK_S, plants=plants)
-    loop = control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
-    loop.go_on(NOTHING, Raster(-3.0, 6.0, 0.25, np.ones((24, 24), dtype=np.bool_)), plane)
-    loop.order(Order(Do.NO_DOUBLE, no_double))
+    plants = PlantList([plane.convert_to_deg(0.0, way) for way in np.arange(2.0, 40.0, 0.4)], plane)
+    plant = make_plant(bench.machine, job, 1, TICK_S, plants=plants)
+    loop = make_control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
+    loop.resume_job(NO_SUMS, Raster(-3.0, 6.0, 0.25, np.ones((24, 24), dtype=np.bool_)), plane)
+    loop.handle_order(Order(Do.NO_DOUBLE, no_double))
     dosed, missed, spread = [], [], 0
-    for step in simulated_run(plant, loop, 45.0, [(4.0, Order(Do.READY)), (4.1, Order(Do.START))]):
+    for step in simulate_run(plant, loop, 45.0, [(4.0, Order(Do.READY)), (4.1, Order(Do.START))]):
         tick = step.tick
         spread += "already_spread" in tick.notes
         if "dose_missed" in (tick.row.events or "") and tick.place_m is not None:
@@ -201,15 +207,15 @@ def test_held_and_off_the_shaft_gets_no_dose(bench: Setup) -> None:
 
 
 def test_the_source_point_can_be_ordered_only_with_plants(bench: Setup) -> None:
-    with_plants = control_loop(bench.machine, bench.crop, bench.rule, job_of(bench))
-    assert with_plants.order(Order(Do.SOURCE, "manual")).accepted
-    assert with_plants.order(Order(Do.SOURCE, "point")).accepted
-    none = control_loop(
+    with_plants = make_control_loop(bench.machine, bench.crop, bench.rule, job_of(bench))
+    assert with_plants.handle_order(Order(Do.SOURCE, "manual")).accepted
+    assert with_plants.handle_order(Order(Do.SOURCE, "point")).accepted
+    none = make_control_loop(
         bench.machine, bench.crop, bench.rule, job_of(bench, source=TargetSource.MANUAL)
     )
-    assert none.order(Order(Do.SOURCE, "point")).why == "source_not_ready"
-    assert none.order(Order(Do.DOSE_ERROR, 0.1)).why == "no_dose_landed"
-    assert with_plants.order(Order(Do.DOSE_ERROR, 9.0)).why == "dose_error_out_of_range"
+    assert none.handle_order(Order(Do.SOURCE, "point")).why == "source_not_ready"
+    assert none.handle_order(Order(Do.DOSE_ERROR, 0.1)).why == "no_dose_landed"
+    assert with_plants.handle_order(Order(Do.DOSE_ERROR, 9.0)).why == "dose_error_out_of_range"
 
 
 @pytest.fixture
@@ -227,7 +233,7 @@ def test_a_file_of_measured_errors_feeds_the_threshold_as_orders_do(
     bench: Setup, measured: Path
 ) -> None:
     job = job_of(bench, dose_errors=measured.name)
-    loop = control_loop(
+    loop = make_control_loop(
         bench.machine,
         bench.crop,
         bench.rule,
@@ -235,16 +241,16 @@ def test_a_file_of_measured_errors_feeds_the_threshold_as_orders_do(
         **read_loop_targets(job, measured.parent, bench.machine, "ndvi"),
     )
     assert loop.threshold is not None and loop.threshold.doses == 30
-    assert loop.threshold.at(0.8) == pytest.approx(0.12, abs=0.02)
+    assert loop.threshold.find_threshold_m(0.8) == pytest.approx(0.12, abs=0.02)
     fixed = job_of(bench, dose_errors=measured.name, learn_threshold=False)
-    still = control_loop(
+    still = make_control_loop(
         bench.machine,
         bench.crop,
         bench.rule,
         fixed,
         **read_loop_targets(fixed, measured.parent, bench.machine, "ndvi"),
     )
-    assert still.threshold is not None and still.threshold.at(0.8) == 0.0, (
+    assert still.threshold is not None and still.threshold.find_threshold_m(0.8) == 0.0, (
         "it stays 0 where nothing is to be learned"
     )
 
@@ -287,10 +293,10 @@ def test_a_nudge_makes_every_dose_larger(bench: Setup) -> None:
 
 def test_a_picture_is_placed_where_the_outlet_was_when_it_was_taken(bench: Setup) -> None:
     job = job_of(bench)
-    source: PointSource = point_source(bench.machine, job, None)
+    source: PointSource = make_point_source(bench.machine, job, None)
     for k in range(41):
-        source.look(k * TICK_S, k * TICK_S * 1.0, (0.0, 0.0), 0.0, 1.0, ())
-    source.look(2.05, 2.05, (0.0, 0.0), 0.0, 1.0, [PlantSeen(0.525, 6.0)])
+        source.look_for_plants(k * TICK_S, k * TICK_S * 1.0, (0.0, 0.0), 0.0, 1.0, ())
+    source.look_for_plants(2.05, 2.05, (0.0, 0.0), 0.0, 1.0, [PlantSeen(0.525, 6.0)])
     assert source.row.places_m == pytest.approx([6.525])
 
 
@@ -326,16 +332,16 @@ class Runaway:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._plant, name)
 
-    def step(self, command: Any, enabled: bool) -> Any:
-        sensed = self._plant.step(command, enabled)
+    def advance_plant(self, command: Any, enabled: bool) -> Any:
+        sensed = self._plant.advance_plant(command, enabled)
         return sensed if sensed.time_s < self._from_s else sensed._replace(shaft_rpm=99.8)
 
 
 def test_a_shaft_that_turns_without_a_dose_is_an_alarm(bench: Setup) -> None:
     job = job_of(bench, {"plants": Plants(spacing_m=10.0)})
-    plant = Runaway(simulated_machine(bench.machine, job, 1, TICK_S), 30.0)
-    loop = control_loop(bench.machine, bench.crop, bench.rule, job)
-    ticks = [step.tick for step in simulated_run(plant, loop, 45.0)]  # type: ignore[arg-type]
+    plant = Runaway(make_plant(bench.machine, job, 1, TICK_S), 30.0)
+    loop = make_control_loop(bench.machine, bench.crop, bench.rule, job)
+    ticks = [step.tick for step in simulate_run(plant, loop, 45.0)]  # type: ignore[arg-type]
     alarms = {tick.row.time_s: tick.row.alarms or "" for tick in ticks}
     assert not any(text for at, text in alarms.items() if at < 30.0), "doses alone raise none"
     assert any("shaft_turns" in text for at, text in alarms.items() if 30.0 < at < 33.0)
@@ -360,7 +366,8 @@ def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays
     (tmp_path / "plants.csv").write_text(
         "lat_deg,lon_deg\n"
         + "".join(
-            "{:.9f},{:.9f}\n".format(*plane.to_deg(0.3, way)) for way in np.arange(0.4, 60.0, 0.4)
+            "{:.9f},{:.9f}\n".format(*plane.convert_to_deg(0.3, way))
+            for way in np.arange(0.4, 60.0, 0.4)
         )
     )
     (tmp_path / "job.yaml").write_text(
@@ -412,23 +419,23 @@ def test_a_run_without_a_plant_list_is_refused_in_one_line(tmp_path: Path) -> No
 # --- Point mode: the lag's four parts, doses at their moment, each plant once, the threshold
 # learned, the speed limit.
 
-LAG = point_lag(120.0, 99.8, 1.0)
+LAG = calc_point_lag(120.0, 99.8, 1.0)
 
 
 def row_of(*places: float) -> PlantRow:
     row = PlantRow()
-    row.look([SeenPlant(0.0, place) for place in places], float("-inf"))
+    row.add_plants([SeenPlant(0.0, place) for place in places], float("-inf"))
     return row
 
 
 def test_the_papers_delays() -> None:
     """Section 2.3: 1.5 + 0.8 + 0.2 + 0.45 = 2.95 s."""
-    lag = point_lag(120.0, 99.8, 1.0, vision_s=1.5)
+    lag = calc_point_lag(120.0, 99.8, 1.0, vision_s=1.5)
     assert lag == pytest.approx((1.5, 0.8, 0.2, 0.45), abs=2e-3)
     assert lag.total_s == pytest.approx(2.95, abs=0.003)
-    assert lag.distance_m(1.2) == pytest.approx(1.2 * 2.95, abs=0.004)
+    assert lag.find_distance_m(1.2) == pytest.approx(1.2 * 2.95, abs=0.004)
     with pytest.raises(ValueError, match="allowed is above 0"):
-        point_lag(120.0, 0.0, 1.0)
+        calc_point_lag(120.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1.7])
@@ -437,19 +444,21 @@ def test_each_dose_is_commanded_at_its_lag_distance(speed: float) -> None:
     mode, got, track = PointMode(LAG, row_of(*places)), [], 0.0
     for k in range(2000):
         track = k * 0.05 * speed
-        doses, missed = mode.tick(k * 0.05, track, speed, 0.05)
+        doses, missed = mode.plan_doses(k * 0.05, track, speed, 0.05)
         got += [(dose.plant_m, track + dose.in_s * speed) for dose in doses]
         assert not missed and all(0.0 <= dose.in_s < 0.05 for dose in doses)
         if track > 8.0:
             break
     assert [plant for plant, _ in got] == places
-    assert [plant - at for plant, at in got] == pytest.approx([LAG.distance_m(speed)] * 4, abs=1e-9)
+    assert [plant - at for plant, at in got] == pytest.approx(
+        [LAG.find_distance_m(speed)] * 4, abs=1e-9
+    )
 
 
 def test_a_plant_too_near_behind_another_is_missed_and_said() -> None:
     mode, said = PointMode(LAG, row_of(5.0, 5.1, 5.5)), []
     for k in range(300):
-        doses, missed = mode.tick(k * 0.05, k * 0.05 * 1.0, 1.0, 0.05)
+        doses, missed = mode.plan_doses(k * 0.05, k * 0.05 * 1.0, 1.0, 0.05)
         said += [(d.plant_m, "") for d in doses] + [(m.plant_m, m.why) for m in missed]
     assert said == [(5.0, ""), (5.1, "busy"), (5.5, "")]
     assert (mode.doses, mode.missed) == (2, 1)
@@ -457,23 +466,23 @@ def test_a_plant_too_near_behind_another_is_missed_and_said() -> None:
 
 def test_a_plant_seen_too_late_is_missed_and_said() -> None:
     mode = PointMode(LAG, row_of(1.0))
-    assert [m.why for m in mode.tick(0.0, 0.0, 1.0, 0.05)[1]] == ["passed"]
-    assert mode.tick(0.05, 0.05, 1.0, 0.05) == ([], [])
+    assert [m.why for m in mode.plan_doses(0.0, 0.0, 1.0, 0.05)[1]] == ["passed"]
+    assert mode.plan_doses(0.05, 0.05, 1.0, 0.05) == ([], [])
 
 
 def test_nothing_is_dosed_at_standstill() -> None:
-    assert PointMode(LAG, row_of(0.1)).tick(0.0, 0.0, 0.0, 0.05) == ([], [])
+    assert PointMode(LAG, row_of(0.1)).plan_doses(0.0, 0.0, 0.0, 0.05) == ([], [])
 
 
 def test_a_plant_seen_again_is_the_same_plant() -> None:
     row = row_of(5.0, 5.3)
-    row.look([SeenPlant(1.0, 4.02), SeenPlant(1.0, 4.31)], 5.15)
+    row.add_plants([SeenPlant(1.0, 4.02), SeenPlant(1.0, 4.31)], 5.15)
     # the first is dosed already and stays
     assert row.places_m == pytest.approx([5.0, 5.303])
-    assert row.after(5.0) == pytest.approx(5.303)
-    row.look([SeenPlant(1.0, 3.0)], 5.15)
+    assert row.find_next_m(5.0) == pytest.approx(5.303)
+    row.add_plants([SeenPlant(1.0, 3.0)], 5.15)
     assert len(row.places_m) == 2  # far behind the last dose: too late to be new
-    row.forget(5.2)
+    row.forget_behind(5.2)
     assert row.places_m == pytest.approx([5.303])
 
 
@@ -481,47 +490,51 @@ def test_plants_of_a_list_lie_in_the_strip_ahead() -> None:
     plane = TangentPlane(40.0, 116.0)
     rng = np.random.default_rng(1)
     places = rng.uniform(-20, 20, (800, 2))
-    plants = PlantList([plane.to_deg(e, n) for e, n in places], plane)
+    plants = PlantList([plane.convert_to_deg(e, n) for e, n in places], plane)
     for heading in (0.0, 33.0, 200.0):
-        east, north = direction(heading)
+        east, north = find_unit_vector(heading)
         wanted = sorted(
             ahead
             for ahead, aside in ((e * east + n * north, e * north - n * east) for e, n in places)
             if 0 < ahead <= 9.0 and abs(aside) <= 0.3
         )
-        assert plants.ahead_m((0.0, 0.0), heading, 9.0, 0.3) == pytest.approx(wanted, abs=1e-6)
+        assert plants.find_plants_ahead_m((0.0, 0.0), heading, 9.0, 0.3) == pytest.approx(
+            wanted, abs=1e-6
+        )
         assert wanted
 
 
 def test_the_threshold_finds_a_distance_and_a_delay_and_holds_at_a_third_speed() -> None:
-    threshold, rng = Threshold(), np.random.default_rng(3)
+    threshold, rng = DoseThreshold(), np.random.default_rng(3)
     for k in range(160):
         speed = 0.8 if k % 40 < 20 else 1.4
-        used = threshold.at(speed)
-        threshold.learn(0.04 + 0.12 * speed - used + 0.02 * rng.standard_normal(), speed, used)
-    assert threshold.at(1.1) == pytest.approx(0.04 + 0.12 * 1.1, abs=0.01)
-    assert threshold.at(0.5) == pytest.approx(0.04 + 0.12 * 0.5, abs=0.02)
+        used = threshold.find_threshold_m(speed)
+        threshold.learn_error(
+            0.04 + 0.12 * speed - used + 0.02 * rng.standard_normal(), speed, used
+        )
+    assert threshold.find_threshold_m(1.1) == pytest.approx(0.04 + 0.12 * 1.1, abs=0.01)
+    assert threshold.find_threshold_m(0.5) == pytest.approx(0.04 + 0.12 * 0.5, abs=0.02)
 
 
 def test_one_wild_measurement_moves_the_threshold_little() -> None:
-    threshold = Threshold(Learning())
+    threshold = DoseThreshold(ThresholdLearning())
     for _ in range(50):
-        threshold.learn(0.0, 1.0, threshold.at(1.0))
-    threshold.learn(2.0, 1.0, threshold.at(1.0))
-    assert abs(threshold.at(1.0)) < 0.02
+        threshold.learn_error(0.0, 1.0, threshold.find_threshold_m(1.0))
+    threshold.learn_error(2.0, 1.0, threshold.find_threshold_m(1.0))
+    assert abs(threshold.find_threshold_m(1.0)) < 0.02
 
 
 def test_a_runaway_threshold_is_bounded() -> None:
-    threshold = Threshold()
+    threshold = DoseThreshold()
     for _ in range(3000):
-        threshold.learn(1.0, 2.0, threshold.at(2.0))
-    assert threshold.at(2.0) == 0.5 and math.isfinite(threshold.delay_s)
+        threshold.learn_error(1.0, 2.0, threshold.find_threshold_m(2.0))
+    assert threshold.find_threshold_m(2.0) == 0.5 and math.isfinite(threshold.delay_s)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0])
 def test_learning_takes_the_bias_out_of_a_row(speed: float) -> None:
-    without = point_run(LAG, 0.3, speed, 200, 1, learn=False).error_m[80:]
-    learned = point_run(LAG, 0.3, speed, 200, 1, learn=True).error_m[80:]
+    without = simulate_point_run(LAG, 0.3, speed, 200, 1, learn=False).error_m[80:]
+    learned = simulate_point_run(LAG, 0.3, speed, 200, 1, learn=True).error_m[80:]
     assert abs(learned.mean()) < 0.015
     assert without.mean() == pytest.approx(0.04 + (0.15 - 0.1) * speed, abs=0.02)
     assert np.median(np.abs(learned)) < 0.6 * np.median(np.abs(without))
@@ -530,16 +543,16 @@ def test_learning_takes_the_bias_out_of_a_row(speed: float) -> None:
 def test_a_perfect_machine_errs_by_half_a_turn_of_the_shaft_only() -> None:
     """The paper counts the whole turn into the lag; the middle of the dose falls at half of it."""
     exact = PointTruth(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    run = point_run(LAG, 0.5, 1.0, 40, 1, learn=False, truth=exact, wander_percent=0.0)
+    run = simulate_point_run(LAG, 0.5, 1.0, 40, 1, learn=False, truth=exact, wander_percent=0.0)
     assert run.missed == 0
     assert run.error_m == pytest.approx(np.full(40, -0.5 * LAG.turn_s), abs=1e-6)
 
 
 @pytest.mark.parametrize("spacing", [0.2, 0.3])
 def test_misses_begin_at_the_speed_limit(spacing: float) -> None:
-    limit = fastest_mps(spacing, LAG.turn_s)
+    limit = calc_max_speed_mps(spacing, LAG.turn_s)
     assert limit == pytest.approx(spacing / 0.2, rel=3e-3)
-    assert point_run(LAG, spacing, 0.7 * limit, 150, 2).missed <= 1
-    assert point_run(LAG, spacing, 1.4 * limit, 150, 2).missed > 30
+    assert simulate_point_run(LAG, spacing, 0.7 * limit, 150, 2).missed <= 1
+    assert simulate_point_run(LAG, spacing, 1.4 * limit, 150, 2).missed > 30
     with pytest.raises(ValueError, match="spacing"):
-        fastest_mps(0.0, 0.2)
+        calc_max_speed_mps(0.0, 0.2)

@@ -10,24 +10,24 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from topdress.control.field.boundary import Boundary
-from topdress.control.geodesy import TangentPlane, direction, offset
+from topdress.control.geodesy import TangentPlane, find_unit_vector, offset_place
 from topdress.control.machine.change_lag import Lag
 from topdress.control.orders import TargetSource
-from topdress.control.targets.lag_correction import ChangeQueue, Fired
+from topdress.control.targets.lag_correction import ChangeQueue, FiredChange
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.prescription import (
-    GAP_M,
-    SHORTEST_M,
+    MIN_GAP_M,
+    MIN_STRETCH_M,
     Fallbacks,
     GridDeg,
     MapData,
     Prescription,
     Zone,
-    on_plane,
-    statistics,
+    calc_rate_shares,
+    project_prescription,
 )
 from topdress.control.targets.profile import Target, TargetChange
-from topdress.control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
+from topdress.control.targets.rate_map import GridMap, ZoneMap, make_frame_deg, make_frame_m
 
 STEP_M = 0.02
 
@@ -36,8 +36,8 @@ def walked(
     prescription: Prescription, start: tuple[float, float], heading: float, far: float
 ) -> list[Target]:
     ways = np.arange(STEP_M / 2, far, STEP_M)
-    return prescription.targets_at(
-        np.asarray(start) + ways[:, None] * np.asarray(direction(heading))
+    return prescription.find_targets(
+        np.asarray(start) + ways[:, None] * np.asarray(find_unit_vector(heading))
     )
 
 
@@ -46,14 +46,14 @@ def agree(
 ) -> None:
     """Every walked step has the target of its stretch, but for slivers, shared between their
     neighbours."""
-    stretches = prescription.ahead(start, heading, far)
+    stretches = prescription.find_targets_ahead(start, heading, far)
     begins = [s.distance_m for s in stretches]
     targets = walked(prescription, start, heading, far)
     lengths = {k: sum(1 for _ in run) for k, run in _runs(targets)}
     wrong = []
     for first, length in lengths.items():
         gap = targets[first].source is TargetSource.FALLBACK
-        if length * STEP_M > (GAP_M if gap else SHORTEST_M) + STEP_M:
+        if length * STEP_M > (MIN_GAP_M if gap else MIN_STRETCH_M) + STEP_M:
             for way in ((first + 1) * STEP_M, (first + length - 1) * STEP_M):
                 held = stretches[int(np.searchsorted(begins, way, side="right")) - 1].target
                 if held != targets[first]:
@@ -83,9 +83,13 @@ def test_stretches_of_a_grid_are_those_walked(chequered: Prescription, heading: 
 def test_border_cells_end_at_the_fields_edge(chequered: Prescription) -> None:
     """Northwards at 50.5 m east: the last change is where the line meets the field's edge, in
     the middle of a cell."""
-    out = [s for s in chequered.ahead((50.5, 80.0), 0.0, 40.0) if s.target.rate_kg_ha == 5.0]
+    out = [
+        s
+        for s in chequered.find_targets_ahead((50.5, 80.0), 0.0, 40.0)
+        if s.target.rate_kg_ha == 5.0
+    ]
     edge = (
-        Boundary([(61.0, 116.0), (7.0, 88.0), (61.0, 88.0)]).crossings_m(50.5, 100.0, 0.0)[0]
+        Boundary([(61.0, 116.0), (7.0, 88.0), (61.0, 88.0)]).find_crossings_m(50.5, 100.0, 0.0)[0]
         + 100.0
     )
     assert len(out) == 1
@@ -98,25 +102,27 @@ def test_inside_without_a_value_outside_and_lost_have_their_own_rates(
 ) -> None:
     hole = np.full((12, 12), np.nan)
     bare = Prescription(
-        GridMap(frame_m((0, 0), 10, 10), hole),
+        GridMap(make_frame_m((0, 0), 10, 10), hole),
         Fallbacks(80.0, 5.0, 60.0),
         [Boundary([(4.0, 3.0), (113.0, 8.0), (61.0, 116.0)])],
     )
-    assert bare.at((50.0, 50.0)) == Target(80.0, TargetSource.FALLBACK)
-    assert chequered.at((1.0, 1.0)) == Target(5.0, TargetSource.FALLBACK)
-    assert chequered.at((math.nan, 1.0)) == Target(60.0, TargetSource.FALLBACK)
-    fieldless = Prescription(GridMap(frame_m((0, 0), 10, 10), hole), Fallbacks(80.0, 5.0, 60.0))
-    assert fieldless.at((50.0, 50.0)).rate_kg_ha == 5.0
+    assert bare.find_target((50.0, 50.0)) == Target(80.0, TargetSource.FALLBACK)
+    assert chequered.find_target((1.0, 1.0)) == Target(5.0, TargetSource.FALLBACK)
+    assert chequered.find_target((math.nan, 1.0)) == Target(60.0, TargetSource.FALLBACK)
+    fieldless = Prescription(
+        GridMap(make_frame_m((0, 0), 10, 10), hole), Fallbacks(80.0, 5.0, 60.0)
+    )
+    assert fieldless.find_target((50.0, 50.0)).rate_kg_ha == 5.0
 
 
 def test_a_turned_metre_grid_has_rows_along_its_heading() -> None:
     grid = GridMap(
-        frame_m((100.0, 200.0), 4.0, 2.0, heading_deg=30.0), np.arange(6.0).reshape(3, 2)
+        make_frame_m((100.0, 200.0), 4.0, 2.0, heading_deg=30.0), np.arange(6.0).reshape(3, 2)
     )
     for row in range(3):
         for column in range(2):
-            place = offset((100.0, 200.0), 30.0, 2.0 * row + 0.1, 4.0 * column + 3.9)
-            assert grid.rates_at([place])[0] == 2 * row + column
+            place = offset_place((100.0, 200.0), 30.0, 2.0 * row + 0.1, 4.0 * column + 3.9)
+            assert grid.find_rates([place])[0] == 2 * row + column
 
 
 def test_a_grid_in_degrees_keeps_its_cells_in_degrees() -> None:
@@ -132,16 +138,16 @@ def test_a_grid_in_degrees_keeps_its_cells_in_degrees() -> None:
         236,
     )
     rates = np.arange(float(rows * columns)).reshape(rows, columns)
-    grid = GridMap(frame_deg(plane, south, west, lat_step, lon_step, rows, columns), rates)
+    grid = GridMap(make_frame_deg(plane, south, west, lat_step, lon_step, rows, columns), rates)
     rng = np.random.default_rng(1)
     row, column = rng.integers(0, rows, 400), rng.integers(0, columns, 400)
     inset_m = 0.002
     lat = south + (row + inset_m / (lat_step * 111_200)) * lat_step
     lon = west + (column + inset_m / (lon_step * 74_300)) * lon_step
-    assert np.array_equal(grid.rates_at(plane.many_to_m(lat, lon)), rates[row, column])
+    assert np.array_equal(grid.find_rates(plane.project_many_to_m(lat, lon)), rates[row, column])
     lat = south + (row + 1 - inset_m / (lat_step * 111_200)) * lat_step
     lon = west + (column + 1 - inset_m / (lon_step * 74_300)) * lon_step
-    assert np.array_equal(grid.rates_at(plane.many_to_m(lat, lon)), rates[row, column])
+    assert np.array_equal(grid.find_rates(plane.project_many_to_m(lat, lon)), rates[row, column])
 
 
 @pytest.fixture
@@ -173,19 +179,19 @@ def test_stretches_of_zones_are_those_walked(patchwork: Prescription, heading: f
 
 
 def test_slivers_between_zones_are_no_change_of_rate(patchwork: Prescription) -> None:
-    rates = [s.target.rate_kg_ha for s in patchwork.ahead((66.0, 66.5), 10.0, 40.0)]
+    rates = [s.target.rate_kg_ha for s in patchwork.find_targets_ahead((66.0, 66.5), 10.0, 40.0)]
     assert len(rates) > 3 and 0.0 not in rates and 1.0 not in rates
 
 
 def test_the_first_zone_wins_and_holes_are_not_in_it(patchwork: Prescription) -> None:
-    assert patchwork.at((3.0, 3.0)).rate_kg_ha == 999.0
-    assert patchwork.at((1.0, 1.0)).rate_kg_ha != 999.0
+    assert patchwork.find_target((3.0, 3.0)).rate_kg_ha == 999.0
+    assert patchwork.find_target((1.0, 1.0)).rate_kg_ha != 999.0
 
 
 def test_an_outline_that_crosses_itself_is_what_it_encloses() -> None:
     bow = ZoneMap([[np.array([(0.0, 0.0), (10.0, 10.0), (10.0, 0.0), (0.0, 10.0)])]], [7.0])
-    assert bow.rates_at([(1.0, 5.0), (9.0, 5.0)]).tolist() == [7.0, 7.0]
-    assert np.isnan(bow.rates_at([(5.0, 1.0)])[0])
+    assert bow.find_rates([(1.0, 5.0), (9.0, 5.0)]).tolist() == [7.0, 7.0]
+    assert np.isnan(bow.find_rates([(5.0, 1.0)])[0])
 
 
 def test_statistics_of_a_grid_and_of_the_same_ground_as_zones() -> None:
@@ -199,7 +205,10 @@ def test_statistics_of_a_grid_and_of_the_same_ground_as_zones() -> None:
             (south + step, west + step, 100.0),
         ]
     ]
-    as_grid, as_zones = statistics(MapData(grid=grid)), statistics(MapData(zones=tuple(cells)))
+    as_grid, as_zones = (
+        calc_rate_shares(MapData(grid=grid)),
+        calc_rate_shares(MapData(zones=tuple(cells))),
+    )
     cell_ha = step * 111_035 * step * 85_394 / 1e4
     assert [s.rate_kg_ha for s in as_grid] == [100.0, 200.0]
     assert as_grid[0].area_ha == pytest.approx(2 * cell_ha, rel=1e-3)
@@ -214,7 +223,7 @@ def test_statistics_of_a_grid_and_of_the_same_ground_as_zones() -> None:
             (south, west + step / 2),
         ]
     )
-    clipped = statistics(MapData(grid=grid, fields_deg=((half,),)))
+    clipped = calc_rate_shares(MapData(grid=grid, fields_deg=((half,),)))
     assert [s.area_ha for s in clipped] == [pytest.approx(0.5 * cell_ha, rel=1e-3)]
 
 
@@ -230,12 +239,14 @@ def test_on_plane_carries_field_and_fallbacks() -> None:
         fallbacks=Fallbacks(90.0, 3.0, 0.0),
         fields_deg=((ring,),),
     )
-    prescription = on_plane(data, TangentPlane(40.0, 116.0))
-    plane = data.plane()
+    prescription = project_prescription(data, TangentPlane(40.0, 116.0))
+    plane = data.make_plane()
     assert plane.lat_deg == pytest.approx(40.0005)
-    inside_zone = TangentPlane(40.0, 116.0).to_m(40.0009, 116.0001)
-    inside_field = TangentPlane(40.0, 116.0).to_m(40.0001, 116.0009)
-    assert [prescription.at(p).rate_kg_ha for p in (inside_zone, inside_field, (-5.0, 0.0))] == [
+    inside_zone = TangentPlane(40.0, 116.0).project_to_m(40.0009, 116.0001)
+    inside_field = TangentPlane(40.0, 116.0).project_to_m(40.0001, 116.0009)
+    assert [
+        prescription.find_target(p).rate_kg_ha for p in (inside_zone, inside_field, (-5.0, 0.0))
+    ] == [
         150.0,
         90.0,
         3.0,
@@ -251,15 +262,15 @@ START = Target(0.0, TargetSource.NONE)
 class Fixed:
     """A reach of so many metres."""
 
-    farthest_m = 12.0
+    max_reach_m = 12.0
 
     def __init__(self, lag_m: float) -> None:
         self.lag_m = lag_m
 
-    def lag(self, before: Target, change: TargetChange) -> Lag:
+    def find_lag(self, before: Target, change: TargetChange) -> Lag:
         return Lag(0.0, 0.0, self.lag_m)
 
-    def distance_m(self, lag: Lag) -> float:
+    def find_distance_m(self, lag: Lag) -> float:
         return self.lag_m
 
 
@@ -276,15 +287,15 @@ def drive(
     lag_m: float = 2.6,
     jitter: tuple[float, float] = (0.0, 0.0),
     step_m: float = 0.06,
-) -> list[Fired]:
+) -> list[FiredChange]:
     rng = np.random.default_rng(5)
     queue = ChangeQueue(START)
     fired = []
     for track in np.arange(0.0, way_m, step_m):
         aside, turned = jitter[0] * rng.standard_normal(), jitter[1] * rng.standard_normal()
-        place = offset(start, heading, float(track), aside)
-        profile.look(float(track), *place, heading + turned, queue.fired_to_m)
-        fired += queue.advance(profile, float(track), float(track), Fixed(lag_m))
+        place = offset_place(start, heading, float(track), aside)
+        profile.look_ahead(float(track), *place, heading + turned, queue.fired_to_m)
+        fired += queue.fire_changes(profile, float(track), float(track), Fixed(lag_m))
     return fired
 
 
@@ -292,7 +303,11 @@ def drive(
 def test_each_edge_fires_once_a_lag_distance_before_it(profile: MapProfile, heading: float) -> None:
     start = (15.0, 15.0)
     fired = drive(profile, start, heading, 60.0)[1:]
-    wanted = [s for s in profile.prescription.ahead(start, heading, 62.6) if s.distance_m > 0.0]
+    wanted = [
+        s
+        for s in profile.prescription.find_targets_ahead(start, heading, 62.6)
+        if s.distance_m > 0.0
+    ]
     for change, stretch in zip(fired, wanted, strict=False):
         assert change.place_m == pytest.approx(stretch.distance_m, abs=1e-6)
         assert change.after == stretch.target
@@ -317,16 +332,16 @@ def test_driving_along_an_edge_does_not_chatter(profile: MapProfile) -> None:
 
 def test_what_holds_after_a_sharp_turn_is_taken_over(profile: MapProfile) -> None:
     queue = ChangeQueue(START)
-    profile.look(0.0, 35.0, 35.0, 0.0, queue.fired_to_m)
-    queue.advance(profile, 0.0, 0.0, Fixed(2.6))
-    profile.look(4.0, 35.0, 39.0, 0.0, queue.fired_to_m)
-    queue.advance(profile, 0.0, 4.0, Fixed(2.6))
-    held = profile.prescription.at((35.0, 45.0))
+    profile.look_ahead(0.0, 35.0, 35.0, 0.0, queue.fired_to_m)
+    queue.fire_changes(profile, 0.0, 0.0, Fixed(2.6))
+    profile.look_ahead(4.0, 35.0, 39.0, 0.0, queue.fired_to_m)
+    queue.fire_changes(profile, 0.0, 4.0, Fixed(2.6))
+    held = profile.prescription.find_target((35.0, 45.0))
     assert queue.holding == held  # made for the cell to the north
     # turned away from it before reaching it
-    profile.look(4.5, 35.0, 39.4, 90.0, queue.fired_to_m)
-    queue.advance(profile, 0.0, 4.5, Fixed(2.6))
-    assert queue.holding == profile.prescription.at((36.0, 39.4))
+    profile.look_ahead(4.5, 35.0, 39.4, 90.0, queue.fired_to_m)
+    queue.fire_changes(profile, 0.0, 4.5, Fixed(2.6))
+    assert queue.holding == profile.prescription.find_target((36.0, 39.4))
 
 
 def test_the_way_ahead_bends_with_the_turn(profile: MapProfile) -> None:
@@ -334,43 +349,43 @@ def test_the_way_ahead_bends_with_the_turn(profile: MapProfile) -> None:
     ahead never."""
     radius = 8.0
     turn = math.degrees(1.0) / radius
-    profile.look(0.0, 22.0, 25.0, 0.0, float("-inf"), turn_deg_m=turn)
+    profile.look_ahead(0.0, 22.0, 25.0, 0.0, float("-inf"), turn_deg_m=turn)
     angle = math.acos((radius - 8.0) / radius) if radius >= 8.0 else 0.0
-    changes, holding, after = [], profile.at(0.0), 0.0
-    while (change := profile.next_change(after, 14.0, holding)) is not None:
+    changes, holding, after = [], profile.find_target(0.0), 0.0
+    while (change := profile.find_next_change(after, 14.0, holding)) is not None:
         changes.append(change)
         holding, after = change.target, change.place_m
     arc = [
         (22.0 + radius * (1 - math.cos(s / radius)), 25.0 + radius * math.sin(s / radius))
         for s in np.arange(0.0, 14.0, 0.01)
     ]
-    on_arc = profile.prescription.targets_at(arc)
+    on_arc = profile.prescription.find_targets(arc)
     true = [0.01 * k for k in range(1, len(arc)) if on_arc[k] != on_arc[k - 1]]
     assert angle > 0.0
     assert [c.place_m for c in changes] == pytest.approx(true, abs=0.15)
 
 
 def test_a_lost_position_has_its_rate_and_is_found_again(profile: MapProfile) -> None:
-    profile.look(0.0, 35.0, 35.0, 0.0, float("-inf"))
-    here = profile.at(1.0)
-    profile.lost()
-    assert profile.at(1.0) == Target(60.0, TargetSource.FALLBACK)
-    assert profile.next_change(1.0, 10.0, here) == TargetChange(
+    profile.look_ahead(0.0, 35.0, 35.0, 0.0, float("-inf"))
+    here = profile.find_target(1.0)
+    profile.forget_place()
+    assert profile.find_target(1.0) == Target(60.0, TargetSource.FALLBACK)
+    assert profile.find_next_change(1.0, 10.0, here) == TargetChange(
         1.0, Target(60.0, TargetSource.FALLBACK)
     )
-    profile.look(1.0, 35.0, 36.0, 0.0, 1.0)
-    assert profile.at(1.5) == here
+    profile.look_ahead(1.0, 35.0, 36.0, 0.0, 1.0)
+    assert profile.find_target(1.5) == here
 
 
 def test_what_was_passed_stays_known_behind(profile: MapProfile) -> None:
     drive(profile, (15.0, 15.0), 0.0, 30.0)
-    assert profile.at(2.0) == profile.prescription.at((15.0, 17.0))
-    assert profile.at(12.0) == profile.prescription.at((15.0, 27.0))
+    assert profile.find_target(2.0) == profile.prescription.find_target((15.0, 17.0))
+    assert profile.find_target(12.0) == profile.prescription.find_target((15.0, 27.0))
 
 
 def test_a_map_without_changes_needs_none() -> None:
     flat = Prescription(
-        GridMap(frame_m((-500.0, -500.0), 10.0, 10.0), np.full((100, 100), 250.0)), Fallbacks()
+        GridMap(make_frame_m((-500.0, -500.0), 10.0, 10.0), np.full((100, 100), 250.0)), Fallbacks()
     )
     fired = drive(MapProfile(flat, TangentPlane(34.0, 119.0)), (0.0, 0.0), 33.0, 100.0)
     assert [f.after for f in fired] == [Target(250.0, TargetSource.MAP)]

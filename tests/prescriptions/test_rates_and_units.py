@@ -25,7 +25,7 @@ from topdress.drivers.files.prescriptions.words import (
     RateChoice,
     RateQuestion,
 )
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 from tests.command import topdress
 from tests.geojson import feature, geojson
@@ -489,7 +489,7 @@ def test_a_damaged_file_next_to_a_map_is_no_trouble(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
     assert highest(read_prescription(path)) == 210.0
     (tmp_path / "map.xml").write_bytes(b" " * (2 << 20))
-    with pytest.raises(Refused, match="allowed up to 1048576"):
+    with pytest.raises(RefusedInput, match="allowed up to 1048576"):
         read_prescription(path)
 
 
@@ -601,5 +601,5 @@ def test_the_operators_choice_stands(write: Callable[[Columns], Path]) -> None:
 def test_csv_that_cannot_be_used(tmp_path: Path, text: str, why: str) -> None:
     path = tmp_path / "m.csv"
     path.write_text(text)
-    with pytest.raises(Refused, match=why):
+    with pytest.raises(RefusedInput, match=why):
         read_prescription(path)

@@ -85,14 +85,14 @@ def test_the_worker_s_ground_grows_with_the_ground_alone():
     for time_s in np.arange(0.0, DAY_S, 3.0):
         at, heading = place(time_s)
         done.add_outlet_place(time_s, at, heading, 60.0, 300.0)
-        own.lay(at, heading, True)
-    hectares = own.covered.area_ha
+        own.extend_to(at, heading, True)
+    hectares = own.covered_area.area_ha
     assert hectares == pytest.approx(DAY_S * SPEED_MPS * WIDTH_M / 1e4, rel=0.02)
     kept_mb = [len(pickle.dumps(one)) / 1e6 for one in (done, own)]
     assert sum(kept_mb) < MB_A_HECTARE * hectares + EDGES_MB and len(done.track) <= TRACK_PLACES
     for time_s in np.arange(0.0, DAY_S / 4.0, 3.0):
         at, heading = place(time_s)
-        own.lay(at, heading, True)
+        own.extend_to(at, heading, True)
     assert len(pickle.dumps(own)) / 1e6 == pytest.approx(kept_mb[1], rel=1e-3), (
         "the same ground again"
     )
@@ -101,7 +101,7 @@ def test_the_worker_s_ground_grows_with_the_ground_alone():
 
 def test_what_waits_for_a_disk_that_hangs_is_bounded(tmp_path):
     class Loop:
-        sums = flow_trim = plane = None
+        running_sums = flow_trim = plane = None
 
     class Tick:
         row = LogRow(1.0)

@@ -14,7 +14,7 @@ from topdress.console.worker.resume import Snapshot
 from topdress.console.worker.resume_field import find_jobs_here, move_snapshot
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Ground, Job
-from topdress.control.field.totals import Sums, Totaliser
+from topdress.control.field.totals import Totaliser, TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.config import load, save, shipped
 from topdress.drivers.files.kinds import JOB
@@ -34,7 +34,7 @@ def kept(folder, name="west", box=(0.0, 50.0, 0.0, 20.0), origin=HOME, **known):
         simulated=True,
         origin_deg=origin,
         saved_utc=NOW.isoformat(),
-        sums=Sums(area_ha=cells.size * 0.0625 / 1e4, kg=30.0),
+        sums=TotalSums(area_ha=cells.size * 0.0625 / 1e4, kg=30.0),
         ground=Raster(west, south, 0.25, cells),
         place_m=(east, north),
         heading_deg=0.0,
@@ -58,7 +58,7 @@ def job(origin=HOME, ring=SQUARE) -> Job:
         # on a plane of its own
         (
             job(
-                TangentPlane(*HOME).to_deg(-30.0, -40.0),
+                TangentPlane(*HOME).convert_to_deg(-30.0, -40.0),
                 tuple((e + 30.0, n + 40.0) for e, n in SQUARE),
             ),
             True,
@@ -83,7 +83,7 @@ def test_the_field_is_known_by_its_place(tmp_path, field, goes_on):
 
 
 def test_what_was_cut_off_before_anything_landed_is_where_it_stood(tmp_path):
-    kept(tmp_path, worked=True, ground=resume.NOTHING_DONE, sums=Sums(), place_m=(5.0, 5.0))
+    kept(tmp_path, worked=True, ground=resume.NOTHING_DONE, sums=TotalSums(), place_m=(5.0, 5.0))
     assert len(find_jobs_here(tmp_path, job(), True, NOW)) == 1
     assert not find_jobs_here(tmp_path, job((34.9, 119.9)), True, NOW)
 
@@ -100,7 +100,7 @@ def test_on_another_plane_the_same_places_are_done(tmp_path):
         (230.0, 341.0, False),
         (261.0, 320.0, False),
     ):
-        place = plane.to_m(*own.to_deg(east, north))
+        place = plane.project_to_m(*own.convert_to_deg(east, north))
         column, row = (
             (at - edge) // 0.25
             for at, edge in zip(place, (moved.ground.west_m, moved.ground.south_m), strict=True)
@@ -110,8 +110,12 @@ def test_on_another_plane_the_same_places_are_done(tmp_path):
             0 <= row < rows and 0 <= column < columns and moved.ground.done[int(row), int(column)]
         ) == done
     assert moved.ground.done.sum() == pytest.approx(before.ground.done.sum(), rel=0.005)
-    assert moved.place_m == pytest.approx(plane.to_m(*own.to_deg(260.0, 340.0)), abs=0.002)
-    assert moved.track[0][:2] == pytest.approx(plane.to_m(*own.to_deg(200.0, 300.0)), abs=0.06)
+    assert moved.place_m == pytest.approx(
+        plane.project_to_m(*own.convert_to_deg(260.0, 340.0)), abs=0.002
+    )
+    assert moved.track[0][:2] == pytest.approx(
+        plane.project_to_m(*own.convert_to_deg(200.0, 300.0)), abs=0.06
+    )
     assert move_snapshot(moved, plane) is moved
 
 
@@ -125,7 +129,7 @@ def start(folder, config, log="new"):
 
 
 def done_before(loop, place):
-    return loop._ahead.overlap.earlier(place)
+    return loop._ahead.overlap.is_done_earlier(place)
 
 
 @pytest.fixture
@@ -192,10 +196,10 @@ def test_a_part_of_a_field_that_another_job_has_done_gets_no_more(jobs):
 
 def test_nitrogen_of_two_products_is_the_sum_of_both():
     first = Totaliser(2.4, 0.46)
-    first.add(10.0, 1.0, 100.0)
-    then = Totaliser(2.4, 0.27, first.sums)
-    then.add(10.0, 1.0, 100.0)
-    assert then.snapshot().applied_n_kg == pytest.approx((0.46 + 0.27) * first.applied_kg)
-    assert Totaliser(2.4, 0.27, first.sums._replace(n_kg=None)).applied_n_kg == pytest.approx(
-        0.27 * first.applied_kg
-    )
+    first.add_tick(10.0, 1.0, 100.0)
+    then = Totaliser(2.4, 0.27, first.running_sums)
+    then.add_tick(10.0, 1.0, 100.0)
+    assert then.make_totals().applied_n_kg == pytest.approx((0.46 + 0.27) * first.applied_kg)
+    assert Totaliser(
+        2.4, 0.27, first.running_sums._replace(n_kg=None)
+    ).applied_n_kg == pytest.approx(0.27 * first.applied_kg)

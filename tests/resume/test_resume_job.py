@@ -31,10 +31,10 @@ from topdress.console.worker.resume_keeper import SnapshotKeeper
 from topdress.console.worker.resume_tail import add_log_tail
 from topdress.control.agronomy.strips import Strips
 from topdress.control.field.coverage import Coverage, Raster
-from topdress.control.field.job import rule_of
-from topdress.control.field.totals import Sums, Totaliser
+from topdress.control.field.job import make_rule
+from topdress.control.field.totals import Totaliser, TotalSums
 from topdress.control.log_row import LogRow
-from topdress.control.machine.fall import drop_s
+from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Alarm, Do, Order, Severity
 from topdress.drivers.files.plain import plain, typed
@@ -139,7 +139,7 @@ class Standing(NamedTuple):
 class Loop(NamedTuple):
     """What a loop that has done nothing yet tells."""
 
-    sums: Sums = Sums()
+    running_sums: TotalSums = TotalSums()
     flow_trim: float = 1.0
     plane: None = None
 
@@ -286,7 +286,7 @@ def test_a_snapshot_survives_its_file(tmp_path):
         began_utc="2026-03-18T06:00:00+00:00",
         saved_utc="2026-03-18T07:00:00+00:00",
         config=("x.yaml",),
-        sums=Sums(1.0, 0.5, 150.0, 3.0, 4.0, 5.0, ((3, 0.5, 150.0),)),
+        sums=TotalSums(1.0, 0.5, 150.0, 3.0, 4.0, 5.0, ((3, 0.5, 150.0),)),
         refills=(("t", 250.0),),
         place_m=(1.0, 2.0),
         track=((1.0, 2.0, 0.0, 300.0),),
@@ -324,7 +324,7 @@ def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
         resume.write_snapshot(
             path,
             Snapshot(
-                str(tmp_path / f"{name}.csv"), sums=Sums(area_ha=known.pop("ha", 1.0)), **known
+                str(tmp_path / f"{name}.csv"), sums=TotalSums(area_ha=known.pop("ha", 1.0)), **known
             ),
         )
         os.utime(path, (number, number))
@@ -343,7 +343,11 @@ def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
 
 def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_path):
     keeper = SnapshotKeeper(
-        tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
+        tmp_path / "x.resume.json",
+        Machine(),
+        Snapshot("x.csv", sums=TotalSums()),
+        Loop(),
+        lambda: "",
     )
     keeper.take_tick(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="working")))
     keeper.save_due(False)
@@ -356,7 +360,11 @@ def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_pa
 
 def test_the_begin_of_work_is_kept_at_once_also_where_something_was_kept_a_moment_before(tmp_path):
     keeper = SnapshotKeeper(
-        tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
+        tmp_path / "x.resume.json",
+        Machine(),
+        Snapshot("x.csv", sums=TotalSums()),
+        Loop(),
+        lambda: "",
     )
     alarm = Alarm("hopper_low", Severity.AMBER, 1.0, False, ())
     keeper.take_tick(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="ready"), alarms=(alarm,)))
@@ -370,7 +378,11 @@ def test_the_begin_of_work_is_kept_at_once_also_where_something_was_kept_a_momen
 @pytest.mark.parametrize("quits", [True, False])
 def test_a_snapshot_tells_a_quit_from_a_cut(tmp_path, quits):
     keeper = SnapshotKeeper(
-        tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
+        tmp_path / "x.resume.json",
+        Machine(),
+        Snapshot("x.csv", sums=TotalSums()),
+        Loop(),
+        lambda: "",
     )
     keeper.take_tick(Standing(LogRow(1.0, shaft_rpm_cmd=40.0, state="working")))
     if quits:
@@ -384,7 +396,7 @@ def test_a_job_whose_log_was_cut_short_has_both_as_its_parts(tmp_path):
     keeper = SnapshotKeeper(
         tmp_path / "x.resume.json",
         Machine(),
-        Snapshot(first, sums=Sums(area_ha=1.0)),
+        Snapshot(first, sums=TotalSums(area_ha=1.0)),
         Loop(),
         lambda: "",
     )
@@ -409,9 +421,13 @@ def test_a_clock_set_back_does_not_bring_an_older_job_forward(tmp_path):
     import time
 
     hour_ns = 3_600_000_000_000
-    resume.write_snapshot(tmp_path / "a.resume.json", Snapshot("a.csv", sums=Sums(area_ha=1.0)))
+    resume.write_snapshot(
+        tmp_path / "a.resume.json", Snapshot("a.csv", sums=TotalSums(area_ha=1.0))
+    )
     os.utime(tmp_path / "a.resume.json", ns=(time.time_ns() + hour_ns, time.time_ns() + hour_ns))
-    resume.write_snapshot(tmp_path / "b.resume.json", Snapshot("b.csv", sums=Sums(area_ha=2.0)))
+    resume.write_snapshot(
+        tmp_path / "b.resume.json", Snapshot("b.csv", sums=TotalSums(area_ha=2.0))
+    )
     path, _ = left(tmp_path)
     assert path.name == "b.resume.json"
 
@@ -419,15 +435,15 @@ def test_a_clock_set_back_does_not_bring_an_older_job_forward(tmp_path):
 def test_totals_that_go_on_are_those_of_one_run():
     def add(totals: Totaliser, rates: list[float]) -> None:
         for rate in rates:
-            totals.add(0.1, 2.0, rate, 300.0)
+            totals.add_tick(0.1, 2.0, rate, 300.0)
 
     rates = [250.0 + 5.0 * (k % 23) for k in range(500)]
     one, first = Totaliser(2.4, 0.46), Totaliser(2.4, 0.46)
     add(one, rates)
     add(first, rates[:200])
-    later = Totaliser(2.4, 0.46, first.sums)
+    later = Totaliser(2.4, 0.46, first.running_sums)
     add(later, rates[200:])
-    assert later.snapshot() == pytest.approx(one.snapshot(), rel=1e-9)
+    assert later.make_totals() == pytest.approx(one.make_totals(), rel=1e-9)
 
 
 def test_the_workers_option():
@@ -581,7 +597,7 @@ def test_the_job_goes_on_with_its_strips(tmp_path):
     before = resume.read_snapshot(path)
     assert (before.ndvi_nrich, before.ndvi_check) == (0.66, 0.55)
     job = find_job_to_continue(setup.job, setup.machine, before)
-    assert rule_of(setup.crop, job).strips == Strips(0.66, 0.55)
+    assert make_rule(setup.crop, job).strip_ndvi == Strips(0.66, 0.55)
 
 
 def test_a_snapshot_of_before_has_no_strips_and_the_trim_that_nobody_reads(tmp_path):
@@ -599,7 +615,7 @@ def test_a_snapshot_of_before_has_no_strips_and_the_trim_that_nobody_reads(tmp_p
 MACHINE = Machine()
 WIDTH_M = MACHINE.geometry.working_width_m
 STEP_S, SPEED_MPS = 0.05, 2.0
-FALL_M = drop_s(MACHINE.fall, 60.0) * SPEED_MPS
+FALL_M = calc_drop_s(MACHINE.fall, 60.0) * SPEED_MPS
 NORTH_M = np.arange(0.0, 60.0, 0.1)
 
 
@@ -620,8 +636,8 @@ def drive(
 def done_at(ground: Raster, places: list[tuple[float, float]]) -> np.ndarray:
     """As a later run's bitmap knows it."""
     coverage = Coverage(WIDTH_M)
-    coverage.seed(ground)
-    return coverage.applied_earlier(places)
+    coverage.add_earlier_ground(ground)
+    return coverage.find_covered_earlier(places)
 
 
 @pytest.fixture

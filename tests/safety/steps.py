@@ -104,7 +104,7 @@ class Run:
         return self.origin_s + self.ticks * self.period_s
 
     def order(self, do: Do, value: Any = None) -> Answer:
-        return self.safety.order(Order(do, value), self.now_s)
+        return self.safety.handle_order(Order(do, value), self.now_s)
 
     def tick(self, seconds: float = 0.0, **changes: Any) -> Verdict:
         """One tick, or ticks for so many seconds; the hopper empties unless told otherwise."""
@@ -112,7 +112,7 @@ class Run:
             self.ticks += 1
             situation = good_situation(self.now_s, **({"hopper_kg": self.hopper_kg} | changes))
             self.hopper_kg -= 0.1 * self.period_s
-            self.verdict = self.safety.check(self.now_s, situation)
+            self.verdict = self.safety.check_tick(self.now_s, situation)
         assert self.verdict is not None
         return self.verdict
 

@@ -9,7 +9,13 @@ from string import Formatter
 import numpy as np
 import pytest
 from topdress.control.orders import Do, Severity, State, TargetSource
-from topdress.control.readings import Doubted, EffortSays, RangeBreach, ScaleSays, SpeedDoubt
+from topdress.control.readings import (
+    EffortFinding,
+    RangeBreach,
+    RefusedSpeed,
+    ScaleFinding,
+    SpeedDoubt,
+)
 from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
 
 from tests.safety.steps import NEVER, order, play, tick
@@ -20,8 +26,8 @@ MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 # state then
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
-DOUBT = SpeedDoubt(Doubted.WHEEL, 100.0, 100.0, 2.5, 1.25, 1.0)
-OPEN = DOUBT._replace(refused=Doubted.EITHER)
+DOUBT = SpeedDoubt(RefusedSpeed.WHEEL, 100.0, 100.0, 2.5, 1.25, 1.0)
+OPEN = DOUBT._replace(refused=RefusedSpeed.EITHER)
 ABOVE_RANGE = RangeBreach(True, 480.0, 413.0, 4.8)
 BELOW_RANGE = RangeBreach(False, 12.0, 23.0, 1.6)
 SHUT = STANDS._replace(valves=(False, False))
@@ -55,17 +61,17 @@ RAISED = [
     ("drive_fault", {"drive_fault": True}, 0.0, 0.05, State.FAULT),
     ("drive_stopped", {"drive_stopped": True}, 0.0, 0.05, State.FAULT),
     ("hopper_empty", {"hopper_kg": 0.3}, 0.9, 1.1, State.HELD),
-    ("flow_unordered", {"scale": ScaleSays(unordered_kg=0.9)}, 0.0, 0.05, State.FAULT),
-    ("flow_missing", {"scale": ScaleSays(share=0.3)}, 0.0, 0.05, State.HELD),
-    ("flow_above", {"scale": ScaleSays(share=2.0)}, 0.0, 0.05, State.HELD),
-    ("outlet_blocked", {"scale": ScaleSays(outlets=1, of_outlets=6)}, 0.0, 0.05, State.WORKING),
-    ("flow_disagrees", {"scale": ScaleSays(beyond_percent=-30.0)}, 0.0, 0.05, State.WORKING),
-    ("flow_below", {"scale": ScaleSays(below_percent=16.0)}, 0.0, 0.05, State.WORKING),
-    ("flow_trimmed", {"scale": ScaleSays(trimmed_percent=-5.1)}, 0.0, 0.05, State.WORKING),
-    ("effort_high", {"effort": EffortSays(harder_percent=12.0)}, 0.0, 0.05, State.WORKING),
-    ("effort_low", {"effort": EffortSays(unloaded=True)}, 0.0, 0.05, State.WORKING),
-    ("scale_unexplained", {"scale": ScaleSays(off_kg=-0.9)}, 0.0, 0.05, State.WORKING),
-    ("refill_disagrees", {"scale": ScaleSays(refill_percent=-30.0)}, 0.0, 0.05, State.WORKING),
+    ("flow_unordered", {"scale": ScaleFinding(unordered_kg=0.9)}, 0.0, 0.05, State.FAULT),
+    ("flow_missing", {"scale": ScaleFinding(share=0.3)}, 0.0, 0.05, State.HELD),
+    ("flow_above", {"scale": ScaleFinding(share=2.0)}, 0.0, 0.05, State.HELD),
+    ("outlet_blocked", {"scale": ScaleFinding(outlets=1, of_outlets=6)}, 0.0, 0.05, State.WORKING),
+    ("flow_disagrees", {"scale": ScaleFinding(beyond_percent=-30.0)}, 0.0, 0.05, State.WORKING),
+    ("flow_below", {"scale": ScaleFinding(below_percent=16.0)}, 0.0, 0.05, State.WORKING),
+    ("flow_trimmed", {"scale": ScaleFinding(trimmed_percent=-5.1)}, 0.0, 0.05, State.WORKING),
+    ("effort_high", {"effort": EffortFinding(harder_percent=12.0)}, 0.0, 0.05, State.WORKING),
+    ("effort_low", {"effort": EffortFinding(unloaded=True)}, 0.0, 0.05, State.WORKING),
+    ("scale_unexplained", {"scale": ScaleFinding(off_kg=-0.9)}, 0.0, 0.05, State.WORKING),
+    ("refill_disagrees", {"scale": ScaleFinding(refill_percent=-30.0)}, 0.0, 0.05, State.WORKING),
     (
         "rate_above_limit",
         {"applied_rate_kg_ha": 1100.0, "expected_rate_kg_ha": None},
@@ -109,7 +115,7 @@ RAISED = [
     ("wheel_too_little", {"speed_doubt": DOUBT._replace(wheel_mps=0.6)}, 0.0, 0.05, State.WORKING),
     (
         "gnss_speed_wrong",
-        {"speed_doubt": DOUBT._replace(refused=Doubted.GNSS)},
+        {"speed_doubt": DOUBT._replace(refused=RefusedSpeed.GNSS)},
         0.0,
         0.05,
         State.WORKING,
@@ -165,7 +171,11 @@ SILENT = [
     ("speeds_differ", {"speed_doubt": OPEN._replace(differed_s=105.9)}),
     (
         "wheel_fault",
-        {"speed_doubt": DOUBT._replace(refused=Doubted.GNSS), "wheel_mps": 0.0, "gnss_mps": 0.9},
+        {
+            "speed_doubt": DOUBT._replace(refused=RefusedSpeed.GNSS),
+            "wheel_mps": 0.0,
+            "gnss_mps": 0.9,
+        },
     ),
     ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 83.0}),
     ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 57.0}),
@@ -415,7 +425,7 @@ def test_hopper_low_does_not_flicker_at_its_limit(working):
 @pytest.mark.parametrize(("share", "alarm"), [(0.1, "flow_missing"), (2.0, "flow_above")])
 def test_flow_far_from_what_the_shaft_reads_holds_until_it_is_acknowledged(working, share, alarm):
     run = working()
-    run.tick(scale=ScaleSays(share=share))
+    run.tick(scale=ScaleFinding(share=share))
     assert (run.verdict.state, run.verdict.why_state) == (State.HELD, alarm)
     assert not run.verdict.flow_allowed
     assert run.order(Do.START).why == f"acknowledge_first;alarm={alarm}"
@@ -433,7 +443,7 @@ def test_material_that_nobody_ordered_is_red_in_every_state(new_run, states):
     for do in states:
         assert run.order(do).accepted
         run.tick()
-    run.tick(scale=ScaleSays(unordered_kg=0.9))
+    run.tick(scale=ScaleFinding(unordered_kg=0.9))
     assert "flow_unordered" in run.alarm_ids()
     assert run.verdict.state is (State.FAULT if states else State.OFF)
     assert run.order(Do.READY).why == "cause_lives;alarm=flow_unordered"
@@ -442,10 +452,10 @@ def test_material_that_nobody_ordered_is_red_in_every_state(new_run, states):
 def test_what_is_only_asked_lets_the_work_go_on(working):
     run = working()
     for says in (
-        ScaleSays(outlets=1, of_outlets=6),
-        ScaleSays(below_percent=16.0),
-        ScaleSays(beyond_percent=30.0),
-        ScaleSays(off_kg=1.0),
+        ScaleFinding(outlets=1, of_outlets=6),
+        ScaleFinding(below_percent=16.0),
+        ScaleFinding(beyond_percent=30.0),
+        ScaleFinding(off_kg=1.0),
     ):
         assert run.tick(scale=says).flow_allowed
 

@@ -6,7 +6,7 @@ from math import inf, nan
 
 import pytest
 from topdress.control.orders import Do, State, TargetSource
-from topdress.control.readings import Doubted, RangeBreach, SpeedDoubt
+from topdress.control.readings import RangeBreach, RefusedSpeed, SpeedDoubt
 from topdress.control.safety import INTERLOCKS
 
 from tests.safety.steps import NEVER, creep, order, play, stop_and_go, tick
@@ -108,7 +108,7 @@ def test_no_known_field_forbids_nothing(working):
     assert working().tick(landing_inside=None).flow_allowed
 
 
-@pytest.mark.parametrize("refused", Doubted)
+@pytest.mark.parametrize("refused", RefusedSpeed)
 def test_a_speed_that_is_not_believed_goes_on_with_flow_and_begins_none(working, refused):
     run, doubt = working(), {"speed_doubt": SpeedDoubt(refused, 100.0, 100.0, 5.0, 1.25, 1.0)}
     assert run.tick(2.0, **doubt).flow_allowed

@@ -6,8 +6,14 @@ from dataclasses import fields, replace
 
 import pytest
 from topdress.control.orders import Do
-from topdress.control.readings import Doubted, DriveCommand, RangeBreach, ScaleSays, SpeedDoubt
-from topdress.control.safety import Commanded, DriveLimits, SafetyLimits, limited
+from topdress.control.readings import (
+    DriveCommand,
+    RangeBreach,
+    RefusedSpeed,
+    ScaleFinding,
+    SpeedDoubt,
+)
+from topdress.control.safety import Commanded, DriveLimits, SafetyLimits, limit_command
 
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
@@ -147,7 +153,7 @@ CHANGES = [
     (
         "speeds_differ_s",
         3.0,
-        state(speed_doubt=SpeedDoubt(Doubted.EITHER, 100.0, 104.0, 2.5, 1.25, 1.0)),
+        state(speed_doubt=SpeedDoubt(RefusedSpeed.EITHER, 100.0, 104.0, 2.5, 1.25, 1.0)),
     ),
     ("reverse_flip_deg", 170.0, reverse(course_deg=240.0)),
     ("course_speed_mps", 0.5, creep_backwards),
@@ -191,7 +197,7 @@ CHANGES = [
     ("rate_max_kg_ha", 350.0, flow(target_rate_kg_ha=400.0)),
     ("rate_max_s", 3.0, state(2.0, applied_rate_kg_ha=1200.0)),
     ("beyond_range_s", 6.0, alarms(4.0, range_breach=RangeBreach(True, 480.0, 413.0, 4.8))),
-    ("trimmed_percent", 9.0, alarms(scale=ScaleSays(trimmed_percent=-7.0))),
+    ("trimmed_percent", 9.0, alarms(scale=ScaleFinding(trimmed_percent=-7.0))),
     ("hopper_empty_kg", 1.0, state(2.0, hopper_kg=0.8)),
     ("hopper_low_kg", 50.0, alarms(2.0, hopper_kg=40.0)),
     ("hopper_clear_kg", 0.1, low_then_a_little_more),
@@ -225,7 +231,7 @@ def test_no_limit_is_forgotten():
     ],
 )
 def test_a_changed_drive_limit_changes_the_command(name, value, cmd):
-    assert limited(cmd, DriveLimits(), True) != limited(
+    assert limit_command(cmd, DriveLimits(), True) != limit_command(
         cmd, replace(DriveLimits(), **{name: value}), True
     )
 

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import HealthCheck, assume, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
-from topdress.control.orders import BY_PLACE, Do, Order, Severity, State, TargetSource
-from topdress.control.readings import NOTHING_SAID, DriveCommand, ScaleSays
+from topdress.control.orders import PLACE_SOURCES, Do, Order, Severity, State, TargetSource
+from topdress.control.readings import NO_SCALE_FINDING, DriveCommand, ScaleFinding
 from topdress.control.safety import (
     ALARMS,
     INTERLOCKS,
@@ -23,8 +23,8 @@ from topdress.control.safety import (
     STATE_REASONS,
     DriveLimits,
     Safety,
-    limited,
-    limited_valves,
+    limit_command,
+    limit_valves,
     read_refusal,
 )
 
@@ -36,15 +36,15 @@ SPEEDS = (0.0, 0.05, 0.15, 0.22, 0.25, 0.35, 0.45, 0.55, 1.25)
 YES_NO = (True, False)
 
 SAYS = (
-    NOTHING_SAID,
-    ScaleSays(unordered_kg=1.0),
-    ScaleSays(share=0.2),
-    ScaleSays(share=nan),
-    ScaleSays(outlets=2),
-    ScaleSays(below_percent=nan),
-    ScaleSays(beyond_percent=inf),
-    ScaleSays(trimmed_percent=nan),
-    ScaleSays(off_kg=nan),
+    NO_SCALE_FINDING,
+    ScaleFinding(unordered_kg=1.0),
+    ScaleFinding(share=0.2),
+    ScaleFinding(share=nan),
+    ScaleFinding(outlets=2),
+    ScaleFinding(below_percent=nan),
+    ScaleFinding(beyond_percent=inf),
+    ScaleFinding(trimmed_percent=nan),
+    ScaleFinding(off_kg=nan),
 )
 DISTURBANCES = {
     "speed_mps": SPEEDS,
@@ -282,7 +282,7 @@ class Rules(RuleBasedStateMachine):
         before = self.safety.state
         if order == Order(Do.START, True):
             self.start_s = self.now_s
-        answer = self.safety.order(order, self.now_s)
+        answer = self.safety.handle_order(order, self.now_s)
         after = self.safety.state
         self.ticked = False
         if after is not before:
@@ -336,7 +336,7 @@ class Rules(RuleBasedStateMachine):
         self.follow_motion(s)
         if s.log_ok:
             self.unlogged_allowed = False
-        self.verdict = self.safety.check(self.now_s, s)
+        self.verdict = self.safety.check_tick(self.now_s, s)
         self.state, self.ticked = self.verdict.state, True
         if self.state is State.OFF and before is not State.OFF:
             assert not s.console_age_s <= 60.0
@@ -421,7 +421,7 @@ class Rules(RuleBasedStateMachine):
             )
             self.launched_s = self.now_s if self.launched_s is None else self.launched_s
             assert self.now_s - self.launched_s < 3.0, "a launch has its time"
-        assert s.position_ok or s.target_source not in BY_PLACE
+        assert s.position_ok or s.target_source not in PLACE_SOURCES
         assert s.landing_inside is not False or self.outside_allowed
         assert s.log_ok or self.unlogged_allowed
         assert 0.0 <= s.target_rate_kg_ha <= 1000.0
@@ -451,7 +451,7 @@ class Rules(RuleBasedStateMachine):
     def send(self, shaft_rpm, opening_mm, valves):
         assume(self.verdict is not None)
         limits = DriveLimits()
-        sent = limited(
+        sent = limit_command(
             DriveCommand(shaft_rpm, opening_mm),
             limits,
             self.verdict.flow_allowed,
@@ -462,7 +462,7 @@ class Rules(RuleBasedStateMachine):
         )
         assert limits.opening_min_mm <= sent.opening_mm <= limits.opening_max_mm
         assert self.verdict.flow_allowed or sent == DriveCommand(0.0, 20.0, None)
-        opened = limited_valves(tuple(valves), self.verdict.flow_allowed)
+        opened = limit_valves(tuple(valves), self.verdict.flow_allowed)
         assert opened == tuple(self.verdict.flow_allowed and wanted is True for wanted in valves)
 
     @invariant()
@@ -519,7 +519,7 @@ def test_a_check_costs_little(working):
     for start in range(0, 2000, 200):
         begun = thread_time()
         for s in situations[start : start + 200]:
-            verdict = run.safety.check(s.measurements.time_s, s)
+            verdict = run.safety.check_tick(s.measurements.time_s, s)
         best_s = min(best_s, (thread_time() - begun) / 200)
         assert verdict.flow_allowed
     assert best_s < 120e-6, f"{best_s * 1e6:.0f} us a check"

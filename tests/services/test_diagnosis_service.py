@@ -20,14 +20,14 @@ from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.separating_run import _DRIVE_MAKERS, is_drivable, make_drive
 from topdress.control.diagnosis.extend import adoptable
 from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
-from topdress.control.experiments.manoeuvres import manoeuvres
+from topdress.control.experiments.manoeuvres import list_manoeuvres
 from topdress.control.orders import State
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.closed_loop import simulate_run
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import JOB, MACHINE
 from topdress.drivers.files.setup import load_setup
@@ -292,7 +292,9 @@ def huanghai():
 
 
 def test_every_planned_manoeuvre_can_be_driven(huanghai):
-    assert {one.id for one in manoeuvres(huanghai) if is_drivable(one.id)} == set(_DRIVE_MAKERS)
+    assert {one.id for one in list_manoeuvres(huanghai) if is_drivable(one.id)} == set(
+        _DRIVE_MAKERS
+    )
     assert not is_drivable("") and not is_drivable("weigh_by_hand")
 
 
@@ -306,13 +308,11 @@ def test_every_planned_manoeuvre_can_be_driven(huanghai):
 def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, column, wanted):
     setup = load_setup("huanghai", "demo", dt.date.today())
     drive = make_drive(manoeuvre, setup.job, huanghai)
-    job = with_simulated_field(drive.job, huanghai)
+    job = add_simulated_field(drive.job, huanghai)
     step_s = 0.1
-    plant = simulated_machine(huanghai, job, 1, step_s)
-    loop = control_loop(huanghai, setup.crop, setup.rule, job)
-    rows = [
-        step.tick.row for step in simulated_run(plant, loop, drive.seconds, orders=drive.orders)
-    ]
+    plant = make_plant(huanghai, job, 1, step_s)
+    loop = make_control_loop(huanghai, setup.crop, setup.rule, job)
+    rows = [step.tick.row for step in simulate_run(plant, loop, drive.seconds, orders=drive.orders)]
     assert max(row.speed_mps or 0.0 for row in rows) < 0.2
     busy = [
         row for row in rows if row.state == State.CALIBRATING and (row.shaft_rpm_cmd or 0.0) > 0.0
@@ -327,7 +327,7 @@ def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, 
 
 def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
     found = sample_found()
-    slope = next(one for one in manoeuvres(huanghai) if one.id == "slope")
+    slope = next(one for one in list_manoeuvres(huanghai) if one.id == "slope")
     on_slope = having(
         found._replace(drives="slope"), next_run=replace(found.found.next_run, plan=slope.plan)
     )
@@ -340,7 +340,7 @@ def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
 
 def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     """By the real process: a drive that turns 5 % faster, and a file that took that up."""
-    from topdress.control.machine.history import noted
+    from topdress.control.machine.history import append_history
     from topdress.control.machine.machine import add_effect
     from topdress.drivers.files.config import save
 
@@ -356,7 +356,7 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     )
     before = load("drive_alone", MACHINE).model
     after, place = add_effect(before, "shaft.gain", 5.0), tmp_path / "new.yaml"
-    save(place, noted(before, after, data="run.csv", date="2026-07-09"), MACHINE)
+    save(place, append_history(before, after, data="run.csv", date="2026-07-09"), MACHINE)
     service, told = DiagnosisFiles([tmp_path], own=tmp_path / "own"), []
     found = service.compare_machines(
         str(place), service.find_source(str(log)), lambda *said: told.append(said), Stop()

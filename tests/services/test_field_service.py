@@ -15,7 +15,7 @@ from topdress.console.frame import Frame
 from topdress.console.services.field import MOST_CELLS, make_field_picture
 from topdress.console.services.replay_frames import make_frames, open_replay
 from topdress.control.log_row import LogRow
-from topdress.control.simulation.assembly import with_simulated_field
+from topdress.control.simulation.assembly import add_simulated_field
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import PlainLogWriter
 from topdress.drivers.files.run_meta import run_meta
@@ -24,7 +24,7 @@ from topdress.drivers.files.setup import Setup, load_setup
 
 def write(path: Path, setup: Setup, rows: int = 300, boundary: bool = True) -> Path:
     """A log of a machine that stands at the field's origin."""
-    job = with_simulated_field(setup.job, setup.machine) if boundary else setup.job
+    job = add_simulated_field(setup.job, setup.machine) if boundary else setup.job
     meta = run_meta(setup.machine, setup.crop, job, seed=1, extra={"job_folder": str(setup.folder)})
     writer = PlainLogWriter(path, meta)
     for k in range(rows):
@@ -71,12 +71,15 @@ def test_outline_and_plan_of_the_job_in_the_log(tmp_path, setup):
 def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
     from topdress.drivers.files.prescriptions.for_job import read_job_map
 
-    job = with_simulated_field(setup.job, setup.machine)
+    job = add_simulated_field(setup.job, setup.machine)
     picture = make_field_picture(frame_of(write(tmp_path / "a.csv", setup)))
     profile = read_job_map(job, setup.folder)
     rng = np.random.default_rng(3)
     places = rng.uniform((1.0, 1.0), (56.0, 149.0), (200, 2))
-    wanted = [profile.prescription.at((east, north)).rate_kg_ha for east, north in places.tolist()]
+    wanted = [
+        profile.prescription.find_target((east, north)).rate_kg_ha
+        for east, north in places.tolist()
+    ]
     found = [picture.planned.at(east, north) for east, north in places.tolist()]
     assert sum(a == b for a, b in zip(found, wanted, strict=True)) >= 190, "but on the zones' edges"
 

@@ -768,7 +768,8 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
         elif value is not None:
             known.add(str(value))
     known |= {
-        day_clock.moment(one["time_d"] * 86_400.0).date().isoformat() for one in tables["changes"]
+        day_clock.convert_to_utc(one["time_d"] * 86_400.0).date().isoformat()
+        for one in tables["changes"]
     }
     # "90 % interval"; what was read
     known |= {"90", str(len(made)), str(len(tables["machines"]))}

@@ -11,7 +11,7 @@ import pytest
 from topdress.console.app.pages.diagnosis.service import IMPORT, OpenQuestions, Stop
 from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.foreign_files import import_file_as_log, is_likely_log
-from topdress.drivers.plain_text import Refused
+from topdress.drivers.plain_text import RefusedInput
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "import"
 
@@ -81,7 +81,7 @@ def test_an_import_file_without_its_file_is_refused(folder: Path, tmp_path: Path
     ):
         import_file_as_log(alone, tmp_path)
     (folder / "broken.parquet").write_bytes(b"no table")
-    with pytest.raises(Refused, match="not readable as Parquet"):
+    with pytest.raises(RefusedInput, match="not readable as Parquet"):
         import_file_as_log(folder / "broken.parquet", tmp_path / "logs")
     assert not (folder / "broken.import.yaml").exists() and not (tmp_path / "logs").exists()
 

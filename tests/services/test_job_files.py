@@ -27,9 +27,9 @@ from topdress.control.field.boundary import Boundary
 from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Job
 from topdress.control.field.job_names import JobNames
-from topdress.control.field.totals import Sums
+from topdress.control.field.totals import TotalSums
 from topdress.control.geodesy import TangentPlane
-from topdress.control.targets.map_check import map_check
+from topdress.control.targets.map_check import check_map
 from topdress.control.targets.prescription import MapData, Zone
 from topdress.drivers.files.config import load, save, shipped
 from topdress.drivers.files.kinds import JOB
@@ -149,7 +149,9 @@ def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_pat
         saved = (now - dt.timedelta(days=days)).isoformat()
         resume.write_snapshot(
             path,
-            Snapshot("a.csv", began_utc=saved, saved_utc=saved, job="west", sums=Sums(area_ha=1.2)),
+            Snapshot(
+                "a.csv", began_utc=saved, saved_utc=saved, job="west", sums=TotalSums(area_ha=1.2)
+            ),
         )
 
     assert desk.find_offer() is None
@@ -175,7 +177,7 @@ async def test_begin_anew_is_not_asked_again(desk, launcher):
             "a.csv",
             began_utc=saved,
             saved_utc=saved,
-            sums=Sums(area_ha=1.2),
+            sums=TotalSums(area_ha=1.2),
             config=("demo",),
             seed=7,
         ),
@@ -220,7 +222,7 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
             saved_utc=dt.datetime.now(dt.UTC).isoformat(),
             simulated=True,
             job="Mine",
-            sums=Sums(area_ha=0.12),
+            sums=TotalSums(area_ha=0.12),
             origin_deg=(34.28, 119.88),
             ground=Raster(
                 west, 0.0, 0.25, np.ones((80, round((east - west) / 0.25)), dtype=np.bool_)
@@ -399,7 +401,7 @@ def test_a_job_s_card(desk, launcher, tmp_path):
             "a.csv",
             saved_utc="2026-03-18T07:02:00+00:00",
             config=launcher.config,
-            sums=Sums(area_ha=1.2),
+            sums=TotalSums(area_ha=1.2),
         ),
     )
     (tmp_path / "jobs" / "broken.yaml").write_text(
@@ -516,7 +518,7 @@ def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
         True: Zone(200.0, (right[:, ::-1].copy(),)),
         None: Zone(200.0, (right + 1.0,)),
     }
-    found = {name: map_check(MapData((zone,)), 500.0, field, plane) for name, zone in zones.items()}
+    found = {name: check_map(MapData((zone,)), 500.0, field, plane) for name, zone in zones.items()}
     assert [found[name].swapped for name in (False, True, None)] == [False, True, False]
     assert map_words(found[True], METRIC)[0].startswith("latitude and longitude look swapped")
     assert is_doubtful(found[True]) and map_words(found[None], METRIC)[0].startswith("the map lies")

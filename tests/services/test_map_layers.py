@@ -15,7 +15,7 @@ from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
 from topdress.console.services.layers import MapLayers, find_frame_plane
 from topdress.console.services.replay_frames import make_frames
-from topdress.control.geodesy import TangentPlane, offset
+from topdress.control.geodesy import TangentPlane, offset_place
 from topdress.control.log_row import LogRow
 from topdress.drivers.files.read_log import RunLog, read_rows
 
@@ -155,12 +155,12 @@ def test_files_are_listed_without_the_log_that_is_written(run, tmp_path):
 def test_the_plane_is_had_from_fix_and_place_where_the_job_tells_none():
     plane = TangentPlane(34.8, 113.6)
     antenna = (412.0, -230.0)
-    lat, lon = plane.to_deg(*antenna)
+    lat, lon = plane.convert_to_deg(*antenna)
     row = LogRow(time_s=0.0, lat_deg=lat, lon_deg=lon, heading_deg=70.0)
     found = find_frame_plane(
-        Frame(seq=0, at_s=0.0, row=row, place_m=offset(antenna, 70.0, -2.0)), None
+        Frame(seq=0, at_s=0.0, row=row, place_m=offset_place(antenna, 70.0, -2.0)), None
     )
-    assert found.to_m(lat, lon) == pytest.approx(antenna, abs=1e-3)
+    assert found.project_to_m(lat, lon) == pytest.approx(antenna, abs=1e-3)
     assert (found.lat_deg, found.lon_deg) == pytest.approx((34.8, 113.6), abs=1e-7)
     with pytest.raises(ValueError, match="no position yet"):
         find_frame_plane(replace(Frame(seq=0, at_s=0.0, row=row), place_m=None), None)

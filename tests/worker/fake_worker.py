@@ -22,7 +22,13 @@ from topdress.control.agronomy.strips import Strips
 from topdress.control.field.totals import Totaliser, Totals
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Answer, Do, Order, SectionState, Severity
-from topdress.control.readings import NO_EFFORT, DriveCommand, EffortSays, Measurements, Reading
+from topdress.control.readings import (
+    NO_EFFORT_FINDING,
+    DriveCommand,
+    EffortFinding,
+    Measurements,
+    Reading,
+)
 from topdress.control.safety import Allowances, BenchRun
 from topdress.drivers.cab_line import DeviceLine
 from topdress.drivers.device_status import DeviceStatus
@@ -35,7 +41,7 @@ HELD_AFTER_S = 2.0
 class FakeTick:
     row: LogRow
     command: DriveCommand
-    enabled: bool
+    is_enabled: bool
     alarms: tuple[Alarm, ...] = ()
     dropped_heads: tuple[int, ...] = (3,)
     metres_left_m: float | None = 120.0
@@ -59,7 +65,7 @@ class FakeTick:
     strips: Strips = field(default_factory=lambda: Strips(0.66, None))
     sources: tuple[str, ...] = ("canopy", "manual")
     source_rates: tuple[float | None, ...] = (310.0, 90.0)
-    effort: EffortSays = NO_EFFORT
+    effort: EffortFinding = NO_EFFORT_FINDING
     ordered_source: str = "map"
     manual_rate_kg_ha: float = 90.0
 
@@ -109,12 +115,12 @@ class FakeLoop:
 
     @property
     def totals(self) -> Totals:
-        return self.totaliser.snapshot()
+        return self.totaliser.make_totals()
 
-    def note(self, event: str) -> None:
+    def add_event(self, event: str) -> None:
         self.events.append(event)
 
-    def order(self, order: Order, by: str = "") -> Answer:
+    def handle_order(self, order: Order, by: str = "") -> Answer:
         self.orders.append(order)
         if order.do is Do.REFILL:
             raise RuntimeError("cannot digest")
@@ -126,7 +132,7 @@ class FakeLoop:
         self.events += [order.do.value, f"{order.do.value}_by {by}"]
         return Answer(True)
 
-    def tick(
+    def run_tick(
         self, measurements: Measurements, console_age_s: float | None, log_ok: bool
     ) -> FakeTick:
         if self.break_at_tick == len(self.ages):

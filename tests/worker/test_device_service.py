@@ -12,9 +12,9 @@ from topdress.console.worker.device_service import DeviceService
 from topdress.console.worker.requests import DeviceOrder
 from topdress.console.worker.side_files import SideFiles
 from topdress.drivers.cab_line import DeviceLine
-from topdress.drivers.devices.capture import received
+from topdress.drivers.devices.capture import extract_received
 from topdress.drivers.devices.lines import Counts
-from topdress.drivers.ports import memory_pair
+from topdress.drivers.ports import make_memory_pair
 
 HEAD = b"0,0.5,0.512,0.61,0\r\n"
 
@@ -22,7 +22,7 @@ HEAD = b"0,0.5,0.512,0.61,0\r\n"
 @pytest.fixture
 def made(tmp_path):
     """A desk with one device: `head_1` on a memory line."""
-    host, device = memory_pair("head_1")
+    host, device = make_memory_pair("head_1")
     line = DeviceLine("head_1", "greenseeker", host, Counts())
     bench = SimpleNamespace(find_device_line=lambda name: line if name == "head_1" else None)
     files = SideFiles()
@@ -45,7 +45,7 @@ def made(tmp_path):
             made.now_s += 0.05
             if said:
                 device.write(said)
-            line.read(made.now_s)
+            line.read_bytes(made.now_s)
             made.desk.end_due_work(made.now_s, state)
 
     made.order, made.run = order, run
@@ -71,7 +71,7 @@ def test_an_unknown_device_is_named(made):
 def test_disconnect_and_connect(made):
     assert made.order(DeviceDo.DISCONNECT).accepted
     made.run(0.2, said=HEAD)
-    status = made.line.status(made.now_s)
+    status = made.line.make_status(made.now_s)
     assert (status.connected, status.last_error, status.bytes_in, made.line.plugged) == (
         False,
         "unplugged",
@@ -81,7 +81,7 @@ def test_disconnect_and_connect(made):
     assert made.order(DeviceDo.TEST) == (False, "device_disconnected;device=head_1")
     assert made.order(DeviceDo.CONNECT).accepted
     made.run(0.2, said=HEAD)
-    status = made.line.status(made.now_s)
+    status = made.line.make_status(made.now_s)
     assert status.connected and status.bytes_in > 0 and status.connects == 2 and made.line.plugged
 
 
@@ -100,7 +100,7 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
     path = tmp_path / "run.head_1.1.capture"
     assert made.desk.find_capture_path("head_1") == str(path)
     made.run(0.1, said=HEAD)
-    made.line.write(made.now_s, b"?\r\n")
+    made.line.write_bytes(made.now_s, b"?\r\n")
     assert made.order(DeviceDo.CAPTURE).accepted, "again: the same one goes on"
     made.run(0.05, said=b"ha")
     assert made.order(DeviceDo.END_CAPTURE).accepted
@@ -114,7 +114,7 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
         "0.200 > ?\\r\\n",
         "0.250 < ha",
     ]
-    assert received(text) == HEAD * 2 + b"ha"
+    assert extract_received(text) == HEAD * 2 + b"ha"
     assert made.desk.find_capture_path("head_1") == ""
     made.order(DeviceDo.CAPTURE)
     assert made.desk.find_capture_path("head_1").endswith("run.head_1.2.capture"), (
@@ -166,14 +166,14 @@ def test_a_silent_line_is_silent(made):
 def test_a_serial_line_is_tried_at_other_rates_but_not_under_work(made, monkeypatch, state, found):
     """What comes at the configured rate is rubbish; at 9600 Bd it is a head."""
     monkeypatch.setattr(
-        device_service.probe.probe, "__defaults__", (time.monotonic, time.sleep, 0.1)
+        device_service.probe.probe_port, "__defaults__", (time.monotonic, time.sleep, 0.1)
     )
     made.line.baud = 38400
     plugged = []
 
     def opener(name, baud, clock):
         plugged.append((name, made.line.port.state().last_error))
-        host, device = memory_pair(name)
+        host, device = make_memory_pair(name)
         device.write(HEAD * 5 if baud == 9600 else b"\x80\x91\xff" * 20)
         return host
 

@@ -37,13 +37,13 @@ async def test_who_comes_gets_the_newest_frame_at_once(rig):
 async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
     """Half a second without a change looks like a picture that hangs."""
     made = rig()
-    turns = made.loop.tick
+    turns = made.loop.run_tick
 
     def stands(*given, **named):
         made_of = turns(*given, **named)
         return dataclasses.replace(made_of, row=made_of.row._replace(shaft_rpm=0.0))
 
-    made.loop.tick = stands
+    made.loop.run_tick = stands
     made.host.run_one_tick(0.0)
     server = LinkServer(made.host, "key")
     server.start()

@@ -74,7 +74,7 @@ def test_totals_are_made_anew_once_a_second(rig):
     seen = []
     for k in range(45):
         r.host.run_one_tick(0.05 * k)
-        r.loop.totaliser.add(0.05, 2.0, 300.0)
+        r.loop.totaliser.add_tick(0.05, 2.0, 300.0)
         seen.append(r.host.newest.totals)
     assert [t.worked_s for t in dict.fromkeys(seen)] == pytest.approx([0.0, 1.0, 2.0])
 
@@ -166,7 +166,7 @@ def test_stop_between_ticks_still_logs_a_row_off(rig):
 def test_a_loop_that_breaks_in_a_tick_stops_the_drives_and_goes_on(rig, capsys):
     r = rig()
     ask(r, Order(Do.START))
-    good, broken = r.loop.tick, []
+    good, broken = r.loop.run_tick, []
 
     def tick(measurements, *rest):
         broken.append(measurements.control_failed)
@@ -174,7 +174,7 @@ def test_a_loop_that_breaks_in_a_tick_stops_the_drives_and_goes_on(rig, capsys):
             raise RuntimeError("the loop broke")
         return good(measurements, *rest)
 
-    r.loop.tick = tick
+    r.loop.run_tick = tick
     for number in range(4):
         r.host.run_one_tick(0.05 * number)
     assert r.bench.commands[-1][1:] == (None, False)

@@ -16,15 +16,15 @@ from topdress.control.calibration.lag_fit import fit_lag
 from topdress.control.field.job import Simulated
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.devices.lag_run import Plan
+from topdress.drivers.devices.lag_run import LagPlan
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.ports import memory_pair
+from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.lag_rig import VirtualLagRig
 from topdress.drivers.virtual.machine import VirtualMachine
 
@@ -39,15 +39,15 @@ class Rig:
         values = setup.job.simulated.model_dump() | {
             "speed_changes": ({"at_s": 0.0, "speed_kmh": speed_kmh},)
         }
-        job = with_simulated_field(
+        job = add_simulated_field(
             setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
             setup.machine,
         )
         self.now_s = 0.0
         self.machine = setup.machine
-        self.plant = simulated_machine(setup.machine, job, 1, STEP_S)
+        self.plant = make_plant(setup.machine, job, 1, STEP_S)
         pairs = {
-            name: memory_pair(name, lambda: self.now_s)
+            name: make_memory_pair(name, lambda: self.now_s)
             for name in ("gnss", "heads", "board", "rig")
         }
         self.virtual = VirtualMachine(
@@ -66,7 +66,7 @@ class Rig:
             lambda: self.now_s,
             lambda url, baud, clock: pairs[url][0],
         )
-        loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+        loop = make_control_loop(setup.machine, setup.crop, setup.rule, job)
         self.writer = fake.FakeWriter()
         self.host = Host(
             Assembly(cab, loop, self.writer, RunNames(log_path=str(log_path))),
@@ -90,7 +90,7 @@ class Rig:
             self.now_s += STEP_S
             if self.held and round(self.now_s / STEP_S) % 10 == 0:
                 self.host.queue_request(Order(Do.CALIBRATE), lambda *_: None)
-            self.virtual.advance(self.now_s)
+            self.virtual.advance_to(self.now_s)
             self.host.run_one_tick(self.now_s)
             self.host.note_console_heard()
         return self.host.newest
@@ -108,7 +108,7 @@ def bench(tmp_path, fake):
 def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(bench, tmp_path):
     assert bench.ask(Question.LAG_TEST).accepted
     bench.host.lag.begin_lag_test(
-        tmp_path / "run.lag.1.csv", Plan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
+        tmp_path / "run.lag.1.csv", LagPlan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
     )
     view = bench.run(5.0).lag_test
     assert (view.phase, view.runs) == ("settling", ()) and not any(
@@ -134,7 +134,7 @@ def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(ben
 
 
 def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(bench, tmp_path):
-    bench.host.lag.begin_lag_test(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
+    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=1.0))
     bench.held = True
     bench.run(2.5)
     assert bench.plant.truth.shaft_rpm > 30.0
@@ -148,7 +148,7 @@ def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(ben
 
 @pytest.mark.exam
 def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_path):
-    bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=125.0))
+    bench.host.lag.begin(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=125.0))
     bench.held = True
     frame = bench.run(121.0)
     assert (frame.row.state, frame.why_state, frame.lag_test.runs) == (
@@ -159,7 +159,7 @@ def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_pa
 
 
 def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench, tmp_path):
-    bench.host.lag.begin_lag_test(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
+    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=1.0))
     bench.held = True
     bench.run(2.5)
     assert bench.plant.truth.shaft_rpm > 30.0
@@ -206,7 +206,7 @@ def attend(bench, tmp_path, no_key=False, repeats=1):
     attended = LagOperator(
         hand,
         tmp_path / "table.csv",
-        Plan((40.0,), repeats=repeats, settle_s=2.5),
+        LagPlan((40.0,), repeats=repeats, settle_s=2.5),
         opening_mm=20.0,
         no_key=no_key,
         with_gnss=True,
@@ -218,7 +218,7 @@ def attend(bench, tmp_path, no_key=False, repeats=1):
     def go(seconds):
         for _ in range(round(seconds / STEP_S)):
             bench.now_s += STEP_S
-            bench.virtual.advance(bench.now_s)
+            bench.virtual.advance_to(bench.now_s)
             bench.host.run_one_tick(bench.now_s)
             attended.pause_between_ticks(0.0)
         return bench.host.newest

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.machine.compiled import compiled
+from topdress.control.machine.compiled import compile_function
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ SLOWER = 5.0
 BAND_DOF = 20.0
 
 
-@compiled
+@compile_function
 def find_spectrum(
     theta: Array, floor_sd: float, walk_sd: float, cos: Array, count: float, step_s: float
 ) -> Array:
@@ -60,14 +60,14 @@ def find_spectrum(
     return total
 
 
-@compiled
+@compile_function
 def width(k: int, off: float, spread: float) -> float:
     """S.d. of the prior of theta's k-th number on the side where it stands: many sensors hardly
     drift at all."""
     return LITTLE_DRIFT if k == 2 and off < 0.0 else spread
 
 
-@compiled
+@compile_function
 def find_likelihood(
     theta: Array, power: Array, members: Array, strength: Array, centre: Array, spread: Array
 ) -> float:
@@ -85,7 +85,7 @@ def find_likelihood(
     return total
 
 
-@compiled
+@compile_function
 def total_of(values: Array) -> float:
     """Their sum, one after the other."""
     total = 0.0
@@ -94,7 +94,7 @@ def total_of(values: Array) -> float:
     return total
 
 
-@compiled
+@compile_function
 def moved_by(theta: Array, step: Array, part: float) -> Array:
     """theta + part x step (4,)."""
     there = np.empty(4)
@@ -103,7 +103,7 @@ def moved_by(theta: Array, step: Array, part: float) -> Array:
     return there
 
 
-@compiled
+@compile_function
 def solved(matrix: Array, right: Array) -> Array:
     """x of matrix x = right, by elimination with the largest pivot of each column; both are
     written over.
@@ -137,7 +137,7 @@ def solved(matrix: Array, right: Array) -> Array:
     return right
 
 
-@compiled
+@compile_function
 def step_run(
     theta: Array,
     power: Array,
@@ -184,7 +184,7 @@ def step_run(
     return step
 
 
-@compiled
+@compile_function
 def fit_spectrum(
     start: Array,
     power: Array,

@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import exp, inf, log, log1p, pi, sqrt
 
 from topdress.control.machine.forms import Form
-from topdress.control.machine.terms import Acts
+from topdress.control.machine.terms import TermTarget
 
 # a group of a machine that is looked at has something wrong: about one in three
 FAULTY = 0.3
@@ -39,12 +39,12 @@ MISTAKEN = 0.03
 MISREAD = 0.1
 # s.d. of a term's coefficients over the spread of its variable, in its quantity's unit
 USUAL_OF_TERM = {
-    Acts.SHAFT_PERCENT: 3.0,
-    Acts.SHAFT_RPM: 3.0,
-    Acts.GATE_MM: 1.5,
-    Acts.FLOW_PERCENT: 6.0,
-    Acts.SCALE_KG: 1.0,
-    Acts.WHEEL_PERCENT: 3.0,
+    TermTarget.SHAFT_PERCENT: 3.0,
+    TermTarget.SHAFT_RPM: 3.0,
+    TermTarget.GATE_MM: 1.5,
+    TermTarget.FLOW_PERCENT: 6.0,
+    TermTarget.SCALE_KG: 1.0,
+    TermTarget.WHEEL_PERCENT: 3.0,
 }
 # of an effect's own signal, by which its form may differ from the catalogue's
 FORM_SHARE = 0.25

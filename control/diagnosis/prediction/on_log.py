@@ -21,10 +21,14 @@ from topdress.control.diagnosis.runs.inputs import make_term_inputs, rows_of
 from topdress.control.diagnosis.runs.log import Clean
 from topdress.control.diagnosis.runs.model import shape_over_time
 from topdress.control.diagnosis.runs.stages import RunData
-from topdress.control.machine.compiled import term_run
+from topdress.control.machine.compiled import run_term
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.stage_runner import MOST_STEP_S
-from topdress.control.machine.term_sums import commanded_over_log, dead_times_s, over_log
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
+from topdress.control.machine.term_sums import (
+    average_commands_over_log,
+    calc_dead_times_s,
+    sum_over_log,
+)
 from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 
 Array = npt.NDArray[np.float64]
@@ -99,7 +103,7 @@ class OnLog:
         plan = schedule(list_stages(machine), parts)
         made = self._with_terms(machine)
         return {
-            name: made.get(name, series.predict)(plan, MOST_STEP_S)
+            name: made.get(name, series.predict)(plan, MAX_MODEL_STEP_S)
             for name, series in self.seen.items()
             if only is None or name in only
         }
@@ -108,7 +112,7 @@ class OnLog:
         """The channels that the file's terms bear on, where these are not those of the file
         that the log was seen with."""
         if machine.terms == self.machine.terms and (
-            not machine.terms or dead_times_s(machine) == dead_times_s(self.machine)
+            not machine.terms or calc_dead_times_s(machine) == calc_dead_times_s(self.machine)
         ):
             return {}
         data, every = self.data, self._every
@@ -116,12 +120,12 @@ class OnLog:
         for name, command, dead_s in zip(
             (COMMANDED_RPM, COMMANDED_MM),
             (every.command_rpm, every.command_mm),
-            dead_times_s(machine),
+            calc_dead_times_s(machine),
             strict=True,
         ):
             if np.isfinite(command).all():
-                inputs[name] = commanded_over_log(command, every.time_s, dead_s)
-        more = over_log(machine.terms, inputs, every.time_s, term_run)
+                inputs[name] = average_commands_over_log(command, every.time_s, dead_s)
+        more = sum_over_log(machine.terms, inputs, every.time_s, run_term)
         found: dict[str, Predict] = {}
 
         def at(quantity: str, time_s: Array) -> Array | float:

@@ -37,7 +37,7 @@ from topdress.control.diagnosis.result import (
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.runs.model import GROUPS, hidden_within
 from topdress.control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
-from topdress.control.machine.machine import CATALOGUE, Machine, list_effect_sizes, unit_of
+from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, list_effect_sizes
 from topdress.control.machine.terms import Term
 
 from .blocks import (
@@ -450,7 +450,7 @@ def _suspected(cause: Cause, most: float) -> Cause:
 
 def _fitted(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> Fitted:
     sizes = tuple(
-        (name, Size(size, size - Z90 * sd, size + Z90 * sd, unit_of(name, on_log.machine)))
+        (name, Size(size, size - Z90 * sd, size + Z90 * sd, describe_unit(name, on_log.machine)))
         for name, size, sd in rival.sizes
     )
     before, after = (float(np.sqrt(one.blocks["shaft"].mean())) for one in (nothing, rival.held))

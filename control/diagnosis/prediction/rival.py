@@ -42,7 +42,13 @@ from topdress.control.machine.machine import (
     list_effect_sizes,
     scale_nominal,
 )
-from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, name_own_command
+from topdress.control.machine.terms import (
+    COMMANDED_MM,
+    COMMANDED_RPM,
+    Term,
+    TermTarget,
+    name_own_command,
+)
 
 from .blocks import (
     KNEE,
@@ -92,11 +98,11 @@ LEAST_SHARE = 1e-3  # of what is left, that a line takes away
 LEVEL = 1.0
 # letters; where another of the same name was adopted, it is given a number
 LONGEST_ID = 76
-ACTS: dict[str, tuple[Acts, ...]] = {
-    "shaft": (Acts.SHAFT_RPM, Acts.SHAFT_PERCENT),
-    "gate": (Acts.GATE_MM,),
-    "scale": (Acts.FLOW_PERCENT,),
-    "speed": (Acts.WHEEL_PERCENT,),
+ACTS: dict[str, tuple[TermTarget, ...]] = {
+    "shaft": (TermTarget.SHAFT_RPM, TermTarget.SHAFT_PERCENT),
+    "gate": (TermTarget.GATE_MM,),
+    "scale": (TermTarget.FLOW_PERCENT,),
+    "speed": (TermTarget.WHEEL_PERCENT,),
 }
 STAGE = {"scale": "flow"}
 
@@ -113,7 +119,7 @@ class PlainRival(NamedTuple):
     @property
     def over(self) -> tuple[str, ...]:
         """Variables of its lines."""
-        return tuple(dict.fromkeys(name for term in self.terms for name in term.variables))
+        return tuple(dict.fromkeys(name for term in self.terms for name in term.variable_names))
 
 
 def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
@@ -179,7 +185,7 @@ def _with_line(
         channel,
         tried,
         machine,
-        name_own_command(STAGE.get(channel, channel), line.variables[0]),
+        name_own_command(STAGE.get(channel, channel), line.variable_names[0]),
         usual,
     )
     return (tried, after) if stands else None
@@ -324,7 +330,7 @@ def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share:
             knee = Term.model_validate(
                 {
                     "id": find_free_id("shaft.knee_shaft_rpm", [term.id for term in machine.terms]),
-                    "acts_on": Acts.SHAFT_RPM,
+                    "acts_on": TermTarget.SHAFT_RPM,
                     "form": Form.DEAD_ZONE,
                     "over": [{"name": "shaft_rpm"}],
                     "coefficients": {"slope": -0.5, "low_end": -half, "high_end": half},
@@ -397,7 +403,7 @@ def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
     """Lines over every recorded variable, of a size that can be seen. level_open : nothing else
     is their level."""
     stage, machine = STAGE.get(channel, channel), on_log.machine
-    taken = {(term.acts_on, term.variables) for term in before}
+    taken = {(term.acts_on, term.variable_names) for term in before}
     never = {
         "time_s",
         *ANGLES,
@@ -434,7 +440,7 @@ def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
 
 def _term(
     machine: Machine,
-    acts: Acts,
+    acts: TermTarget,
     stage: str,
     name: str,
     coefficients: dict[str, float],

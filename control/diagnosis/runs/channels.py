@@ -14,17 +14,17 @@ from topdress.control.diagnosis.judgement.checks import LEVEL
 from topdress.control.diagnosis.judgement.noise import NoisePrior, Segments, merge_bands, segments
 from topdress.control.diagnosis.judgement.noise_fit import BAND_DOF
 from topdress.control.machine.compiled import (
-    flow_run,
-    flutes_run,
-    gate_effort_run,
-    gate_run,
-    heads_run,
-    scale_run,
-    shaft_effort_run,
-    shaft_run,
-    speed_run,
+    run_flow,
+    run_flutes,
+    run_gate,
+    run_gate_effort,
+    run_heads,
+    run_scale,
+    run_shaft,
+    run_shaft_effort,
+    run_speed,
 )
-from topdress.control.machine.effect import HOPPER
+from topdress.control.machine.effect import HOPPER_CAPACITY
 from topdress.control.machine.effort import EffortInput
 from topdress.control.machine.flow import FlowInput, FlowOutput, make_flow_start
 from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
@@ -33,7 +33,11 @@ from topdress.control.machine.machine import Machine, scale_nominal
 from topdress.control.machine.scale import ScaleInput
 from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
-from topdress.control.machine.stage_runner import LEAST_STEPS, MOST_STEP_S, make_input_rows
+from topdress.control.machine.stage_runner import (
+    MAX_MODEL_STEP_S,
+    MIN_STEPS_PER_ROW,
+    make_input_rows,
+)
 
 from .drives import Drive
 from .effort import DriveEffort
@@ -102,8 +106,8 @@ def in_force(rows: npt.NDArray[np.int64], count: int) -> list[tuple[int, slice]]
 
 # the start is made anew for each run, which writes into it
 _STAGE: dict[str, tuple[Any, Any, Any]] = {
-    "shaft": (shaft_run, make_shaft_start, ShaftOutput),
-    "gate": (gate_run, make_gate_start, GateOutput),
+    "shaft": (run_shaft, make_shaft_start, ShaftOutput),
+    "gate": (run_gate, make_gate_start, GateOutput),
 }
 
 
@@ -172,7 +176,7 @@ def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
 def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
     """Scale reading, kg."""
     count = len(h.time_s) - 1
-    over_full_kg = scale_nominal(machine, HOPPER) * OVER_FULL_KG
+    over_full_kg = scale_nominal(machine, HOPPER_CAPACITY) * OVER_FULL_KG
     levels = _hopper_levels(h, over_full_kg)
     read_s = h.time_s[:-1] + h.read_at * np.diff(h.time_s)
 
@@ -187,7 +191,7 @@ def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
             more_kg=h.more_kg,
         )
         return h.grid.of(
-            np.concatenate([scale_run(scales[k], seen[now]) for k, now in in_force(rows, count)])
+            np.concatenate([run_scale(scales[k], seen[now]) for k, now in in_force(rows, count)])
         )
 
     noise = machine.noise
@@ -218,7 +222,7 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
     refill_kg = h.refill_kg.copy()
     refill_kg[[begin for begin, _, _ in pieces]] = 0.0
     # the model fills in what it is given in every one of its steps
-    share = refill_kg / LEAST_STEPS
+    share = refill_kg / MIN_STEPS_PER_ROW
 
     def levels(plan: Schedule) -> Array:
         flow_sets, rows = switches(plan, "flow", h.time_s)
@@ -242,7 +246,7 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
         hopper = np.empty(count - 1)
         for begin, end, start_kg in pieces:
             first = FlowOutput(0.0, start_kg - over_kg)
-            out = flow_run(
+            out = run_flow(
                 flow_sets,
                 rows - begin,
                 make_flow_start(start_kg - over_kg, float(h.time_s[begin])),
@@ -304,7 +308,7 @@ def select_speed_rows(s: TwoSpeeds) -> Rows:
     def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "speed", in_log_s)
         return np.asarray(
-            speed_run(
+            run_speed(
                 sets,
                 rows,
                 make_speed_start(first, float(fine_s[0])),
@@ -350,7 +354,7 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
         sets, rows = switches(plan, "heads", h.time_s)
         there = in_force(rows, len(h.time_s))
         reads = np.array(
-            [np.concatenate([heads_run(sets[k], one[now]) for k, now in there]) for one in seen]
+            [np.concatenate([run_heads(sets[k], one[now]) for k, now in there]) for one in seen]
         )
         return h.grid.of(reads - reads.mean(axis=0)).ravel()
 
@@ -390,7 +394,7 @@ def bin_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
             seen = inputs[now].copy()
             if e.name == "effort":  # the gate moves no material
                 opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
-                seen["grams_rev"], seen["packed_g_rev"] = flutes_run(
+                seen["grams_rev"], seen["packed_g_rev"] = run_flutes(
                     flows[k],
                     e.speed[now],
                     opening,
@@ -424,7 +428,7 @@ def effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
     )
 
 
-_EFFORT = {"effort": shaft_effort_run, "gate_effort": gate_effort_run}
+_EFFORT = {"effort": run_shaft_effort, "gate_effort": run_gate_effort}
 
 
 def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
@@ -505,7 +509,7 @@ def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
     those that its variance is worth (`BAND_DOF`). All bands together have the level of the
     other checks.
     """
-    left = channel.measured - channel.predict(schedule(list_stages(machine), ()), MOST_STEP_S)
+    left = channel.measured - channel.predict(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
     cut, step_s = channel.cut, channel.grid.step_s
     power = np.add.reduceat(noises.coefficients(left, cut) ** 2, cut.starts)
     fitted = noises.fit(power, noises.start(channel.prior), channel.prior, cut, step_s)

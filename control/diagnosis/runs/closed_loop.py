@@ -9,29 +9,29 @@ from typing import NamedTuple
 from topdress.control.agronomy.crop import Crop
 from topdress.control.agronomy.noa import Rule
 from topdress.control.field.job import Job
-from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.fault_injection import PlantedEffect
 from topdress.control.machine.machine import Machine
 from topdress.control.simulation.assembly import (
-    control_loop,
-    simulated_machine,
-    with_simulated_field,
+    add_simulated_field,
+    make_control_loop,
+    make_plant,
 )
-from topdress.control.simulation.closed_loop import Record, simulated_run
-from topdress.control.simulation.error_metrics import Errors, errors
+from topdress.control.simulation.closed_loop import RunRecord, simulate_run
+from topdress.control.simulation.error_metrics import RunErrors, judge_run
 
 
 class LoopGain(NamedTuple):
     """Rate and place error in the field of a machine that has the effects: controlled without
     and with knowing them."""
 
-    before: Errors
-    after: Errors
+    before: RunErrors
+    after: RunErrors
 
 
 def closed_loop_gain(
     nominal: Machine,
     extended: Machine,
-    planted: Sequence[Planted],
+    planted: Sequence[PlantedEffect],
     crop: Crop,
     rule: Rule,
     job: Job,
@@ -54,16 +54,16 @@ def closed_loop_gain(
     seconds, seed, dt_s
         Length of each run, s; seed of its noise; its tick, s.
     """
-    at = with_simulated_field(job, nominal)
+    at = add_simulated_field(job, nominal)
     found = []
     for known in (nominal, extended):
-        record = Record()
-        plant = simulated_machine(nominal, at, seed, dt_s, planted)
-        for step in simulated_run(plant, control_loop(known, crop, rule, at), seconds):
-            record.add(step)
+        record = RunRecord()
+        plant = make_plant(nominal, at, seed, dt_s, planted)
+        for step in simulate_run(plant, make_control_loop(known, crop, rule, at), seconds):
+            record.add_tick(step)
         found.append(
-            errors(
-                record.columns(),
+            judge_run(
+                record.make_columns(),
                 record.fired,
                 nominal.geometry.working_width_m,
                 nominal.fall.lever_arm_m,

@@ -19,9 +19,9 @@ from topdress.control.diagnosis.judgement.evidence import (
 )
 from topdress.control.diagnosis.judgement.noise import coefficients, series_of
 from topdress.control.diagnosis.judgement.prior import FORM_SHARE, find_size_sd
-from topdress.control.machine.effect import HOPPER
-from topdress.control.machine.machine import Machine, bounds, scale_nominal
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.effect import HOPPER_CAPACITY
+from topdress.control.machine.machine import Machine, find_size_bounds, scale_nominal
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.control.machine.terms import name_own_command
 
 from .channels import ChannelSeries
@@ -108,7 +108,7 @@ def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) 
             continue
         value = getattr(model.base.by_name[n.stage], n.field) + n.step
         plan = schedule(model.base.put(n.stage, **{n.field: value}), here)
-        change = (channel.predict(plan, MOST_STEP_S) - now) / n.step
+        change = (channel.predict(plan, MAX_MODEL_STEP_S) - now) / n.step
         found.append(
             _column(
                 model,
@@ -144,7 +144,10 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
             turning = turning * (channel.grid.even_s >= data.shaft.steps_from_s)
         return [_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
     if channel.name == "scale" and data.hopper is not None:
-        bins, hopper = np.arange(len(data.hopper.reading_kg)), scale_nominal(model.machine, HOPPER)
+        bins, hopper = (
+            np.arange(len(data.hopper.reading_kg)),
+            scale_nominal(model.machine, HOPPER_CAPACITY),
+        )
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
         return [
             _column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
@@ -579,4 +582,4 @@ def _slope_step(part: EffectInstance, machine: Machine) -> float:
         step = max(0.02 * abs(part.size), 0.02 * abs(row.trial_sizes[-1]))
     if part.id == effects.SPEED_GNSS_LATENCY.id:
         step = LATENCY_STEP_S
-    return step if part.size + step <= bounds(part.id, machine).high else -step
+    return step if part.size + step <= find_size_bounds(part.id, machine).high else -step

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from topdress.control.diagnosis.dataframe_input import LogTable, columns_of, machine_of
 from topdress.control.diagnosis.result import notebook
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries, channels
 from .findings import note_reverse_turning
@@ -127,7 +127,7 @@ def compared(
     ('shaft', True, True)
     """
     old, new = machine_of(old), machine_of(new)
-    log = gate(columns_of(columns), old.has)
+    log = gate(columns_of(columns), old.has_stage)
     log = moved(log, find_row_order(log, old))
     step(0.1, "data")
     # what comes of it is looked at: a channel without numbers is left out
@@ -158,7 +158,7 @@ def _predictions(
     found = {}
     for number, (name, series) in enumerate(seen.items()):
         step(number / len(seen), name)
-        found[name] = _PredictedSeries(series, series.predict(plan, MOST_STEP_S))
+        found[name] = _PredictedSeries(series, series.predict(plan, MAX_MODEL_STEP_S))
     return found
 
 

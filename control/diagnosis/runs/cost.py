@@ -8,9 +8,9 @@ import numpy.typing as npt
 from topdress.control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, rate_error_percent
 from topdress.control.diagnosis.effects import ROWS, Costs, Needs
 from topdress.control.diagnosis.result import FieldCost
-from topdress.control.experiments.levels import USUAL_MPS
+from topdress.control.experiments.levels import USUAL_SPEED_MPS
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.control.recordings.speeds import MOVING_MPS
 
 from .channels import SEAM_S, select_speed_rows, simulate_drive_rows
@@ -76,7 +76,7 @@ def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> l
         "shaft_rpm": machine.set_points.shaft_rpm,
         "opening_mm": machine.set_points.opening_mm,
         "hopper_kg": machine.flow.full_kg,
-        "speed_mps": USUAL_MPS,
+        "speed_mps": USUAL_SPEED_MPS,
         "pitch_deg": 0.0,
     }
     known = {
@@ -94,8 +94,8 @@ def _standing(drive: Drive, plan: Schedule) -> Array:
     """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off
     by what that is off."""
     if drive.name == "shaft":
-        return simulate_drive_rows(drive)(plan, MOST_STEP_S)[:, 0]
-    true, read = simulate_drive_rows(drive)(plan, MOST_STEP_S).T
+        return simulate_drive_rows(drive)(plan, MAX_MODEL_STEP_S)[:, 0]
+    true, read = simulate_drive_rows(drive)(plan, MAX_MODEL_STEP_S).T
     return np.asarray(np.maximum(0.0, 2.0 * true - read))
 
 
@@ -120,7 +120,7 @@ def _late_s(part: EffectInstance, machine: Machine, data: RunData) -> float | No
         )
     if stage == "speed" and data.speed is not None:
         every = np.flatnonzero(data.speed.time_s >= (part.onset_s or -np.inf))
-        now, late = (select_speed_rows(data.speed)(plan, MOST_STEP_S)[:, 1] for plan in plans)
+        now, late = (select_speed_rows(data.speed)(plan, MAX_MODEL_STEP_S)[:, 1] for plan in plans)
         return _behind_s(now, late, joined(data.speed.time_s, SEAM_S), every)
     return None
 
@@ -146,6 +146,6 @@ def _behind_s(
 def _mean_speed(data: RunData) -> float:
     speed = data.variables.get("speed_mps")
     if speed is None:
-        return USUAL_MPS
+        return USUAL_SPEED_MPS
     moving = speed[(data.working > 0.0) & (speed > MOVING_MPS)]
-    return float(np.mean(moving)) if len(moving) else USUAL_MPS
+    return float(np.mean(moving)) if len(moving) else USUAL_SPEED_MPS

@@ -28,7 +28,7 @@ from topdress.control.diagnosis.prediction.predictive_validation import validate
 from topdress.control.diagnosis.prediction.rival import find_curves
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.machine.machine import Machine
-from topdress.control.recordings.values import readable
+from topdress.control.recordings.values import blank_unreadable
 
 from .channels import ChannelSeries, channels, without_narrowband
 from .findings import (
@@ -315,7 +315,9 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
     """What such data show all the same: the applied rate against the target."""
     failed: list[str] = []
     sane = {
-        name: readable(values) if np.issubdtype(np.asarray(values).dtype, np.floating) else values
+        name: blank_unreadable(values)
+        if np.issubdtype(np.asarray(values).dtype, np.floating)
+        else values
         for name, values in columns.items()
     }
     fits, why = attempt("applied against target", lambda: rates(sane), failed) or ((), "")
@@ -333,7 +335,7 @@ def series_of_log(
     """The cleaned log, its channels with what comes in steps or spells taken out, and the
     effects that those were."""
     failed: list[str] = []
-    log = gate(columns, machine.has)
+    log = gate(columns, machine.has_stage)
     log = attempt("the order of rows", lambda: ordered(log, machine), failed) or log
     in_steps = attempt("steps of the shaft's readings", lambda: without_steps(log, machine), failed)
     if in_steps is None:

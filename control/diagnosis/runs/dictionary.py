@@ -16,12 +16,24 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.judgement.noise import coefficients
-from topdress.control.machine.compiled import term_run
-from topdress.control.machine.form import FORMS, SHAFT_ANGLE, FormSeries, Scaled, TriedForm, scaled
-from topdress.control.machine.forms import Lost, ProductForm
+from topdress.control.machine.compiled import run_term
+from topdress.control.machine.form import (
+    FORMS,
+    SHAFT_ANGLE,
+    FormSeries,
+    ScaledVariable,
+    TriedForm,
+    scale_variable,
+)
+from topdress.control.machine.forms import LostConstantForm, ProductForm
 from topdress.control.machine.machine import Machine, scale_nominal
-from topdress.control.machine.stage_runner import MOST_STEP_S
-from topdress.control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, name_own_command
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
+from topdress.control.machine.terms import (
+    COMMANDED_RPM,
+    TARGET_STAGES,
+    TermTarget,
+    name_own_command,
+)
 
 from .channels import simulate_drive_rows
 from .drives import Drive
@@ -34,17 +46,17 @@ from .whitened import WhitenedResidual
 
 Array = npt.NDArray[np.float64]
 
-CHANNEL_OF: dict[Acts, str] = {
-    Acts.SHAFT_PERCENT: "shaft",
-    Acts.SHAFT_RPM: "shaft",
-    Acts.GATE_MM: "gate",
-    Acts.FLOW_PERCENT: "scale",
-    Acts.SCALE_KG: "scale",
-    Acts.WHEEL_PERCENT: "speed",
+CHANNEL_OF: dict[TermTarget, str] = {
+    TermTarget.SHAFT_PERCENT: "shaft",
+    TermTarget.SHAFT_RPM: "shaft",
+    TermTarget.GATE_MM: "gate",
+    TermTarget.FLOW_PERCENT: "scale",
+    TermTarget.SCALE_KG: "scale",
+    TermTarget.WHEEL_PERCENT: "speed",
 }
 UNIT_EFFECT = {
-    Acts.FLOW_PERCENT: EffectInstance(effects.FLOW_GAIN.id, 1.0),
-    Acts.WHEEL_PERCENT: EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0),
+    TermTarget.FLOW_PERCENT: EffectInstance(effects.FLOW_GAIN.id, 1.0),
+    TermTarget.WHEEL_PERCENT: EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0),
 }
 # The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product
 # with another variable that noise adds up to nothing.
@@ -63,7 +75,7 @@ LEAST_KEPT = 64  # coefficients: of a short log all
 LEAST_LEVEL = 1e-3
 
 
-def quantities(model: GroupModel) -> list[Acts]:
+def quantities(model: GroupModel) -> list[TermTarget]:
     """Quantities that a group's channels show."""
     # rounding is a dependence of its own
     in_steps = model.data.shaft is not None and model.data.shaft.step > 0.0
@@ -77,7 +89,7 @@ def quantities(model: GroupModel) -> list[Acts]:
 class ActedOn:
     """One quantity under a hypothesis: series over the log's rows to series of its channel."""
 
-    def __init__(self, model: GroupModel, parts: Hypothesis, acts: Acts) -> None:
+    def __init__(self, model: GroupModel, parts: Hypothesis, acts: TermTarget) -> None:
         self.channel = model.channel(CHANNEL_OF[acts])
         self.acts, self._model, self._parts = acts, model, parts
         unit = UNIT_EFFECT.get(acts)
@@ -102,7 +114,7 @@ class ActedOn:
             )
         hopper = data.hopper
         assert hopper is not None
-        if self.acts is Acts.SCALE_KG:
+        if self.acts is TermTarget.SCALE_KG:
             return channel.grid.of(
                 np.array([average_bins(one, data.row_s, hopper.time_s)[:-1] for one in rows])
             )
@@ -124,9 +136,9 @@ class ActedOn:
         return np.array([self._of_shaft(drive, was, one) for one in picked])
 
     def _shaft_rpm(self, drive: Drive) -> Array:
-        return simulate_drive_rows(drive)(schedule(self._model.base, self._parts), MOST_STEP_S)[
-            :, 0
-        ]
+        return simulate_drive_rows(drive)(
+            schedule(self._model.base, self._parts), MAX_MODEL_STEP_S
+        )[:, 0]
 
     def _of_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
         """Slope of the shaft's speed in so much of a series over its rows: while it runs up
@@ -134,7 +146,7 @@ class ActedOn:
         share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
         moved = (
             drive._replace(more=drive.more + share * one)
-            if self.acts is Acts.SHAFT_PERCENT
+            if self.acts is TermTarget.SHAFT_PERCENT
             else drive._replace(more_rpm=drive.more_rpm + share * one)
         )
         change = self._shaft_rpm(moved) - was
@@ -146,7 +158,7 @@ class ActedOn:
 class Variables(NamedTuple):
     """What the forms of one quantity may be over."""
 
-    by_name: dict[str, Scaled]
+    by_name: dict[str, ScaledVariable]
     one: tuple[str, ...]
     two: tuple[str, ...]  # in products with each other
     never_alone: tuple[str, ...] = ()  # in products with those of `two` only
@@ -181,7 +193,7 @@ class FormGroup(NamedTuple):
 class FormCandidate(NamedTuple):
     """A form of a quantity. gain : in twice the log-likelihood; score : less what ranks forms."""
 
-    acts: Acts
+    acts: TermTarget
     tried: TriedForm
     gain: float = 0.0
     score: float = 0.0
@@ -196,9 +208,9 @@ class Dictionary:
             acts: (ActedOn(model, (), acts), _variables(model.data, model.machine, acts))
             for acts in quantities(model)
         }
-        self._made: dict[Acts, list[FormGroup]] = {}
+        self._made: dict[TermTarget, list[FormGroup]] = {}
 
-    def entries(self, acts: Acts) -> list[FormGroup]:
+    def entries(self, acts: TermTarget) -> list[FormGroup]:
         if acts not in self._made:
             acted, variables = self.of[acts]
             self._made[acts] = [
@@ -256,9 +268,9 @@ def scan(
     return found
 
 
-def _variables(data: RunData, machine: Machine, acts: Acts) -> Variables:
+def _variables(data: RunData, machine: Machine, acts: TermTarget) -> Variables:
     """Variables that move, by their names, and those that may be multiplied with each other."""
-    stage = STAGE_OF[acts]
+    stage = TARGET_STAGES[acts]
     inputs = dict(data.inputs)
     # as predicted: a reading's own noise must not come back
     if "hopper_kg" in data.variables:
@@ -267,38 +279,38 @@ def _variables(data: RunData, machine: Machine, acts: Acts) -> Variables:
     turning = inputs.get("shaft_rpm", np.ones(len(work))) > TURNS_RPM
     if stage in ("shaft", "flow") and turning.sum() > WORKS_SHARE * len(work):
         work = turning
-    found: dict[str, Scaled] = {}
+    found: dict[str, ScaledVariable] = {}
     for name in _names(data, acts):
         values = inputs.get(name_own_command(stage, name))
         if values is None or not np.isfinite(values).all():
             continue
-        one = scaled(name, values, work, data.row_s, term_run)
+        one = scale_variable(name, values, work, data.row_s, run_term)
         least = scale_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(
             name, float(np.finfo(float).tiny)
         )
         if one.high - one.low >= least:
             found[name] = one
-    if acts is Acts.SHAFT_RPM:
+    if acts is TermTarget.SHAFT_RPM:
         commands = data.inputs[COMMANDED_RPM]
         turning = commands > TURNS_SHARE * float(commands.max(initial=0.0))
-        found["shaft_rpm"] = Scaled(
-            "shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, turning, data.row_s, term_run
+        found["shaft_rpm"] = ScaledVariable(
+            "shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, turning, data.row_s, run_term
         )
     never_alone = tuple(name for name in found if name in NEVER_ALONE.get(stage, ()))
     single = tuple(
         name
         for name in found
-        if name not in never_alone and (acts is not Acts.SHAFT_RPM or name == "time_s")
+        if name not in never_alone and (acts is not TermTarget.SHAFT_RPM or name == "time_s")
     )
     double = tuple(
         name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE, *never_alone)
     )
-    return Variables(found, single, double if acts is not Acts.SHAFT_RPM else (), never_alone)
+    return Variables(found, single, double if acts is not TermTarget.SHAFT_RPM else (), never_alone)
 
 
-def _names(data: RunData, acts: Acts) -> list[str]:
+def _names(data: RunData, acts: TermTarget) -> list[str]:
     """What a quantity may depend on; of the shaft, temporary terms are looked for in r/min."""
-    stage = STAGE_OF[acts]
+    stage = TARGET_STAGES[acts]
     further = [name for name in data.variables if name not in MIN_RANGE]
     names = [
         name
@@ -307,42 +319,42 @@ def _names(data: RunData, acts: Acts) -> list[str]:
     ]
     drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
     # on a bench, time and command are one
-    if acts is Acts.SHAFT_PERCENT or (drive is not None and drive.settled):
+    if acts is TermTarget.SHAFT_PERCENT or (drive is not None and drive.settled):
         names.remove("time_s")
-    return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
+    return [*names, SHAFT_ANGLE] if acts is TermTarget.SHAFT_PERCENT else names
 
 
-def _tried(acts: Acts, variables: Variables, data: RunData) -> Iterator[list[TriedForm]]:
+def _tried(acts: TermTarget, variables: Variables, data: RunData) -> Iterator[list[TriedForm]]:
     """The forms of one quantity, those that share series together."""
     by_name = variables.by_name
-    if acts is Acts.SHAFT_RPM:
-        yield Lost.tried(by_name["shaft_rpm"])
+    if acts is TermTarget.SHAFT_RPM:
+        yield LostConstantForm.list_candidates(by_name["shaft_rpm"])
     for name in variables.one:
         unseen = _moves_unseen(acts, name, data)
         yield [
             form
             for kind in FORMS.values()
             if not (kind.of_moves and unseen)
-            for form in kind.tried(by_name[name])
+            for form in kind.list_candidates(by_name[name])
         ]
     yield [
         form
         for a, b in variables.pairs()
-        for form in ProductForm.tried_with(by_name[a], by_name[b])
+        for form in ProductForm.list_pair_candidates(by_name[a], by_name[b])
     ]
     for last in variables.never_alone:
         yield [
             form
             for name in variables.two
-            for form in ProductForm.tried_with(by_name[name], by_name[last], alone=1)
+            for form in ProductForm.list_pair_candidates(by_name[name], by_name[last], alone=1)
         ]
 
 
-def _moves_unseen(acts: Acts, name: str, data: RunData) -> bool:
+def _moves_unseen(acts: TermTarget, name: str, data: RunData) -> bool:
     """Whether forms over a drive's own command would tell how it moves, of a log that does not
     hold all commands."""
     drive, own = {"shaft": (data.shaft, "shaft_rpm"), "gate": (data.gate, "opening_mm")}.get(
-        STAGE_OF[acts], (None, "")
+        TARGET_STAGES[acts], (None, "")
     )
     return drive is not None and not drive.moves_seen and name == own
 
@@ -359,7 +371,7 @@ def _entry(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> 
             for series, weight in column.items():
                 mix[places[series], k] = weight
         mixes.append(mix)
-    rows = np.array([series.rows(variables.by_name) for series in places])
+    rows = np.array([series.calc_rows(variables.by_name) for series in places])
     every = coefficients(
         np.concatenate((acted.of(rows), acted.constant)).astype(np.float32), acted.channel.cut
     )

@@ -26,7 +26,7 @@ from topdress.control.diagnosis.effects import (
     SHAFT_SLOW,
     reach,
 )
-from topdress.control.machine.shaft import lag_s
+from topdress.control.machine.shaft import calc_time_constant_s
 
 from .hypothesis import EffectInstance, Hypothesis
 from .search import Search
@@ -94,7 +94,7 @@ def started(
 def _swings(search: Search, others: Hypothesis) -> list[Hypothesis]:
     """The best of every frequency and damping: T = 2 damping / frequency, T2 = 1 / (2 damping
     frequency)."""
-    model, tau_s = search.model, lag_s(search.model.machine.shaft)
+    model, tau_s = search.model, calc_time_constant_s(search.model.machine.shaft)
     measured, (low, high) = (
         model.channel("shaft").measured,
         np.array([reach(one, model.machine) for one in SWING]).T,

@@ -8,17 +8,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 from topdress.control.calibration.first_machine import (
-    ANSWERED,
-    NOT_OFF,
-    OffZero,
+    NO_ZERO_OFFSET,
+    SETTLING_TAUS,
+    ZeroOffset,
     find_rows_at_rest,
     find_zero_offset,
 )
-from topdress.control.machine.compiled import term_run
+from topdress.control.machine.compiled import run_term
 from topdress.control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
-from topdress.control.machine.shaft import fastest_rpm_s
-from topdress.control.machine.term_sums import over_log
+from topdress.control.machine.shaft import calc_acceleration_rpm_s
+from topdress.control.machine.term_sums import sum_over_log
 
 from .grid import SMOOTH_S, Grid, bridged, make_grid, smoothed, windows
 from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, make_term_inputs, rows_of
@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 # of the drives at the beginning, at most: their past is not in the log ...
 SETTLE_S = 3.0
 # ... nor is it seen after so many times what they take to answer: exp(-10)
-SETTLES = 2.0 * ANSWERED
+SETTLES = 2.0 * SETTLING_TAUS
 # of the rows, before which commands may be missing: more, and no move is known
 MAX_LOST = 0.1
 LATE_ROWS = 0.01  # of the rows missing, and as many ...
@@ -84,7 +84,9 @@ def read_whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     """Shaft and gate of a log, by name, at every row even of a long log that is otherwise
     looked at in windows."""
     every = rows_of(log, machine)
-    more = over_log(machine.terms, make_term_inputs(log, every, machine), every.time_s, term_run)
+    more = sum_over_log(
+        machine.terms, make_term_inputs(log, every, machine), every.time_s, run_term
+    )
     return read_drives(log, every._replace(more=more), machine, whole=True)
 
 
@@ -105,15 +107,15 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
             every,
             every.command_rpm,
             scale_nominal(machine, SHAFT_RANGE) * SAME_RPM,
-            machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s,
-            fastest_rpm_s(machine.shaft),
+            machine.shaft.dead_time_s + SETTLING_TAUS * machine.shaft.time_constant_s,
+            calc_acceleration_rpm_s(machine.shaft),
         )
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         sure &= ~turns_at_zero(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         settle_s = min(
             SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
         )
-        settled = log.held and every.step_s > ANSWERED * (
+        settled = log.held and every.step_s > SETTLING_TAUS * (
             machine.shaft.dead_time_s + machine.shaft.time_constant_s
         )
         found["shaft"] = _drive(
@@ -171,7 +173,7 @@ def turns_at_zero(
     shaft in open loop: one that holds its speed has run away."""
     shaft, at_zero = machine.shaft, command_rpm == 0.0
     rests = at_zero & find_rows_at_rest(
-        time_s, command_rpm, read_rpm, shaft.dead_time_s + ANSWERED * shaft.time_constant_s
+        time_s, command_rpm, read_rpm, shaft.dead_time_s + SETTLING_TAUS * shaft.time_constant_s
     )
     least_rpm = max(
         scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM,
@@ -188,14 +190,14 @@ def turns_at_zero(
     return np.asarray(time_s - last <= shaft.dead_time_s + SETTLES * shaft.time_constant_s)
 
 
-def off_zero(drive: Drive | None, machine: Machine) -> OffZero:
+def off_zero(drive: Drive | None, machine: Machine) -> ZeroOffset:
     """How a shaft stands to a command of 0."""
     if drive is None:
-        return NOT_OFF
+        return NO_ZERO_OFFSET
     answers_s = (
         0.0
         if drive.settled
-        else machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s
+        else machine.shaft.dead_time_s + SETTLING_TAUS * machine.shaft.time_constant_s
     )
     return find_zero_offset(
         drive.time_s, drive.command, drive.measured, answers_s, machine.noise.shaft_rpm

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import minimum_filter1d
-from topdress.control.machine.effect import HOPPER, SHAFT_RANGE
+from topdress.control.machine.effect import HOPPER_CAPACITY, SHAFT_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
 
 from .grid import Grid, bridged, make_grid
@@ -108,7 +108,7 @@ def read_drive_effort(
     hopper = bridged(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
     supply = np.maximum(1.0, every.supply_v[used])
     middle = time[0] + width * (np.arange(len(members)) + 0.5)
-    rises = np.diff(hopper) > scale_nominal(machine, HOPPER) * 3.0
+    rises = np.diff(hopper) > scale_nominal(machine, HOPPER_CAPACITY) * 3.0
     return DriveEffort(
         name,
         time[used],

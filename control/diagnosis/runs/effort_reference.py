@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
-from topdress.control.calibration.adopt import make_title, merge_records, record
-from topdress.control.calibration.least_squares import FittedInterval, fitted
+from topdress.control.calibration.adopt import make_record, make_title, merge_records
+from topdress.control.calibration.least_squares import FittedInterval, fit_linear
 from topdress.control.diagnosis.effects import ROWS
-from topdress.control.machine.compiled import flutes_run
+from topdress.control.machine.compiled import run_flutes
 from topdress.control.machine.machine import Machine
 
 from .effort import EFFORT, DriveEffort, read_drive_effort
@@ -69,7 +69,9 @@ def fit_effort(
             f"needed, with the speed or the opening, in {LEAST_BINS} half seconds at least"
         )
     records = tuple(
-        record(place, one, of, data, date, {}) for fit in fits for place, one, of in fit.numbers
+        make_record(place, one, of, data, date, {})
+        for fit in fits
+        for place, one, of in fit.numbers
     )
     of_effort = [one for one, row in ROWS.items() if row.stage == "effort"]
     return Machine.model_validate(
@@ -85,7 +87,7 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
     of, per = ("", "r/min") if d.name == "effort" else ("gate_", "mm/s")
     stage, notes = machine.effort._replace(by_supply=float(machine.effort_unit == "%")), []
     left = d.measured / (1.0 + stage.by_supply * (d.supply_share - 1.0))
-    flutes = flutes_run(
+    flutes = run_flutes(
         machine.flow, d.speed, d.opening_mm, d.pitch_deg, d.share_full, d.time_s, d.refilled
     )[:, 0]
     asked: dict[str, tuple[Array, str]] = {}
@@ -121,7 +123,7 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
     design = np.column_stack([d.binned(asked[name][0]) for name in names])
     known = d.members > 0
     y = d.binned(left)[known]
-    fit = fitted(design[known], y, 1.0 / np.sqrt(d.members[known]))
+    fit = fit_linear(design[known], y, 1.0 / np.sqrt(d.members[known]))
     below = [
         k for k, name in enumerate(names) if fit.coefficients[k] <= 0.0 and "coulomb" not in name
     ]
@@ -130,7 +132,7 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
         stage = stage._replace(**{names[k]: 0.0})
     if below:
         names = [name for k, name in enumerate(names) if k not in below]
-        fit = fitted(
+        fit = fit_linear(
             design[known][:, [k for k in range(design.shape[1]) if k not in below]],
             y,
             1.0 / np.sqrt(d.members[known]),

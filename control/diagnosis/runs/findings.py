@@ -16,7 +16,7 @@ from topdress.control.diagnosis.judgement.prior import (
 )
 from topdress.control.machine.effect import OPENING_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import drive_channel
 from .drives import SAME_MM, Drive, against_the_way, off_zero, read_whole_drives, turns_at_zero
@@ -60,7 +60,7 @@ def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) 
                 continue
             channel = drive_channel(every[name], machine)
             plans = [schedule(one.search.model.base, p) for p in ((), parts)]
-            left = [channel.measured - channel.predict(plan, MOST_STEP_S) for plan in plans]
+            left = [channel.measured - channel.predict(plan, MAX_MODEL_STEP_S) for plan in plans]
             errors = [float(np.sqrt(np.mean(series**2))) for series in left]
             words = "holds" if errors[1] < errors[0] else "does NOT hold"
             said.append(

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.machine.effect import HOPPER, SHAFT_RANGE
+from topdress.control.machine.effect import HOPPER_CAPACITY, SHAFT_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
 
 from .grid import MAX_BRIDGED_STEPS, Grid, held, make_grid
@@ -84,7 +84,9 @@ def read_hopper(
     kg = np.where(seen > 0, sums / np.maximum(1, seen), np.nan)
     within = np.bincount(bins, weights=(time[known] - edges[bins]) / width, minlength=count)
     read_at = np.where(seen > 0, within / np.maximum(1, seen), 0.5)
-    rise_kg = max(scale_nominal(machine, HOPPER) * REFILL_KG, REFILL_SD * machine.noise.scale_kg)
+    rise_kg = max(
+        scale_nominal(machine, HOPPER_CAPACITY) * REFILL_KG, REFILL_SD * machine.noise.scale_kg
+    )
     refill, jumps, hidden = _refills(kg, rise_kg)
     stated = []
     for jump in jumps:

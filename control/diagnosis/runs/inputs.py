@@ -10,7 +10,11 @@ import numpy.typing as npt
 from topdress.control.machine.effect import SHAFT_RANGE
 from topdress.control.machine.form import SHAFT_ANGLE
 from topdress.control.machine.machine import Machine, scale_nominal
-from topdress.control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s
+from topdress.control.machine.term_sums import (
+    average_commands_over_log,
+    calc_angle_over_log,
+    calc_dead_times_s,
+)
 from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 from topdress.control.recordings.times import GAP_STEPS
 
@@ -112,17 +116,17 @@ def make_term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, 
         ("shaft_rpm", "opening_mm"),
         (COMMANDED_RPM, COMMANDED_MM),
         (every.command_rpm, every.command_mm),
-        dead_times_s(machine),
+        calc_dead_times_s(machine),
         strict=True,
     ):
         if np.isfinite(command).all():
-            found[written] = commanded_over_log(command, time, dead_s)
+            found[written] = average_commands_over_log(command, time, dead_s)
         if log.has(name):
             found[name] = every.shaft_rpm if name == "shaft_rpm" else every.opening_mm
             if written not in found:
                 found[written] = found[name]
     if log.has("shaft_rpm"):
-        found[SHAFT_ANGLE] = angle_over_log(every.shaft_rpm, time)
+        found[SHAFT_ANGLE] = calc_angle_over_log(every.shaft_rpm, time)
     further = {name: bridged(time, series, series) for name, series in log.further.items()}
     return found | read_slowly(log, every) | further
 

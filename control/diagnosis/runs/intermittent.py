@@ -19,7 +19,7 @@ from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.effects import ROWS
 from topdress.control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, log_odds
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import bin_effort, hopper_channel
 from .effort import EFFORT, DriveEffort
@@ -331,7 +331,7 @@ def _without_bridges(
     where the scale bears it out.
     """
     channel = hopper_channel(h, machine)
-    predicted = channel.predict(schedule(list_stages(machine), ()), MOST_STEP_S)
+    predicted = channel.predict(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
     left = channel.measured - predicted
     steps = np.abs(np.diff(left, append=left[-1:]))
     swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))

@@ -7,19 +7,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.log_row import COLUMNS, COMMANDS_HELD, EFFORTS
+from topdress.control.log_row import COLUMNS, COMMANDS_HELD, EFFORT_COLUMNS
 from topdress.control.orders import State
 from topdress.control.recordings.finding import Finding
-from topdress.control.recordings.mended import mended
+from topdress.control.recordings.mended import mend_recording
 from topdress.control.recordings.speeds import MOVING_MPS
-from topdress.control.recordings.times import SELDOM_STEP_S
+from topdress.control.recordings.times import LONG_STEP_S
 from topdress.control.recordings.values import (
-    ANYTHING,
-    as_printed,
-    known,
-    readable,
-    without_held,
-    without_lone,
+    UNLIMITED,
+    blank_held_readings,
+    blank_outliers,
+    blank_sentinels,
+    blank_unreadable,
+    round_as_printed,
 )
 
 # columns, besides the ten published variables: 560 products of two
@@ -60,7 +60,7 @@ NUMBERS = (
     "wheel_speed_mps",
     "work_switch",
     *HEADS,
-    *EFFORTS,
+    *EFFORT_COLUMNS,
 )
 # Of the published columns, those that no diagnosis of a log reads: neither the channels nor
 # `rates`.
@@ -267,7 +267,7 @@ def gate(
     """
     if "time_s" not in columns:
         raise ValueError("column time_s: missing: a run log needs it")
-    read, odd = mended(
+    read, odd = mend_recording(
         {
             **{
                 name: np.asarray(columns[name], np.float64)
@@ -282,13 +282,15 @@ def gate(
     least = MIN_SETTLED if held else MIN_ROWS
     step = _checked_step(time, least, odd)
     found = {
-        name: readable(as_printed(read[name])) if name in read else np.full(len(time), np.nan)
+        name: blank_unreadable(round_as_printed(read[name]))
+        if name in read
+        else np.full(len(time), np.nan)
         for name in NUMBERS
     }
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
-        found[name] = without_held(name, found[name], step, odd)
+        found[name] = blank_held_readings(name, found[name], step, odd)
     for name in ("supply_v", "pitch_deg", "roll_deg"):
-        found[name] = without_lone(name, found[name], odd)
+        found[name] = blank_outliers(name, found[name], odd)
     findings = [str(finding) for finding in odd]
     never = ": a scale that never changes is not read"
     found["hopper_kg"] = _unless_still("hopper_kg", found["hopper_kg"], never, findings)
@@ -369,7 +371,11 @@ def _further(
     for name, raw in read.items():
         if name in COLUMNS:
             continue
-        values = without_lone(name, readable(known(name, as_printed(raw), ANYTHING, odd)), odd)
+        values = blank_outliers(
+            name,
+            blank_unreadable(blank_sentinels(name, round_as_printed(raw), UNLIMITED, odd)),
+            odd,
+        )
         seen = values[np.isfinite(values)]
         if (
             len(seen) >= max(MIN_ROWS, MIN_KNOWN * len(values))
@@ -393,7 +399,7 @@ def _checked_step(time: Array, least: int, findings: list[Finding]) -> float:
             "all: allowed "
             f"up to {LONGEST_STEP_S:g} s between rows: are the times in another unit?"
         )
-    if step > SELDOM_STEP_S:
+    if step > LONG_STEP_S:
         findings.append(
             Finding(
                 "seldom",

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from topdress.control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER, SHAFT_SLOW
 from topdress.control.diagnosis.judgement import noise as noises
 from topdress.control.diagnosis.judgement.noise import coefficients
-from topdress.control.machine.effect import FULL_REVOLUTION, SLEW
-from topdress.control.machine.effort import OF_GATE, OF_SHAFT
+from topdress.control.machine.effect import FULL_REVOLUTION, SLEW_RATE
+from topdress.control.machine.effort import GATE_EFFORT_PARTS, SHAFT_EFFORT_PARTS
 from topdress.control.machine.machine import CATALOGUE, Machine, scale_nominal
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries
 from .effort import EFFORT
@@ -68,7 +68,7 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
             Nuisance(
                 "gate",
                 "slew_mm_s",
-                0.5 * scale_nominal(machine, SLEW),
+                0.5 * scale_nominal(machine, SLEW_RATE),
                 machine.gate.slew_mm_s * t.gate_slew_percent / 100.0,
             ),
             Nuisance("gate", "home_error_mm", 0.05, t.opening_mm),
@@ -84,7 +84,7 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
             ),
         )
     if channel in EFFORT:
-        own = OF_SHAFT if channel == "effort" else OF_GATE
+        own = SHAFT_EFFORT_PARTS if channel == "effort" else GATE_EFFORT_PARTS
         return tuple(
             Nuisance("effort", field, STEP_SHARE * value, value * t.effort_percent / 100.0)
             for field in own
@@ -264,7 +264,7 @@ class GroupModel:
     ) -> dict[str, Array]:
         self.ask()
         plan = schedule(base or self.base, parts)
-        return {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
+        return {c.name: c.predict(plan, MAX_MODEL_STEP_S) for c in channels}
 
     def _known(
         self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None

@@ -18,7 +18,7 @@ from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.judgement.prior import SAID
 from topdress.control.machine.effect import SHAFT_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import drive_channel
 from .drives import read_whole_drives
@@ -217,7 +217,7 @@ def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
     asked = np.interp(
         log.time_s,
         channel.grid.even_s,
-        channel.predict(schedule(list_stages(machine), ()), MOST_STEP_S),
+        channel.predict(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S),
     )
     there = slice(steps.first, None)
     true = asked[there] * ratio_before(

@@ -165,7 +165,7 @@ def _course(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
     lat, lon = np.asarray(lat, np.float64), np.asarray(lon, np.float64)
     first = int(np.flatnonzero(np.isfinite(lat))[0])
     way = np.gradient(
-        TangentPlane(float(lat[first]), float(lon[first])).many_to_m(lat, lon), axis=0
+        TangentPlane(float(lat[first]), float(lon[first])).project_many_to_m(lat, lon), axis=0
     )
     return np.where(np.hypot(*way.T) > 0.0, np.degrees(np.arctan2(way[:, 0], way[:, 1])), np.nan)
 

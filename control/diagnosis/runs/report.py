@@ -46,11 +46,17 @@ from topdress.control.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from topdress.control.experiments.experiment import Experiment, chosen
-from topdress.control.experiments.manoeuvres import Columns, manoeuvres
-from topdress.control.machine.effect import HOPPER
-from topdress.control.machine.machine import CATALOGUE, Machine, bounds, scale_nominal, unit_of
-from topdress.control.machine.shaft import swing
+from topdress.control.experiments.experiment import Experiment, choose_experiments
+from topdress.control.experiments.manoeuvres import Columns, list_manoeuvres
+from topdress.control.machine.effect import HOPPER_CAPACITY
+from topdress.control.machine.machine import (
+    CATALOGUE,
+    Machine,
+    describe_unit,
+    find_size_bounds,
+    scale_nominal,
+)
+from topdress.control.machine.shaft import calc_step_response
 
 from .channels import channels
 from .cost import field_cost
@@ -91,7 +97,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     cause = max(doubtful, key=lambda c: c.rivals[0].probability)
     rival = cause.rivals[0].id
     value = cause.size.value or ROWS[cause.id].probe or 1.0
-    every = manoeuvres(machine)
+    every = list_manoeuvres(machine)
     apart = np.array(
         [
             [
@@ -102,7 +108,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
             ]
         ]
     )
-    best = chosen(apart, [one.minutes for one in every], APART_SD, 1).tests
+    best = choose_experiments(apart, [one.minutes for one in every], APART_SD, 1).tests
     why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
     if not best:
         return NextRun(why, CATALOGUE[cause.id].effect.separate)
@@ -115,7 +121,7 @@ def find_separation(
 ) -> float:
     """What is left of an effect's trace, in standard deviations, once its rival is fitted to
     the manoeuvre's log."""
-    log = gate(manoeuvre.reads(machine))
+    log = gate(manoeuvre.predict(machine))
     data = run_data(log, machine)
     seen = channels(data, machine)
     names = next(names for names in GROUPS.values() if ROWS[part.id].channels[0] in names)
@@ -156,7 +162,7 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
                     noise.fast_sd,
                     p,
                     data,
-                    scale_nominal(one.search.model.machine, HOPPER) * RISE_KG,
+                    scale_nominal(one.search.model.machine, HOPPER_CAPACITY) * RISE_KG,
                 )
             )
             residual = residual - np.median(residual[:10])
@@ -247,10 +253,11 @@ def _not_shown(left: _Open) -> list[NotShown]:
     found = []
     for effect_id in dict.fromkeys(c.part.id for c in left.candidates):
         machine, size = search.model.machine, best.get(effect_id, np.inf)
-        most = max(map(abs, bounds(effect_id, machine)))
+        most = max(map(abs, find_size_bounds(effect_id, machine)))
         found.append(
             NotShown(
-                effect_id, Detectable(size if size <= most else None, unit_of(effect_id, machine))
+                effect_id,
+                Detectable(size if size <= most else None, describe_unit(effect_id, machine)),
             )
         )
     return found
@@ -405,7 +412,7 @@ def _answers(one: GroupResult) -> list[str]:
     shaft = schedule(one.search.model.base, parts).sets[-1].by_name["shaft"]
     if shaft.second_order_s <= 0.0:
         return []
-    answer = swing(shaft)
+    answer = calc_step_response(shaft)
     if answer.overshoot_percent > 0.0:
         how = (
             f"overshoots by {answer.overshoot_percent:.2g} %, swings with a period of "
@@ -441,13 +448,13 @@ def _never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> l
     """Effects that this log could not show at any size; of effort, where a drive of this log
     does."""
     return [
-        NotShown(effect_id, Detectable(None, unit_of(effect_id, machine)))
+        NotShown(effect_id, Detectable(None, describe_unit(effect_id, machine)))
         for effect_id, entry in CATALOGUE.items()
         if effect_id not in there
         and (
             ROWS[effect_id].channels[0] in shown
             if entry.stage == "effort"
-            else machine.has(entry.stage)
+            else machine.has_stage(entry.stage)
         )
     ]
 
@@ -532,7 +539,7 @@ def _apart(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
 def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
     low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
-    size = Size(seen.part.size, low, high, unit_of(seen.part.id, machine))
+    size = Size(seen.part.size, low, high, describe_unit(seen.part.id, machine))
     return Cause(
         seen.part.id,
         size,
@@ -552,7 +559,7 @@ def _cause(
     by what the whole model leaves."""
     part, place = one.found.parts[k], one.places[k]
     entry = CATALOGUE[part.id]
-    unit = unit_of(part.id, machine)
+    unit = describe_unit(part.id, machine)
     if entry.effect.onset_only:
         size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
     else:

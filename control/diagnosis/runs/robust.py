@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
 from topdress.control.diagnosis.judgement.evidence import Column, problem, subtract_columns
 from topdress.control.diagnosis.judgement.noise import coefficients, series_of
-from topdress.control.machine.compiled import remembered_run
+from topdress.control.machine.compiled import run_memory
 
 from .channels import ChannelSeries
 from .columns import Columns
@@ -67,7 +67,7 @@ def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     drawn_in = score / slope
     if np.var(fresh[free]) < WORTH * np.var(drawn_in[free]):
         return nothing
-    return np.asarray(remembered_run(memory, np.where(free, fresh - drawn_in, 0.0)))
+    return np.asarray(run_memory(memory, np.where(free, fresh - drawn_in, 0.0)))
 
 
 def _memory(left: Array, free: npt.NDArray[np.bool_]) -> float:

@@ -22,8 +22,8 @@ import numpy.typing as npt
 from topdress.control.diagnosis.effects import GATE_SLOW
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.shaft import LEAST_LAG_S
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries, channels
 from .hypothesis import EffectInstance, Schedule, list_stages, schedule
@@ -168,7 +168,7 @@ def _at_once(machine: Machine) -> Machine:
     """The same with drives that are there as soon as their dead time is over."""
     return machine.model_copy(
         update={
-            "shaft": machine.shaft._replace(time_constant_s=LEAST_LAG_S),
+            "shaft": machine.shaft._replace(time_constant_s=MIN_TIME_CONSTANT_S),
             "gate": machine.gate._replace(slew_mm_s=AT_ONCE * machine.gate.slew_mm_s),
         }
     )
@@ -225,7 +225,7 @@ def _residuals(
 ) -> dict[str, Array]:
     """What a machine leaves of these channels, where they are seen."""
     return {
-        word: seen[word].measured - seen[word].predict(plan, MOST_STEP_S)
+        word: seen[word].measured - seen[word].predict(plan, MAX_MODEL_STEP_S)
         for word in words
         if word in seen
     }

@@ -33,7 +33,7 @@ from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.noise import Noise
 from topdress.control.diagnosis.judgement.prior import find_size_log_weight, find_size_sd
 from topdress.control.machine.effect import OPENING_RANGE
-from topdress.control.machine.machine import CATALOGUE, Machine, scale_nominal, size_scale
+from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale, scale_nominal
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns
@@ -424,7 +424,7 @@ def candidates(
             continue
         low, high = reach(effect_id, machine)
         probe = (
-            size_scale(effect_id, machine) * entry.effect.probes[0]
+            calc_size_scale(effect_id, machine) * entry.effect.probes[0]
             if row.probe is None
             else row.probe
         )

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis import effects
-from topdress.control.machine.compiled import table_run
-from topdress.control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
+from topdress.control.machine.compiled import run_table
+from topdress.control.machine.effect import HOPPER_CAPACITY, OPENING_RANGE, SHAFT_RANGE
 from topdress.control.machine.elements import Table
 from topdress.control.machine.machine import Machine, scale_nominal
-from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
 from .hopper import Hopper
@@ -36,7 +36,7 @@ MIN_RANGE = {
     "hopper_kg": 10.0,
     "heading_deg": 30.0,
 }
-RANGES = {"shaft_rpm": SHAFT_RANGE, "opening_mm": OPENING_RANGE, "hopper_kg": HOPPER}
+RANGES = {"shaft_rpm": SHAFT_RANGE, "opening_mm": OPENING_RANGE, "hopper_kg": HOPPER_CAPACITY}
 
 # Recorded variables that follow a stage's own reading, so that its noise comes back through
 # them. Control sets shaft and gate by the measured speed, and by the scale through the flow
@@ -113,8 +113,8 @@ def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) 
     nothing = schedule(base, ())
     changed = hopper._replace(more_percent=hopper.more_percent + percent)
     return np.asarray(
-        hopper_channel(changed, machine).predict(nothing, MOST_STEP_S)
-        - hopper_channel(hopper, machine).predict(nothing, MOST_STEP_S)
+        hopper_channel(changed, machine).predict(nothing, MAX_MODEL_STEP_S)
+        - hopper_channel(hopper, machine).predict(nothing, MAX_MODEL_STEP_S)
     )
 
 
@@ -138,7 +138,7 @@ def series(
     if stage == "flow" and data.hopper is not None:
         values = at_times(data, over.variable, data.hopper.time_s)
         rows = [
-            flow_change(data.hopper, machine, base, table_run(over.nodes, shape(k), values))
+            flow_change(data.hopper, machine, base, run_table(over.nodes, shape(k), values))
             for k in range(1, SHAPES + 1)
         ]
         return np.array(rows)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.machine.compiled import term_run
+from topdress.control.machine.compiled import run_term
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.term_sums import over_log
+from topdress.control.machine.term_sums import sum_over_log
 
 from .drives import Drive, read_drives
 from .effort import DriveEffort, read_efforts
@@ -46,7 +46,7 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     every, c = rows_of(log, machine), log.columns
     time = every.time_s
     inputs = make_term_inputs(log, every, machine)
-    every = every._replace(more=over_log(machine.terms, inputs, time, term_run))
+    every = every._replace(more=sum_over_log(machine.terms, inputs, time, run_term))
     variables = variables_of(log, every)
     hopper = speed = heads = None
     driven = read_drives(log, every, machine, whole=False)

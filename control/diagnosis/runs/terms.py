@@ -33,11 +33,18 @@ from topdress.control.diagnosis.judgement.evidence import (
 )
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.noise import Noise, coefficients, series_of
-from topdress.control.machine.compiled import term_run
+from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import TriedForm
-from topdress.control.machine.forms import SPAN_PLACES, Lost, Periodic, SpanForm
-from topdress.control.machine.term_sums import over_log
-from topdress.control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, name_own_command
+from topdress.control.machine.forms import SPAN_PLACES, LostConstantForm, PeriodicForm, SpanForm
+from topdress.control.machine.term_sums import sum_over_log
+from topdress.control.machine.terms import (
+    TARGET_STAGES,
+    TARGET_UNITS,
+    Interval,
+    Term,
+    TermTarget,
+    name_own_command,
+)
 
 from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan
 from .held_out import errors_of, fit_amplitudes, held_out
@@ -164,7 +171,11 @@ def find_best_span(
         if "time_s" in variables.one:
             time = variables.by_name["time_s"]
             span = TriedForm(
-                SpanForm, ("time_s",), shape, SpanForm.columns(shape, time, time), SPAN_PLACES**2
+                SpanForm,
+                ("time_s",),
+                shape,
+                SpanForm.make_columns(shape, time, time),
+                SPAN_PLACES**2,
             )
             found.append(_verified(given, FormCandidate(acts, span), given.noise))
     return max(found, key=lambda one: one.worth, default=None)
@@ -175,7 +186,7 @@ def _best(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
     verified = [
         _verified(given, candidate, given.noise)
         for candidate in _candidates(given)
-        if not set(candidate.tried.over) <= not_over or candidate.tried.kind is Lost
+        if not set(candidate.tried.over) <= not_over or candidate.tried.kind is LostConstantForm
     ]
     best = max(verified, key=lambda one: one.worth, default=None)
     if best is None or best.worth <= prior.SAID:
@@ -187,7 +198,7 @@ def _best(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
 def _form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
     """The best form over the same variable under the noise that a term leaves: without it drift
     stood for a part of what it does, and bent the choice."""
-    if len(one.tried.over) > 1 or one.tried.kind in (SpanForm, Periodic, Lost):
+    if len(one.tried.over) > 1 or one.tried.kind in (SpanForm, PeriodicForm, LostConstantForm):
         return one
     acts = one.term.acts_on
     residual = given.whitened(one.noise)
@@ -211,7 +222,7 @@ def _candidates(given: TriedOn) -> list[FormCandidate]:
     under a calm one, under which drift looks like one: of each quantity and variables one form
     under each. Where something comes and goes is seen only in noise without its slow part: its
     edges are half a class off."""
-    chosen: dict[tuple[Acts, tuple[str, ...], str, int], FormCandidate] = {}
+    chosen: dict[tuple[TermTarget, tuple[str, ...], str, int], FormCandidate] = {}
     temporary = given.dictionary.scanned(given.whitened(_still(given.noise)), temporary=True)
     for noise in (given.noise,) if given.calm == given.noise else (given.noise, given.calm):
         lasting = given.dictionary.scanned(given.whitened(noise), temporary=False)
@@ -245,7 +256,7 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
     constant = acted.constant[: variables.has_level(form)]
 
     def gain(form: TriedForm) -> float:
-        series = np.concatenate((acted.of(form.rows(variables.by_name)), constant))
+        series = np.concatenate((acted.of(form.calc_rows(variables.by_name)), constant))
         return residual.beyond(acted.channel, coefficients(series, acted.channel.cut)).gain_of(
             np.eye(len(series))
         )
@@ -253,9 +264,9 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
     def near(form: TriedForm, fineness: float) -> Iterator[TriedForm]:
         for name in kind.movable:
             for way in (-fineness, fineness):
-                shape = {**form.shape, name: kind.step(form.shape, name, way, x)}
+                shape = {**form.shape, name: kind.step_shape(form.shape, name, way, x)}
                 if shape.get("high_end", np.inf) - shape.get("low_end", -np.inf) >= NARROWEST:
-                    yield form.moved(shape, variables.by_name)
+                    yield form.change_shape(shape, variables.by_name)
 
     steps = np.repeat(FINENESS if kind.leaps else FINENESS[:3], len(kind.movable)).tolist()
     return climb_to_best(form, gain, near, steps, again=False)
@@ -267,7 +278,7 @@ def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Fi
     quiet = _still(noise) if one.tried.kind.leaps else calm(noise, given.channels)
     form = _settled(given, one, quiet)
     name, cut = acted.channel.name, acted.channel.cut
-    rows = form.rows(variables.by_name)
+    rows = form.calc_rows(variables.by_name)
     series = np.concatenate((acted.constant[: variables.has_level(form)], acted.of(rows)))
     levels, usual = len(series) - len(rows), prior.USUAL_OF_TERM[one.acts]
     columns = tuple(
@@ -337,7 +348,7 @@ def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTe
     others came."""
     columns: list[Column] = []
     # a quantity has one level, whatever terms act on it
-    levels: dict[Acts, int] = {}
+    levels: dict[TermTarget, int] = {}
     forms: list[int] = []
     for one in terms:
         if one.levels and one.term.acts_on not in levels:
@@ -351,7 +362,7 @@ def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTe
     for one, at in zip(terms, forms, strict=True):
         acts, variables = one.term.acts_on, given.dictionary.of[one.term.acts_on][1]
         sizes = fit.amplitude[at : at + len(one.tried.columns)]
-        spread = float(np.std(sizes @ one.tried.rows(variables.by_name)))
+        spread = float(np.std(sizes @ one.tried.calc_rows(variables.by_name)))
         level_at = levels.pop(acts, None) if one.levels else None
         level = (
             0.0 if level_at is None else _level(fit, level_at, given.base, one.columns[0], spread)
@@ -403,10 +414,16 @@ def _along(one: Column, level: Column) -> float:
 
 
 def _term(
-    acts: Acts, form: TriedForm, sizes: Array, level: float, fit: Fit, at: int, variables: Variables
+    acts: TermTarget,
+    form: TriedForm,
+    sizes: Array,
+    level: float,
+    fit: Fit,
+    at: int,
+    variables: Variables,
 ) -> Term:
     """The term of a form's amplitudes, which a fit has from place `at` on, and its level."""
-    written = form.written(sizes.tolist(), level, variables.by_name)
+    written = form.write_form(sizes.tolist(), level, variables.by_name)
     intervals: tuple[Interval, ...] = ()
     if form.kind.main and len(sizes) == 1:
         middle = written.coefficients[form.kind.main]
@@ -416,10 +433,10 @@ def _term(
             * float(np.sqrt(max(fit.covariance[at, at], 0.0)) / max(abs(sizes[0]), 1e-300))
         )
         intervals = (Interval(form.kind.main, middle - half, middle + half),)
-    over = [{"name": name, "valid": variables.by_name[name].valid} for name in form.over]
+    over = [{"name": name, "valid": variables.by_name[name].valid_range} for name in form.over]
     return Term.model_validate(
         {
-            "id": _id(f"{STAGE_OF[acts]}.{written.form}_{'_'.join(form.over)}"),
+            "id": _id(f"{TARGET_STAGES[acts]}.{written.form}_{'_'.join(form.over)}"),
             "acts_on": acts,
             "form": written.form,
             "over": over,
@@ -438,7 +455,7 @@ def _id(words: str) -> str:
 
 def series_of_term(term: Term, data: RunData) -> Array:
     """Value of a term at the log's rows (rows,)."""
-    found = over_log([term], data.inputs, data.row_s, term_run)
+    found = sum_over_log([term], data.inputs, data.row_s, run_term)
     return found.get(term.acts_on.value, np.zeros(len(data.row_s)))
 
 
@@ -449,7 +466,7 @@ def _field_percent(term: Term, data: RunData) -> float:
     if term.stage == "scale" or not working.any():
         return 0.0
     wrong = series_of_term(term, data)[working]
-    if UNIT_OF[term.acts_on] != "%":
+    if TARGET_UNITS[term.acts_on] != "%":
         scale = data.inputs["opening_mm" if term.stage == "gate" else "shaft_rpm"][working]
         wrong = 100.0 * wrong / np.maximum(1.0, scale)
     return float(np.std(wrong))

@@ -23,7 +23,7 @@ from topdress.control.diagnosis.runs.cost import field_cost
 from topdress.control.diagnosis.runs.diagnose import judge_run
 from topdress.control.diagnosis.runs.selection import GroupResult
 from topdress.control.diagnosis.runs.stages import RunData
-from topdress.control.machine.machine import Machine, unit_of
+from topdress.control.machine.machine import Machine, describe_unit
 
 Columns = Mapping[str, npt.NDArray[Any]]
 # of a full hopper: below it an operator should have filled up
@@ -81,7 +81,7 @@ def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
     for form in forms:
         for k, name in enumerate(form.names):
             effect_id = name.split("#")[0]
-            units[name] = unit_of(effect_id, machine)
+            units[name] = describe_unit(effect_id, machine)
             cost = _percent(effect_id, machine, run.data) if form.normal[k][k] > 0.0 else None
             if cost is not None:
                 percent[name] = cost

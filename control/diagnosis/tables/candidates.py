@@ -17,7 +17,7 @@ from topdress.control.diagnosis.judgement.prior import (
     UNKNOWN,
     log_of_sign,
 )
-from topdress.control.machine.machine import CATALOGUE, bounds
+from topdress.control.machine.machine import CATALOGUE, find_size_bounds
 
 from .problem import TableProblem
 from .table_series import Array, BoolArray, TableCandidate, TablePiece
@@ -111,7 +111,7 @@ def _bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
     """Of a size on top of what the machine has: what is lost or extra by definition is never
     less than nothing."""
     entry = CATALOGUE[effect_id]
-    low, high = bounds(effect_id, problem.machine)
+    low, high = find_size_bounds(effect_id, problem.machine)
     has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
     return (entry.neutral - has if ROWS[effect_id].only_adds else low), high
 

@@ -17,7 +17,7 @@ from scipy.special import fdtrc, stdtrit
 from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.machine.fall import find_start_drop_s
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.start import response_s
+from topdress.control.machine.start import calc_response_s
 from topdress.control.recordings.speeds import KMH_PER_MPS
 
 from .rows import UNCORRECTED, list_labels
@@ -79,7 +79,7 @@ def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
     """Whole lags that a table holds, label by label; a drop time is completed by the machine's
     response."""
     labels = list_labels(table)
-    speed = table.speed_mps()
+    speed = table.find_speed_mps()
     found = []
     for label in dict.fromkeys(labels.tolist()):
         rows = labels == label
@@ -89,14 +89,14 @@ def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
         for column, unit in (("lag_m", "m"), ("lag_s", "s"), ("drop_s", "s"), ("miss_m", "m")):
             if column not in table.columns:
                 continue
-            used = rows & np.isfinite(table.columns[column]) & ~table.running()
+            used = rows & np.isfinite(table.columns[column]) & ~table.find_running_rows()
             if not used.any():
                 continue
             rpm = np.unique(table.columns["shaft_rpm"][used])
             groups = [table.columns[column][used & (table.columns["shaft_rpm"] == n)] for n in rpm]
             means = np.array([np.mean(group) for group in groups])
             if column == "drop_s":
-                means = means + [response_s(machine, n) for n in rpm.tolist()]
+                means = means + [calc_response_s(machine, n) for n in rpm.tolist()]
             if column == "miss_m":
                 if label != UNCORRECTED:
                     name += " with what was corrected for"
@@ -120,13 +120,13 @@ def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
 def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machine) -> Array:
     """Distance by which a correction was early, (n,) m: written speed times the lag corrected
     for; 0 without one."""
-    speed = table.speed_mps()
+    speed = table.find_speed_mps()
     if speed is None or not rows.any():
         return np.zeros(len(rpm))
     given = table.columns.get("corrected_lag_s", np.full(table.rows, np.nan))
     starts = np.array(
         [
-            response_s(machine, n) + find_start_drop_s(machine.fall, n)
+            calc_response_s(machine, n) + find_start_drop_s(machine.fall, n)
             for n in table.columns["shaft_rpm"].tolist()
         ]
     )

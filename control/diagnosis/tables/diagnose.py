@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from topdress.control.calibration.bench_table import BenchTable, usable
+from topdress.control.calibration.bench_table import BenchTable, select_usable_rows
 from topdress.control.diagnosis.result import Data, Diagnosis
 from topdress.control.machine.machine import Machine
 
@@ -102,7 +102,7 @@ def diagnose_tables(
     if not tables:
         raise ValueError("no table given: at least one is needed")
     tell = progress or (lambda share, what: None)
-    tables = [usable(table) for table in tables]
+    tables = [select_usable_rows(table) for table in tables]
     _refuse_twins(tables)
     once = without_duplicates(tables, machine)
     pieces = [piece for table in once.tables for piece in make_pieces(table, machine)]

@@ -15,7 +15,12 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
+from topdress.control.calibration.bench_table import (
+    LAG_COLUMNS,
+    SPEED_COLUMNS,
+    BenchTable,
+    select_rows,
+)
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.speeds import KMH_PER_MPS
 
@@ -134,7 +139,7 @@ def _rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
     return np.asarray(
         (list_labels(table) == series.label)
         & np.isfinite(table.columns[series.column])
-        & ~table.running()
+        & ~table.find_running_rows()
     )
 
 
@@ -146,10 +151,10 @@ def _without(table: BenchTable, column: str, rows: BoolArray) -> BenchTable:
 
 def _filled(table: BenchTable) -> BenchTable:
     """The table without rows in which nothing is measured any more."""
-    measured = [table.columns[name] for name in (*LAGS, "miss_m") if name in table.columns]
+    measured = [table.columns[name] for name in (*LAG_COLUMNS, "miss_m") if name in table.columns]
     if table.kind not in ("lag", "place") or not measured:
         return table
-    return where(table, np.any([np.isfinite(values) for values in measured], axis=0))
+    return select_rows(table, np.any([np.isfinite(values) for values in measured], axis=0))
 
 
 def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> BenchTable:
@@ -157,9 +162,11 @@ def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> Be
     is written."""
     times, distances = (pair.kept, pair.again) if pair.kept.unit == "s" else (pair.again, pair.kept)
     assert pair.speed_mps is not None
-    some = where(table, rows)
+    some = select_rows(table, rows)
     columns = {
-        name: values for name, values in some.columns.items() if name not in (*LAGS, *SPEEDS)
+        name: values
+        for name, values in some.columns.items()
+        if name not in (*LAG_COLUMNS, *SPEED_COLUMNS)
     }
     written = pair.speed_mps if distances.mps is None else distances.mps
     return replace(

@@ -11,7 +11,7 @@ from scipy.special import stdtr, stdtrit
 from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
 from topdress.control.diagnosis.judgement.prior import smallest_said
 from topdress.control.diagnosis.result import Detectable, Gain, NotShown
-from topdress.control.machine.machine import CATALOGUE, Machine, unit_of
+from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit
 
 from .problem import TableProblem
 from .search import Model, TableSearch, refined
@@ -115,7 +115,7 @@ def not_shown(
     """Every catalogued effect that is neither named nor a rival (`shown`). None: these rows
     cannot show it at all."""
     return tuple(
-        NotShown(effect_id, Detectable(smallest.get(effect_id), unit_of(effect_id, machine)))
+        NotShown(effect_id, Detectable(smallest.get(effect_id), describe_unit(effect_id, machine)))
         for effect_id in CATALOGUE
         if effect_id not in shown
     )

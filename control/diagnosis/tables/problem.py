@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.machine.machine import CATALOGUE, Machine, size_scale
+from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale
 
 from .clock import DITHERED, CoarseClock, find_clock_step, find_rounding_sd
 from .noise import TableNoise, find_quantum, noise_of, resolution_of, smoothed
@@ -105,7 +105,10 @@ class TableProblem(NamedTuple):
                 )
                 continue
             others = [effect for effect in effects if effect.candidate != candidate]
-            step = size_scale(candidate.id, self.machine) * CATALOGUE[candidate.id].effect.probes[0]
+            step = (
+                calc_size_scale(candidate.id, self.machine)
+                * CATALOGUE[candidate.id].effect.probes[0]
+            )
             columns.append((self.predicted([*others, SizedEffect(candidate, step)]) - base) / step)
         return base, np.column_stack([np.zeros((len(base), 0)), *columns])
 

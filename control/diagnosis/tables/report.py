@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.calibration.bench_table import LAGS, BenchTable
+from topdress.control.calibration.bench_table import LAG_COLUMNS, BenchTable
 from topdress.control.diagnosis.cost import (
     WITHOUT_MODEL,
     OperatingPoint,
@@ -33,12 +33,12 @@ from topdress.control.diagnosis.result import (
     Size,
     Verdict,
 )
-from topdress.control.experiments.bench_tests import bench_tests, make_two_rates_test
-from topdress.control.experiments.experiment import Experiment, chosen
-from topdress.control.experiments.levels import USUAL_MPS
+from topdress.control.experiments.bench_tests import list_bench_tests, make_two_rates_test
+from topdress.control.experiments.experiment import Experiment, choose_experiments
+from topdress.control.experiments.levels import USUAL_SPEED_MPS
 from topdress.control.machine.fall import find_start_drop_s
-from topdress.control.machine.machine import CATALOGUE, Machine, bounds, unit_of
-from topdress.control.machine.start import response_s
+from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, find_size_bounds
+from topdress.control.machine.start import calc_response_s
 
 from .clock import CoarseClock
 from .cross_calibration import across
@@ -96,7 +96,7 @@ def _cause(problem: TableProblem, one: NamedEffect, speed: float | None) -> Caus
             *(Rival(r.id, 0.5 * r.probability) for r in rivals),
         )
     interval = Size(
-        size, size - Z90 * one.se, size + Z90 * one.se, unit_of(candidate.id, problem.machine)
+        size, size - Z90 * one.se, size + Z90 * one.se, describe_unit(candidate.id, problem.machine)
     )
     return Cause(
         candidate.id,
@@ -127,7 +127,7 @@ def _clock_cause(problem: TableProblem, clock: CoarseClock, speed: float | None)
 
 
 def _speed(tables: Sequence[BenchTable]) -> float | None:
-    speeds = [s for table in tables if (s := table.speed_mps()) is not None]
+    speeds = [s for table in tables if (s := table.find_speed_mps()) is not None]
     return float(np.nanmean(np.concatenate(speeds))) if speeds else None
 
 
@@ -187,7 +187,11 @@ def find_two_rates(tables: Sequence[BenchTable], machine: Machine) -> NextRun | 
     """Starts tell nothing of the tube: where only they were measured, a change between two
     rates is next."""
     lags = [table for table in tables if table.kind == "lag"]
-    if machine.tube_is_settled or not lags or any(table.running().any() for table in lags):
+    if (
+        machine.tube_is_settled
+        or not lags
+        or any(table.find_running_rows().any() for table in lags)
+    ):
         return None
     return NextRun(
         "starts cannot tell whether the stream in the tube carries what falls or each "
@@ -269,10 +273,10 @@ def list_findings(
         )
     if judgement.unexplained and judgement.nearest is not None:
         near = judgement.nearest.id
-        low, high = bounds(near, problem.machine)
+        low, high = find_size_bounds(near, problem.machine)
         out.append(
             f"nearest effect: {near}, but its size would have to lie outside {low:g} to {high:g} "
-            f"{unit_of(near, problem.machine)}"
+            f"{describe_unit(near, problem.machine)}"
             + (", or be negative" if ROWS[near].only_adds else "")
         )
     if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
@@ -290,7 +294,7 @@ def _not_judged_sentences(table: BenchTable) -> list[str]:
     """Measured columns without a number."""
     return [
         f"{f'{table.path} {name}'.strip()}: not judged: no row has a number"
-        for name in LAGS
+        for name in LAG_COLUMNS
         if table.kind == "lag"
         and name in table.columns
         and not np.isfinite(table.columns[name]).any()
@@ -393,9 +397,9 @@ def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Nex
     )
     if not pairs:
         return None
-    every = bench_tests(machine)
+    every = list_bench_tests(machine)
     readings = {
-        effect: [one.reads(add_effects(machine, (effect,))) for one in every]
+        effect: [one.predict(add_effects(machine, (effect,))) for one in every]
         for pair in pairs
         for effect in pair
     }
@@ -405,7 +409,7 @@ def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Nex
             for a, b in pairs
         ]
     )
-    found = chosen(apart, [one.minutes for one in every], APART_SD, MAX_TESTS)
+    found = choose_experiments(apart, [one.minutes for one in every], APART_SD, MAX_TESTS)
     return NextTests(
         tuple(every[k] for k in found.tests),
         pairs,
@@ -426,7 +430,7 @@ def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -
     if costs in WITHOUT_MODEL:
         return WITHOUT_MODEL[costs]
     changed = add_effects(machine, (effect,))
-    speed = speed_mps if speed_mps is not None else USUAL_MPS
+    speed = speed_mps if speed_mps is not None else USUAL_SPEED_MPS
     points = (
         OperatingPoint(
             machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed
@@ -447,7 +451,7 @@ def _lag_s(machine: Machine) -> float:
     """Whole lag of a start at the set-point, the worst of its direction; s."""
     fall, rpm = machine.fall, machine.set_points.shaft_rpm
     return (
-        response_s(machine, rpm)
+        calc_response_s(machine, rpm)
         + find_start_drop_s(fall, rpm)
         + fall.latency_s
         + fall.first_fill_s

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.calibration.bench_table import LAGS, BenchTable, where
+from topdress.control.calibration.bench_table import LAG_COLUMNS, BenchTable, select_rows
 from topdress.control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
     CANOPY_SATURATION,
@@ -31,14 +31,14 @@ from topdress.control.diagnosis.effects import (
     SPEED_WHEEL_RADIUS,
     SPEED_WHEEL_SLIP,
 )
-from topdress.control.experiments.bench_tests import read_wheel
-from topdress.control.experiments.levels import USUAL_MPS
-from topdress.control.machine.fall import drop_s, find_start_drop_s
-from topdress.control.machine.flow import Flow, grams_per_rev
+from topdress.control.experiments.bench_tests import predict_wheel_mps
+from topdress.control.experiments.levels import USUAL_SPEED_MPS
+from topdress.control.machine.fall import calc_drop_s, find_start_drop_s
+from topdress.control.machine.flow import Flow, calc_grams_per_rev
 from topdress.control.machine.heads import WARM_UP_S, HeadInput, read_head
 from topdress.control.machine.machine import Machine
-from topdress.control.machine.scale import ScaleInput, scale_reads
-from topdress.control.machine.start import change_response_s, response_s
+from topdress.control.machine.scale import ScaleInput, read_scale
+from topdress.control.machine.start import calc_change_response_s, calc_response_s
 
 from .table_series import Array, BoolArray, TableCandidate, TablePiece, list_varying
 
@@ -99,7 +99,7 @@ def column_of(table: BenchTable) -> str:
 def roles_of(table: BenchTable) -> Roles:
     """Reads the labels and the speeds before; a table tells start or direction only where both
     of its sides occur."""
-    label, running = list_labels(table), table.running()
+    label, running = list_labels(table), table.find_running_rows()
     words = np.array([str(text).strip().lower() for text in label], dtype=object)
     empty, running_said = np.isin(words, list(EMPTY)), np.isin(words, list(RUNNING))
     up, down = np.isin(words, list(UP)), np.isin(words, list(DOWN))
@@ -128,7 +128,7 @@ def lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece for each measured column."""
     return tuple(
         _piece(table, machine, name)
-        for name in LAGS
+        for name in LAG_COLUMNS
         if name in table.columns and np.isfinite(table.columns[name]).sum() > 0
     )
 
@@ -136,14 +136,14 @@ def lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
 def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
     keep = np.isfinite(table.columns[name])
     rpm = table.columns["shaft_rpm"][keep]
-    speed = table.speed_mps()
+    speed = table.find_speed_mps()
     speed = None if speed is None else speed[keep]
     observed = table.columns[name][keep]
     if name == "lag_m":
         assert speed is not None
         observed = observed / speed
     label = list_labels(table)[keep]
-    roles = roles_of(where(table, keep))
+    roles = roles_of(select_rows(table, keep))
     # A column of times next to one of distances is the detector's; any other may have been read
     # off distances.
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
@@ -231,10 +231,13 @@ def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
     rows = list(zip(rpm.tolist(), roles.running.tolist(), strict=True))
     if name != "drop_s":
         total += [
-            change_response_s(machine) if running else response_s(machine, n) for n, running in rows
+            calc_change_response_s(machine) if running else calc_response_s(machine, n)
+            for n, running in rows
         ]
     if name != "response_s":
-        total += [drop_s(fall, n) if running else find_start_drop_s(fall, n) for n, running in rows]
+        total += [
+            calc_drop_s(fall, n) if running else find_start_drop_s(fall, n) for n, running in rows
+        ]
         total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
     return total
 
@@ -264,7 +267,7 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled
     `before`, else what the machine file in use says.
     """
-    rpm, speed = table.columns["shaft_rpm"], table.speed_mps()
+    rpm, speed = table.columns["shaft_rpm"], table.find_speed_mps()
     assert speed is not None
     label = list_labels(table)
     roles = roles_of(table)
@@ -406,7 +409,9 @@ def _catch_candidates(outlet: Array | None, pulsates: bool) -> tuple[TableCandid
 def _mass(
     flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array | None, outlets: int
 ) -> Array:
-    grams = [grams_per_rev(flow, n, o) for n, o in zip(rpm.tolist(), opening.tolist(), strict=True)]
+    grams = [
+        calc_grams_per_rev(flow, n, o) for n, o in zip(rpm.tolist(), opening.tolist(), strict=True)
+    ]
     mass = np.array(grams) * rpm / 60.0 * lasts_s / 1000.0
     if outlet is None:
         return mass * (
@@ -470,21 +475,22 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     the hopper scale."""
     columns = table.columns
     target = columns["target_kg"]
-    speed = table.speed_mps()
-    mean_mps = USUAL_MPS if speed is None else float(np.nanmean(speed))
+    speed = table.find_speed_mps()
+    mean_mps = USUAL_SPEED_MPS if speed is None else float(np.nanmean(speed))
     rpm = machine.set_points.shaft_rpm
     turns = _turns(table, machine, mean_mps)
-    opening = target * 1000.0 / np.maximum(turns * grams_per_rev(machine.flow, rpm, 1.0), 1e-9)
+    opening = target * 1000.0 / np.maximum(turns * calc_grams_per_rev(machine.flow, rpm, 1.0), 1e-9)
 
     def predict(m: Machine) -> Array:
-        moved = read_wheel(m, mean_mps) / read_wheel(machine, mean_mps)
+        moved = predict_wheel_mps(m, mean_mps) / predict_wheel_mps(machine, mean_mps)
         grams = np.array(
             [
-                grams_per_rev(m.flow, rpm, o) / max(grams_per_rev(machine.flow, rpm, o), 1e-9)
+                calc_grams_per_rev(m.flow, rpm, o)
+                / max(calc_grams_per_rev(machine.flow, rpm, o), 1e-9)
                 for o in opening.tolist()
             ]
         )
-        weighed = scale_reads(m.scale, ScaleInput(100.0, 0.0)) / scale_reads(
+        weighed = read_scale(m.scale, ScaleInput(100.0, 0.0)) / read_scale(
             machine.scale, ScaleInput(100.0, 0.0)
         )
         return np.asarray(target * grams * moved * weighed, np.float64)

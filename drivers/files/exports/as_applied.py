@@ -12,16 +12,16 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 from topdress.control.agronomy.crop import Crop
-from topdress.control.agronomy.noa import prepare
-from topdress.control.field.across import Across, across
+from topdress.control.agronomy.noa import prepare_rule
+from topdress.control.field.across import WidthError, measure_width_error
 from topdress.control.field.coverage import Coverage, Covered
-from topdress.control.field.totals import Arrival, Totaliser, Totals
+from topdress.control.field.totals import MaterialArrival, Totaliser, Totals
 from topdress.control.geodesy import Place, TangentPlane
 from topdress.control.log_row import HEAD_COLUMNS
-from topdress.control.loop.effort_watch import effort_input
-from topdress.control.machine.effort import shaft_effort
-from topdress.control.machine.fall import drop_s
-from topdress.control.machine.landing import falls_s
+from topdress.control.loop.effort_watch import make_effort_input
+from topdress.control.machine.effort import calc_shaft_effort
+from topdress.control.machine.fall import calc_drop_s
+from topdress.control.machine.landing import calc_fall_times_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves, SectionStrip
 from topdress.control.metering.inverse import Conditions
@@ -33,7 +33,7 @@ from topdress.drivers.files.exports.stopped import (
     find_stopped_rows,
 )
 from topdress.drivers.files.read_log import RunLog
-from topdress.drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLineError
 
 Floats = npt.NDArray[np.float64]
 
@@ -55,7 +55,7 @@ NEEDED_COLUMNS = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
 SPEED_COLUMNS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 
 
-class ExportError(OneLine):
+class ExportError(OneLineError):
     """The log cannot be exported; one line names file, column and what is allowed."""
 
 
@@ -120,7 +120,7 @@ class AsApplied:
     field_deg: Floats | None
     cut: LimitedGround | None  # None: nothing was, or the limit is not known
     # what it cost across the width; None: not by canopy, or not to be known
-    one_rate: Across | None = None
+    one_rate: WidthError | None = None
     # worked, by where it lies: with what came to lie on it, and with a rate of 0
     ground: Covered | None = None
     # released while commanded to stop: counted in totals.stopped_kg
@@ -257,9 +257,9 @@ def _select_worked_rows(log: RunLog, machine: Machine) -> _WorkedRows:
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
     # Each row's material falls for its own time, by its shaft speed.
-    drop = falls_s(
+    drop = calc_fall_times_s(
         time,
-        np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
+        np.array([calc_drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
         machine.fall.carried_share,
     )
     plane, way_m, heading = find_outlet_way(log, machine)
@@ -305,7 +305,7 @@ def calc_effort_percent(log: RunLog, machine: Machine) -> Floats:
         np.abs(log.numbers(name)) for name in ("shaft_effort", "shaft_rpm", "opening_mm")
     )
     known = np.isfinite(effort) & np.isfinite(opening) & (rpm > TURNING_RPM)
-    if not machine.has("effort") or not known.any():
+    if not machine.has_stage("effort") or not known.any():
         return np.full(len(log), np.nan)
     pitch, kg, supply = (
         np.where(np.isfinite(values := log.numbers(name)), values, usual)
@@ -317,8 +317,9 @@ def calc_effort_percent(log: RunLog, machine: Machine) -> Floats:
     )
     should = np.full(len(log), np.nan)
     should[known] = [
-        shaft_effort(
-            machine.effort, effort_input(machine, turns, mm, Conditions(at_s, full_kg, deg, volts))
+        calc_shaft_effort(
+            machine.effort,
+            make_effort_input(machine, turns, mm, Conditions(at_s, full_kg, deg, volts)),
         )
         for turns, mm, at_s, full_kg, deg, volts in np.column_stack(
             (rpm, opening, log.time_s, kg, pitch, supply)
@@ -333,8 +334,8 @@ def find_section_strips(log: RunLog, machine: Machine) -> tuple[SectionStrip, ..
     whole machine."""
     half = 0.5 * machine.geometry.working_width_m
     return (
-        machine.switched
-        if machine.switched and log.has("sections_cmd")
+        machine.switched_strips
+        if machine.switched_strips and log.has("sections_cmd")
         else (SectionStrip(-half, half, 1.0),)
     )
 
@@ -342,12 +343,12 @@ def find_section_strips(log: RunLog, machine: Machine) -> tuple[SectionStrip, ..
 def find_open_strips(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
     """Returns which of `find_section_strips` were open in each row, (n, strips): as commanded,
     later by the valve's delay."""
-    if not (machine.switched and log.has("sections_cmd")):
+    if not (machine.switched_strips and log.has("sections_cmd")):
         return np.ones((len(log), 1), dtype=np.bool_)
     valves = LoggedValves(machine.sections)
     return np.array(
         [
-            valves.open_at(time_s, stated)
+            valves.find_open_valves(time_s, stated)
             for time_s, stated in zip(
                 log.time_s.tolist(), log.texts("sections_cmd").tolist(), strict=True
             )
@@ -406,15 +407,15 @@ def find_worked_rows(log: RunLog) -> npt.NDArray[np.bool_]:
 def find_arrived_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """Returns the rows (n,) of work from the first in which material left, or no target was set,
     as the totals count them."""
-    arrival, found = Arrival(), find_worked_rows(log)
+    arrival, found = MaterialArrival(), find_worked_rows(log)
     applied = np.nan_to_num(log.numbers("applied_rate_kg_ha")).tolist()
     for k, (works, rate, target) in enumerate(
         zip(found.tolist(), applied, log.numbers("target_rate_kg_ha").tolist(), strict=True)
     ):
         if works:
-            found[k] = arrival.counts(rate, None if target != target else target)
+            found[k] = arrival.note_arrival(rate, None if target != target else target)
         else:
-            arrival.rest()
+            arrival.stop_work()
     return found
 
 
@@ -432,7 +433,7 @@ def find_outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats
             f"{log.path}: columns lat_deg, lon_deg: fewer than two places: allowed are two or more"
         )
     plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
-    places = plane.many_to_m(lat[fresh], lon[fresh])
+    places = plane.project_many_to_m(lat[fresh], lon[fresh])
     antenna = np.column_stack([np.interp(time, time[fresh], places[:, k]) for k in (0, 1)])
     stated = log.numbers("heading_deg")
     if np.isfinite(stated).any():
@@ -557,7 +558,7 @@ def _calc_corners_m(
 
 # Returns latitude and longitude (n, 2) of places (n, 2), m.
 def _convert_to_deg(plane: TangentPlane, places: Floats) -> Floats:
-    return np.array([plane.to_deg(east, north) for east, north in places.tolist()])
+    return np.array([plane.convert_to_deg(east, north) for east, north in places.tolist()])
 
 
 def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
@@ -579,7 +580,7 @@ def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Tota
     for seconds, speed, applied, target, wide in zip(
         *(column[counts].tolist() for column in columns), strict=True
     ):
-        totaliser.add(
+        totaliser.add_tick(
             seconds,
             None if speed != speed else speed,
             None if applied != applied else applied,
@@ -588,7 +589,7 @@ def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Tota
         )
     for one in find_stopped_releases(log):
         totaliser.add_stopped(one.kg)
-    return totaliser.snapshot()
+    return totaliser.make_totals()
 
 
 # Returns the ground on which the target exceeded the crop's limit; None where it never did, or the
@@ -610,7 +611,7 @@ def _find_limited_ground(
     )
 
 
-def _calc_one_rate_cost(log: RunLog, machine: Machine) -> Across | None:
+def _calc_one_rate_cost(log: RunLog, machine: Machine) -> WidthError | None:
     """Returns what a rate for the whole width costs, from the heads' readings while canopy was
     the source and material flowed; None where it cannot be known."""
     by_canopy = np.asarray(
@@ -628,11 +629,11 @@ def _calc_one_rate_cost(log: RunLog, machine: Machine) -> Across | None:
     )
     job = about.job or {}
     try:
-        rule = prepare(Crop.model_validate(about.crop), job.get("days"), job.get("ndvi_nrich"))
+        rule = prepare_rule(Crop.model_validate(about.crop), job.get("days"), job.get("ndvi_nrich"))
     # days to be counted from a weather file, or a sidecar of another program
     except ValueError:
         return None
-    return across(rule, machine, heads[new])
+    return measure_width_error(rule, machine, heads[new])
 
 
 def _cover_ground(
@@ -652,15 +653,15 @@ def _cover_ground(
     strides = np.diff(np.floor(way_m / COVER_STEP_M), prepend=-1.0) != 0.0
     for k in np.flatnonzero(gap | turns | last | strides).tolist():
         if gap[k]:
-            coverage.lay(
+            coverage.extend_to(
                 _to_place_pair(rows.begin_m[k]), float(rows.heading_deg[k]), (False,) * len(strips)
             )
-        coverage.lay(
+        coverage.extend_to(
             _to_place_pair(rows.end_m[k]),
             float(rows.heading_deg[k]),
             flows[k - 1 if turns[k] else k].tolist(),
         )
-    return coverage.covered
+    return coverage.covered_area
 
 
 # Returns a place as a pair, m.

@@ -294,7 +294,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
     """Writes the files that AgOpenGPS needs to open a field. Raises OSError."""
     origin = data.plane()
     plane = _Plane(origin.lat_deg, origin.lon_deg)
-    today = f"{day_clock.local_now():%Y-%B-%d %I:%M:%S %p}"
+    today = f"{day_clock.read_local_now():%Y-%B-%d %I:%M:%S %p}"
     files = {
         "Field.txt": [
             today,
@@ -320,9 +320,11 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
     if data.outline_deg is not None and data.headland_m:
         inner = data.boundary(origin)
         assert inner is not None
-        shrunk = inner.inset(data.headland_m).rings
+        shrunk = inner.inset_margin(data.headland_m).rings
         places = (
-            np.array([origin.to_deg(*place) for place in shrunk[0]]) if shrunk else np.zeros((0, 2))
+            np.array([origin.convert_to_deg(*place) for place in shrunk[0]])
+            if shrunk
+            else np.zeros((0, 2))
         )
         headland = plane.to_m(places)
         files["Headland.txt"] += [str(len(headland)), *_format_places(headland)]

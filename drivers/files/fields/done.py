@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from topdress.control.field.done_ground import DoneGround, done_ground
+from topdress.control.field.done_ground import DoneGround, rasterise_ground
 from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.fields.agopengps import read_worked_triangles
 from topdress.drivers.files.fields.field_data import FieldError
@@ -44,8 +44,8 @@ def read_worked_area(path: Path, plane: TangentPlane | None = None) -> DoneGroun
         plane = TangentPlane(float(north), float(east))
     on = plane
     try:
-        return done_ground(
-            shapely.transform(shapes, lambda at: on.many_to_m(at[:, 1], at[:, 0])), plane
+        return rasterise_ground(
+            shapely.transform(shapes, lambda at: on.project_many_to_m(at[:, 1], at[:, 0])), plane
         )
     except ValueError as error:
         raise FieldError(f"{path}: {error}") from None

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from topdress.control.field.boundary import Boundary, largest_part
+from topdress.control.field.boundary import Boundary, find_largest_part
 from topdress.control.field.job import Ground, GuidanceLine
 from topdress.control.geodesy import TangentPlane
 from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLineError
 
 # Difference of widths, m, up to which a headland counts as of one width: the error of hand-drawn
 # lines.
@@ -24,7 +24,7 @@ EVEN_HEADLAND_M = 0.5
 PARALLEL_LINES_DEG = 0.1
 
 
-class FieldError(OneLine):
+class FieldError(OneLineError):
     """The field cannot be used; one line says why."""
 
 
@@ -92,7 +92,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
         return data
     plane = data.plane()
     drawn = shapely.Polygon(_find_places_m(plane, data.outline_deg))
-    part = largest_part(drawn)
+    part = find_largest_part(drawn)
     if drawn.is_valid or not part.area:
         return data
     # GEOS says it as `Self-intersection[east north]`.
@@ -102,7 +102,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
         "it encloses"
     )
     if not largest:
-        lat, lon = plane.to_deg(east, north)
+        lat, lon = plane.convert_to_deg(east, north)
         raise FieldError(
             f"{path}: the outline crosses itself at {lat:.6f}, {lon:.6f}: allowed are edges "
             "that do not "
@@ -110,7 +110,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
         )
 
     def degrees(ring: shapely.LinearRing) -> Floats:
-        return np.array([plane.to_deg(*place) for place in ring.coords[:-1]])
+        return np.array([plane.convert_to_deg(*place) for place in ring.coords[:-1]])
 
     holes = [
         hole
@@ -128,7 +128,8 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
 
 def _find_places_m(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
     return [
-        (float(east), float(north)) for east, north in plane.many_to_m(degrees[:, 0], degrees[:, 1])
+        (float(east), float(north))
+        for east, north in plane.project_many_to_m(degrees[:, 0], degrees[:, 1])
     ]
 
 
@@ -215,7 +216,7 @@ def build_field_data(ground: Ground, title: str) -> FieldData:
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
 
     def degrees(places: Sequence[tuple[float, float]]) -> Floats:
-        return np.array([plane.to_deg(*place) for place in places])
+        return np.array([plane.convert_to_deg(*place) for place in places])
 
     return FieldData(
         ground.title or title,

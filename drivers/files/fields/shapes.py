@@ -186,7 +186,7 @@ def _refuse_unclear_field(
 def _calc_area_ha(shape: Any) -> float:
     ring = _extract_ring_deg(shape.exterior)
     data = FieldData("", ring)
-    places = data.plane().many_to_m(ring[:, 0], ring[:, 1])
+    places = data.plane().project_many_to_m(ring[:, 0], ring[:, 1])
     return float(shapely.Polygon(places).area) / 10_000.0
 
 

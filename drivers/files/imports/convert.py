@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from topdress.control.log_row import COMMANDS_HELD, TEXT_COLUMNS
 from topdress.control.orders import State
 from topdress.control.recordings.finding import Finding, many
-from topdress.control.recordings.times import mended_times
+from topdress.control.recordings.times import mend_times
 from topdress.drivers.files.columns import (
     Columns,
     count_microseconds,
@@ -362,7 +362,7 @@ def _order_rows(raw: RawTable, columns: Columns, findings: list[Finding]) -> Col
     known = us[~np.isnan(us)]
     first = known[0] if known.size else 0.0
     try:
-        times = mended_times((us - first) / 1e6)
+        times = mend_times((us - first) / 1e6)
     except ValueError as error:
         raise LogImportError(raw.path, f"{str(error).replace('time_s', 'time')}") from None
     findings += times.findings

@@ -8,8 +8,8 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import COLUMNS, PLAUSIBLE
-from topdress.control.recordings.speeds import unit_of
+from topdress.control.log_row import COLUMNS, PLAUSIBLE_RANGES
+from topdress.control.recordings.speeds import identify_unit
 from topdress.drivers.files.columns import (
     count_differences,
     is_number,
@@ -185,7 +185,7 @@ def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) 
     """Takes the unit that fits the places. `ratio`: of the file's own numbers to m/s between
     places."""
     key = ("columns", name)
-    fits = unit_of(ratio, physics.SPEED_FACTORS)
+    fits = identify_unit(ratio, physics.SPEED_FACTORS)
     if fits is None:
         out.doubts.append(
             Doubt(key, f"it is {ratio:.2f} times the speed between the places: no unit makes that")
@@ -200,9 +200,9 @@ def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) 
 def _check_ranges(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> None:
     for name, values in columns.items():
         known = values[np.isfinite(values)]
-        if name not in PLAUSIBLE or not known.size:
+        if name not in PLAUSIBLE_RANGES or not known.size:
             continue
-        low, high = PLAUSIBLE[name]
+        low, high = PLAUSIBLE_RANGES[name]
         noise = RANGE_NOISE_SHARE * np.abs(known).max()
         outside = known[(known < low - noise) | (known > high + noise)]
         if outside.size > 0.01 * known.size:

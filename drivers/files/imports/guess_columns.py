@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.log_row import COLUMNS, EFFORTS, PLAUSIBLE, TEXT_COLUMNS
-from topdress.control.recordings.speeds import FAST_MPS, MOVING_MPS
+from topdress.control.log_row import COLUMNS, EFFORT_COLUMNS, PLAUSIBLE_RANGES, TEXT_COLUMNS
+from topdress.control.recordings.speeds import IMPLAUSIBLE_MPS, MOVING_MPS
 from topdress.drivers.files.columns import is_time
 from topdress.drivers.files.imports import physics
 from topdress.drivers.files.imports.convert import make_extra_name
@@ -134,7 +134,9 @@ def _make_candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
         subject is None
         or not subject.reading
         or subject.id == "work"
-        or (subject.reading in EFFORTS and unit is not None and unit.name not in EFFORT_UNITS)
+        or (
+            subject.reading in EFFORT_COLUMNS and unit is not None and unit.name not in EFFORT_UNITS
+        )
     ):
         return None
     # Words of both roles: a raw command (PWM) stays a command.
@@ -271,7 +273,7 @@ def build_column(one: ColumnCandidate, out: ImportGuess) -> Column | None:
     if one.exact or one.target in TEXT_COLUMNS:
         out.reasons[key] = "the log's own name"
         return Column.from_source(one.source, missing=_find_missing_marks(one))
-    if one.unit is None or one.target in EFFORTS:
+    if one.unit is None or one.target in EFFORT_COLUMNS:
         return _build_without_unit(one, quantity, out)
     out.reasons[key] = "name and unit of the header"
     if one.unit.quantity == quantity or (quantity is None and one.unit.name == "%"):
@@ -374,7 +376,7 @@ def _build_without_unit(
             )
         return Column.from_source(one.source, unit="deg", missing=missing)
     moving = known[known > MOVING_MPS]
-    if quantity == "speed" and moving.size and np.median(moving) > FAST_MPS:
+    if quantity == "speed" and moving.size and np.median(moving) > IMPLAUSIBLE_MPS:
         unit = "km/h"
     spread = f"{known.min():g} to {known.max():g}" if known.size else "no values"
     out.doubts.append(Doubt(key, f"no unit in the header: taken for {unit} ({spread})"))
@@ -492,7 +494,7 @@ def calc_count_worth(most: float, full: float) -> float:
 
 # Returns the numbers that stand for not known, in the file's unit.
 def _find_missing_marks(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
-    low, high = PLAUSIBLE.get(one.target, (-np.inf, np.inf))
+    low, high = PLAUSIBLE_RANGES.get(one.target, (-np.inf, np.inf))
     factor = factor if np.isfinite(factor) else 1.0
     return (
         tuple(physics.find_sentinels(one.values, (low / factor, high / factor)))

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.control.calibration.first_machine import settings_a_row
-from topdress.control.recordings.speeds import over_track, unit_of
-from topdress.control.recordings.values import stand_for_nothing
+from topdress.control.calibration.first_machine import is_command_per_row
+from topdress.control.recordings.speeds import compare_with_track, identify_unit
+from topdress.control.recordings.values import flag_sentinels
 from topdress.drivers.files.imports.units import KNOWN_UNITS
 
 Floats = NDArray[np.float64]
@@ -52,10 +52,10 @@ def find_speed_unit(
     unit (None : no unit fits), and the ratio to m/s (NaN: unknown).
     """
     columns = {"time_s": time_s, "lat_deg": lat_deg, "lon_deg": lon_deg, "speed_mps": speed}
-    ratio = over_track(columns, "speed_mps")
+    ratio = compare_with_track(columns, "speed_mps")
     if ratio is None:
         return None, float("nan")
-    return unit_of(ratio, SPEED_FACTORS), ratio
+    return identify_unit(ratio, SPEED_FACTORS), ratio
 
 
 def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
@@ -83,7 +83,7 @@ def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
 def is_settings_table(time_s: Floats, command: Floats) -> bool:
     """Tells whether a command (n,), some of it unknown, is a table of settings, one a row."""
     known = command[np.isfinite(command)]
-    return known.size >= MIN_SETTINGS and settings_a_row(time_s, known)
+    return known.size >= MIN_SETTINGS and is_command_per_row(time_s, known)
 
 
 def calc_answer_slope(command: Floats, reading: Floats) -> float:
@@ -106,7 +106,7 @@ def calc_answer_slope(command: Floats, reading: Floats) -> float:
 def find_sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
     """Returns numbers by which programs say "not known": where the quantity cannot have them, or
     where no other value comes near."""
-    return [float(mark) for mark in np.unique(values[stand_for_nothing(values, limits)])]
+    return [float(mark) for mark in np.unique(values[flag_sentinels(values, limits)])]
 
 
 def _calc_correlation(steps: Floats, moves: Floats, lag: int) -> float:

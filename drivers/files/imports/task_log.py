@@ -231,7 +231,7 @@ def _describe_log(log: TimeLog, found: TaskLogs) -> str:
 
 # Returns a UTC as text, of microseconds since 1970.
 def _format_moment(us: int) -> str:
-    return f"{day_clock.moment(us / 1e6):%Y-%m-%d %H:%M:%S}"
+    return f"{day_clock.convert_to_utc(us / 1e6):%Y-%m-%d %H:%M:%S}"
 
 
 # Refuses logs that overlap in time. Raises ImportTrouble.

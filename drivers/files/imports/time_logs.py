@@ -259,7 +259,7 @@ def _calc_steps_m(heads: Columns) -> NDArray[np.float64]:
     if known.sum() < 2:
         return steps
     plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
-    places = plane.many_to_m(lat[known], lon[known])
+    places = plane.project_many_to_m(lat[known], lon[known])
     steps[known] = np.concatenate(([0.0], np.hypot(*np.diff(places, axis=0).T)))
     return np.where(steps > MIN_STEP_M, steps, 0.0)
 

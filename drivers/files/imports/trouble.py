@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Self
 
-from topdress.drivers.plain_text import Refused, one_line
+from topdress.drivers.plain_text import RefusedInput, join_lines
 
 
 class TableError(ValueError):
@@ -14,9 +14,9 @@ class TableError(ValueError):
     and what is allowed; `lines`: the same, each after the file's name."""
 
     def __init__(self, where: Path | str, *reasons: str) -> None:
-        self.where, self.reasons = str(where), tuple(map(one_line, reasons))
+        self.where, self.reasons = str(where), tuple(map(join_lines, reasons))
         self.lines = tuple(
-            one_line(f"{where}: {reason}" if self.where else reason) for reason in reasons
+            join_lines(f"{where}: {reason}" if self.where else reason) for reason in reasons
         )
         # A process that receives the error makes it again from these.
         super().__init__(self.where, *self.reasons)
@@ -25,7 +25,7 @@ class TableError(ValueError):
         return "\n".join(self.lines)
 
     @classmethod
-    def of(cls, error: Refused) -> Self:
+    def of(cls, error: RefusedInput) -> Self:
         """Returns another reader's refusal as an error of this class."""
         return cls(str(error.where), f"{error.reason}{error.hint}")
 

@@ -106,7 +106,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
 
 # Returns the place of a row, for messages.
 def _locate_row(path: Path, number: int) -> PlaceInFile:
-    return PlaceInFile(str(path)).at("row {row}", row=number)
+    return PlaceInFile(str(path)).go_down("row {row}", row=number)
 
 
 # Returns the polygons of a cell, each its outline, then holes, (k, 2) latitude and longitude.

@@ -204,7 +204,7 @@ def _take_chosen_column(
     if cells is None:
         number, row = next(row for row in numbered if parse_cell(row[1].get(column)) is None)
         raise PrescriptionError(
-            PlaceInFile(str(path)).at("row {row}", row=number),
+            PlaceInFile(str(path)).go_down("row {row}", row=number),
             "{column} {value}: allowed is a number",
             column=column,
             value=repr(row.get(column)),
@@ -286,7 +286,7 @@ def _describe_doubt(cells: Sequence[Cell]) -> str:
 
 # Returns the place of a column, for messages.
 def _locate_column(path: Path, one: _NumberColumn) -> PlaceInFile:
-    return PlaceInFile(str(path)).at("column {column}", column=one.name)
+    return PlaceInFile(str(path)).go_down("column {column}", column=one.name)
 
 
 def _assign_unit(
@@ -407,7 +407,7 @@ def build_imported_map(
     )
     column, unit = chosen.name, chosen.unit
     where = PlaceInFile(str(path))
-    factor = calc_factor_kg_ha(choice, unit, where.at("column {column}", column=column))
+    factor = calc_factor_kg_ha(choice, unit, where.go_down("column {column}", column=column))
     zones: list[Zone] = []
     empty = 0
     for feature, cell in zip(features, chosen.cells, strict=True):
@@ -417,7 +417,7 @@ def build_imported_map(
         rate = _check_number(
             choice,
             cell.value * factor,
-            where.at("row {row}: {column}", row=feature.number, column=column),
+            where.go_down("row {row}: {column}", row=feature.number, column=column),
         )
         zones += [Zone(rate, rings) for rings in feature.polygons_deg]
     unused = [
@@ -439,7 +439,7 @@ def build_imported_map(
         )
     if not zones:
         raise PrescriptionError(
-            where.at("column {column}", column=column), "empty everywhere: allowed is a number"
+            where.go_down("column {column}", column=column), "empty everywhere: allowed is a number"
         )
     check_degrees(path, np.concatenate([rings[0] for _, rings, _ in zones]))
     data = MapData(

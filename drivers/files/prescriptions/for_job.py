@@ -14,11 +14,11 @@ from topdress.control.field.job import Job
 from topdress.control.geodesy import TangentPlane
 from topdress.control.machine.machine import Machine
 from topdress.control.targets.index_map import IndexMap
-from topdress.control.targets.map_check import MapCheck, map_check
+from topdress.control.targets.map_check import MapCheck, check_map
 from topdress.control.targets.map_profile import MapProfile
 from topdress.control.targets.plants import PlantList
-from topdress.control.targets.point_source import FARTHEST_DOSE_M, DoseError
-from topdress.control.targets.prescription import MapData, on_plane, rates_on
+from topdress.control.targets.point_source import MAX_DOSE_ERROR_M, DoseError
+from topdress.control.targets.prescription import MapData, project_prescription, project_rates
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import files_of
 from topdress.drivers.files.limits import check_file
@@ -59,7 +59,7 @@ def read_plant_places(path: Path) -> Floats:
     if len(bad):
         lat, lon = places[bad[0]]
         raise PrescriptionError(
-            PlaceInFile(str(path)).at("plant {plant}", plant=bad[0] + 1),
+            PlaceInFile(str(path)).go_down("plant {plant}", plant=bad[0] + 1),
             "{lat:g}, {lon:g}: allowed are degrees, latitude -90 to 90, longitude -180 to 180",
             lat=lat,
             lon=lon,
@@ -81,17 +81,17 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
     ):
         one = DoseError(*cells)
         if not (
-            abs(one.error_m) <= FARTHEST_DOSE_M
+            abs(one.error_m) <= MAX_DOSE_ERROR_M
             and 0.0 < one.speed_mps <= MAX_DOSE_SPEED_MPS
-            and abs(one.threshold_m) <= FARTHEST_DOSE_M
+            and abs(one.threshold_m) <= MAX_DOSE_ERROR_M
         ):
             raise PrescriptionError(
-                PlaceInFile(str(path)).at("line {line}", line=number),
+                PlaceInFile(str(path)).go_down("line {line}", line=number),
                 "{error:g} m at {speed:g} m/s: allowed are errors and thresholds of at most "
                 "{most:g} m, speeds above 0 to {fastest:g} m/s",
                 error=one.error_m,
                 speed=one.speed_mps,
-                most=FARTHEST_DOSE_M,
+                most=MAX_DOSE_ERROR_M,
                 fastest=MAX_DOSE_SPEED_MPS,
             )
         found.append(one)
@@ -121,7 +121,7 @@ def _read_csv_rows(
                 rows.append(tuple(float(cell or "") for cell in cells))
             except ValueError:
                 raise PrescriptionError(
-                    PlaceInFile(str(path)).at("line {line}", line=number),
+                    PlaceInFile(str(path)).go_down("line {line}", line=number),
                     "{cells}: allowed are numbers",
                     cells=", ".join(str(cell) for cell in cells),
                 ) from None
@@ -156,7 +156,7 @@ def read_job_map(job: Job, folder: Path) -> MapProfile | None:
     OSError : it cannot be opened.
     """
     return _convert_job_map(
-        job, folder, lambda data, plane: MapProfile(on_plane(data, plane), plane)
+        job, folder, lambda data, plane: MapProfile(project_prescription(data, plane), plane)
     )
 
 
@@ -179,7 +179,9 @@ def find_map_check(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | Non
     OSError : it cannot be opened.
     """
     return _convert_job_map(
-        job, folder, lambda data, plane: map_check(data, limit_kg_ha, job.field.boundary(), plane)
+        job,
+        folder,
+        lambda data, plane: check_map(data, limit_kg_ha, job.field.make_boundary(), plane),
     )
 
 
@@ -211,7 +213,7 @@ def _convert_job_map(
             question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes"
         ) from None
     try:
-        return make(read.data, _find_field_plane(job) or read.data.plane())
+        return make(read.data, _find_field_plane(job) or read.data.make_plane())
     except ValueError as error:
         raise PrescriptionError(read.path, "{why}", why=error) from None
 
@@ -302,8 +304,8 @@ def _read_index_map(
     from topdress.drivers.files.prescriptions.read import read_index_map
 
     data = read_index_map(folder / name, index).data
-    plane = _find_field_plane(job) or plane or data.plane()
-    return IndexMap(rates_on(data, plane), plane, width_m)
+    plane = _find_field_plane(job) or plane or data.make_plane()
+    return IndexMap(project_rates(data, plane), plane, width_m)
 
 
 def read_job_worked_area(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGround | None:

@@ -66,9 +66,9 @@ def read_isoxml_map(files: TaskSet, path: Path, choice: RateChoice) -> ImportedM
     """Returns the prescription of a task file. Raises PrescriptionError."""
     root = read_task_tree(files)
     layer, ids = _choose_layer(root, files.label, choice)
-    where = PlaceInFile(files.label).at("task {task}", task=layer.id)
+    where = PlaceInFile(files.label).go_down("task {task}", task=layer.id)
     values = {
-        _parse_whole_number(zone.get("A", ""), 10, where.at("zone code")): _read_zone_value(
+        _parse_whole_number(zone.get("A", ""), 10, where.go_down("zone code")): _read_zone_value(
             zone, layer, where
         )
         for zone in layer.task.findall("TZN")
@@ -79,7 +79,7 @@ def read_isoxml_map(files: TaskSet, path: Path, choice: RateChoice) -> ImportedM
     }
     for code, rate in rates.items():
         if rate is not None:
-            check_rate_kg_ha(rate, lambda code=code: where.at("zone {zone}", zone=code))  # type: ignore[misc]
+            check_rate_kg_ha(rate, lambda code=code: where.go_down("zone {zone}", zone=code))  # type: ignore[misc]
     fallbacks = apply_fallback_choice(
         _read_fallbacks(layer.task, rates, where, findings), choice, where
     )
@@ -120,7 +120,7 @@ def _choose_layer(
             ddi = _parse_whole_number(
                 variable.get("A", ""),
                 16,
-                PlaceInFile(label).at("task {task}: PDV A", task=task.get("A")),
+                PlaceInFile(label).go_down("task {task}: PDV A", task=task.get("A")),
             )
             layer = _TaskLayer(task, ddi, variable.get("C", ""))
             if ddi not in SETPOINT_STEPS:
@@ -242,7 +242,7 @@ def _read_zone_value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> in
         None
         if found is None
         else _parse_whole_number(
-            found.get("B", ""), 10, where.at("zone {zone}: PDV B", zone=zone.get("A"))
+            found.get("B", ""), 10, where.go_down("zone {zone}: PDV B", zone=zone.get("A"))
         )
     )
 
@@ -262,7 +262,7 @@ def _read_fallbacks(
         if text is None:
             findings.append(Finding(f"no_{field[:-6]}_zone", f"no {name} zone: 0 kg/ha there"))
             continue
-        code = _parse_whole_number(text, 10, where.at("{key}", key=attribute))
+        code = _parse_whole_number(text, 10, where.go_down("{key}", key=attribute))
         if code not in rates:
             raise PrescriptionError(
                 where,
@@ -284,7 +284,7 @@ def _read_zones_deg(
         code = int(zone.get("A", "0"))
         rate = rates[code]
         for polygon in zone.findall("PLN"):
-            for rings in _read_rings_deg(polygon, where.at("zone {zone}", zone=code)):
+            for rings in _read_rings_deg(polygon, where.go_down("zone {zone}", zone=code)):
                 if rate is not None:
                     zones.append(Zone(rate, rings, zone.get("B", "")))
     if not zones:
@@ -306,7 +306,7 @@ def _read_field_outlines(
         for polygon in field.findall("PLN"):
             if polygon.get("A") == "1":
                 outlines += _read_rings_deg(
-                    polygon, PlaceInFile(label).at("field {field}", field=field.get("A"))
+                    polygon, PlaceInFile(label).go_down("field {field}", field=field.get("A"))
                 )
     usable = []
     for rings in outlines:
@@ -369,10 +369,10 @@ def _read_grid_deg(
 ) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (
-        _parse_whole_number(grid.get(key, ""), 10, where.at("grid {key}", key=key))
+        _parse_whole_number(grid.get(key, ""), 10, where.go_down("grid {key}", key=key))
         for key in ("E", "F")
     )
-    cell_lat, cell_lon = (_parse_attribute(grid, key, where.at("grid")) for key in ("C", "D"))
+    cell_lat, cell_lon = (_parse_attribute(grid, key, where.go_down("grid")) for key in ("C", "D"))
     if not (rows > 0 and columns > 0 and cell_lat > 0.0 and cell_lon > 0.0):
         raise PrescriptionError(
             where,
@@ -401,7 +401,7 @@ def _read_grid_deg(
             row, column = bad[0].tolist()
             check_rate_kg_ha(
                 float(rate[row, column]),
-                lambda: where.at(
+                lambda: where.go_down(
                     "{name}: row {row}, column {column}", name=name, row=row, column=column
                 ),
             )
@@ -506,7 +506,7 @@ def _parse_attribute(element: Element, attribute: str, where: PlaceInFile) -> fl
         value = float(text)
     except ValueError:
         raise PrescriptionError(
-            where.at("{key}", key=f"{element.tag} {attribute}"),
+            where.go_down("{key}", key=f"{element.tag} {attribute}"),
             "{value}: allowed is a number",
             value=repr(text),
         ) from None
@@ -516,7 +516,7 @@ def _parse_attribute(element: Element, attribute: str, where: PlaceInFile) -> fl
     ).get(attribute)
     if not np.isfinite(value) or (limit is not None and abs(value) > limit):
         raise PrescriptionError(
-            where.at("{key}", key=f"{element.tag} {attribute}"),
+            where.go_down("{key}", key=f"{element.tag} {attribute}"),
             "{value:g}: allowed a finite number"
             if limit is None
             else "{value:g}: allowed -{limit:g} to {limit:g}",

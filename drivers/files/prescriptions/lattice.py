@@ -242,8 +242,8 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
     metres are taken, whichever fits better. Raises NoLattice."""
     plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
     east, north = (
-        np.array(plane.to_m(plane.lat_deg, plane.lon_deg + 1e-4)),
-        np.array(plane.to_m(plane.lat_deg + 1e-4, plane.lon_deg)),
+        np.array(plane.project_to_m(plane.lat_deg, plane.lon_deg + 1e-4)),
+        np.array(plane.project_to_m(plane.lat_deg + 1e-4, plane.lon_deg)),
     )
     per_deg = np.array([east[0], north[1]]) / 1e-4
 
@@ -253,14 +253,14 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
         )
 
     def of_metres(places: Floats) -> Floats:
-        return np.array([plane.to_deg(*place) for place in places.tolist()])
+        return np.array([plane.convert_to_deg(*place) for place in places.tolist()])
 
     in_degrees = np.column_stack((lon - plane.lon_deg, lat - plane.lat_deg)) * per_deg
     found: list[tuple[PointGrid, Callable[[Floats], Floats]]] = []
     trouble: NoGridError | None = None
     ways: tuple[tuple[Floats, Callable[[Floats], Floats]], ...] = (
         (in_degrees, of_degrees),
-        (plane.many_to_m(lat, lon), of_metres),
+        (plane.project_many_to_m(lat, lon), of_metres),
     )
     for places, back in ways:
         try:

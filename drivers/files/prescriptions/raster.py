@@ -74,7 +74,7 @@ def _read_open_raster(path: Path, file: Any, choice: RateChoice) -> ImportedMap:
     held_to(
         RASTER_CELLS,
         max(high * wide for high, wide in file.block_shapes),
-        PlaceInFile(str(path)).at("a tile"),
+        PlaceInFile(str(path)).go_down("a tile"),
     )
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
     bands = [_read_band_values(file, k) for k in range(1, file.count + 1)]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from topdress.control.agronomy.noa import Rule
 from topdress.control.recordings.finding import Finding, many
-from topdress.control.targets.prescription import MapData, merged
+from topdress.control.targets.prescription import MapData, merge_zones
 from topdress.drivers.files.archives import chosen, files_at
 from topdress.drivers.files.imports.trouble import format_list
 from topdress.drivers.files.limits import check_file
@@ -25,7 +25,7 @@ from topdress.drivers.files.prescriptions.words import (
 )
 from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from topdress.drivers.files.what_it_is import TABLES, holds_points
-from topdress.drivers.plugins import has_format
+from topdress.drivers.plugins import has_format_plugin
 
 # Formats of even cells, none over another.
 EVEN_FORMATS = ("raster", "points")
@@ -82,7 +82,7 @@ def merge_map_zones(read: ImportedMap, step_kg_ha: float) -> ImportedMap:
             "merge {step:g}: allowed is a step above 0 kg/ha, for a map of zones",
             step=step_kg_ha,
         )
-    found = merged(read.data.zones, step_kg_ha)
+    found = merge_zones(read.data.zones, step_kg_ha)
     said = (
         f"{many(len(read.data.zones), 'zone')} merged to {len(found.zones)} by steps of "
         f"{step_kg_ha:g} kg/ha: as "
@@ -103,7 +103,7 @@ def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
         from topdress.drivers.files.prescriptions.shapes import read_geojson_map
 
         return _read_areas_or_points(partial(read_geojson_map, path, choice), path, choice)
-    if suffix in LAYER_ENDINGS or has_format(suffix):
+    if suffix in LAYER_ENDINGS or has_format_plugin(suffix):
         from topdress.drivers.files.prescriptions.shapes import read_map_layers
 
         return read_map_layers(path, choice)
@@ -248,7 +248,8 @@ def apply_canopy_rule(read: ImportedMap, rule: Rule) -> ImportedMap:
     _require_zones(read)
     index = rule.crop.index.upper()
     zones = tuple(
-        zone._replace(rate_kg_ha=rule.decide(zone.rate_kg_ha).rate_kg_ha) for zone in data.zones
+        zone._replace(rate_kg_ha=rule.decide_rate(zone.rate_kg_ha).rate_kg_ha)
+        for zone in data.zones
     )
     said = Finding("by_rule", f"{index} taken to rates by the rule of {rule.crop.name}")
     new = MapData(zones, None, data.fallbacks, data.fields_deg, data.title, data.product)

@@ -187,5 +187,5 @@ def _read_own_member(
     for name, value in fallbacks._asdict().items():
         place = PlaceInFile(str(path))
         key = f"{OWN_MEMBER}: {name}"
-        check_rate_kg_ha(value, partial(place.at, "{key}", key=key))
+        check_rate_kg_ha(value, partial(place.go_down, "{key}", key=key))
     return fallbacks, fields

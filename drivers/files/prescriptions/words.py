@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding
 from topdress.control.targets.prescription import Fallbacks, MapData
-from topdress.drivers.plain_text import PlaceInFile, Refused
+from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
 # Highest rate of a map, kg/ha: 20 t/ha of lime; more is a wrong unit.
 MAX_RATE_KG_HA = 20_000.0
@@ -53,7 +53,7 @@ RATE_UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 UNIT_NOT_NAMED = "as the file names no unit"
 
 
-class PrescriptionError(Refused):
+class PrescriptionError(RefusedInput):
     """The file cannot be used: file, place, value and what is allowed."""
 
 
@@ -247,5 +247,5 @@ def apply_fallback_choice(found: Fallbacks, choice: RateChoice, where: PlaceInFi
         if value is not None
     }
     for name, value in picked.items():
-        check_rate_kg_ha(value, lambda name=name: where.at("{key}", key=name))  # type: ignore[misc]
+        check_rate_kg_ha(value, lambda name=name: where.go_down("{key}", key=name))  # type: ignore[misc]
     return found._replace(**picked)

@@ -14,8 +14,8 @@ from topdress.control.targets.prescription import (
     GridDeg,
     MapData,
     Zone,
-    apart,
-    statistics,
+    calc_rate_shares,
+    separate_zones,
 )
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
@@ -114,7 +114,7 @@ def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
     )
     if data.fields_deg:
         alone = MapData(zones=tuple(Zone(0.0, rings) for rings in data.fields_deg))
-        area_m2 = 10_000.0 * sum(share.area_ha for share in statistics(alone))
+        area_m2 = 10_000.0 * sum(share.area_ha for share in calc_rate_shares(alone))
         field = SubElement(
             root, "PFD", A="PFD1", C=clean_task_name(data.title) or "field", D=str(round(area_m2))
         )
@@ -141,7 +141,7 @@ def _add_rate_zones(task: Element, data: MapData) -> None:
     """Adds a zone for each rate, with the polygons of that rate; where zones overlap, only the
     ground where each holds."""
     by_rate: dict[int, list[Zone]] = {}
-    for zone in apart(data.zones):
+    for zone in separate_zones(data.zones):
         by_rate.setdefault(round(zone.rate_kg_ha * MG_M2_PER_KG_HA), []).append(zone)
     if len(by_rate) > MAX_RATE_LEVELS:
         raise PrescriptionError(

@@ -25,7 +25,7 @@ from topdress.console.app.pages.job.service import (
 )
 from topdress.console.app.source import FrameSource
 from topdress.control.agronomy.strips import StripValue
-from topdress.control.field.job import rule_of
+from topdress.control.field.job import make_rule
 from topdress.control.machine.machine import Adopted
 from topdress.control.targets.map_check import MapCheck
 from topdress.drivers.files.config import load
@@ -66,7 +66,7 @@ def facts_of(
         NOMINAL,
         crop=of_crop,
         job=of_job,
-        rule=rule_of(of_crop, of_job, 82),
+        rule=make_rule(of_crop, of_job, 82),
         machine=NOMINAL.machine.model_copy(update=OF_MACHINE | machine),
     )
     return Facts(

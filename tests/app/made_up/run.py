@@ -19,7 +19,7 @@ from topdress.console.frame import DeviceView, Frame, Tally
 from topdress.control.field.totals import Totaliser
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Alarm, Severity
-from topdress.control.readings import EffortSays
+from topdress.control.readings import EffortFinding
 from topdress.drivers.files.settings import Settings
 
 from tests.app.made_up.calibrate import sample_calibrate_job
@@ -109,7 +109,7 @@ def run_frames(
             target_source="canopy",
             alarms=";".join(alarm.id for alarm in alarms),
         )
-        worked.add(step_s, _SPEED_MPS, applied, target)
+        worked.add_tick(step_s, _SPEED_MPS, applied, target)
         used_kg_m = max(1e-6, applied * _WIDTH_M / 10_000)
         frames.append(
             Frame(
@@ -132,10 +132,10 @@ def run_frames(
                     DeviceView(name, f"sim://{name}", name, True, 0.05, 10.0, index, 0)
                     for name in ("gnss", "heads", "board")
                 ),
-                totals=worked.snapshot()._replace(
+                totals=worked.make_totals()._replace(
                     covered_ha=0.97 * area_ha, overlap_ha=0.03 * area_ha
                 ),
-                effort=EffortSays(
+                effort=EffortFinding(
                     mean=58.0 + random.gauss(0, 0.2), should=57.5, low=53.0, high=62.0, unit="%"
                 ),
                 tally=Tally(48.0, index // 20, REFILLS, "", "2026-03-18T06:12:00Z"),

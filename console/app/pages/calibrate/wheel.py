@@ -67,7 +67,7 @@ class WheelRun:
             return
         self.samples.append(sample)
         plane = TangentPlane(self.samples[0].lat_deg, self.samples[0].lon_deg)
-        self._places.append(plane.to_m(sample.lat_deg, sample.lon_deg))
+        self._places.append(plane.project_to_m(sample.lat_deg, sample.lon_deg))
         if last is not None:
             self.drive = self._driven(self.drive, last, sample)
 

@@ -9,7 +9,7 @@ from topdress.console.app.pages.devices.rows import DeviceRow, RowsView
 from topdress.console.app.view import STALE_S, duration
 from topdress.console.frame import DeviceView
 from topdress.console.locale import N_, _
-from topdress.control.readings import EffortSays
+from topdress.control.readings import EffortFinding
 
 SLOW_AGE_S = 99.95  # above, an age is shown as minutes
 BAR = 20  # cells of the bar of effort
@@ -113,7 +113,7 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
     return RowsView(device.name, tuple(rows))
 
 
-def make_effort_row(says: EffortSays, frame_age_s: float) -> RowsView:
+def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
     """How hard the metering drive works, and between which marks it raises no alarm; nothing
     where no file says."""
     if not says.unit:

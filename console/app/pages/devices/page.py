@@ -23,7 +23,7 @@ from topdress.console.app.widgets.chips import Chip, Chips
 from topdress.console.app.widgets.panel import Picked
 from topdress.console.frame import DeviceDo, DeviceView, Frame
 from topdress.console.locale import _
-from topdress.control.readings import NO_EFFORT
+from topdress.control.readings import NO_EFFORT_FINDING
 
 RAW_LINES = 40
 
@@ -67,7 +67,7 @@ class DevicesScreen(Page):
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
         frame, age_s = self.seen(self.app.clock())
-        effort = make_effort_row(NO_EFFORT if frame is None else frame.effort, age_s)
+        effort = make_effort_row(NO_EFFORT_FINDING if frame is None else frame.effort, age_s)
         self.query_one("#device-effort", Rows).show(effort)
         self.query_one("#device-effort").display = bool(effort.rows)
         self.query_one("#device-details").set_class(bool(effort.rows), "-under-effort")

@@ -23,14 +23,14 @@ from topdress.console.app.view import (
 from topdress.console.frame import DeviceView, Frame
 from topdress.console.locale import N_, _
 from topdress.control.agronomy.strips import (
-    HARDLY_RICHER,
+    ENOUGH_N_SUFFICIENCY,
     Strips,
     StripValue,
-    doubt,
-    measured_index,
+    calc_measured_index,
+    find_index_doubt,
 )
 from topdress.control.field.totals import Totals
-from topdress.control.orders import BY_CANOPY, BY_MAP
+from topdress.control.orders import CANOPY_SOURCES, MAP_SOURCES
 
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Adopted
@@ -241,7 +241,7 @@ def find_present_strips(frame: Frame | None, facts: Facts | None) -> Strips:
 def describe_doubt(strips: Strips) -> str:
     """Why the response index of the field is not to be believed as it stands; empty where
     nothing speaks against it."""
-    index, why = measured_index(strips), doubt(strips)
+    index, why = calc_measured_index(strips), find_index_doubt(strips)
     if index is None or not why:
         return ""
     said = (
@@ -267,7 +267,7 @@ def compare_strip_rates(
     rates = []
     for strips in (before, after):
         rule = replace(facts.setup.rule, ndvi_nrich=strips.nrich, ndvi_check=strips.check)
-        decided = rule.decide(field_ndvi)
+        decided = rule.decide_rate(field_ndvi)
         rates.append(
             units.rate.full(
                 decided.rate_kg_ha if rule.is_ready else facts.setup.crop.fallback_rate_kg_ha
@@ -286,7 +286,7 @@ def hardly_richer_words(strip: StripValue | None, field_ndvi: float | None) -> s
         or strip.which != "nrich"
         or strip.ndvi is None
         or field_ndvi is None
-        or field_ndvi < HARDLY_RICHER * strip.ndvi
+        or field_ndvi < ENOUGH_N_SUFFICIENCY * strip.ndvi
     ):
         return ""
     return _(
@@ -298,10 +298,13 @@ def hardly_richer_words(strip: StripValue | None, field_ndvi: float | None) -> s
 
 def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
     """Of a job that goes by the response index of the field."""
-    if facts.setup.rule.response_rule != "field" or facts.setup.job.target.source not in BY_CANOPY:
+    if (
+        facts.setup.rule.response_rule != "field"
+        or facts.setup.job.target.source not in CANOPY_SOURCES
+    ):
         return ()
     label, strips = _("response index"), find_present_strips(frame, facts)
-    index = measured_index(strips)
+    index = calc_measured_index(strips)
     if index is None:
         missing = (
             _("farmer check missing: drive one with B")
@@ -325,7 +328,7 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
 
 def _strip(facts: Facts, frame: Frame | None) -> Check:
     label, job, crop = _("N-rich strip"), facts.setup.job, facts.setup.crop
-    if job.target.source not in BY_CANOPY:
+    if job.target.source not in CANOPY_SOURCES:
         return Check(
             label,
             OK,
@@ -361,7 +364,7 @@ def _product(facts: Facts) -> tuple[Check, ...]:
         facts.names.product,
         f"{100.0 * facts.setup.crop.product_n_fraction:.0f}",
     )
-    test = product.newest_test(machine.id)
+    test = product.find_newest_test(machine.id)
     if test is None:
         return (
             Check(
@@ -412,7 +415,9 @@ def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
     if facts.map_trouble:
         return (
             Check(
-                label, STOP if facts.setup.job.target.source in BY_MAP else LOOK, facts.map_trouble
+                label,
+                STOP if facts.setup.job.target.source in MAP_SOURCES else LOOK,
+                facts.map_trouble,
             ),
         )
     if facts.map_check is None:

@@ -133,7 +133,7 @@ def _use_strip(page: JobScreen, value: StripValue) -> None:
         if service is not None:
             page.keep(lambda: service.save_strip_value(strip))
 
-    page.app.give_all(Order(Do.STRIP, value.text), also_back=lambda: keep(before))
+    page.app.give_all(Order(Do.STRIP, value.event_text), also_back=lambda: keep(before))
     keep(value)
 
 

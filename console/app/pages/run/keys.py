@@ -17,7 +17,7 @@ from topdress.console.app.typed_number import in_words, inside
 from topdress.console.app.undo import ordered_source
 from topdress.console.frame import Frame
 from topdress.console.locale import N_, _
-from topdress.control.orders import BY_MAP, STRATEGIES, Do, Order, Strategy, TargetSource
+from topdress.control.orders import MAP_SOURCES, STRATEGIES, Do, Order, Strategy, TargetSource
 from topdress.control.safety import Allowances
 
 # What the operator may allow, with what is allowed now: each line of the dialog turns one into
@@ -108,11 +108,11 @@ def _reach_text(page: RunScreen, by: Strategy) -> str:
     frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
     if frame is None or machine is None:
         return ""
-    from topdress.control.metering.strategies import reach
+    from topdress.control.metering.strategies import describe_reach
 
     rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha or 0.0
     mps = max(frame.row.speed_used_mps or 0.0, SLOWEST_WORK_MPS)
-    of = reach(machine, by, rate_kg_ha, mps)
+    of = describe_reach(machine, by, rate_kg_ha, mps)
     return (
         ""
         if of is None
@@ -168,10 +168,10 @@ def source(page: RunScreen) -> None:
         if picture is None or picture.planned is not None
         else _("this job has no map; F10, P takes one")
     )
-    lacks = {one: no_map for one in BY_MAP}
+    lacks = {one: no_map for one in MAP_SOURCES}
     if has:
         lacks = {
-            one: _("this job has no map; F10, P takes one") for one in BY_MAP if one not in has
+            one: _("this job has no map; F10, P takes one") for one in MAP_SOURCES if one not in has
         }
         lacks |= (
             {} if TargetSource.POINT in has else {TargetSource.POINT: _("this job has no plants")}
@@ -318,7 +318,7 @@ def allow(page: RunScreen) -> None:
 
 def dose_error(page: RunScreen) -> None:
     """Of the newest dose that has landed, as somebody measured it behind the machine."""
-    from topdress.control.targets.point_source import FARTHEST_DOSE_M
+    from topdress.control.targets.point_source import MAX_DOSE_ERROR_M
 
     def ask(side: str) -> None:
         unit, sign = page.app.units.fine_distance, 1.0 if side == "late" else -1.0
@@ -327,7 +327,7 @@ def dose_error(page: RunScreen) -> None:
                 _("How far from its plant?"),
                 unit.name,
                 0.0,
-                FARTHEST_DOSE_M * unit.per_si,
+                MAX_DOSE_ERROR_M * unit.per_si,
                 to_si=unit.to_si,
             ),
             lambda error_m: page.app.give(Do.DOSE_ERROR, sign * error_m),
