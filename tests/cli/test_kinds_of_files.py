@@ -220,9 +220,7 @@ def test_effects_of_a_machine_have_its_bounds(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     assert topdress("effects", "--machine", "spreader", "--markdown", page).exit_code == 0
     assert "Ranges are those of machine `spreader`" in page.read_text(encoding="utf-8")
-    assert "| mm/s lost | -40 to 39, a share of gate.slew_mm_s |" in page.read_text(
-        encoding="utf-8"
-    )
+    assert "mm/s lost; -40 to 39, by gate.slew_mm_s" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.exam

@@ -480,7 +480,10 @@ def test_every_command_that_answers_does_so_as_json_too() -> None:
         ("import other.csv --mapping import.yaml --out a.csv", {"rows", "duration_s", "columns"}),
         ("calibrate catch catch.csv --out a.yaml", {"grams_per_rev_mm"}),
         ("calibrate lag lag.csv --out a.yaml", {"lag", "tube"}),
-        ("fleet run.csv --out season --workers 1", {"machines", "fit"}),
+        # It starts a scheduler and a worker of its own.
+        pytest.param(
+            "fleet run.csv --out season --workers 1", {"machines", "fit"}, marks=pytest.mark.exam
+        ),
     ],
 )
 def test_json_stands_alone_on_standard_output(

@@ -3,11 +3,12 @@ installs it."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -27,11 +28,25 @@ KML = """<kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><Exten
 117,40 117.001,40 117.001,40.001 117,40.001 117,40
 </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>"""
 ZONES = 'rate,wkt\n120,"POLYGON((117 40,117.001 40,117.001 40.001,117 40.001,117 40))"\n'
-PROGRAM = "from topdress.console.cli import main, simulate; simulate.LONG_RUN_S = 20.0; main()"
+# Runs the command of each line that it reads, one after the other, and answers with how it ended.
+PROGRAM = """
+import contextlib, io, json, sys
+from topdress.console.cli import main, simulate
+simulate.LONG_RUN_S = 20.0
+for line in sys.stdin:
+    sys.argv = ["topdress", *json.loads(line)]
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as ended:
+            code = ended.code or 0
+    print(json.dumps([code, out.getvalue(), err.getvalue()]), flush=True)
+"""
 
 
 @pytest.fixture(scope="module")
-def slim(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
+def slim(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Ran]]:
     """`topdress` in a process that has none of the extras' packages, in a folder of its own. A
     simulation is long, so that its steps would be compiled, from 20 s on."""
     folder = tmp_path_factory.mktemp("slim")
@@ -47,19 +62,26 @@ def slim(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
     (folder / "zones.csv").write_text(ZONES)
     (folder / "bare.tif").write_bytes(b"II*\0")
 
+    program = subprocess.Popen(
+        [sys.executable, "-P", "-c", PROGRAM],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
     def run(*words: object) -> Ran:
-        return subprocess.run(
-            [sys.executable, "-P", "-c", PROGRAM, *map(str, words)],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
+        assert program.stdin is not None and program.stdout is not None
+        program.stdin.write(json.dumps([str(word) for word in words]) + "\n")
+        program.stdin.flush()
+        code, out, err = json.loads(program.stdout.readline())
+        return Ran(words, code, out, err)
 
     ended = run("simulate", "--seconds", "30", "--seed", "1", "--out", "run.csv")
     assert ended.returncode == 0, ended.stderr
-    return run
+    yield run
+    program.communicate(timeout=60)
 
 
 @pytest.mark.parametrize(

@@ -81,8 +81,8 @@ FLAT = ["shaft.gain=-12@10", "shaft.gain=-25@30"]  # a battery that goes flat by
     ("strategy", "effects", "said"),
     [
         ("opening_first", ["shaft.gain=-12@10"], set()),
-        ("opening_first", FLAT, {"shaft_off"}),
-        ("opening_first", ["gate.home_error=-4"], {"gate_off"}),
+        pytest.param("opening_first", FLAT, {"shaft_off"}, marks=pytest.mark.exam),
+        pytest.param("opening_first", ["gate.home_error=-4"], {"gate_off"}, marks=pytest.mark.exam),
         ("speed_first", ["gate.home_error=-4"], {"gate_off"}),
         ("speed_first", FLAT, {"shaft_off"}),
     ],
@@ -108,6 +108,7 @@ def test_one_drive_makes_up_for_what_the_other_does_not_do_and_it_is_said(
         (["effort.friction=400@40"], {"effort_high"}),
     ],
 )
+@pytest.mark.exam
 def test_what_a_held_speed_hides_is_said_by_the_drives_effort(
     simulated: Any, effects: list[str], said: set[str]
 ) -> None:
@@ -132,6 +133,7 @@ def test_behind_a_short_headland_the_heads_decide_from_the_edge_on(simulated: An
     [(FLAT, 1.0), ([*FLAT, "scale.gain=30"], 0.82)],
     ids=["the scale agrees", "the scale says otherwise"],
 )
+@pytest.mark.exam
 def test_nothing_is_made_up_for_where_the_scale_disagrees(
     simulated: Any, effects: list[str], share: float
 ) -> None:

@@ -79,13 +79,12 @@ def steps(
 @pytest.mark.parametrize(
     ("machine", "job", "effects", "terms"),
     [
-        ("huanghai", "demo", (), ()),
-        ("huanghai", "demo", EFFECTS, ()),
-        ("huanghai", "demo", (), (TERM,)),
-        ("huanghai", "map_demo", (), ()),
+        pytest.param("huanghai", "demo", (), (), marks=pytest.mark.exam),
+        ("huanghai", "demo", EFFECTS, (TERM,)),
+        pytest.param("huanghai", "map_demo", (), (), marks=pytest.mark.exam),
         ("planter", "points_demo", (), ()),
         ("huanghai_sections", "sections_demo", (), ()),
-        ("spreader", "spreader_demo", ("flow.gain=5",), ()),
+        pytest.param("spreader", "spreader_demo", ("flow.gain=5",), (), marks=pytest.mark.exam),
     ],
 )
 def test_rows_and_truth_are_the_same(

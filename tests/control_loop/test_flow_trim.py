@@ -201,6 +201,7 @@ def worked(
 @pytest.mark.parametrize(
     ("mean_kg_ha", "seed"), [(250.0, 1), pytest.param(150.0, 3, marks=pytest.mark.exam)]
 )
+@pytest.mark.exam
 def test_the_field_ends_at_its_mean_and_keeps_its_pattern(mean_kg_ha, seed):
     found, columns, totals = worked(mean_kg_ha, seed)
     assert found == pytest.approx(mean_kg_ha, rel=0.02)

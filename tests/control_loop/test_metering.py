@@ -105,6 +105,7 @@ def test_known_sag_gain_and_droop_are_taken_back() -> None:
     "shaft",
     [{"neutral_rpm": 12.0}, {"neutral_rpm": -8.0}, {"neutral_rpm": 105.0, "gain_percent": -200.0}],
 )
+@pytest.mark.exam
 def test_a_known_neutral_point_changes_no_flow_and_no_stop(
     shaft: dict[str, float], simulated: Any
 ) -> None:
@@ -181,6 +182,7 @@ def test_switching_the_strategy_does_not_show_in_the_flow(simulated: Any) -> Non
     assert run.steps[-1].truth.shaft_rpm < 45.0
 
 
+@pytest.mark.exam
 def test_trims_do_not_wind_up_on_the_headland(simulated: Any) -> None:
     """Short passes, many turns with the shaft stopped: nothing is wrong, so nothing is trimmed
     at any start."""

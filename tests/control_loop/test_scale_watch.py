@@ -306,6 +306,7 @@ def test_what_else_a_scale_does_while_it_stands_is_no_flow(
     "flow_kg_s",
     [0.05, pytest.param(0.02, marks=pytest.mark.exam), pytest.param(0.15, marks=pytest.mark.exam)],
 )
+@pytest.mark.exam
 def test_a_sound_machine_is_accused_of_nothing_in_an_hour(flow_kg_s: float) -> None:
     run = runs(
         3600.0,

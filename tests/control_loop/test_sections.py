@@ -237,7 +237,10 @@ def test_a_jump_of_the_position_takes_back_what_was_decided(setup: Setup) -> Non
     assert not any(sections.find_valves(2.0, 0.05, ()))
 
 
-@pytest.mark.parametrize("strategy", list(Strategy))
+@pytest.mark.parametrize(
+    "strategy",
+    [Strategy.OPENING_FIRST, pytest.param(Strategy.SPEED_FIRST, marks=pytest.mark.exam)],
+)
 def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Strategy) -> None:
     """A pass along x = 1.2 that enters and leaves a field askew: judged by the plant."""
     job = manual(

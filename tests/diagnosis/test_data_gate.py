@@ -236,6 +236,7 @@ def test_a_shaft_half_a_row_late_within_its_tolerance_hides_no_order_of_rows() -
     assert any("moved a row" in finding for finding in as_said(in_force(later)).findings)
 
 
+@pytest.mark.exam
 def test_a_shaft_that_is_early_by_a_row_is_in_the_rows_of_others_and_one_that_is_late_may_be() -> (
     None
 ):

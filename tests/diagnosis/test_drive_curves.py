@@ -63,6 +63,7 @@ def test_a_drive_that_no_name_fits_is_adopted_as_a_whole() -> None:
     assert "fitted" in found.to_json()
 
 
+@pytest.mark.exam
 def test_two_speeds_are_a_line_and_no_curve() -> None:
     """A zone and a gain pass through both speeds and go on straight; what bends beyond them
     nobody saw."""
@@ -105,6 +106,7 @@ def eight_duties(seed: int) -> Columns:
     return dict(zip(("time_s", "shaft_rpm_cmd", "shaft_rpm"), np.array(rows).T, strict=True))
 
 
+@pytest.mark.exam
 def test_names_that_leave_something_are_adopted_together() -> None:
     """The judged curve bends where the motor ends, and a threshold is left: it predicts, its
     parts alone hardly do."""
@@ -170,6 +172,7 @@ def test_what_is_whole_is_taken_up_as_it_is(curve: Diagnosis) -> None:
     assert taken.found.causes == curve.causes and not taken.refused
 
 
+@pytest.mark.exam
 def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: Path) -> None:
     log, machine = tmp_path / "steps.csv", tmp_path / "drive.yaml"
     columns = steps(1)

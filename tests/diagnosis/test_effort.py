@@ -149,6 +149,7 @@ def simulated(topdress: Callable[..., Result], folder: Path, effect: str) -> Col
 @pytest.mark.parametrize(
     ("effect", "size"), [("flow.blocked_outlet=16.7@200", 16.7), ("flow.bridging=10", 10.0)]
 )
+@pytest.mark.exam
 def test_what_a_loop_hides_is_named_in_closed_loop(
     effect: str,
     size: float,
@@ -235,6 +236,7 @@ def test_calibrate_effort_finds_what_the_drive_is_made_of(
     assert not (tmp_path / "no.yaml").exists()
 
 
+@pytest.mark.exam
 def test_a_simulated_run_at_one_speed_tells_effort_and_says_what_it_does_not_tell_apart(
     topdress: Callable[..., Result], tmp_path: Path
 ) -> None:

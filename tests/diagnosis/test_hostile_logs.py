@@ -140,6 +140,7 @@ def test_a_speed_that_is_the_same_in_every_row_and_a_scale_that_never_moves_are_
 @pytest.mark.parametrize(
     "name", ["TractorFrontAxleHydraulicPressureSensorAfterSecondaryFilter" * 2, "压力"]
 )
+@pytest.mark.exam
 def test_a_term_over_a_column_of_any_name(name: str) -> None:
     """Names of 90 letters ended in `1 validation error for Term`."""
     load = np.sin(np.arange(ROWS) / 40.0)
@@ -174,6 +175,7 @@ def test_what_is_no_further_column_is_left_out_and_said() -> None:
     assert "without a name" in said and "tiny left out: changing by less" in said
 
 
+@pytest.mark.exam
 def test_of_too_many_columns_those_that_go_with_a_reading_are_kept() -> None:
     """Two thousand columns: the pump's log took ten minutes and 24 GB before it was ended."""
     columns = speeds()

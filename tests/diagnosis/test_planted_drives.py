@@ -269,6 +269,7 @@ OFF_ZERO: list[tuple[str, Callable[[Any], Any], float, float, float, dict[str, f
         for words, *of in OFF_ZERO
     ],
 )
+@pytest.mark.exam
 def test_a_drive_that_stands_at_another_command_than_zero(
     goal: Callable[[Any], Any], low: float, high: float, stops: float, sizes: dict[str, float]
 ) -> None:
@@ -300,6 +301,7 @@ def test_a_drive_that_stands_at_another_command_than_zero(
         ),
     ],
 )
+@pytest.mark.exam
 def test_what_stands_at_zero_has_no_neutral_point(
     goal: Callable[[Any], Any], names: set[str]
 ) -> None:
@@ -309,6 +311,7 @@ def test_what_stands_at_zero_has_no_neutral_point(
         } == names
 
 
+@pytest.mark.exam
 def test_a_command_of_zero_that_turns_it_is_said_where_the_file_says_that_it_stops() -> None:
     log = off_zero(3, lambda u: 24.0 + 1.05 * u, 0.0, 600.0, 0.15)
     at_zero = [one for one in diagnose_run(log, DRIVE).findings if "shaft.zero_stops" in one]
@@ -331,6 +334,7 @@ OTHER_NOISE, BOTH_IN_RPM = "times the machine file's noise", "are both in r/min"
             "settings however far apart",
             partial(stairs_below_its_threshold, True),
             ALONE,
+            exam=True,
             names=["shaft.dead_band"],
             sizes={"shaft.dead_band": approx(115.0, abs=5.0)},
         ),
@@ -338,6 +342,7 @@ OTHER_NOISE, BOTH_IN_RPM = "times the machine file's noise", "are both in r/min"
             "rows far apart of which nobody says that they are settled",
             partial(stairs_below_its_threshold, False),
             ALONE,
+            exam=True,
             verdict="not_judged",
         ),
         planted(
@@ -362,6 +367,7 @@ OTHER_NOISE, BOTH_IN_RPM = "times the machine file's noise", "are both in r/min"
             "a noise that the file allows",
             partial(at_once, 20, 2000, 6),
             sheet(0.01),
+            exam=True,
             verdict="none",
             never_says=OTHER_NOISE,
         ),
@@ -376,6 +382,7 @@ OTHER_NOISE, BOTH_IN_RPM = "times the machine file's noise", "are both in r/min"
             "readings far louder than the machine file says",
             hunting,
             ALONE,
+            exam=True,
             verdict="unexplained",
             first_left={"channel": "shaft", "noise": approx(2.0), "rms": Between(30.0)},
         ),

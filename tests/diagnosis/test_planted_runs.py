@@ -185,6 +185,7 @@ CASES = [
             for name, column in whole_run(34, machine=wrong({"shaft.slow": 0.3})).items()
             if name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")
         },
+        exam=True,
         names=["shaft.slow"],
         channels=["shaft"],
     ),
@@ -218,12 +219,14 @@ CASES = [
                 * c.wheel_speed_mps
             ),
         ),
+        exam=True,
         names=["speed.missed_pulses"],
         sizes={"speed.missed_pulses": approx(1.5, rel=0.15)},
     ),
     planted(
         "pulses missing for a while follow no column that runs along",
         pulses_missing_for_a_while,
+        exam=True,
         names=["speed.missed_pulses"],
     ),
     planted(
@@ -361,6 +364,7 @@ def test_what_no_effect_explains_is_said_with_its_variable() -> None:
     assert [term.acts_on.value for term in extend(Machine(), found).terms] == ["wheel_percent"]
 
 
+@pytest.mark.exam
 def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_nothing() -> None:
     columns = whole_run(15, 500.0, wrong({"shaft.load_droop": 5.0}))
     first = diagnose_run(columns, Machine(), path="run.csv")
@@ -439,6 +443,7 @@ def test_one_stretch_alone_is_no_evidence() -> None:
     )
 
 
+@pytest.mark.exam
 def test_a_long_log_is_looked_at_in_windows_and_judged_on_every_row(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -509,6 +514,7 @@ def of(name: str) -> Machine:
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.exam)])
 @pytest.mark.parametrize("name", ["drive_alone", "planter", "spreader"])
+@pytest.mark.exam
 def test_nothing_wrong_with_a_machine_of_another_scale_is_called_nothing(
     name: str, seed: int
 ) -> None:
@@ -599,6 +605,7 @@ def encoder_steps_in_noise() -> Columns:
         meters("planter", "flow.leak", 10.0, 100.0, 200.0),
     ],
 )
+@pytest.mark.exam
 def test_effects_of_natural_size_are_named(
     log: Callable[[], Columns], machine: Machine, said: Mapping[str, Any]
 ) -> None:

@@ -166,6 +166,7 @@ def short_moves(rng: Rng) -> tuple[Any, Any]:
         ),
     ],
 )
+@pytest.mark.exam
 def test_an_effect_may_begin_anywhere_end_again_or_grow(
     of_time: Any, size: Any, onset_s: Any, until_s: Any, request: pytest.FixtureRequest
 ) -> None:
@@ -425,6 +426,7 @@ MISSED = "speed.missed_pulses"
         planted(
             "what comes and goes at one frequency is not noise",
             partial(off_by, lambda t: 0.05 * np.sin(2.0 * np.pi * t / 7.0)),
+            exam=True,
             verdict="unexplained",
             first_left={"channel": "gate", "period_s": approx(7.0, rel=0.01)},
         ),
@@ -443,6 +445,7 @@ MISSED = "speed.missed_pulses"
             "a long move of a gate that began in a gap",
             long_moves_that_begin_in_gaps,
             HUANGHAI,
+            exam=True,
             verdict="none",
         ),
         *(
@@ -463,7 +466,11 @@ MISSED = "speed.missed_pulses"
             names=[MISSED],
         ),
         planted(
-            "a wheel that misses pulses has its radius", blurred_dips, HUANGHAI, names=[MISSED]
+            "a wheel that misses pulses has its radius",
+            blurred_dips,
+            HUANGHAI,
+            names=[MISSED],
+            exam=True,
         ),
         planted(
             "a machine that stops and starts has no late receiver",
@@ -475,6 +482,7 @@ MISSED = "speed.missed_pulses"
             "canopy under a machine that stands is no fouled head",
             heads_over_a_catch_test,
             HUANGHAI,
+            exam=True,
             lacks="canopy",
             channels=["speed", "heads"],
         ),
@@ -491,6 +499,7 @@ MISSED = "speed.missed_pulses"
         planted(
             "a wheel's radius along with an oscillation",
             partial(humming, 0.12, wheel=1.01),
+            exam=True,
             names=["speed.wheel_radius"],
             covers={"speed.wheel_radius": 1.0},
         ),
@@ -536,6 +545,7 @@ MISSED = "speed.missed_pulses"
             "a shaft held at few speeds and read in steps blames no flow",
             few_speeds_read_in_steps,
             HUANGHAI,
+            exam=True,
             has="shaft.coarse_encoder",
             lacks=("flow", "scale"),
             explained=("flow", "scale"),
@@ -544,6 +554,7 @@ MISSED = "speed.missed_pulses"
             "a hopper that would have run empty over gaps",
             gaps_of_a_minute,
             HUANGHAI,
+            exam=True,
             verdict="none",
         ),
     ],
@@ -747,6 +758,7 @@ def test_a_logger_that_only_lost_rows_tells_of_moves_as_before() -> None:
     assert data.gate.left_out == 0 and data.gate.moves_seen
 
 
+@pytest.mark.exam
 def test_a_loss_at_full_speed_is_known_there_as_far_as_its_form_is() -> None:
     """8 % lost at 100 r/min by a power of 2.7 where the catalogue has the third, in work at 62
     to 84 r/min."""

@@ -122,8 +122,8 @@ def often(
 def single(name: str, effect: str, size: float, tolerance: float, make: Tables, **said: Any) -> Any:
     return often(
         f"one effect: {name}",
-        range(100, 105),
-        4,
+        range(100, 103),
+        2,
         make,
         verdict="named",
         names=[effect],
@@ -133,12 +133,12 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
     )
 
 
-# Eight tables of noise, and 300 that are held to the chance of 2 %.
+# Three tables of noise, and 300 that are held to the chance of 2 %.
 @pytest.mark.parametrize(
     ("seeds", "least", "make", "said"),
     [
         *(
-            often(f"nothing in {kind}", range(8), 8, make, verdict="none")
+            often(f"nothing in {kind}", range(3), 3, make, verdict="none")
             for kind, make in NULLS.items()
         ),
         *(
@@ -222,8 +222,8 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
         single("late", "place.latency", 0.30, 0.12, lambda r: place_grid(r, late_s=0.30)),
         often(
             "another shape of an effect calls in no second cause",
-            range(5),
-            5,
+            range(2),
+            2,
             lambda r: catch_grid(
                 r,
                 lambda n, o: 1 - 0.15 * np.maximum(0.0, (n - 40) / 60),
@@ -234,15 +234,15 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
         ),
         often(
             "warming up, sized at power-on whatever its time constant",
-            range(12),
-            6,
+            range(4),
+            2,
             lambda r: heads(r, lambda v, k, t: v * (1 + 0.12 * np.exp(-t / 4.0))),
             covers={"canopy.warm_up": 12.0},
         ),
         often(
             "a weigh table names the whole set",
-            range(6),
-            6,
+            range(2),
+            2,
             lambda r: weighs(r, factor=1.08),
             verdict="ambiguous",
             among={"flow.gain", "speed.wheel_slip", "speed.wheel_radius", "scale.gain"},
@@ -252,8 +252,8 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
         *(
             often(
                 f"no smooth curve: {make.__name__}",
-                range(3),
-                3,
+                range(2),
+                2,
                 make,
                 verdict="unexplained",
                 names=[],
@@ -265,15 +265,15 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
         ),
         often(
             "a running shaft of a nominal machine",
-            range(5),
-            5,
+            range(2),
+            2,
             lambda r: timed(RUNNING_S + shaken(r)),
             verdict="none",
         ),
         often(
             "a running shaft taken for starts is too short",
-            range(5),
-            5,
+            range(2),
+            2,
             lambda r: timed(RUNNING_S + shaken(r), None),
             verdict=("named", "ambiguous", "unexplained"),
         ),

@@ -98,6 +98,7 @@ def too_fast() -> Columns:
     }
 
 
+@pytest.mark.exam
 def test_no_model_is_held_twice_against_the_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
     scans: list[tuple[object, ...]] = []
     scan = Search.scan
@@ -172,6 +173,7 @@ def test_what_rows_refer_to_is_there() -> None:
             )
 
 
+@pytest.mark.exam
 def test_a_name_in_whose_place_something_unknown_stands_for_certain_is_not_listed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -96,6 +96,7 @@ def exported(tmp_path_factory) -> Path:
         *(pytest.param(name, marks=pytest.mark.exam) for name in ("applied.shp", "applied.zip")),
     ],
 )
+@pytest.mark.exam
 def test_lag_and_gain_are_had_from_our_own_exports(exported, name):
     out = exported / f"{name}.json"
     done = CliRunner().invoke(

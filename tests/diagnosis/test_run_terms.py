@@ -294,6 +294,7 @@ SAGGING = NOMINAL.model_copy(update={"shaft": NOMINAL.shaft._replace(sag_percent
         planted(
             "the wheel may depend on a product with the speed",
             partial(wheel_log, lambda roll, speed: 0.05 * roll / 2.0 * (speed - 1.4) / 0.2),
+            exam=True,
             terms=[("wheel_percent", "product", ["roll_deg", "speed_mps"])],
         ),
         planted(
@@ -309,6 +310,7 @@ SAGGING = NOMINAL.model_copy(update={"shaft": NOMINAL.shaft._replace(sag_percent
         planted(
             "a term about another place is no gain along with it",
             partial(shaft_log, "shaft_percent slope roll_deg slope=-0.5 at=2"),
+            exam=True,
             names=[],
             coefficients={
                 "level": pytest.approx(1.0, abs=0.1),
@@ -318,6 +320,7 @@ SAGGING = NOMINAL.model_copy(update={"shaft": NOMINAL.shaft._replace(sag_percent
         planted(
             "a drift of one log is no level of a term",
             drifting,
+            exam=True,
             terms=[("shaft_percent", "slope", ["roll_deg"])],
             coefficients={"level": 0.0},
         ),

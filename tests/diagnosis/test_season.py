@@ -221,6 +221,7 @@ def test_what_the_forms_of_many_machines_may_leave_is_no_more_than_a_product_sho
     assert [(one.factor, one.level) for one in fitted(logs).shared] == [("product", "compound")]
 
 
+@pytest.mark.exam
 def test_of_look_alikes_on_many_machines_none_is_sure_because_all_bear_its_name() -> None:
     """A third has the one, the others the other, and the logs of a machine hardly tell which."""
     rng, close, names = np.random.default_rng(16), np.eye(4), NAMES[:2]

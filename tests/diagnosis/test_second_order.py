@@ -86,6 +86,7 @@ CASES = {
         for name in CASES
     ],
 )
+@pytest.mark.exam
 def test_it_is_named_with_its_size_said_and_the_file_with_it_predicts_another_recording(
     name: str, tmp_path: Any
 ) -> None:
@@ -139,6 +140,7 @@ def test_sizes_are_within_their_intervals_as_often_as_these_say() -> None:
     assert sum(held) >= 19  # of 24 at 90 %: fewer in 5 of 100 tries
 
 
+@pytest.mark.exam
 def test_a_late_drive_of_another_time_constant_within_its_tolerance_is_late_and_nothing_else() -> (
     None
 ):

@@ -123,6 +123,7 @@ def test_logs_are_put_one_after_the_other_with_what_they_lack_empty() -> None:
         joined([first], ["a"], Machine())
 
 
+@pytest.mark.exam
 def test_two_machines_of_a_kind_have_the_same_by_sizes_of_their_own(tmp_path: Path) -> None:
     found = pair(1.03, 1.08)
     (one,) = found.of_a_kind
@@ -143,6 +144,7 @@ def test_two_machines_of_a_kind_have_the_same_by_sizes_of_their_own(tmp_path: Pa
     assert "allowed is one log, or logs of one machine" in done.output
 
 
+@pytest.mark.exam
 def test_logs_whose_rows_hold_the_beginning_of_an_answer_are_joined_with_time_to_settle() -> None:
     """The second log begins at a speed that its first command did not make: that is no change
     of the machine."""
@@ -156,6 +158,7 @@ def test_logs_whose_rows_hold_the_beginning_of_an_answer_are_joined_with_time_to
     assert [one.verdict for one in found.each] == ["none", "none"]
 
 
+@pytest.mark.exam
 def test_the_machine_that_logs_are_held_against_takes_up_only_what_predicts_them_better() -> None:
     """A file adopts so from one log. Steps of an encoder, in a prediction, add their rounding
     where speeds are off."""

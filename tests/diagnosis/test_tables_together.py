@@ -296,6 +296,7 @@ def test_two_causes_in_the_field_are_still_two() -> None:
         ("1_distance", "2_response", "3_drop_time", "4_total", "5_corrected", "6_gain"),
     ],
 )
+@pytest.mark.exam
 def test_what_the_papers_field_has_more_is_named_once(names: tuple[str, ...]) -> None:
     found = diagnosed(*(paper(f"lag_table{name}") for name in names))
     assert of_the_field(found) == ["lag.speed_scale"]

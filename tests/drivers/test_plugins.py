@@ -105,6 +105,7 @@ def test_a_format_is_read_as_a_map(installed: Callable[..., Ran], tmp_path: Path
     )
 
 
+@pytest.mark.exam
 def test_an_effect_is_planted_and_what_is_found_like_it_is_named(
     installed: Callable[..., Ran], tmp_path: Path
 ) -> None:

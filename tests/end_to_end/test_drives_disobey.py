@@ -172,6 +172,7 @@ PAIRS = ("wheel x 2", "shaft turns 36 % too fast", "gate stuck 3 mm too wide, of
         )
     ],
 )
+@pytest.mark.exam
 def test_what_disagrees_is_said_and_costs_little(benchmark_module, name):
     """All of them, and with a plain fix: python -m benchmarks sensors_disagree."""
     m = benchmark_module("sensors_disagree")
@@ -213,6 +214,7 @@ def test_rate_and_place_error(benchmark_module, name, rate_percent, place_m):
 @pytest.mark.parametrize(
     ("strategy", "rate_percent"), [(Strategy.OPENING_FIRST, 3.3), (Strategy.SPEED_FIRST, 5.9)]
 )
+@pytest.mark.exam
 def test_what_a_speed_that_is_announced_reaches(benchmark_module, strategy, rate_percent):
     """From 3 to 7 km/h; not announced 10 and 12 %."""
     m = benchmark_module("manoeuvres")

@@ -76,6 +76,7 @@ def events(ticks: list[Any]) -> Counter[str]:
     return Counter(word for tick in ticks for word in (tick.row.events or "").split(";"))
 
 
+@pytest.mark.exam
 def test_doses_fall_at_the_plants_of_a_camera_and_learning_takes_the_bias_out(bench: Setup) -> None:
     learned, ticks = driven(bench, job_of(bench), 90.0)
     fixed, _ = driven(bench, job_of(bench, learn_threshold=False), 90.0)

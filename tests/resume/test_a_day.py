@@ -59,6 +59,7 @@ def test_the_live_check_keeps_45_minutes_however_fast_they_come():
     ), "a copy"
 
 
+@pytest.mark.exam
 def test_the_console_remembers_no_more_of_twelve_hours():
     """A frame every 4 s; live there are five a second, which lie in the same pieces of the
     coarser levels."""
@@ -80,6 +81,7 @@ def test_the_console_remembers_no_more_of_twelve_hours():
     assert history.series.start_s == 0.0, "the whole day is on the trend"
 
 
+@pytest.mark.exam
 def test_the_worker_s_ground_grows_with_the_ground_alone():
     done, own = DoneGround(Machine()), Coverage(WIDTH_M)
     for time_s in np.arange(0.0, DAY_S, 3.0):

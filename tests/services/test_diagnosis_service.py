@@ -305,6 +305,7 @@ def test_every_planned_manoeuvre_can_be_driven(huanghai):
         pytest.param("openings", "opening_mm", {10.0, 20.0, 30.0, 40.0}, marks=pytest.mark.exam),
     ],
 )
+@pytest.mark.exam
 def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, column, wanted):
     setup = load_setup("huanghai", "demo", dt.date.today())
     drive = make_drive(manoeuvre, setup.job, huanghai)

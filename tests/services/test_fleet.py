@@ -851,6 +851,7 @@ def test_a_row_is_of_the_one_log_whose_path_ends_so(said: str, log: str) -> None
     assert twice.unused == ("row 2: m1/a.csv: its log has a row already",)
 
 
+@pytest.mark.exam
 def test_about_is_never_ignored_and_a_changed_word_diagnoses_nothing_again(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
     for name in ("m1/a", "m2/a"):
@@ -1017,6 +1018,7 @@ def test_the_import_file_beside_a_log_or_of_its_folder_says_what_its_columns_mea
         (tmp_path / place).unlink()
 
 
+@pytest.mark.exam
 def test_where_nothing_was_diagnosed_the_command_fails(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
     (tmp_path / "in").mkdir()
@@ -1087,6 +1089,7 @@ def test_the_owner_reads_what_the_machine_does_and_what_to_do(effect, size, lang
         use_language("en")
 
 
+@pytest.mark.exam
 def test_where_no_worker_is_left_it_ends_in_one_line():
     """Killed, or a node that went: its tasks would wait for another worker without end."""
     distributed = pytest.importorskip("distributed")
