@@ -128,7 +128,7 @@ class Seat:
         until_s, each_s = self.field.now_s + seconds - 0.5 * DT_S, LOOK_S if self.slow else FAST_S
         while self.field.now_s < until_s:
             self.field.go(min(each_s, until_s - self.field.now_s + DT_S))
-            self.app.tick()
+            self.app.show_newest()
             await (asyncio.sleep(LOOK_S) if self.slow else self.pilot.pause(0))
 
     async def confirm(self, seconds: float) -> None:

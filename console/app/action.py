@@ -13,13 +13,15 @@ REPLAY, DIAGNOSIS, JOB, SETTINGS = "replay", "diagnosis", "job", "settings"
 
 
 class Action(NamedTuple):
-    """id: also the key for a keymap. do: is given the page; that of an action of every screen
-    is given the app. bar: place in the key bar, 0 = not there. locked: still works in lock
-    mode. why: why it cannot be done now, one line, empty where it can; given what `do` is
-    given. judged: it is tried all the same, for the worker has the last word, whose state is
-    newer than the frame on the screen. asks: a "number" or a "text" is typed after it.
-    needs_machine: it orders or asks something of the machine, and cannot be done without a
-    connection."""
+    """Describes an action.
+
+    id: also the key for a keymap. do: takes the page; that of an action of every screen takes the
+    app. bar: place in the key bar, 0 = not there. locked: still works in lock mode. why: why it
+    cannot be done now, one line, empty where it can; takes the argument of `do`. judged: it is
+    tried all the same, for the worker has the last word, whose state is newer than the frame on the
+    screen. asks: a "number" or a "text" is typed after it. needs_machine: it orders or asks
+    something of the machine, and cannot be done without a connection.
+    """
 
     id: str
     keys: str
@@ -38,7 +40,7 @@ class Action(NamedTuple):
 
 
 def make_bindings(actions: Iterable[Action]) -> list[BindingType]:
-    """As Textual bindings, with their ids for a keymap."""
+    """The actions as Textual bindings, with their ids for a keymap."""
     return [
         Binding(
             action.keys,
@@ -52,6 +54,6 @@ def make_bindings(actions: Iterable[Action]) -> list[BindingType]:
     ]
 
 
-def on(where: str, *actions: Action) -> tuple[Action, ...]:
-    """All of them on one page."""
+def set_page(where: str, *actions: Action) -> tuple[Action, ...]:
+    """The actions, all on one page."""
     return tuple(action._replace(where=where) for action in actions)

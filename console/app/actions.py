@@ -30,7 +30,7 @@ ACTIONS: tuple[Action, ...] = (
     *settings.ACTIONS,
     *common.ACTIONS,
 )
-_NAMES = {
+_KEY_NAMES = {
     "pageup": "PgUp",
     "pagedown": "PgDn",
     "plus": "+",
@@ -52,33 +52,35 @@ _NAMES = {
     "backspace": "Bksp",
 }
 # of the key of STOP, while no machine is connected
-CONNECT = N_("connect")
+CONNECT_LABEL = N_("connect")
 CONNECT_HELP = N_("Asks how to connect: STOP is the hard-wired one until then.")
 # key of what stands in a page's menu, before its digit: no terminal sends it
-_IN_MENU = "q_"
+_MENU_PREFIX = "q_"
 # action -> key as it is shown, where the user's keymap has another one
-_shown: dict[str, str] = {}
+_remapped: dict[str, str] = {}
 BY_ID = {action.id: action for action in ACTIONS}
 
 
 def remap_actions(keymap: Mapping[str, str]) -> None:
-    """From now on these actions are shown with these keys, all others with their own."""
-    _shown.clear()
-    _shown.update({name: format_key(keys.split(",")[0].strip()) for name, keys in keymap.items()})
+    """Show these actions with these keys from now on, all others with their own."""
+    _remapped.clear()
+    _remapped.update(
+        {name: format_key(keys.split(",")[0].strip()) for name, keys in keymap.items()}
+    )
 
 
 def format_key(key: str) -> str:
     """A key as it is written on a keyboard, as short as the key bar wants it."""
-    if key.startswith(_IN_MENU):
-        return _shown.get("menu", "Q") + key.removeprefix(_IN_MENU)
+    if key.startswith(_MENU_PREFIX):
+        return _remapped.get("menu", "Q") + key.removeprefix(_MENU_PREFIX)
     *held, last = key.split("+")
-    last = _NAMES.get(last, last.removeprefix("kp_"))
+    last = _KEY_NAMES.get(last, last.removeprefix("kp_"))
     return "".join(
         {"ctrl": "^", "shift": "S-", "alt": "A-"}.get(one, f"{one}+") for one in held
     ) + (last.upper() if len(last) == 1 else last[:1].upper() + last[1:])
 
 
-def at(where: str) -> tuple[Action, ...]:
+def list_page_actions(where: str) -> tuple[Action, ...]:
     """The actions of one screen: its own and those of every screen."""
     found = [action for action in ACTIONS if action.where in (ANYWHERE, where)]
     own_start = any(action.id in ("start", "job_start") for action in found)
@@ -87,38 +89,37 @@ def at(where: str) -> tuple[Action, ...]:
         "start_anywhere": {"bar": 0} if own_start else {"label": BY_ID["start"].label}
     }
     return tuple(
-        action._replace(shown=shown_key(action), **as_here.get(action.id, {}))
+        action._replace(shown=find_shown_key(action), **as_here.get(action.id, {}))
         for action in found
-        if action.id != "menu" or menu(where)
+        if action.id != "menu" or list_menu_actions(where)
     )
 
 
-def without_machine(shown: tuple[Action, ...]) -> tuple[Action, ...]:
-    """The same while no machine is connected: neither hold nor STOP is among them, and the key
-    of STOP connects."""
+def drop_machine_actions(shown: tuple[Action, ...]) -> tuple[Action, ...]:
+    """The actions while no machine is connected: without hold, and the key of STOP connects."""
     return tuple(
-        action._replace(label=CONNECT, help=CONNECT_HELP) if action.id == "stop" else action
+        action._replace(label=CONNECT_LABEL, help=CONNECT_HELP) if action.id == "stop" else action
         for action in shown
         if action.id != "hold"
     )
 
 
-def shown_key(action: Action) -> str:
+def find_shown_key(action: Action) -> str:
     """The key as bars, help and menu show it: the user's, else its own."""
-    if action.keys.startswith(_IN_MENU) and action.id not in _shown:
+    if action.keys.startswith(_MENU_PREFIX) and action.id not in _remapped:
         return format_key(action.keys)
-    return _shown.get(action.id, action.shown)
+    return _remapped.get(action.id, action.shown)
 
 
-def menu(where: str) -> tuple[Action, ...]:
-    """What stands in the page's menu, in the order of its digits: seventy actions are more than
+def list_menu_actions(where: str) -> tuple[Action, ...]:
+    """The actions in the page's menu, in the order of its digits: seventy actions are more than
     there are letters."""
     return tuple(
         sorted(
             (
                 action
                 for action in ACTIONS
-                if action.where == where and action.keys.startswith(_IN_MENU)
+                if action.where == where and action.keys.startswith(_MENU_PREFIX)
             ),
             key=lambda action: action.keys,
         )
@@ -127,7 +128,9 @@ def menu(where: str) -> tuple[Action, ...]:
 
 def find_bound_keys(where: str, keymap: Mapping[str, str]) -> frozenset[str]:
     """Every key that has an action on this screen, the user's in place of the built-in ones."""
-    return frozenset(key for action in at(where) for key in find_keys(action, keymap))
+    return frozenset(
+        key for action in list_page_actions(where) for key in find_keys(action, keymap)
+    )
 
 
 def find_keys(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
@@ -135,6 +138,6 @@ def find_keys(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(key.strip() for key in keymap.get(action.id, action.keys).split(","))
 
 
-def pages() -> tuple[Action, ...]:
+def list_page_openers() -> tuple[Action, ...]:
     """The actions that open a page, in the order of the table."""
     return tuple(action for action in common.ACTIONS if action.id.endswith("_screen"))

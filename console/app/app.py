@@ -21,45 +21,49 @@ from textual.worker import Worker
 from topdress.console import import_hooks
 from topdress.console.app import actions, key_normaliser, themes, words
 from topdress.console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, make_bindings
-from topdress.console.app.alarms import Bell
-from topdress.console.app.attach_notice import Joined, describe_attachment
+from topdress.console.app.alarms import AlarmBell
+from topdress.console.app.attach_notice import JoinedMachine, describe_attachment
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
-from topdress.console.app.dose_change import dose_change
+from topdress.console.app.dose_change import predict_dose_change
 from topdress.console.app.fields import FieldPictures
-from topdress.console.app.first_question import MAY_CHANGE, ask_first_question, restart_worker
+from topdress.console.app.first_question import (
+    CHANGEABLE_STATES,
+    ask_first_question,
+    restart_worker,
+)
 from topdress.console.app.guide_line import GuideLine
 from topdress.console.app.guide_line_store import KeptLines, make_line_record
-from topdress.console.app.history import History
+from topdress.console.app.history import LiveHistory
 from topdress.console.app.keys import ACTIONS
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.all import Pages
-from topdress.console.app.pages.job.checklist import file_name
-from topdress.console.app.pages.job.service import Recent
+from topdress.console.app.pages.job.checklist import find_file_name
+from topdress.console.app.pages.job.service import RecentSet
 from topdress.console.app.pages.page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.plain_lines import PlainLines
 from topdress.console.app.presence_text import (
     CompanyView,
-    arrival_words,
-    company_view,
+    describe_arrival,
     describe_everyone,
     describe_news,
+    make_company_view,
 )
-from topdress.console.app.reasons import find_first_key, why_no_machine
+from topdress.console.app.reasons import explain_no_machine, find_first_key
 from topdress.console.app.refresh_rates import NUMBERS_S
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.services import Services
-from topdress.console.app.settings import apply, find_rate_limits, make_theme
+from topdress.console.app.settings import apply_settings, make_theme, set_rate_limits
 from topdress.console.app.source import FrameArrival, FrameSource
-from topdress.console.app.terminal import Takes, find_terminal
+from topdress.console.app.terminal import TerminalPulse, find_terminal
 from topdress.console.app.tour import Tour
-from topdress.console.app.type_ahead_guard import HeldEnter, StrayTyping
-from topdress.console.app.undo import Undo, Undoable, describe_undo, reverse_orders
+from topdress.console.app.type_ahead_guard import HeldEnter, TypeAheadGuard
+from topdress.console.app.undo import Undoable, UndoStack, describe_undo, reverse_orders
 from topdress.console.app.units import METRIC, Units
 from topdress.console.app.view import format_local_time
-from topdress.console.app.widgets.key_bar import URGENT, KeyBar
+from topdress.console.app.widgets.key_bar import URGENT_ACTIONS, KeyBar
 from topdress.console.frame import Frame
 from topdress.console.gc_tuning import FreezeSchedule
 from topdress.console.link import Link, WorkerGone
@@ -72,44 +76,48 @@ from topdress.drivers.files.settings import Rates
 
 if TYPE_CHECKING:
     from topdress.console.app.pages.job.page import JobScreen
-    from topdress.console.app.pages.job.service import AtWork, JobService, Offer
+    from topdress.console.app.pages.job.service import JobOffer, JobService, RunningLimits
     from topdress.console.app.pages.map.page import MapScreen
     from topdress.console.app.pages.replay.page import ReplayScreen
     from topdress.control.machine.machine import Machine
 
-LEADS_TO = {Do.START: State.WORKING, Do.CALIBRATE: State.CALIBRATING, Do.READY: State.READY}
-NOTES = (TextDialog, HelpScreen, AlarmList)  # nothing is asked in them
+STATE_AFTER_ORDER = {
+    Do.START: State.WORKING,
+    Do.CALIBRATE: State.CALIBRATING,
+    Do.READY: State.READY,
+}
+READ_ONLY_SCREENS = (TextDialog, HelpScreen, AlarmList)  # nothing is asked in them
 NOTICE_S = 4.0
-COMES_BACK = N_("the machine comes back with the new files: a moment")
+RESTART_NOTICE = N_("the machine comes back with the new files: a moment")
 # between two strokes of the bell: closer ones are one on some terminals
-STROKE_S = 0.35
-FIRST_S = 0.02  # how often the first frame is looked for
+STROKE_GAP_S = 0.35
+FIRST_FRAME_POLL_S = 0.02  # how often the first frame is looked for
 # after the first frame: its picture is drawn, and the other pages are made ready, ...
-SEEN_S = 0.5
-BREATHER_S = 0.05  # ... so far apart that keys come between them
+FIRST_PICTURE_S = 0.5
+PAGE_GAP_S = 0.05  # ... so far apart that keys come between them
 # Textual's, once it needs them
 LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")
 # the first character that is not ASCII has Rich read its table of widths
-WIDE = "\u80a5"
+WIDE_CHARACTER = "\u80a5"
 _HERE = Path(__file__).parent
-T = TypeVar("T")
-Connect = Callable[[], Awaitable[FrameSource]]
+Value = TypeVar("Value")
+Connector = Callable[[], Awaitable[FrameSource]]
 
 
-def _ordered(order: Order, source: FrameSource) -> Awaitable[Answer]:
+def _send_to_source(order: Order, source: FrameSource) -> Awaitable[Answer]:
     return source.send_order(order)
 
 
 class TopdressApp(App[None], inherit_bindings=False):
-    """The console.
+    """Shows the console.
 
     source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic.
-    start, attach: make a new source when the worker is gone; their errors (OSError,
-    RuntimeError) are one line. replay: a log to open. units, language, theme, keymap: instead
-    of the settings' own. keymap: action id -> keys. limits_kg_ha: the range that a manual rate
-    may have. live: False for tests and pictures: nothing moves but by `tick`. tour: begin with
-    the guided tour. joined: `source` is of a machine that ran already. ask_job: once it is
-    seen, ask which of the jobs that were worked lately.
+    start, attach: make a new source when the worker is gone; their errors (OSError, RuntimeError)
+    are one line. replay: a log to open. units, language, theme, keymap: instead of the settings'
+    own. keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False
+    for tests and pictures: nothing moves but by `show_newest`. tour: begin with the guided tour.
+    joined: `source` is of a machine that ran already. ask_job: once it is seen, ask which of the
+    jobs that were worked lately.
     """
 
     CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
@@ -124,8 +132,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         source: FrameSource | None,
         clock: Callable[[], float] = time.monotonic,
         *,
-        start: Connect | None = None,
-        attach: Connect | None = None,
+        start: Connector | None = None,
+        attach: Connector | None = None,
         replay: ReplayJob | None = None,
         units: Units | None = None,
         language: str | None = None,
@@ -137,7 +145,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         live: bool = True,
         services: Services | None = None,
         tour: bool = False,
-        joined: Joined | None = None,
+        joined: JoinedMachine | None = None,
         ask_job: bool = False,
     ) -> None:
         self._plain_lines = PlainLines()
@@ -157,7 +165,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.sound = live
         # strokes of the bell -> the command in their place
         self.sounds: dict[int, str] = {}
-        self.alarm_book, self.ring = AlarmHistory(), Bell()
+        self.alarm_book, self.ring = AlarmHistory(), AlarmBell()
         self.live = live
         self.services = services or Services()
         self.fields = FieldPictures(self, self.services.field)
@@ -167,19 +175,19 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._to_say = joined  # with the first frame, before all else
         self.ask_job = ask_job
         self.locked = False
-        self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
+        self.stray, self.held_enter, self.undo = TypeAheadGuard(), HeldEnter(), UndoStack()
         self.asked_by = ""  # the key that was pressed last on a page
         self.gone = ""
         # why the worker that this console began with never came up
         self.not_started = ""
-        self.arrival, self.history = FrameArrival(), History()
+        self.arrival, self.history = FrameArrival(), LiveHistory()
         self.notice_text, self._notice_until_s = "", 0.0
         # the newest of those that are shown when they come ...
         self._first_shown: Frame | None = None
         self._first_s = 0.0  # ... from then on
         self.rates = Rates()
-        self.pages = Pages(replay, self.services, self._page_made)
-        self.page_actions = actions.pages()
+        self.pages = Pages(replay, self.services, self._prepare_page)
+        self.page_actions = actions.list_page_openers()
         self._loop_here: asyncio.AbstractEventLoop | None = None
         self._supervisor: Worker[None] | None = None
         self._restarting = False
@@ -200,7 +208,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.use_keymap(keymap)
 
     def use_keymap(self, keys: Mapping[str, str]) -> None:
-        """From now on these keys, and the built-in ones for all other actions."""
+        """Use these keys from now on, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
         actions.remap_actions(keys)
         self.bound_keys = {
@@ -209,18 +217,20 @@ class TopdressApp(App[None], inherit_bindings=False):
         }
         self.bound_by = {one.id: actions.find_keys(one, keys) for one in actions.ACTIONS}
         self._page_keys = {
-            key: one.id for one in actions.pages() for key in actions.find_keys(one, keys)
+            key: one.id
+            for one in actions.list_page_openers()
+            for key in actions.find_keys(one, keys)
         }
         self._hold_keys = frozenset(actions.find_keys(actions.BY_ID["hold"], keys))
         self._urgent_keys = self._hold_keys.union(actions.find_keys(actions.BY_ID["stop"], keys))
 
     def use_settings(self) -> None:
-        """Make the user's settings take effect; what of them cannot be used is said."""
+        """Make the user's settings take effect; those that cannot be used are reported."""
         store = self.services.settings
         if store is not None:
             for data in store.themes:
                 self.register_theme(make_theme(data))
-            store.trouble = store.trouble or apply(self, store.settings)
+            store.trouble = store.trouble or apply_settings(self, store.settings)
 
     def get_default_screen(self) -> Screen[None]:
         return self.pages[
@@ -229,58 +239,62 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     @property
     def replay_page(self) -> ReplayScreen:
+        """The Replay page."""
         return cast("ReplayScreen", self.pages[REPLAY])
 
     @property
     def map_page(self) -> MapScreen:
+        """The Map page."""
         return cast("MapScreen", self.pages[MAP])
 
     @property
     def job_page(self) -> JobScreen:
+        """The Job page."""
         return cast("JobScreen", self.pages[JOB])
 
-    def _page_made(self, where: str, page: Page) -> None:
-        self.pace(page)
+    def _prepare_page(self, where: str, page: Page) -> None:
+        self.set_refresh_rates(page)
         if self.arrival.frame is not None:
-            page.gather(self.arrival.frame)
+            page.gather_frame(self.arrival.frame)
         if self.is_running:  # the first page is the app's own screen
             self.install_screen(page, where)
 
-    def pace(self, page: Page) -> None:
-        """How often its panels are looked at, as the settings have it."""
+    def set_refresh_rates(self, page: Page) -> None:
+        """Set how often the page's panels are refreshed, as the settings have it."""
         rates = self.rates
         page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
         page.maps.every_s = 1.0 / rates.maps_hz
 
     def leave_from_thread(self) -> None:
-        """Ends the console from another thread, without a question: its terminal is gone."""
+        """End the console from another thread, without a question: its terminal is gone."""
         if self._loop_here is not None:
             self._loop_here.call_soon_threadsafe(self.exit)
 
     def on_mount(self) -> None:
+        """Install the pages and start the timers."""
         self._loop_here = asyncio.get_running_loop()
         for where, page in (self.pages.made if self.live else self.pages).items():
             if page is not self.screen and not self.is_screen_installed(page):
                 self.install_screen(page, where)
-        self._supervise()
+        self._supervise_source()
         store = self.services.settings
         if said := store.trouble if store is not None and store.trouble else self.services.missing:
-            self.call_after_refresh(self.notice, said)
+            self.call_after_refresh(self.show_notice, said)
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
         if self.live:
-            self._until_first = self.set_interval(FIRST_S, self._first)
-            self.set_interval(NUMBERS_S, self.tick)
+            self._until_first = self.set_interval(FIRST_FRAME_POLL_S, self._show_first_frames)
+            self.set_interval(NUMBERS_S, self.show_newest)
             self.call_after_refresh(import_hooks.end_imports)
-        self.call_after_refresh(self.tick)
+        self.call_after_refresh(self.show_newest)
 
     async def on_event(self, event: events.Event) -> None:
-        """A key as it is meant; a click on hold and STOP in sight works also while a dialog is
+        """Normalise a key first; a click on hold and STOP in sight works also while a dialog is
         open."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
-            if await self._is_done(event):
+            if await self._handle_first(event):
                 return
-            key = self._meant(event)
+            key = self._normalise_key(event)
             if key != event.key and not isinstance(self.focused, Input):
                 event = events.Key(key, key if len(key) == 1 else None)
         elif (
@@ -288,22 +302,23 @@ class TopdressApp(App[None], inherit_bindings=False):
             and not event.is_forwarded
             and self.screen_stack
         ):
-            name = self._urgent_under(event)
+            name = self._find_urgent_under(event)
             if name:
                 if isinstance(event, events.MouseDown):
                     await self.action_do(name)
                 return
         await super().on_event(event)
 
-    def _meant(self, event: events.Key) -> str:
-        return key_normaliser.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
+    def _normalise_key(self, event: events.Key) -> str:
+        return key_normaliser.normalise_key(
+            event.key, self.bound_keys[self.page.where], self._urgent_keys
+        )
 
-    async def _is_done(self, event: events.Key) -> bool:
-        """A key that goes no further. F12, and Ctrl with the key of hold, come first even where
-        a text field has the focus, which takes what can be printed; a note that is read gives
-        way to a page."""
-        key, typing = self._meant(event), isinstance(self.focused, Input)
-        if isinstance(self.screen, NameDialog) and self.screen.types_early(event):
+    async def _handle_first(self, event: events.Key) -> bool:
+        """Whether a key goes no further. F12, and Ctrl with the key of hold, come first even where
+        a text field has the focus, which takes what can be printed; a note gives way to a page."""
+        key, typing = self._normalise_key(event), isinstance(self.focused, Input)
+        if isinstance(self.screen, NameDialog) and self.screen.take_early_key(event):
             return True
         if key == key_normaliser.ALWAYS_STOP or (
             typing and key in self._hold_keys and not event.is_printable
@@ -312,22 +327,22 @@ class TopdressApp(App[None], inherit_bindings=False):
             return True
         if self.screen is self.page:
             self.asked_by = key
-            if key not in self._urgent_keys and self.stray.swallows(key, self.clock()):
+            if key not in self._urgent_keys and self.stray.is_swallowed(key, self.clock()):
                 return True
             if key.isalpha() and len(key) == 1 and key not in self.bound_keys[self.page.where]:
-                self._say_where(key)
+                self._notice_other_pages(key)
         elif (
-            isinstance(self.screen, NOTES)
+            isinstance(self.screen, READ_ONLY_SCREENS)
             and key in self._page_keys
             and not (typing and event.is_printable)
         ):
             self.screen.dismiss(None)
             await self.action_do(self._page_keys[key])
             return True
-        return key == "enter" and self.live and self.held_enter.repeats(self.screen, self.clock())
+        return key == "enter" and self.live and self.held_enter.is_repeat(self.screen, self.clock())
 
-    def _say_where(self, key: str) -> None:
-        """A letter that means something on other pages alone; START, asked, has a key of every
+    def _notice_other_pages(self, key: str) -> None:
+        """Report a letter that has an action on other pages alone; START, asked, has a key of every
         page."""
         pages = {one.id.removesuffix("_screen"): one for one in self.page_actions}
         there = [
@@ -340,25 +355,25 @@ class TopdressApp(App[None], inherit_bindings=False):
                 _("{action} on {page} ({open})").format(
                     action=_(one.label),
                     page=_(pages[one.where].label),
-                    open=self.shown_key(pages[one.where].id),
+                    open=self.find_shown_key(pages[one.where].id),
                 )
                 for one in there
             )
-            here = _("; {key} starts from here").format(key=self.shown_key("start_anywhere"))
+            here = _("; {key} starts from here").format(key=self.find_shown_key("start_anywhere"))
             start = any(one.id == "start" for one in there)
-            self.notice(f"{self.shown_key(there[0].id)}: {places}{here if start else ''}")
+            self.show_notice(f"{self.find_shown_key(there[0].id)}: {places}{here if start else ''}")
 
-    def _urgent_under(self, event: events.MouseEvent) -> str:
-        """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and
-        without a dialog."""
+    def _find_urgent_under(self, event: events.MouseEvent) -> str:
+        """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and without a
+        dialog."""
         if self.screen is self.page or not self.page.is_mounted:
             return ""
         x, y = int(event.screen_x), int(event.screen_y)
         bar = self.page.query_one("#keys", KeyBar)
         if not bar.region.contains(x, y) or self.screen.get_widget_at(x, y)[0] is not self.screen:
             return ""
-        name = bar.action_at(x - bar.content_region.x)
-        return name if name in URGENT else ""
+        name = bar.find_action(x - bar.content_region.x)
+        return name if name in URGENT_ACTIONS else ""
 
     # --- frames
     # ----------------------------------------------------------------------------------------------
@@ -368,7 +383,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """The screen under any dialogs."""
         return next(screen for screen in reversed(self.screen_stack) if isinstance(screen, Page))
 
-    def tick(self) -> None:
+    def show_newest(self) -> None:
         """Take the newest frame and show what is due; 5 times a second, or by hand in tests."""
         # it closes, and its page may never have been composed
         if self.not_started:
@@ -376,76 +391,78 @@ class TopdressApp(App[None], inherit_bindings=False):
         now_s = self.clock()
         if (
             self.source is not None
-            and self.arrival.see(self.source.newest, now_s)
+            and self.arrival.take_frame(self.source.newest, now_s)
             and self.arrival.frame is not None
         ):
-            self.history.add(self.arrival.frame)
-            self._note_others(self.arrival.frame)
+            self.history.add_frame(self.arrival.frame)
+            self._notice_others(self.arrival.frame)
             self._note_alarms(self.arrival.frame, now_s)
             for page in self.pages.made.values():
-                page.gather(self.arrival.frame)
+                page.gather_frame(self.arrival.frame)
         if self.notice_text and now_s >= self._notice_until_s:
             self.notice_text = ""
         if self.tour is not None:
-            self.tour.see(self.arrival.frame, self.page.where, now_s)
-            if self.tour.over:
+            self.tour.follow_frame(self.arrival.frame, self.page.where, now_s)
+            if self.tour.is_over:
                 self.tour = None
-                self.notice(_("That was the tour. Ctrl+T shows it again."))
+                self.show_notice(_("That was the tour. Ctrl+T shows it again."))
         # not between its being turned to and its being composed
         if self.page.is_mounted:
-            self.page.tick(now_s)
+            self.page.show_due(now_s)
         if self.live:
             self.sweeps.freeze_after_sweep()
 
-    def _first(self) -> None:
-        """The first frames are shown when they come, not with the next of the ticks, until one
-        has the receiver's."""
+    def _show_first_frames(self) -> None:
+        """Show the first frames when they come, not with the next of the ticks, until one has the
+        receiver's."""
         frame, now_s = None if self.source is None else self.source.newest, self.clock()
         if frame is None or frame is self._first_shown:
             return
         begins, self._first_shown = self._first_shown is None, frame
         self._first_s = now_s if begins else self._first_s
-        if frame.gnss_age_s is not None or now_s - self._first_s >= SEEN_S:
+        if frame.gnss_age_s is not None or now_s - self._first_s >= FIRST_PICTURE_S:
             self._until_first.stop()
-        self.page.hurry()
-        self.tick()
+        self.page.hurry_all()
+        self.show_newest()
         if begins:
             if self.ask_job and self.services.job is not None:
                 ask_first_question(self, self.services.job)
             self.set_timer(
-                SEEN_S,
-                lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False),
+                FIRST_PICTURE_S,
+                lambda: self.run_worker(
+                    self._make_other_pages(), group="pages", exit_on_error=False
+                ),
             )
 
-    async def _make_pages(self) -> None:
-        """The other pages come up once the first one is seen; their modules are read by a
-        thread."""
-        await asyncio.to_thread(self.services.make)
+    async def _make_other_pages(self) -> None:
+        """Make the other pages once the first one is seen; a thread reads their modules."""
+        await asyncio.to_thread(self.services.make_late_services)
         for where in self.pages:
-            await asyncio.to_thread(self.pages.read, where)
+            await asyncio.to_thread(self.pages.import_page, where)
             self.pages[where]
-            await asyncio.sleep(BREATHER_S)
+            await asyncio.sleep(PAGE_GAP_S)
         for module in LATE_MODULES:
             await asyncio.to_thread(import_module, module)
-        await asyncio.to_thread(cell_len, WIDE)
+        await asyncio.to_thread(cell_len, WIDE_CHARACTER)
         import_hooks.end_imports()
 
     @property
     def own_name(self) -> str:
-        """How the others at this machine have this console; empty without one that listens."""
+        """The name that the others at this machine have for this console; empty without one that
+        listens."""
         return str(getattr(self.source, "name", ""))
 
-    def company_view(self) -> CompanyView | None:
-        """The row that says who else is at this machine."""
-        return company_view(
+    def make_company_view(self) -> CompanyView | None:
+        """The row that names the others at this machine."""
+        return make_company_view(
             None if self.gone else self.arrival.frame, self.own_name, self.utc_offset_s
         )
 
     def action_company(self) -> None:
-        """Everybody who is attached, and the latest orders."""
+        """Show everybody who is attached, and the latest orders."""
         frame = self.arrival.frame
         if frame is None or self.gone or self.source is None:
-            self.notice(_("no machine is connected"))
+            self.show_notice(_("no machine is connected"))
         else:
             self.push_screen(
                 TextDialog(
@@ -453,42 +470,43 @@ class TopdressApp(App[None], inherit_bindings=False):
                 )
             )
 
-    def _note_others(self, frame: Frame) -> None:
-        """Who came, went, fell silent or ordered is said by the others; who has just come hears
-        whom it found."""
+    def _notice_others(self, frame: Frame) -> None:
+        """Report who came, left, fell silent or ordered; a console that has just come reads whom it
+        found."""
         before, self._frame_before = self._frame_before, frame
         if before is None:
-            found = " ".join(arrival_words(frame, self.own_name, self.utc_offset_s))
+            found = " ".join(describe_arrival(frame, self.own_name, self.utc_offset_s))
             joined, self._to_say = self._to_say, None
             if joined is not None:
-                self._say_joined(joined, found, frame)
+                self._show_joined(joined, found, frame)
             elif found:
-                self.notice(found)
+                self.show_notice(found)
         elif frame.attached:
             said = describe_news(before, frame, self.own_name)
             if said:
-                self.notice(said)
+                self.show_notice(said)
         # a worker that does not tell who is attached
         elif 0 < frame.consoles < before.consoles:
-            self.notice(
+            self.show_notice(
                 _("another console has ended or is silent; open now: {count}").format(
                     count=frame.consoles
                 )
             )
 
-    def _say_joined(self, joined: Joined, found: str, frame: Frame) -> None:
-        """With files of its own on the command line this console may take the machine's place."""
+    def _show_joined(self, joined: JoinedMachine, found: str, frame: Frame) -> None:
+        """Show the machine's files; with files of its own on the command line this console may take
+        the machine's place."""
         heading = _("A machine runs already: this console has joined it")
         text = f"{describe_attachment(joined, self.utc_offset_s)}\n{found}".rstrip()
         if not (joined.unused and joined.named) or self.services.job is None:
             self.push_screen(TextDialog(heading, text))
             return
 
-        works = frame.row.state not in MAY_CHANGE
+        works = frame.row.state not in CHANGEABLE_STATES
         mine = _("end that machine and use {files}").format(
-            files=", ".join(map(file_name, joined.named))
+            files=", ".join(map(find_file_name, joined.named))
         )
-        self.ask(
+        self.ask_question(
             ChoiceDialog(
                 heading,
                 (
@@ -498,13 +516,13 @@ class TopdressApp(App[None], inherit_bindings=False):
                 "",
                 text,
             ),
-            lambda which: self._use_named(joined) if which == "mine" else None,
+            lambda which: self._use_named_files(joined) if which == "mine" else None,
         )
 
-    def _use_named(self, joined: Joined) -> None:
+    def _use_named_files(self, joined: JoinedMachine) -> None:
         if self.services.job is not None:
             self.joined = None
-            restart_worker(self, self.services.job, Recent(joined.named, ""))
+            restart_worker(self, self.services.job, RecentSet(joined.named, ""))
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of:
@@ -518,28 +536,28 @@ class TopdressApp(App[None], inherit_bindings=False):
                 )
             )
         self.alarm_book.add_row_alarms(frame.row.time_s, frame.row.utc, frame.alarms)
-        strokes = self.ring.due(now_s, frame.alarms)
+        strokes = self.ring.count_strokes_due(now_s, frame.alarms)
         command, play = self.sounds.get(strokes, ""), self.services.play
         if strokes and self.sound and command and play is not None:
             self.run_worker(
-                self._played(play, command, strokes), group="sound", exit_on_error=False
+                self._play_sound(play, command, strokes), group="sound", exit_on_error=False
             )
         elif strokes and self.sound:
-            self._strike(strokes)
+            self._strike_bell(strokes)
 
-    async def _played(self, play: Callable[[str], str], command: str, strokes: int) -> None:
+    async def _play_sound(self, play: Callable[[str], str], command: str, strokes: int) -> None:
         why = await asyncio.to_thread(play, command)
         if why:
-            self._strike(strokes)
-            self.notice(_("no sound: {why}").format(why=why))
+            self._strike_bell(strokes)
+            self.show_notice(_("no sound: {why}").format(why=why))
 
-    def _strike(self, strokes: int) -> None:
+    def _strike_bell(self, strokes: int) -> None:
         self.bell()
         for number in range(1, strokes):
-            self.set_timer(number * STROKE_S, self.bell)
+            self.set_timer(number * STROKE_GAP_S, self.bell)
 
     async def _learn_earlier(self, log_path: str) -> None:
-        """What the machine goes by that writes this log; alarms, track and lines from before
+        """Learn the limits of the machine that writes this log; alarms, track and lines from before
         this console looked."""
         look_back = self.services.earlier
         if self.services.at_work is not None:
@@ -547,37 +565,40 @@ class TopdressApp(App[None], inherit_bindings=False):
         earlier = await asyncio.to_thread(look_back, log_path) if look_back is not None else None
         if earlier is not None:
             self.alarm_book.add_earlier_records(earlier.alarms)
-            self.history.add_before(earlier.track)
-            self.page.hurry()
+            self.history.add_earlier_ground(earlier.track)
+            self.page.hurry_all()
         if self.services.lines is not None:
-            self._take_lines(await asyncio.to_thread(self.services.lines.read_lines, log_path))
+            self._take_kept_lines(await asyncio.to_thread(self.services.lines.read_lines, log_path))
 
-    async def _learn_limits(self, at_work: Callable[[str], AtWork | None], log_path: str) -> None:
+    async def _learn_limits(
+        self, at_work: Callable[[str], RunningLimits | None], log_path: str
+    ) -> None:
         limits = await asyncio.to_thread(at_work, log_path)
         if limits is not None:
             self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
             self.machine = limits.machine
             store = self.services.settings
-            find_rate_limits(self, None if store is None else store.settings.manual_rate)
+            set_rate_limits(self, None if store is None else store.settings.manual_rate)
 
-    def keep_line(self, record: str) -> None:
-        """Of the A-B line or a boundary that is being driven: the next console on this log has
-        it too."""
+    def keep_line_record(self, record: str) -> None:
+        """Keep a record of the A-B line or a driven boundary: the next console on this log has it
+        too."""
         frame, files = self.arrival.frame, self.services.lines
         if files is not None and frame is not None and frame.log_path:
             files.append_record(frame.log_path, record)
 
-    def _take_lines(self, kept: KeptLines) -> None:
-        """Those of the console before; a log that has none has this console's from now on."""
+    def _take_kept_lines(self, kept: KeptLines) -> None:
+        """Take the lines of the console before; a log that has none has this console's from now
+        on."""
         if kept.guide.a is not None and not kept.of_day:
             self.guide = kept.guide
         elif self.guide.a is not None:
-            self.keep_line(make_line_record(self.guide))
+            self.keep_line_record(make_line_record(self.guide))
         elif kept.of_day:
             self.guide = kept.guide
-            self.keep_line(make_line_record(self.guide))
-            away = actions.shown_key(actions.BY_ID["map_no_guide"])
-            self.notice(
+            self.keep_line_record(make_line_record(self.guide))
+            away = actions.find_shown_key(actions.BY_ID["map_no_guide"])
+            self.show_notice(
                 _(
                     "the A-B line of this field's job of {day} is here again; {key} on the "
                     "Map page takes it "
@@ -585,78 +606,82 @@ class TopdressApp(App[None], inherit_bindings=False):
                 ).format(day=kept.of_day[:10], key=away)
             )
         if kept.drive is not None and self.map_page.drive is None:
-            self.map_page.go_on_driving(kept.drive, kept.way)
+            self.map_page.resume_drive(kept.drive, kept.way)
 
-    def marks(self) -> tuple[str, ...]:
+    def list_status_marks(self) -> tuple[str, ...]:
         """Words about this console itself for the status line."""
         return ()
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Textual's own, and last the one that lets nothing steer the terminal."""
+        """Textual's own, and last the filter that lets nothing steer the terminal."""
         return (*super().get_line_filters(), self._plain_lines)
 
-    def offered(self, where: str) -> tuple[Action, ...]:
+    def list_offered_actions(self, where: str) -> tuple[Action, ...]:
         """The actions that key bar, help and palette of a screen show."""
-        shown = actions.at(where)
-        return actions.without_machine(shown) if self.disconnected else shown
+        shown = actions.list_page_actions(where)
+        return actions.drop_machine_actions(shown) if self.is_disconnected else shown
 
-    def menu(self) -> tuple[Action, ...]:
-        """What Q lists on this page."""
-        offered = {action.id for action in self.offered(self.page.where)}
-        return tuple(action for action in actions.menu(self.page.where) if action.id in offered)
+    def list_menu(self) -> tuple[Action, ...]:
+        """The actions that Q lists on this page."""
+        offered = {action.id for action in self.list_offered_actions(self.page.where)}
+        return tuple(
+            action for action in actions.list_menu_actions(self.page.where) if action.id in offered
+        )
 
-    def ask(self, question: Screen[T | None], then: Callable[[T], object]) -> None:
-        """`then` has the answer; one that was not given is nobody's concern."""
+    def ask_question(self, question: Screen[Value | None], then: Callable[[Value], object]) -> None:
+        """Show a question; `then` takes the answer, if one was given."""
 
-        def answered(answer: T | None) -> None:
+        def take_answer(answer: Value | None) -> None:
             if answer is not None:
                 then(answer)
 
-        self.push_screen(question, answered)
+        self.push_screen(question, take_answer)
 
-    def confirm(self, title: str, text: str, then: Callable[[], object]) -> None:
-        """A yes or nothing."""
-        self.ask(Confirm(title, text), lambda _yes: then())
+    def ask_yes_no(self, title: str, text: str, then: Callable[[], object]) -> None:
+        """Ask for a yes; `then` follows it."""
+        self.ask_question(Confirm(title, text), lambda _yes: then())
 
-    def why_no_stop(self) -> str:
+    def explain_no_stop(self) -> str:
         """One line for the key bar where hold and STOP are not offered."""
-        return _("STOP: at machine") if self.disconnected else ""
+        return _("STOP: at machine") if self.is_disconnected else ""
 
-    def notice(self, text: str) -> None:
-        """Say something in the key bar for some seconds."""
+    def show_notice(self, text: str) -> None:
+        """Show a text in the key bar for some seconds."""
         self.notice_text, self._notice_until_s = text, self.clock() + NOTICE_S
         if self.page.is_mounted:
             self.page.show_keys()
 
-    def list_files(self, work: Callable[[], T], then: Callable[[T], object]) -> None:
-        """What is asked about after files are looked at: `then` has it, if the page is still
-        the one that is seen. As `with_files` for the rest."""
+    def read_for_page(self, work: Callable[[], Value], then: Callable[[Value], object]) -> None:
+        """Read files before a question: `then` takes the result, if the page is still the one that
+        is seen. As `run_with_files` for the rest."""
         page = self.page
-        self.with_files(work, lambda found: then(found) if self.page is page else None)
+        self.run_with_files(work, lambda found: then(found) if self.page is page else None)
 
-    def with_files(
+    def run_with_files(
         self,
-        work: Callable[[], T],
-        then: Callable[[T], object],
+        work: Callable[[], Value],
+        then: Callable[[Value], object],
         failed: Callable[[str], object] | None = None,
         *,
         group: str = "files",
         exclusive: bool = True,
     ) -> Worker[None]:
-        """Files and long work in a thread, for a disk may take its time. An error is one line,
-        to `failed` or in the key bar. One that is cancelled is not heard of any more; work that
-        goes on long asks `get_current_worker()` whether it was. exclusive: a second one of the
-        group takes the place of one that is not done."""
+        """Run files and long work in a thread, for a disk may take its time.
+
+        An error is one line, to `failed` or in the key bar. One that is cancelled is not heard of
+        any more; long work asks `get_current_worker()` whether it was. exclusive: a second one of
+        the group takes the place of one that is not done.
+        """
         return self.run_worker(
-            self._with_files(work, then, failed or self.notice),
+            self._await_work(work, then, failed or self.show_notice),
             group=group,
             exclusive=exclusive,
             exit_on_error=False,
         )
 
     @staticmethod
-    async def _with_files(
-        work: Callable[[], T], then: Callable[[T], object], failed: Callable[[str], object]
+    async def _await_work(
+        work: Callable[[], Value], then: Callable[[Value], object], failed: Callable[[str], object]
     ) -> None:
         try:
             found = await asyncio.to_thread(work)
@@ -669,7 +694,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     # --- the other end
     # ------------------------------------------------------------------------------------------
 
-    def _supervise(self) -> None:
+    def _supervise_source(self) -> None:
         if self._supervisor is not None:
             self._supervisor.cancel()
         self._supervisor = None
@@ -680,89 +705,90 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     async def _run_source(self, source: FrameSource) -> None:
         if isinstance(source, Link) and not self.is_headless:
-            source.shows = Takes(find_terminal())
+            source.shows = TerminalPulse(find_terminal())
         try:
             await source.run_connection()
         except WorkerFailed as error:
             self.not_started = str(error)
             self.exit()
         except WorkerGone as error:
-            self._say_gone(str(error))
+            self._note_gone(str(error))
         # a link that fails in any other way is as useless as one that is gone
         except Exception as error:
-            self._say_gone(f"{type(error).__name__}: {error}")
+            self._note_gone(f"{type(error).__name__}: {error}")
 
     @property
-    def disconnected(self) -> bool:
+    def is_disconnected(self) -> bool:
         """Whether no order reaches a machine; a log that is played alone waits for none."""
         return bool(self.gone) or (self.source is None and self.replay_page.job is None)
 
-    def _say_gone(self, why: str) -> None:
+    def _note_gone(self, why: str) -> None:
         if self.gone or self._restarting:
             return
         self.gone = why or "gone"
         self._show_gone(self.gone)
 
     def _show_gone(self, why: str) -> None:
-        self.page.hurry()
-        self.page.tick(self.clock())
-        if not isinstance(self.screen, GoneScreen):
+        self.page.hurry_all()
+        self.page.show_due(self.clock())
+        if not isinstance(self.screen, WorkerLostScreen):
             self.push_screen(
-                GoneScreen(why, self.start is not None, self.attach is not None), self._reconnect
+                WorkerLostScreen(why, self.start is not None, self.attach is not None),
+                self._reconnect_as_chosen,
             )
 
-    def _reconnect(self, how: str | None) -> None:
+    def _reconnect_as_chosen(self, how: str | None) -> None:
         if how == "start" and self.joined is not None and self.joined.unused and self.joined.named:
-            self._use_named(self.joined)
+            self._use_named_files(self.joined)
             return
         if how == "start" and self.services.job is not None:
             self.ask_to_go_on(self.services.job)
             return
-        self.connect({"start": self.start, "attach": self.attach}.get(how or ""))
+        self.connect_source({"start": self.start, "attach": self.attach}.get(how or ""))
 
-    def connect(self, connect: Connect | None) -> None:
+    def connect_source(self, connect: Connector | None) -> None:
         """Go on with another source; None: stay without one."""
         if connect is not None:
-            self.notice(_("connecting to the machine"))
+            self.show_notice(_("connecting to the machine"))
             self.run_worker(
-                self._connect(connect), group="connect", exclusive=True, exit_on_error=False
+                self._connect_awaited(connect), group="connect", exclusive=True, exit_on_error=False
             )
 
     def ask_to_go_on(self, service: JobService) -> None:
-        """Go on with the job that was cut off, or begin anew: asked. Without such a job: begin."""
-        self.with_files(service.find_offer, lambda offer: self._ask_to_go_on(service, offer))
+        """Ask whether to go on with the job that was cut off, or begin anew. Without one: begin."""
+        self.run_with_files(service.find_offer, lambda offer: self._ask_about_offer(service, offer))
 
-    def _ask_to_go_on(self, service: JobService, offer: Offer | None) -> None:
+    def _ask_about_offer(self, service: JobService, offer: JobOffer | None) -> None:
         if offer is None:
-            self.connect(self.start)
+            self.connect_source(self.start)
             return
         cut_off = offer
 
-        def answer(value: str | None) -> None:
+        def take_choice(value: str | None) -> None:
             if value == "resume":
-                self.connect(lambda: service.resume_job(cut_off))
+                self.connect_source(lambda: service.resume_job(cut_off))
             elif value == "anew":
-                self.connect(lambda: service.start_anew(cut_off))
+                self.connect_source(lambda: service.start_anew(cut_off))
             else:
-                self.notice(why_no_machine(self))
+                self.show_notice(explain_no_machine(self))
 
         self.push_screen(
-            self.pass_question(
+            self.make_pass_question(
                 offer,
                 _("A job was left at {time}: {job}").format(
                     time=format_local_time(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job
                 ),
             ),
-            answer,
+            take_choice,
         )
 
-    def pass_question(self, offer: Offer, heading: str) -> ChoiceDialog:
-        """What is spread twice on purpose is asked: "resume" or "anew"."""
+    def make_pass_question(self, offer: JobOffer, heading: str) -> ChoiceDialog:
+        """A question, "resume" or "anew": spreading twice on purpose is asked."""
         resume = _("resume the job of {time} ({area} done)").format(
             time=format_local_time(offer.began_utc, self.utc_offset_s)[:5],
-            area=self.units.area.full(offer.area_ha),
+            area=self.units.area.format_with_name(offer.area_ha),
         )
-        wanted = ", ".join(map(file_name, offer.others))
+        wanted = ", ".join(map(find_file_name, offer.others))
         by = (
             "\n" + _("Either way it goes by {files} from now on.").format(files=wanted)
             if wanted
@@ -780,30 +806,30 @@ class TopdressApp(App[None], inherit_bindings=False):
             + by,
         )
 
-    def restart(self, start: Connect) -> None:
+    def restart_source(self, start: Connector) -> None:
         """End the worker that runs, then start one anew."""
 
-        async def change() -> None:
+        async def end_and_start() -> None:
             self._restarting = True
             try:
                 end = getattr(self.source, "stop_worker", None)
                 if end is not None:
                     await end()
-                await self._connect(start)
+                await self._connect_awaited(start)
             except (OSError, TimeoutError) as error:
-                self.notice(_("the machine cannot be changed over: {why}").format(why=error))
+                self.show_notice(_("the machine cannot be changed over: {why}").format(why=error))
             finally:
                 self._restarting = False
 
-        self.notice(_(COMES_BACK))
-        self.run_worker(change(), group="connect", exclusive=True, exit_on_error=False)
+        self.show_notice(_(RESTART_NOTICE))
+        self.run_worker(end_and_start(), group="connect", exclusive=True, exit_on_error=False)
 
-    async def _connect(self, connect: Connect) -> None:
+    async def _connect_awaited(self, connect: Connector) -> None:
         try:
             self.source = await connect()
             if connect is self.attach:
-                self.joined = Joined()
-                self.notice(_("joined the machine that runs already"))
+                self.joined = JoinedMachine()
+                self.show_notice(_("joined the machine that runs already"))
             else:
                 self.joined = None
         except (OSError, RuntimeError, ValueError) as error:
@@ -812,95 +838,99 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._show_gone(str(error))
             return
         self.gone = ""
-        if isinstance(self.screen, GoneScreen):
+        if isinstance(self.screen, WorkerLostScreen):
             self.screen.dismiss(None)
         self.arrival, self.alarm_book = FrameArrival(), AlarmHistory()
-        self.history = History()
+        self.history = LiveHistory()
         self._earlier_of = ""
         self._frame_before = None
-        self.undo.forget()
-        self._supervise()
-        self.page.hurry()
+        self.undo.forget_changes()
+        self._supervise_source()
+        self.page.hurry_all()
 
-    def give(self, do: Do, value: str | float | bool | None = None) -> None:
-        """One order; as `give_all`."""
-        self.give_all(Order(do, value))
+    def give_order(self, do: Do, value: str | float | bool | None = None) -> None:
+        """Give one order; as `give_orders`."""
+        self.give_orders(Order(do, value))
 
-    def give_all(
+    def give_orders(
         self,
         *orders: Order,
         also_back: Callable[[], None] = lambda: None,
         dose_is_asked: bool = False,
     ) -> None:
-        """Send orders that are one change, one after the other; a refusal or a missing answer
-        is said in the key bar and ends them. Those that were followed are the newest change
-        that can be taken back. also_back: what taking them back does besides. dose_is_asked:
-        the operator said yes to the dose before and after; else a large change of it is asked
-        here."""
+        """Send orders that are one change, one after the other; a refusal or a missing answer is
+        shown in the key bar and ends them.
+
+        Those that were followed are the newest change that can be undone. also_back: runs when it
+        is undone. dose_is_asked: the operator confirmed the dose before and after; else a large
+        change is asked here.
+        """
         if self.source is None:
-            self.notice(_("no machine is connected"))
+            self.show_notice(_("no machine is connected"))
             return
-        change = None if dose_is_asked else dose_change(self.arrival.frame, orders)
+        change = None if dose_is_asked else predict_dose_change(self.arrival.frame, orders)
         if change is not None and change.is_large:
-            self.confirm(
-                change.question(self.units),
-                change.text(self.units),
-                lambda: self.give_all(*orders, also_back=also_back, dose_is_asked=True),
+            self.ask_yes_no(
+                change.format_question(self.units),
+                change.format_change(self.units),
+                lambda: self.give_orders(*orders, also_back=also_back, dose_is_asked=True),
             )
             return
         self.run_worker(
-            self._give(orders, self.arrival.frame, also_back), group="orders", exit_on_error=False
+            self._give_in_turn(orders, self.arrival.frame, also_back),
+            group="orders",
+            exit_on_error=False,
         )
 
-    async def _give(
+    async def _give_in_turn(
         self, orders: tuple[Order, ...], before: Frame | None, also_back: Callable[[], None]
     ) -> None:
         followed: list[Order] = []
         for order in orders:
-            if not (await self.asked(partial(_ordered, order), do=order.do)).accepted:
+            if not (await self.ask_source(partial(_send_to_source, order), do=order.do)).accepted:
                 break
             followed.append(order)
         back = reverse_orders(followed, before)
         if back:
 
-            def take_back() -> None:
+            def undo_change() -> None:
                 self.run_worker(
-                    self._give(back, None, also_back), group="orders", exit_on_error=False
+                    self._give_in_turn(back, None, also_back), group="orders", exit_on_error=False
                 )
                 also_back()
 
-            self.undo.add(Undoable(describe_undo(back, self.units), take_back, back))
+            self.undo.add_change(Undoable(describe_undo(back, self.units), undo_change, back))
 
-    async def asked(
+    async def ask_source(
         self,
         ask: Callable[[FrameSource], Awaitable[Answer]],
         quiet: bool = False,
         do: Do | None = None,
     ) -> Answer:
-        """Ask something of the source; a refusal or a missing answer is said in the key bar
-        unless `quiet`. do: what was ordered: where its state is wrong, the key that comes first
-        is said.
+        """Ask something of the source; a refusal or a missing answer is shown in the key bar unless
+        `quiet`.
 
-        `why` of the answer is then as from the worker, or gone, no_answer, no_machine.
+        do: the order: where its state is wrong, the key that comes first is shown. `why` of the
+        answer is then as from the worker, or gone, no_answer, no_machine.
         """
         if self.source is None:
-            return self._refused(Answer(False, "no_machine"), quiet)
+            return self._show_refusal(Answer(False, "no_machine"), quiet)
         try:
             answer = await ask(self.source)
         except WorkerGone as error:
-            self._say_gone(str(error))
+            self._note_gone(str(error))
             if not quiet:
                 self.ask_connection()
             return Answer(False, "gone")
         except (TimeoutError, OSError):
-            return self._refused(Answer(False, "no_answer"), quiet)
-        return answer if answer.accepted else self._refused(answer, quiet, do)
+            return self._show_refusal(Answer(False, "no_answer"), quiet)
+        return answer if answer.accepted else self._show_refusal(answer, quiet, do)
 
-    def _refused(self, answer: Answer, quiet: bool, do: Do | None = None) -> Answer:
+    def _show_refusal(self, answer: Answer, quiet: bool, do: Do | None = None) -> Answer:
         if not quiet:
             frame = self.arrival.frame
             said = words.describe_refusal(answer.why, frame.alarms if frame is not None else ())
-            wanted = None if do is None else LEADS_TO.get(do)
+            wanted = None if do is None else STATE_AFTER_ORDER.get(do)
             name, _mark, state = answer.why.partition(";state=")
             first = (
                 find_first_key(self, wanted, state)
@@ -909,47 +939,49 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
             if first:
                 said = f"{said} {_('Press {key} first.').format(key=first)}"
-            self.notice(said if answer.why == "no_answer" else _("refused: {why}").format(why=said))
+            self.show_notice(
+                said if answer.why == "no_answer" else _("refused: {why}").format(why=said)
+            )
         return answer
 
-    def shown_key(self, name: str) -> str:
+    def find_shown_key(self, name: str) -> str:
         """The key of an action as the key bar shows it."""
-        return actions.shown_key(actions.BY_ID[name])
+        return actions.find_shown_key(actions.BY_ID[name])
 
     # --- actions
     # ----------------------------------------------------------------------------------------------
 
     async def action_do(self, name: str) -> None:
-        """One of the table's actions, if it belongs to this screen and is not locked."""
+        """Do one of the table's actions, if it belongs to this screen and is not locked."""
         action, before = actions.BY_ID[name], self.screen
         if action.where not in (ANYWHERE, self.page.where):
             return
         why = (
             _("locked: F8 unlocks; hold and stop work")
             if self.locked and not action.locked
-            else self.why_not(action, judged=action.judged)
+            else self.explain_not_now(action, judged=action.judged)
         )
         if why:
-            self.notice(why)
-        elif name in URGENT and self.disconnected:
+            self.show_notice(why)
+        elif name in URGENT_ACTIONS and self.is_disconnected:
             self.ask_connection()
         elif action.where == ANYWHERE:
             action.do(self)
         else:
-            self.page.perform(action)
+            self.page.perform_action(action)
         if action.asks and self.screen is before is self.page:
-            self.stray.refused(action.asks, self.clock())
+            self.stray.note_refusal(action.asks, self.clock())
 
-    def why_not(self, action: Action, judged: bool = False) -> str:
-        """Why this cannot be done now, in one line; empty where it can, or where nobody here
-        knows. judged: by the worker, where one is connected."""
-        why = why_no_machine(self) if action.needs_machine else ""
+    def explain_not_now(self, action: Action, judged: bool = False) -> str:
+        """Why this cannot be done now, in one line; empty where it can, or where nobody here knows.
+        judged: by the worker, where one is connected."""
+        why = explain_no_machine(self) if action.needs_machine else ""
         if why or judged or action.why is None:
             return why
         return action.why(self if action.where == ANYWHERE else self.pages[action.where])
 
-    def turn_to(self, where: str) -> None:
-        """One page is the app's first screen, another lies over it while it is looked at."""
+    def turn_to_page(self, where: str) -> None:
+        """Turn to a page: one is the app's first screen, another lies over it while it is shown."""
         page = self.pages[where]
         while not isinstance(self.screen, Page):
             self.pop_screen()
@@ -959,45 +991,47 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.pop_screen()
         if self.page is not page:
             self.push_screen(page)
-        page.hurry()
+        page.hurry_all()
         # else it shows for a moment what it showed when it was left
         if page.is_mounted:
-            self.tick()
-        self.call_after_refresh(self.tick)
+            self.show_newest()
+        self.call_after_refresh(self.show_newest)
 
     def lock_keys(self, locked: bool) -> None:
+        """Lock or unlock the keys."""
         self.locked = locked
-        self.look()
+        self.show_changes()
 
-    def look(self) -> None:
+    def show_changes(self) -> None:
         """Show at once what has changed."""
-        self.page.hurry()
-        self.tick()
+        self.page.hurry_all()
+        self.show_newest()
 
     def ask_connection(self) -> None:
-        """Where the worker is gone: ask what to do."""
+        """Ask what to do where the worker is gone."""
         if self._restarting:
-            self.notice(_(COMES_BACK))
+            self.show_notice(_(RESTART_NOTICE))
         elif self.gone:
             self._show_gone(self.gone)
         elif self.source is None and (self.start or self.attach):
             self._show_gone(_("no machine is connected"))
         else:
-            self.notice(
+            self.show_notice(
                 _("no machine is connected")
                 if self.source is None
                 else _("the machine is connected")
             )
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        """Commands of the palette."""
         yield SystemCommand(
             _("who is at this machine"),
             _("All consoles and tablets, and who ordered what."),
             self.action_company,
         )
-        for action in self.offered(self.page.where):
+        for action in self.list_offered_actions(self.page.where):
             if action.id != "palette":
-                why = self.why_not(action)
+                why = self.explain_not_now(action)
                 said = _("not now: {why}").format(why=why) if why else _(action.help)
                 yield SystemCommand(
                     _(action.label), f"{action.shown}  {said}", partial(self.action_do, action.id)

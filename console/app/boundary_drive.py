@@ -10,13 +10,15 @@ from topdress.control.geodesy import Place, TangentPlane, calc_plane_distance_m,
 from topdress.control.log_row import LogRow
 
 # of two corners: finer than any edge of a field, and 20,000 of them are 40 km
-APART_M = 2.0
+CORNER_GAP_M = 2.0
 LEAST_CORNERS = 4
 # no dead reckoning: the edge is where the receiver says
-FIXES = (1, 2, 4, 5)
+FIX_QUALITIES = (1, 2, 4, 5)
 
 
 class Corner(NamedTuple):
+    """Holds a corner of the antenna's way."""
+
     lat_deg: float
     lon_deg: float
     heading_deg: float
@@ -24,59 +26,67 @@ class Corner(NamedTuple):
 
 @dataclass(slots=True)
 class BoundaryDrive:
-    """right_m: the edge lies so far to the right of the antenna's way; negative: to the left."""
+    """Records a boundary. right_m: the edge lies so far to the right of the antenna's way;
+    negative: to the left."""
 
     right_m: float
     corners: list[Corner] = field(default_factory=list)
     way_m: float = 0.0
     _plane: TangentPlane | None = None
 
-    def add(self, row: LogRow) -> None:
-        """A row of the run; those without a fix or a course, and those too near to the last
+    def add_row(self, row: LogRow) -> None:
+        """Add a row of the run; those without a fix or a course, and those too near to the last
         corner, are left out."""
         if (
             row.lat_deg is None
             or row.lon_deg is None
             or row.heading_deg is None
-            or row.fix_quality not in FIXES
+            or row.fix_quality not in FIX_QUALITIES
         ):
             return
         self.add_corner(Corner(row.lat_deg, row.lon_deg, row.heading_deg))
 
     def add_corner(self, corner: Corner) -> None:
-        """Left out where it is too near to the last one."""
+        """Add a corner; it is left out where it is too near to the last one."""
         if self._plane is None:
             self._plane = TangentPlane(corner.lat_deg, corner.lon_deg)
         if self.corners:
-            step_m = calc_plane_distance_m(self._at(self.corners[-1]), self._at(corner))
-            if step_m < APART_M:
+            step_m = calc_plane_distance_m(
+                self._convert_to_m(self.corners[-1]), self._convert_to_m(corner)
+            )
+            if step_m < CORNER_GAP_M:
                 return
             self.way_m += step_m
         self.corners.append(corner)
 
-    def _at(self, corner: Corner) -> Place:
+    def _convert_to_m(self, corner: Corner) -> Place:
         assert self._plane is not None
         return self._plane.project_to_m(corner.lat_deg, corner.lon_deg)
 
     @property
-    def open_m(self) -> float:
-        """From the end back to the beginning."""
+    def closing_gap_m(self) -> float:
+        """Distance from the end back to the beginning, m."""
         return (
-            calc_plane_distance_m(self._at(self.corners[-1]), self._at(self.corners[0]))
+            calc_plane_distance_m(
+                self._convert_to_m(self.corners[-1]), self._convert_to_m(self.corners[0])
+            )
             if len(self.corners) > 1
             else 0.0
         )
 
     @property
-    def enough(self) -> bool:
-        return len(self.corners) >= LEAST_CORNERS and self.way_m > 2.0 * self.open_m
+    def is_closable(self) -> bool:
+        """Whether the way is long enough to be closed to a ring."""
+        return len(self.corners) >= LEAST_CORNERS and self.way_m > 2.0 * self.closing_gap_m
 
-    def ring_deg(self) -> tuple[tuple[float, float], ...]:
+    def make_ring_deg(self) -> tuple[tuple[float, float], ...]:
         """The edge as latitude and longitude, in the order in which it was driven."""
         plane = self._plane
         if plane is None:
             return ()
         return tuple(
-            plane.convert_to_deg(*offset_place(self._at(one), one.heading_deg, 0.0, self.right_m))
+            plane.convert_to_deg(
+                *offset_place(self._convert_to_m(one), one.heading_deg, 0.0, self.right_m)
+            )
             for one in self.corners
         )

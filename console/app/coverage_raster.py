@@ -22,31 +22,31 @@ Floats = npt.NDArray[np.float64]
 Window = npt.NDArray[np.float32]
 
 CELLS_M = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-VALUES = 3  # of a spot: applied, target, NDVI
-KINDS = VALUES + 1  # and how often the ground was spread on
-PLANES = 2 * KINDS + 1
+SPOT_VALUES = 3  # of a spot: applied, target, NDVI
+CELL_KINDS = SPOT_VALUES + 1  # and how often the ground was spread on
+CELL_PLANES = 2 * CELL_KINDS + 1
 # a cell's own plane: how far was driven when it was spread on last, m; 0: never
-_SINCE = PLANES
+_DRIVEN_PLANE = CELL_PLANES
 # driven since: not the same pass; as control.field.coverage has it
 REVISIT_WIDTHS = 3.0
 # shorter ways are not entered: standing still weighs nothing
-STEP_M = 0.4
+LEAST_STEP_M = 0.4
 # of a cell, between places that are entered: below the side of a square that has a place of
 # such a lattice in it however it is turned, 1 / sqrt(2)
-SPACING = 0.7
+PLACE_SPACING = 0.7
 # places of the pass behind the machine: some 30 m
-TRAIL = 90
+TRAIL_PLACES = 90
 NOTHING_KG_HA = 1.0  # less than this is passage, not application
 TURNING_RPM = 2.0  # the lag paper's threshold of a shaft that turns
 JUMP_M = 12.0  # places further apart are not joined
 MOST_TILES = 1_400  # of one size of cell: 57 MB
-_TILE = 32  # cells on a side
+_TILE_CELLS = 32  # cells on a side
 ALL_OPEN = -1.0
 MOST_BITS = 52  # that a float holds exactly
 
 
 class Spot(NamedTuple):
-    """One place of the outlets, m east and north of the field's origin; what is not known is
+    """Holds one place of the outlets, m east and north of the field's origin; unknown numbers are
     NaN."""
 
     east_m: float
@@ -59,9 +59,9 @@ class Spot(NamedTuple):
     way_m: float = 0.0  # driven until here; Worked says it
 
 
-def find_spot(frame: Frame) -> Spot | None:
-    """Rates count only where the machine worked: a machine that is held owes nothing. None: no
-    place."""
+def make_spot(frame: Frame) -> Spot | None:
+    """The spot of a frame; None: no place. Rates count only where the machine worked: a machine
+    that is held owes nothing."""
     if frame.place_m is None or not all(map(isfinite, frame.place_m)):
         return None
     row = frame.row
@@ -74,22 +74,22 @@ def find_spot(frame: Frame) -> Spot | None:
         and (row.shaft_rpm or 0.0) > TURNING_RPM
     )
 
-    def known(value: float | None) -> float:
+    def replace_unknown(value: float | None) -> float:
         return float("nan") if value is None else value
 
     return Spot(
         frame.place_m[0],
         frame.place_m[1],
-        known(row.heading_deg),
-        known(row.applied_rate_kg_ha) if lands else float("nan"),
-        known(row.target_rate_kg_ha) if at_work else float("nan"),
-        known(row.ndvi),
-        open_bits(row.sections_cmd),
+        replace_unknown(row.heading_deg),
+        replace_unknown(row.applied_rate_kg_ha) if lands else float("nan"),
+        replace_unknown(row.target_rate_kg_ha) if at_work else float("nan"),
+        replace_unknown(row.ndvi),
+        parse_open_bits(row.sections_cmd),
     )
 
 
-def open_bits(sections_cmd: str | None) -> float:
-    """The log's column of the valves as a number; all open where it tells nothing."""
+def parse_open_bits(sections_cmd: str | None) -> float:
+    """The log's column of the valves as a number; all open where it is empty."""
     if not sections_cmd:
         return ALL_OPEN
     return float(
@@ -102,27 +102,30 @@ def open_bits(sections_cmd: str | None) -> float:
 
 
 class Box(NamedTuple):
+    """Holds ends of a rectangle, m."""
+
     west_m: float
     south_m: float
     east_m: float
     north_m: float
 
 
-class Worked:
-    """Fed with spots in the order of driving. width_m: of the ground that the outlets cover.
+class WorkedGround:
+    """Rasters the worked ground. Takes spots in the order of driving.
 
-    `version` changes when anything was entered. Where the finest cells would need more than
-    `most_tiles` tiles they are given up, and the map is as coarse as the next size. Larger
-    cells are summed up when they are looked at.
+    width_m: of the ground that the outlets cover. `version` changes when anything was entered.
+    Where the finest cells would need more than `most_tiles` tiles they are given up, and the map is
+    as coarse as the next size. Larger cells are summed up when they are needed.
     """
 
     def __init__(self, width_m: float = 2.4, most_tiles: int = MOST_TILES) -> None:
         self.width_m, self.most_tiles = width_m, most_tiles
         # right ends of the sections, as shares of the width
         self.sections: tuple[float, ...] = ()
-        self.clear()
+        self.clear_ground()
 
-    def clear(self) -> None:
+    def clear_ground(self) -> None:
+        """Forget all spots."""
         self.version = 0
         self.cells_m: tuple[float, ...] = CELLS_M
         self.box: Box | None = None  # of the outlets' middle
@@ -134,105 +137,108 @@ class Worked:
         self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}
         self._last: Spot | None = None
         self._way_m = 0.0
-        self.trail: deque[Spot] = deque(maxlen=TRAIL)
+        self.trail: deque[Spot] = deque(maxlen=TRAIL_PLACES)
 
     @property
-    def tiles(self) -> int:
-        """How many tiles there are, of all sizes of cell."""
+    def tile_count(self) -> int:
+        """Number of tiles, of all sizes of cell."""
         return sum(len(tiles) for tiles in self._tiles.values())
 
-    def add(self, spots: Sequence[Spot]) -> None:
-        """Enter the next spots. Those that lie less than STEP_M from the one before are left
+    def add_spots(self, spots: Sequence[Spot]) -> None:
+        """Enter the next spots. Those that lie less than LEAST_STEP_M from the one before are left
         out."""
-        ways = list(self._new_ways(spots))
+        ways = list(self._find_new_ways(spots))
         if not ways:
             return
         self.version += 1
-        along = _filled([way for way in ways if way.joined], SPACING * self.cells_m[0])
+        along = _fill_ways([way for way in ways if way.joined], PLACE_SPACING * self.cells_m[0])
         points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(
             -1, len(Spot._fields)
         )
         laid = np.concatenate((along, points))
         laid = laid[np.argsort(laid[:, -1], kind="stable")]  # as it was driven
-        self.trail.extend(Spot(*row) for row in laid[-TRAIL:].tolist())
-        self._widen(laid)
-        middle = np.full((len(laid), 2 + KINDS + 1), np.nan)
+        self.trail.extend(Spot(*row) for row in laid[-TRAIL_PLACES:].tolist())
+        self._widen_box(laid)
+        middle = np.full((len(laid), 2 + CELL_KINDS + 1), np.nan)
         middle[:, :2], middle[:, -1] = laid[:, :2], 1.0
-        self._enter(np.concatenate((self._across(laid), middle)))
+        self._enter_rows(np.concatenate((self._list_swath_rows(laid), middle)))
         while len(self._tiles[self.cells_m[0]]) > self.most_tiles and len(self.cells_m) > 1:
-            self._sum_up(self.cells_m[1])
+            self._sum_up_cells(self.cells_m[1])
             del self._tiles[self.cells_m[0]], self._new[self.cells_m[0]]
             self.cells_m = self.cells_m[1:]
 
-    def add_earlier(self, spots: Sequence[Spot]) -> None:
-        """Enter spots of an earlier time; the next ones of `add` go on from where the last ones
-        were."""
+    def add_earlier_spots(self, spots: Sequence[Spot]) -> None:
+        """Enter spots of an earlier time; the next ones of `add_spots` go on from the last ones."""
         (last, self._last), (trail, self.trail) = (
             (self._last, None),
-            (self.trail, deque(maxlen=TRAIL)),
+            (self.trail, deque(maxlen=TRAIL_PLACES)),
         )
-        self.add(spots)
+        self.add_spots(spots)
         self._last, self.trail = last, trail
 
-    def window(
+    def sum_window(
         self,
         cell_m: float,
         column: int,
         row: int,
         columns: int,
         rows: int,
-        planes: Sequence[int] = range(PLANES),
+        planes: Sequence[int] = range(CELL_PLANES),
     ) -> Window:
-        """Planes (sums of applied, target, NDVI, how often; their counts; passages) of cells
-        column ... column + columns, row south to north; zeros where nothing was entered."""
-        self._sum_up(cell_m)
+        """Planes (sums of applied, target, NDVI, how often; their counts; passages) of cells column
+        ... column + columns, row south to north; zeros where nothing was entered."""
+        self._sum_up_cells(cell_m)
         seen = np.zeros((len(planes), rows, columns), dtype=np.float32)
         tiles = self._tiles[cell_m]
-        for tile_row in range(row // _TILE, (row + rows - 1) // _TILE + 1):
-            for tile_column in range(column // _TILE, (column + columns - 1) // _TILE + 1):
+        for tile_row in range(row // _TILE_CELLS, (row + rows - 1) // _TILE_CELLS + 1):
+            for tile_column in range(
+                column // _TILE_CELLS, (column + columns - 1) // _TILE_CELLS + 1
+            ):
                 tile = tiles.get((tile_column, tile_row))
                 if tile is None:
                     continue
-                r0, c0 = tile_row * _TILE, tile_column * _TILE
-                r = slice(max(row, r0), min(row + rows, r0 + _TILE))
-                c = slice(max(column, c0), min(column + columns, c0 + _TILE))
+                r0, c0 = tile_row * _TILE_CELLS, tile_column * _TILE_CELLS
+                r = slice(max(row, r0), min(row + rows, r0 + _TILE_CELLS))
+                c = slice(max(column, c0), min(column + columns, c0 + _TILE_CELLS))
                 for k, plane in enumerate(planes):
                     seen[k, r.start - row : r.stop - row, c.start - column : c.stop - column] = (
                         tile[plane, r.start - r0 : r.stop - r0, c.start - c0 : c.stop - c0]
                     )
         return seen
 
-    def cell_for(self, pixel_m: float) -> float:
-        """The coarsest cell that is not larger than a pixel, or the finest."""
+    def choose_cell_m(self, pixel_m: float) -> float:
+        """The coarsest cell that is not larger than a pixel, or the finest, m."""
         return max((cell for cell in self.cells_m if cell <= pixel_m), default=self.cells_m[0])
 
-    def trail_places(self) -> Floats:
-        """East and north of the ground that the trail covers, a place for each of the finest
-        cells across."""
+    def list_trail_places(self) -> Floats:
+        """East and north of the ground that the trail covers, a place for each of the finest cells
+        across."""
         laid = np.array(self.trail, dtype=np.float64).reshape(-1, len(Spot._fields))
-        return self._swath(laid, self._aside())[0].reshape(-1, 2)
+        return self._make_swath(laid, self._list_offsets_m())[0].reshape(-1, 2)
 
     # --- inside
     # ----------------------------------------------------------------------------------------------
 
-    def _new_ways(self, spots: Sequence[Spot]) -> Iterator[_Way]:
+    def _find_new_ways(self, spots: Sequence[Spot]) -> Iterator[_SpotWay]:
         for spot in spots:
             last = self._last
             apart_m = (
-                2.0 * self._revisit_m
+                2.0 * self._revisit_distance_m
                 if last is None
                 else hypot(spot.east_m - last.east_m, spot.north_m - last.north_m)
             )
-            if last is None or apart_m >= STEP_M:
+            if last is None or apart_m >= LEAST_STEP_M:
                 self._way_m += apart_m
                 self._last = spot._replace(way_m=self._way_m)
-                yield _Way(last or self._last, self._last, last is not None and apart_m <= JUMP_M)
+                yield _SpotWay(
+                    last or self._last, self._last, last is not None and apart_m <= JUMP_M
+                )
 
     @property
-    def _revisit_m(self) -> float:
+    def _revisit_distance_m(self) -> float:
         return REVISIT_WIDTHS * self.width_m
 
-    def _widen(self, laid: Floats) -> None:
+    def _widen_box(self, laid: Floats) -> None:
         (west, south), (east, north) = (
             laid[:, :2].min(axis=0).tolist(),
             laid[:, :2].max(axis=0).tolist(),
@@ -245,16 +251,16 @@ class Worked:
             max(old.east_m, east),
             max(old.north_m, north),
         )
-        self.rate_ends = _ends(self.rate_ends, laid[:, 3:5], NOTHING_KG_HA)
-        self.ndvi_ends = _ends(self.ndvi_ends, laid[:, 5], -1.0)
+        self.rate_ends = _widen_ends(self.rate_ends, laid[:, 3:5], NOTHING_KG_HA)
+        self.ndvi_ends = _widen_ends(self.ndvi_ends, laid[:, 5], -1.0)
 
-    def _aside(self) -> Floats:
+    def _list_offsets_m(self) -> Floats:
         """Places across the outlets' width, m to the right of their middle."""
-        count = max(1, ceil(self.width_m / (SPACING * self.cells_m[0])))
+        count = max(1, ceil(self.width_m / (PLACE_SPACING * self.cells_m[0])))
         return np.asarray((np.arange(count) + 0.5) / count * self.width_m - 0.5 * self.width_m)
 
     @staticmethod
-    def _swath(laid: Floats, aside: Floats) -> tuple[Floats, Floats]:
+    def _make_swath(laid: Floats, aside: Floats) -> tuple[Floats, Floats]:
         """Places (spot, aside, east and north), and the direction to the right (spot, east and
         north)."""
         heading = np.radians(laid[:, 2])
@@ -262,97 +268,107 @@ class Worked:
         right[~np.isfinite(heading)] = 0.0
         return laid[:, None, :2] + right[:, None, :] * aside[:, None], right
 
-    def _across(self, laid: Floats) -> Floats:
-        """Rows east, north, values, the way driven where something was spread on the cell's
+    def _list_swath_rows(self, laid: Floats) -> Floats:
+        """Rows of east, north, values, the way driven where something was spread on the cell's
         middle, else NaN, and 0 for no passage: a row for each place across."""
-        aside = self._aside()
-        places, right = self._swath(laid, aside)
+        aside = self._list_offsets_m()
+        places, right = self._make_swath(laid, aside)
         count = len(aside)
-        values = np.repeat(laid[:, 3 : 3 + VALUES], count, axis=0)
+        values = np.repeat(laid[:, 3 : 3 + SPOT_VALUES], count, axis=0)
         if self.sections:
             of = np.searchsorted(self.sections, aside / self.width_m + 0.5).clip(
                 max=len(self.sections) - 1
             )
-            bits = laid[:, 3 + VALUES].astype(np.int64)
+            bits = laid[:, 3 + SPOT_VALUES].astype(np.int64)
             # nothing from a closed section
             values[(bits[:, None] >> of & 1 == 0).reshape(-1), :2] = np.nan
         middles = (np.floor(places / self.cells_m[0]) + 0.5) * self.cells_m[0]
         off = ((middles - laid[:, None, :2]) * right[:, None, :]).sum(axis=2)
         spread = (np.abs(off) <= 0.5 * self.width_m).reshape(-1) & (values[:, 0] >= NOTHING_KG_HA)
-        rows = np.zeros((len(values), 2 + KINDS + 1))
-        rows[:, :2], rows[:, 2 : 2 + VALUES] = places.reshape(-1, 2), values
-        rows[:, 2 + VALUES] = np.where(spread, np.repeat(laid[:, 4 + VALUES], count), np.nan)
+        rows = np.zeros((len(values), 2 + CELL_KINDS + 1))
+        rows[:, :2], rows[:, 2 : 2 + SPOT_VALUES] = places.reshape(-1, 2), values
+        rows[:, 2 + SPOT_VALUES] = np.where(
+            spread, np.repeat(laid[:, 4 + SPOT_VALUES], count), np.nan
+        )
         return rows
 
-    def _enter(self, rows: Floats) -> None:
-        """Add rows of `_across` to the finest cells."""
+    def _enter_rows(self, rows: Floats) -> None:
+        """Add rows of `_list_swath_rows` to the finest cells."""
         cell_m = self.cells_m[0]
         cells = np.floor(rows[:, :2] / cell_m).astype(np.int64)
-        tile = cells // _TILE
+        tile = cells // _TILE_CELLS
         order = np.lexsort((tile[:, 1], tile[:, 0]))
         tile, cells, rows = tile[order], cells[order], rows[order]
         begins = np.flatnonzero(np.any(np.diff(tile, axis=0, prepend=tile[:1] - 1) != 0, axis=1))
         for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(tile)], strict=True):
             column, row = tile[begin].tolist()
-            planes = self._tile(cell_m, (column, row))
+            planes = self._find_or_make_tile(cell_m, (column, row))
             self._new[cell_m].add((column, row))
-            inside = cells[begin:end] - np.array((column * _TILE, row * _TILE))
-            flat = inside[:, 1] * _TILE + inside[:, 0]
-            by_cell = planes.reshape(len(planes), _TILE * _TILE)
-            np.add.at(by_cell[2 * KINDS], flat, rows[begin:end, -1])
-            for kind in range(VALUES):
+            inside = cells[begin:end] - np.array((column * _TILE_CELLS, row * _TILE_CELLS))
+            flat = inside[:, 1] * _TILE_CELLS + inside[:, 0]
+            by_cell = planes.reshape(len(planes), _TILE_CELLS * _TILE_CELLS)
+            np.add.at(by_cell[2 * CELL_KINDS], flat, rows[begin:end, -1])
+            for kind in range(SPOT_VALUES):
                 values = rows[begin:end, 2 + kind]
                 known = np.isfinite(values)
                 np.add.at(by_cell[kind], flat[known], values[known])
-                np.add.at(by_cell[KINDS + kind], flat[known], 1.0)
-            self._count(by_cell, flat, rows[begin:end, 2 + VALUES])
+                np.add.at(by_cell[CELL_KINDS + kind], flat[known], 1.0)
+            self._count_passes(by_cell, flat, rows[begin:end, 2 + SPOT_VALUES])
 
-    def _count(self, by_cell: Window, cells: npt.NDArray[np.int64], way_m: Floats) -> None:
-        """Those that the outlets came to anew were spread on once more."""
+    def _count_passes(self, by_cell: Window, cells: npt.NDArray[np.int64], way_m: Floats) -> None:
+        """Count one more spread where the outlets came anew."""
         known = np.isfinite(way_m)
         cells, way_m = cells[known], way_m[known]
         order = np.lexsort((way_m, cells))
         cells, way_m = cells[order], way_m[order]
-        times, covered, since = by_cell[VALUES], by_cell[KINDS + VALUES], by_cell[_SINCE]
+        times, covered, since = (
+            by_cell[SPOT_VALUES],
+            by_cell[CELL_KINDS + SPOT_VALUES],
+            by_cell[_DRIVEN_PLANE],
+        )
         before, same = since[cells], cells[1:] == cells[:-1]
         before[1:][same] = way_m[:-1][same]
-        anew = cells[(before == 0.0) | (way_m - before > self._revisit_m)]
+        anew = cells[(before == 0.0) | (way_m - before > self._revisit_distance_m)]
         covered[anew] = np.maximum(1.0, covered[anew])
         # of a cell that was made of four: all that were covered
         np.add.at(times, anew, covered[anew])
         np.maximum.at(since, cells, way_m)
 
-    def _tile(self, cell_m: float, at: tuple[int, int]) -> Window:
+    def _find_or_make_tile(self, cell_m: float, at: tuple[int, int]) -> Window:
         tile = self._tiles[cell_m].get(at)
         if tile is None:
-            tile = self._tiles[cell_m][at] = np.zeros((PLANES + 1, _TILE, _TILE), dtype=np.float32)
+            tile = self._tiles[cell_m][at] = np.zeros(
+                (CELL_PLANES + 1, _TILE_CELLS, _TILE_CELLS), dtype=np.float32
+            )
         return tile
 
-    def _sum_up(self, cell_m: float) -> None:
-        """Larger cells, up to this size, are made of the new tiles of the smaller ones: each
-        the sum of four."""
-        half = _TILE // 2
+    def _sum_up_cells(self, cell_m: float) -> None:
+        """Make larger cells, up to this size, of the new tiles of the smaller ones: each the sum of
+        four."""
+        half = _TILE_CELLS // 2
         for small, large in pairwise(cell for cell in self.cells_m if cell <= cell_m):
             for column, row in self._new[small]:
-                tile_of_four = self._tiles[small][column, row].reshape(PLANES + 1, half, 2, half, 2)
+                tile_of_four = self._tiles[small][column, row].reshape(
+                    CELL_PLANES + 1, half, 2, half, 2
+                )
                 fours = tile_of_four.sum(axis=(2, 4))
-                fours[_SINCE] = tile_of_four[_SINCE].max(axis=(1, 3))
-                tile = self._tile(large, (column // 2, row // 2))
+                fours[_DRIVEN_PLANE] = tile_of_four[_DRIVEN_PLANE].max(axis=(1, 3))
+                tile = self._find_or_make_tile(large, (column // 2, row // 2))
                 r, c = half * (row % 2), half * (column % 2)
                 tile[:, r : r + half, c : c + half] = fours
                 self._new[large].add((column // 2, row // 2))
             self._new[small].clear()
 
 
-class _Way(NamedTuple):
+class _SpotWay(NamedTuple):
     begin: Spot
     end: Spot
     joined: bool
 
 
-def _filled(ways: Sequence[_Way], step_m: float) -> Floats:
-    """Rows of Spot values along joined ways, `step_m` apart at most, each way's end in, its
-    begin out."""
+def _fill_ways(ways: Sequence[_SpotWay], step_m: float) -> Floats:
+    """Rows of Spot values along joined ways, `step_m` apart at most, each way's end in, its begin
+    out."""
     if not ways:
         return np.zeros((0, len(Spot._fields)))
     begin = np.array([way.begin for way in ways], dtype=np.float64)
@@ -365,7 +381,7 @@ def _filled(ways: Sequence[_Way], step_m: float) -> Floats:
     return np.asarray(end[which] - (1.0 - share)[:, None] * way[which])
 
 
-def _ends(
+def _widen_ends(
     old: tuple[float, float] | None, values: Floats, least: float
 ) -> tuple[float, float] | None:
     known = values[np.isfinite(values) & (values >= least)]

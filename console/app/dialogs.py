@@ -12,7 +12,7 @@ from textual.binding import Binding
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Static
-from topdress.console.app.type_ahead_guard import PAUSE_S
+from topdress.console.app.type_ahead_guard import TYPING_PAUSE_S
 from topdress.console.app.widgets.choice_list import Choice as Choice
 from topdress.console.app.widgets.choice_list import ChoiceList, ChoicesView
 from topdress.console.app.widgets.panel import Picked
@@ -21,16 +21,16 @@ from topdress.console.locale import _
 if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
-R = TypeVar("R")
+Result = TypeVar("Result")
 # rows of the border, and of alarms and keys that stay in sight
-DIALOG_FRAME = 7
+DIALOG_FRAME_ROWS = 7
 
 
-class Dialog(ModalScreen[R], Generic[R]):
-    """A box in the middle; hold and stop have priority over it.
+class Dialog(ModalScreen[Result], Generic[Result]):
+    """Asks in a box in the middle; hold and stop have priority over it.
 
-    Textual calls `on_button_pressed` of every class in a dialog's line, so a kind of dialog
-    only handles its own.
+    Textual calls `on_button_pressed` of every class in a dialog's line, so a kind of dialog only
+    handles its own.
     """
 
     AUTO_FOCUS = ""
@@ -47,33 +47,37 @@ class Dialog(ModalScreen[R], Generic[R]):
         self.heading, self.text = title, text
 
     def compose(self) -> ComposeResult:
+        """Lay out title, body and buttons."""
         with Vertical(classes="dialog"):
             yield Static(self.heading, classes="dialog-title", markup=False)
             with VerticalScroll(classes="dialog-body", can_focus=False):
                 if self.text:
                     yield Static(self.text, classes="dialog-text", markup=False)
-                yield from self.body()
+                yield from self.compose_body()
             with Horizontal(classes="dialog-buttons"):
-                yield from self.buttons()
+                yield from self.compose_buttons()
 
     def on_resize(self, event: events.Resize) -> None:
-        """The middle part has the rows that are left: title and keys stay in sight at any
+        """Give the middle part the rows that are left: title and keys stay in sight at any
         height."""
         for box in self.query(".dialog-body"):
             around = sum(
                 one.outer_size.height + one.styles.margin.height
                 for one in self.query(".dialog-title, .dialog-buttons, .dialog > ChoiceList")
             )
-            box.styles.max_height = max(1, event.size.height - around - DIALOG_FRAME)
+            box.styles.max_height = max(1, event.size.height - around - DIALOG_FRAME_ROWS)
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
+        """Widgets between text and buttons."""
         yield from ()
 
-    def buttons(self) -> ComposeResult:
-        yield Button(f"{_('Enter')}  {self.yes_label()}", id="yes", classes="dialog-button")
+    def compose_buttons(self) -> ComposeResult:
+        """The dialog's buttons."""
+        yield Button(f"{_('Enter')}  {self.describe_yes()}", id="yes", classes="dialog-button")
         yield Button(f"Esc  {_('cancel')}", id="cancel", classes="dialog-button")
 
-    def yes_label(self) -> str:
+    def describe_yes(self) -> str:
+        """Word of the yes button."""
         return _("yes")
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
@@ -84,21 +88,24 @@ class Dialog(ModalScreen[R], Generic[R]):
             self.action_cancel()
 
     def action_cancel(self) -> None:
+        """Close without an answer."""
         self.dismiss(None)
 
     def action_yes(self) -> None:
+        """Answer yes."""
         raise NotImplementedError
 
 
 class Confirm(Dialog[bool | None]):
-    """Yes or nothing."""
+    """Asks for yes or nothing."""
 
     def action_yes(self) -> None:
+        """Answer yes."""
         self.dismiss(True)
 
 
 class NudgeDialog(Dialog[float | None]):
-    """Steps of 5 % from where the nudge is; one Enter for all of them."""
+    """Asks for a nudge in steps of 5 %; one Enter for all of them."""
 
     BINDINGS: ClassVar = [
         Binding("plus,equals_sign,kp_plus,up", "step(1)", show=False),
@@ -117,47 +124,53 @@ class NudgeDialog(Dialog[float | None]):
         self._typing = False
         self.action_step(first)
 
-    def body(self) -> ComposeResult:
-        yield Static(self._says(), classes="dialog-value", id="nudge-value", markup=False)
+    def compose_body(self) -> ComposeResult:
+        yield Static(self._format_nudge(), classes="dialog-value", id="nudge-value", markup=False)
 
     def on_key(self, event: events.Key) -> None:
-        """The 0 of a typed `10` must not take the nudge away: digits are refused, in words."""
+        """Refuse digits, in words: the 0 of a typed `10` must not take the nudge away."""
         digit = event.character or event.key.removeprefix("kp_")
         if len(digit) == 1 and digit.isdecimal() and (digit != "0" or self._typing):
             event.stop()
             self._typing = True
-            self._tell(_("It goes in steps: + and - change it, a number is not typed here."))
+            self._show_nudge(_("It goes in steps: + and - change it, a number is not typed here."))
         elif event.key in ("backspace", "delete"):
             self._typing = False
-            self._tell()
+            self._show_nudge()
 
-    def _says(self) -> str:
+    def _format_nudge(self) -> str:
         return f"{self.before:+.0f} %   >>>   {self.percent:+.0f} %"
 
     def action_step(self, steps: int) -> None:
+        """Change the nudge by steps of 5 %."""
         wanted = self.percent + steps * self.STEP_PERCENT
         self.percent = float(max(-self.LIMIT_PERCENT, min(self.LIMIT_PERCENT, wanted)))
         self._typing = False
-        self._tell()
+        self._show_nudge()
 
     def action_zero(self) -> None:
+        """Set the nudge to zero."""
         self.percent = 0.0
-        self._tell()
+        self._show_nudge()
 
-    def _tell(self, wrong: str = "") -> None:
+    def _show_nudge(self, wrong: str = "") -> None:
         if self.is_mounted:
             shown = self.query_one("#nudge-value", Static)
-            shown.update(f"{self._says()}\n! {wrong}" if wrong else self._says())
+            shown.update(f"{self._format_nudge()}\n! {wrong}" if wrong else self._format_nudge())
             shown.set_class(bool(wrong), "-refused")
 
     def action_yes(self) -> None:
+        """Answer with the nudge."""
         self.dismiss(self.percent)
 
 
 class ChoiceDialog(Dialog[str | None]):
-    """One of a list. Digits mark a line, two typed one after the other are one number; so do
-    arrows and clicks. Only Enter takes. A number that no line has is said, and Enter takes
-    nothing until a line is marked again."""
+    """Asks for one of a list.
+
+    Digits mark a line, two typed one after the other are one number; so do arrows and clicks. Only
+    Enter takes. A number that no line has is reported, and Enter takes nothing until a line is
+    marked again.
+    """
 
     BINDINGS: ClassVar = [
         Binding("up", "move(-1)", show=False),
@@ -179,18 +192,18 @@ class ChoiceDialog(Dialog[str | None]):
         self.at = at if at is not None else values.index(now) if now in values else 0
         self._typed, self._typed_s, self._wrong = "", 0.0, ""
 
-    def body(self) -> ComposeResult:
-        yield ChoiceList(self._view(), id="choices")
+    def compose_body(self) -> ComposeResult:
+        yield ChoiceList(self._make_view(), id="choices")
 
     def on_mount(self) -> None:
-        self._mark()
+        self._show_mark()
 
     def on_resize(self, event: events.Resize) -> None:
-        """The list scrolls by itself in the rows that the text leaves."""
+        """Let the list scroll by itself in the rows that the text leaves."""
         super().on_resize(event)
-        self.call_after_refresh(self._fit)
+        self.call_after_refresh(self._fit_list)
 
-    def _fit(self) -> None:
+    def _fit_list(self) -> None:
         for box in self.query(".dialog-body"):
             rows = box.styles.max_height
             said = sum(
@@ -201,25 +214,30 @@ class ChoiceDialog(Dialog[str | None]):
                 3, int(rows.value if rows else 0) - said
             )
 
-    def _view(self) -> ChoicesView:
+    def _make_view(self) -> ChoicesView:
         return ChoicesView(self.choices, self.at, self.now, self._wrong)
 
-    def _mark(self) -> None:
+    def _show_mark(self) -> None:
         shown = self.query_one(ChoiceList)
-        shown.show(self._view())
+        shown.show_view(self._make_view())
         shown.refresh(layout=True)
 
-    def _go_to(self, index: int) -> None:
+    def _mark_line(self, index: int) -> None:
         self.at, self._typed, self._wrong = index, "", ""
-        self._mark()
+        self._show_mark()
 
     def action_move(self, by: int) -> None:
-        self._go_to((max(-1, self.at + by) if self.at < 0 else self.at + by) % len(self.choices))
+        """Move the mark, round the ends."""
+        self._mark_line(
+            (max(-1, self.at + by) if self.at < 0 else self.at + by) % len(self.choices)
+        )
 
     def action_go(self, by: int) -> None:
-        self._go_to(max(0, min(len(self.choices) - 1, self.at + by)))
+        """Move the mark, as far as the ends."""
+        self._mark_line(max(0, min(len(self.choices) - 1, self.at + by)))
 
     def on_key(self, event: events.Key) -> None:
+        """Mark the line of a typed number."""
         digit = (
             event.key.removeprefix("kp_") if event.key.startswith("kp_") else event.character or ""
         )
@@ -227,33 +245,35 @@ class ChoiceDialog(Dialog[str | None]):
             return
         event.stop()
         now_s = cast("TopdressApp", self.app).clock()
-        before = self._typed if now_s - self._typed_s < PAUSE_S else ""
+        before = self._typed if now_s - self._typed_s < TYPING_PAUSE_S else ""
         typed = (before + str(int(digit))).lstrip("0")
         if not typed:
             return
         if int(typed) <= len(self.choices):
-            self._go_to(int(typed) - 1)
+            self._mark_line(int(typed) - 1)
             self._typed, self._typed_s = typed, now_s
         else:
             self._typed, self._wrong = "", typed
-            self._mark()
+            self._show_mark()
 
     def on_picked(self, event: Picked) -> None:
-        self._go_to(event.index)
+        """Mark the clicked line."""
+        self._mark_line(event.index)
 
     def on_choice_list_wheeled(self, event: ChoiceList.Wheeled) -> None:
+        """Move the mark with the wheel."""
         self.action_go(event.lines)
 
     def action_yes(self) -> None:
-        """What cannot be taken now says why, and the question stays."""
+        """Take the marked line; one that cannot be taken now says why, and the question stays."""
         self._typed = ""
         if self.at >= 0 and not self._wrong and not self.choices[self.at].why:
             self.dismiss(self.choices[self.at].value)
 
 
 class TextDialog(Dialog[bool | None]):
-    """Reads only: lines of text, scrolled where they are many; Escape, Enter or a click on the
-    last line closes."""
+    """Shows lines of text, scrolled where they are many; Escape, Enter or a click on the last line
+    closes."""
 
     AUTO_FOCUS = "#text-scroll"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-_FACE = {
+_DIGIT_FACES = {
     "0": ("###", "# #", "# #", "# #", "###"),
     "1": (" # ", "## ", " # ", " # ", "###"),
     "2": ("###", "  #", "###", "#  ", "###"),
@@ -25,39 +25,42 @@ _FACE = {
     "+": ("   ", " # ", "###", " # ", "   "),
     " ": (" ", " ", " ", " ", " "),
 }
-ROWS = {1: 3, 2: 5, 3: 10}
-_APART = {1: 1, 2: 2, 3: 4}  # columns between the numerals of a number
-_HALVES = {"  ": " ", "# ": "▀", " #": "▄", "##": "█"}
+ROWS_AT_SCALE = {1: 3, 2: 5, 3: 10}
+_GAPS = {1: 1, 2: 2, 3: 4}  # columns between the numerals of a number
+_HALF_BLOCKS = {"  ": " ", "# ": "▀", " #": "▄", "##": "█"}
 
 
-def draw(text: str, scale: int = 1) -> tuple[str, ...]:
-    """Rows of one width that show `text` (digits, point, signs, space); `ROWS[scale]` of them.
+def draw_digits(text: str, scale: int = 1) -> tuple[str, ...]:
+    """Rows of one width that show `text` (digits, point, signs, space); `ROWS_AT_SCALE[scale]`
+    rows.
 
     Raises KeyError for a character that has no face.
     """
-    pixels = [" ".join(_FACE[character][row] for character in text) for row in range(5)]
+    pixels = [" ".join(_DIGIT_FACES[character][row] for character in text) for row in range(5)]
     if scale > 1:
         wide, high = (2, 1) if scale == 2 else (4, 2)
         drawn = ["".join(("█" if dot == "#" else " ") * wide for dot in row) for row in pixels]
         return tuple(row for row in drawn for _same in range(high))
     pixels.append(" " * len(pixels[0]))
     return tuple(
-        "".join(_HALVES[up + down] for up, down in zip(pixels[i], pixels[i + 1], strict=True))
+        "".join(_HALF_BLOCKS[up + down] for up, down in zip(pixels[i], pixels[i + 1], strict=True))
         for i in range(0, 6, 2)
     )
 
 
-def largest(texts: Iterable[str], columns: int, rows: int) -> int:
-    """The largest scale at which each text fits into the room; 1 where none does. columns: from
-    one number to the next, which must stand twice as far apart as the numerals of one, else 89
-    and 89 are read as 8 98 9."""
+def find_largest_scale(texts: Iterable[str], columns: int, rows: int) -> int:
+    """The largest scale at which each text fits into the room; 1 where none does.
+
+    columns: from one number to the next, which must stand twice as far apart as the numerals of
+    one, else 89 and 89 are read as 8 98 9.
+    """
     kept = list(texts)
     return next(
         (
             scale
             for scale in (3, 2)
-            if ROWS[scale] <= rows
-            and all(len(draw(text, scale)[0]) + 2 * _APART[scale] <= columns for text in kept)
+            if ROWS_AT_SCALE[scale] <= rows
+            and all(len(draw_digits(text, scale)[0]) + 2 * _GAPS[scale] <= columns for text in kept)
         ),
         1,
     )

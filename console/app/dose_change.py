@@ -6,22 +6,22 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from topdress.console.app.typed_number import format_number
-from topdress.console.app.undo import ordered_source
+from topdress.console.app.undo import find_ordered_source
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.orders import Do, Order, TargetSource
 
 # Share of the dose before. The nudge goes as far in one question of its own.
-MOST_UNASKED = 0.3
+UNASKED_SHARE = 0.3
 DOSE_ORDERS = frozenset({Do.SOURCE, Do.MANUAL_RATE, Do.NUDGE})
 # of the products of rates and nudges, so that 130 for 100 is no more than 30 %
-_SLACK = 1e-9
+_ROUNDING_SLACK = 1e-9
 
 
 class DoseChange(NamedTuple):
-    """The dose before and after some orders, kg/ha, nudge included; None: not known, or single
-    doses."""
+    """Holds the dose before and after some orders, kg/ha, nudge included; None: not known, or
+    single doses."""
 
     before_kg_ha: float | None
     after_kg_ha: float | None
@@ -33,16 +33,17 @@ class DoseChange(NamedTuple):
         before, after = self.before_kg_ha, self.after_kg_ha
         if before is None or after is None:
             return True
-        return abs(after - before) > (MOST_UNASKED + _SLACK) * before
+        return abs(after - before) > (UNASKED_SHARE + _ROUNDING_SLACK) * before
 
-    def question(self, units: Units) -> str:
+    def format_question(self, units: Units) -> str:
         """The title of a question about it."""
         return _("Change the dose from {before} to {after}?").format(
-            before=self._rate(units, self.before_kg_ha), after=self._rate(units, self.after_kg_ha)
+            before=self._format_rate(units, self.before_kg_ha),
+            after=self._format_rate(units, self.after_kg_ha),
         )
 
-    def text(self, units: Units) -> str:
-        """Before and after in one line, with the share that it grows or falls by."""
+    def format_change(self, units: Units) -> str:
+        """Before and after in one line, with the share by which it grows or falls."""
         before, after = self.before_kg_ha, self.after_kg_ha
         share = "" if not before or after is None else f" ({100.0 * (after / before - 1.0):+.0f} %)"
         nudge = (
@@ -52,14 +53,14 @@ class DoseChange(NamedTuple):
         )
         return (
             _("The dose here: {before} before, {after} after").format(
-                before=self._rate(units, before), after=self._rate(units, after)
+                before=self._format_rate(units, before), after=self._format_rate(units, after)
             )
             + share
             + nudge
         )
 
     @staticmethod
-    def _rate(units: Units, rate_kg_ha: float | None) -> str:
+    def _format_rate(units: Units, rate_kg_ha: float | None) -> str:
         unit = units.rate
         return (
             "--"
@@ -68,14 +69,13 @@ class DoseChange(NamedTuple):
         )
 
 
-def dose_change(frame: Frame | None, orders: Sequence[Order]) -> DoseChange | None:
-    """Returns what these orders make of the dose at the place where the machine is; None where
-    they leave it as it is, or where no frame has come yet. What a nudge makes of single doses
-    is in its own question."""
+def predict_dose_change(frame: Frame | None, orders: Sequence[Order]) -> DoseChange | None:
+    """The change of dose by these orders at the machine's place; None where they leave it as it is,
+    or where no frame has come yet. The effect of a nudge on single doses is in its own question."""
     dose_orders = {order.do: order.value for order in orders if order.do in DOSE_ORDERS}
     if frame is None or not dose_orders:
         return None
-    nudge, source_before = frame.row.nudge_percent or 0.0, ordered_source(frame)
+    nudge, source_before = frame.row.nudge_percent or 0.0, find_ordered_source(frame)
     source = str(dose_orders.get(Do.SOURCE, source_before))
     percent = float(dose_orders.get(Do.NUDGE, nudge) or 0.0)
     before, after = find_source_rate(frame, source_before), find_source_rate(frame, source)
@@ -83,20 +83,20 @@ def dose_change(frame: Frame | None, orders: Sequence[Order]) -> DoseChange | No
         after = float(dose_orders[Do.MANUAL_RATE] or 0.0)
     elif source == source_before and (after is None or percent == nudge):
         return None
-    return DoseChange(_nudged(before, nudge), _nudged(after, percent), percent)
+    return DoseChange(_apply_nudge(before, nudge), _apply_nudge(after, percent), percent)
 
 
 def find_source_rate(frame: Frame, source: str) -> float | None:
-    """Returns what a source of the target gives here, kg/ha, without the nudge; None where that
-    is not known. A worker that does not tell: the manual rate, and what holds now."""
+    """Rate of a source of the target here, kg/ha, without the nudge; None where it is not known.
+    With a worker that does not report it: the manual rate, and the present one."""
     rates = dict(zip(frame.sources, frame.source_rates, strict=False))
     if source in rates:
         return rates[source]
     if source == TargetSource.MANUAL:
         return frame.manual_rate_kg_ha
-    planned = frame.row.target_rate_kg_ha if source == ordered_source(frame) else None
+    planned = frame.row.target_rate_kg_ha if source == find_ordered_source(frame) else None
     return None if planned is None else planned / (1.0 + (frame.row.nudge_percent or 0.0) / 100.0)
 
 
-def _nudged(rate_kg_ha: float | None, percent: float) -> float | None:
+def _apply_nudge(rate_kg_ha: float | None, percent: float) -> float | None:
     return None if rate_kg_ha is None else rate_kg_ha * (1.0 + percent / 100.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.app.camera import Pixels
+from topdress.console.app.camera import PixelGrid
 from topdress.console.app.coverage_raster import Box
 
 Rates = npt.NDArray[np.float32]
@@ -16,9 +16,9 @@ M2_PER_HA = 10_000.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Planned:
-    """Planned rates, kg/ha: rate_kg_ha[row, column], row 0 in the south, column 0 in the west;
-    NaN: nothing said."""
+class PlannedRates:
+    """Holds planned rates, kg/ha: rate_kg_ha[row, column], row 0 in the south, column 0 in the
+    west; NaN: none planned."""
 
     west_m: float
     south_m: float
@@ -27,6 +27,7 @@ class Planned:
 
     @property
     def box(self) -> Box:
+        """Ends of the raster."""
         rows, columns = self.rate_kg_ha.shape
         return Box(
             self.west_m,
@@ -35,8 +36,8 @@ class Planned:
             self.south_m + rows * self.cell_m,
         )
 
-    def at(self, east_m: float, north_m: float) -> float | None:
-        """The planned rate at a place; None where nothing is said."""
+    def find_rate(self, east_m: float, north_m: float) -> float | None:
+        """The planned rate at a place; None where none is planned."""
         column, row = (
             int((east_m - self.west_m) // self.cell_m),
             int((north_m - self.south_m) // self.cell_m),
@@ -47,10 +48,10 @@ class Planned:
         rate = float(self.rate_kg_ha[row, column])
         return None if rate != rate else rate
 
-    def seen(self, pixels: Pixels) -> Rates:
+    def sample_pixels(self, pixels: PixelGrid) -> Rates:
         """The rates at the middles of pixels (rows from the north, columns)."""
         rows, columns = self.rate_kg_ha.shape
-        east, north = pixels.middles()
+        east, north = pixels.list_middles()
         column = np.floor((east - self.west_m) / self.cell_m).astype(np.int64)
         row = np.floor((north - self.south_m) / self.cell_m).astype(np.int64)
         seen = self.rate_kg_ha[np.ix_(np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1))]
@@ -59,31 +60,36 @@ class Planned:
         return seen
 
     @property
-    def ends(self) -> tuple[float, float] | None:
+    def rate_ends(self) -> tuple[float, float] | None:
+        """Lowest and highest planned rate."""
         known = self.rate_kg_ha[np.isfinite(self.rate_kg_ha)]
         return (float(known.min()), float(known.max())) if known.size else None
 
     @property
-    def mass_kg(self) -> float:
-        """All that is planned."""
+    def planned_mass_kg(self) -> float:
+        """Mass of the whole plan, kg."""
         return float(np.nansum(self.rate_kg_ha, dtype=np.float64)) * self.cell_m**2 / M2_PER_HA
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FieldPicture:
-    """title: of the field. rings_m: outlines and holes, east and north. width_m: that the
-    outlets cover. sections: the right ends of those that have valves, as shares of the width;
-    none: it is one whole."""
+    """Holds the parts of a map that do not move.
+
+    title: of the field. rings_m: outlines and holes, east and north. width_m: that the outlets
+    cover. sections: the right ends of those that have valves, as shares of the width; none: it is
+    one whole.
+    """
 
     title: str = ""
     rings_m: tuple[Ring, ...] = ()
     area_ha: float | None = None
     width_m: float = 2.4
-    planned: Planned | None = None
+    planned: PlannedRates | None = None
     sections: tuple[float, ...] = ()
 
     @property
     def box(self) -> Box | None:
+        """Ends of the outline, else of the plan."""
         places = [place for ring in self.rings_m for place in ring]
         if not places:
             return None if self.planned is None else self.planned.box

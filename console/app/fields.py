@@ -13,32 +13,35 @@ from topdress.console.frame import Frame
 if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
-Load = Callable[[Frame], FieldPicture | None]
-_KEPT = 4
+PictureLoader = Callable[[Frame], FieldPicture | None]
+_MOST_PICTURES = 4
 
 
 class FieldPictures:
-    """load: makes the picture of a frame's job, in a thread; its ValueErrors are said once, in
-    one line."""
+    """Loads pictures of fields. load: makes the picture of a frame's job, in a thread; its
+    ValueErrors are reported once, in one line."""
 
-    def __init__(self, app: TopdressApp, load: Load | None) -> None:
+    def __init__(self, app: TopdressApp, load: PictureLoader | None) -> None:
         self._app, self._load = app, load
         self._known: dict[tuple[str, str], FieldPicture | None] = {}
 
-    def of(self, frame: Frame | None) -> FieldPicture | None:
+    def find_picture(self, frame: Frame | None) -> FieldPicture | None:
         """The picture for a frame; asked for the first time, it is loaded and comes later."""
         if frame is None or self._load is None:
             return None
         key = (frame.log_path, frame.job)
         if key not in self._known:
             self._known[key] = None
-            self._app.with_files(
-                partial(self._load, frame), partial(self._keep, key), group="field", exclusive=False
+            self._app.run_with_files(
+                partial(self._load, frame),
+                partial(self._keep_picture, key),
+                group="field",
+                exclusive=False,
             )
         return self._known[key]
 
-    def _keep(self, key: tuple[str, str], picture: FieldPicture | None) -> None:
-        while len(self._known) > _KEPT:
+    def _keep_picture(self, key: tuple[str, str], picture: FieldPicture | None) -> None:
+        while len(self._known) > _MOST_PICTURES:
             del self._known[next(iter(self._known))]
         self._known[key] = picture
-        self._app.page.hurry()
+        self._app.page.hurry_all()

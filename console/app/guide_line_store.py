@@ -16,10 +16,13 @@ from topdress.console.app.guide_line import GuideLine, Place
 
 
 class KeptLines(NamedTuple):
-    """drive None: no boundary is being driven. way: of the drive, east and north, m, as the map
-    draws it. until_s: the log's time of its last record. changed: the line was set or taken
-    away here. of_day: when the job began, by its log, whose line this is on the same field; "":
-    of this job itself."""
+    """Holds the lines of a log.
+
+    drive None: no boundary is being driven. way: of the drive, east and north, m, as the map draws
+    it. until_s: the log's time of its last record. changed: the line was set or taken away here.
+    of_day: when the job began, by its log, whose line this is on the same field; "": of this job
+    itself.
+    """
 
     guide: GuideLine
     drive: BoundaryDrive | None = None
@@ -30,7 +33,7 @@ class KeptLines(NamedTuple):
 
 
 def make_line_record(guide: GuideLine) -> str:
-    """As it is now; a line that was taken away too."""
+    """A record of the line as it is now, also of one that was taken away."""
     return json.dumps(
         {
             "guide": None
@@ -41,28 +44,29 @@ def make_line_record(guide: GuideLine) -> str:
 
 
 def make_drive_record(drive: BoundaryDrive | None, time_s: float) -> str:
-    """A drive that begins; None: it has ended, kept or cancelled."""
+    """A record of a drive that begins; None: it has ended, kept or cancelled."""
     return json.dumps(
         {"drive": None if drive is None else {"right_m": drive.right_m, "time_s": time_s}}
     )
 
 
-def corner_record(corner: Corner, place: Place, time_s: float) -> str:
+def make_corner_record(corner: Corner, place: Place, time_s: float) -> str:
+    """A record of a corner of the drive."""
     return json.dumps({"corner": corner, "place_m": place, "time_s": time_s})
 
 
 def read_kept_lines(records: Iterable[str]) -> KeptLines:
-    """What holds after these records; those that are none are left out."""
+    """The lines after these records; damaged records are left out."""
     kept = KeptLines(GuideLine())
     for record in records:
         try:
-            kept = _with(kept, json.loads(record))
+            kept = _apply_record(kept, json.loads(record))
         except (ValueError, TypeError, KeyError):
             continue
     return kept
 
 
-def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
+def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
     """Raises ValueError, TypeError, KeyError."""
     if "guide" in said:
         line = said["guide"]
@@ -70,8 +74,8 @@ def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
             GuideLine()
             if line is None
             else GuideLine(
-                _place(line["a"]),
-                None if line["b"] is None else _place(line["b"]),
+                _parse_place(line["a"]),
+                None if line["b"] is None else _parse_place(line["b"]),
                 float(line["width_m"]),
             )
         )
@@ -91,13 +95,13 @@ def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
         return kept
     corner, place, time_s = (
         Corner(*map(float, said["corner"])),
-        _place(said["place_m"]),
+        _parse_place(said["place_m"]),
         float(said["time_s"]),
     )
     kept.drive.add_corner(corner)
     return kept._replace(way=(*kept.way, place), until_s=time_s)
 
 
-def _place(record: Any) -> Place:
+def _parse_place(record: Any) -> Place:
     east_m, north_m = record
     return float(east_m), float(north_m)

@@ -7,55 +7,58 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import NamedTuple
 
-from topdress.console.app.coverage_raster import Spot, Worked, find_spot
-from topdress.console.app.series import LogSeries, Pyramid
-from topdress.console.app.view import applied_kg_ha
+from topdress.console.app.coverage_raster import Spot, WorkedGround, make_spot
+from topdress.console.app.series import LogSeries, SeriesPyramid
+from topdress.console.app.view import find_applied_kg_ha
 from topdress.console.frame import Frame
 
 TREND_SPAN_S = 120.0
 TREND_POINTS = 2_000
-FRAMES_AT_ONCE = 10_000
+MOST_FRAMES_AT_ONCE = 10_000
 
 
-class Point(NamedTuple):
-    """target, applied: kg/ha, None = not known."""
+class TrendPoint(NamedTuple):
+    """Holds rates of one time. target, applied: kg/ha, None = not known."""
 
     time_s: float
     target_kg_ha: float | None
     applied_kg_ha: float | None
 
 
-def make_point(frame: Frame) -> Point:
-    return Point(frame.row.time_s, frame.row.target_rate_kg_ha, applied_kg_ha(frame.row))
+def make_point(frame: Frame) -> TrendPoint:
+    """The point of a frame."""
+    return TrendPoint(frame.row.time_s, frame.row.target_rate_kg_ha, find_applied_kg_ha(frame.row))
 
 
-class History:
-    """Grown frame by frame, live. A log that begins anew (time runs back) empties it."""
+class LiveHistory:
+    """Grows frame by frame, live. A log that begins anew (time runs back) empties it."""
 
     def __init__(self) -> None:
-        self.points: deque[Point] = deque(maxlen=TREND_POINTS)
-        self.worked = Worked()
-        self.series = Pyramid()
+        self.points: deque[TrendPoint] = deque(maxlen=TREND_POINTS)
+        self.worked = WorkedGround()
+        self.series = SeriesPyramid()
 
-    def add(self, frame: Frame) -> None:
+    def add_frame(self, frame: Frame) -> None:
+        """Add a frame."""
         if self.points and frame.row.time_s < self.points[-1].time_s:
             self.points.clear()
-            self.worked.clear()
-            self.series.clear()
+            self.worked.clear_ground()
+            self.series.clear_levels()
         if not self.points or frame.row.time_s > self.points[-1].time_s:
             self.points.append(make_point(frame))
-            self.series.add(frame)
-        spot = find_spot(frame)
+            self.series.add_frame(frame)
+        spot = make_spot(frame)
         if spot is not None:
-            self.worked.add((spot,))
+            self.worked.add_spots((spot,))
 
-    def add_before(self, places: Iterable[tuple[float, float, float, float]]) -> None:
-        """Ground worked before the first frame: east m, north m, heading degrees, kg/ha, as it
+    def add_earlier_ground(self, places: Iterable[tuple[float, float, float, float]]) -> None:
+        """Add ground worked before the first frame: east m, north m, heading degrees, kg/ha, as it
         was driven."""
         unknown = float("nan")
-        self.worked.add_earlier([Spot(*place, unknown, unknown) for place in places])
+        self.worked.add_earlier_spots([Spot(*place, unknown, unknown) for place in places])
 
-    def recent(self, span_s: float = TREND_SPAN_S) -> tuple[Point, ...]:
+    def list_recent_points(self, span_s: float = TREND_SPAN_S) -> tuple[TrendPoint, ...]:
+        """Points of the last seconds."""
         if not self.points:
             return ()
         first_s = self.points[-1].time_s - span_s
@@ -63,29 +66,28 @@ class History:
 
 
 class LogHistory:
-    """The same of a log: the worked ground up to any of its frames, and its series."""
+    """Holds the history of a log: the worked ground up to any of its frames, and its series."""
 
     def __init__(self, frames: Sequence[Frame]) -> None:
         self.frames = frames
         self.series = LogSeries(frames)
-        self.worked = Worked()
+        self.worked = WorkedGround()
         self._entered = 0
 
-    def work_up_to(self, last: int, most: int = FRAMES_AT_ONCE) -> bool:
-        """Enter frames 0 ... last (in) into `worked`, at most so many at once, so that the
-        screen never stands; true when all are entered. Back in the log the ground is entered
-        anew."""
+    def enter_up_to(self, last: int, most: int = MOST_FRAMES_AT_ONCE) -> bool:
+        """Enter frames 0 ... last (in) into `worked`, at most so many at once, so that the screen
+        never stands; true when all are entered. Back in the log the ground is entered anew."""
         if last + 1 < self._entered:
-            self.worked.clear()
+            self.worked.clear_ground()
             self._entered = 0
         end = min(last + 1, self._entered + most)
-        spots = (find_spot(frame) for frame in islice(self.frames, self._entered, end))
-        self.worked.add([spot for spot in spots if spot is not None])
+        spots = (make_spot(frame) for frame in islice(self.frames, self._entered, end))
+        self.worked.add_spots([spot for spot in spots if spot is not None])
         self._entered = end
         return end == last + 1
 
 
-def sample_points(frames: Sequence[Frame], first: int, last: int) -> tuple[Point, ...]:
+def sample_points(frames: Sequence[Frame], first: int, last: int) -> tuple[TrendPoint, ...]:
     """Points of frames first ... last (both in), thinned to what a trend can show."""
     step = max(1, (last - first + 1) // TREND_POINTS)
     return tuple(make_point(frame) for frame in islice(frames, first, last + 1, step))

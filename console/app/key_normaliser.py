@@ -13,7 +13,7 @@ from collections.abc import Set
 # whatever the keymap says, also where a text field has the focus
 ALWAYS_STOP = "f12"
 # as the arrow keys are shown
-_SAME = {
+_SAME_KEYS = {
     "less_than_sign": "left",
     "greater_than_sign": "right",
     # ctrl+@: Ctrl+Space
@@ -28,18 +28,21 @@ _SAME = {
 _ON_THE_KEY_OF_X = frozenset("чџχסءხปㅌさㄌх")
 
 
-def meant(key: str, bound: Set[str], urgent: Set[str]) -> str:
-    """key: as Textual names it. bound: keys that have an action here. urgent: those of hold and
-    STOP, which are taken with any modifier and, for X, from other layouts."""
+def normalise_key(key: str, bound: Set[str], urgent: Set[str]) -> str:
+    """The key that is meant by a pressed one.
+
+    key: as Textual names it. bound: keys that have an action here. urgent: those of hold and STOP,
+    which are taken with any modifier and, for X, from other layouts.
+    """
     *held, last = key.split("+")
-    last = _SAME.get(last, last) if last != "@" or held else last
+    last = _SAME_KEYS.get(last, last) if last != "@" or held else last
     if last == ALWAYS_STOP:
         return last
     if key in bound:
         return key
     if last in ("left", "right") and "+".join((*held, last)) in bound:
         return "+".join((*held, last))
-    letter = _narrow(last).lower() if len(last) == 1 else last
+    letter = _narrow_letter(last).lower() if len(last) == 1 else last
     bare = "x" if {letter, last} & _ON_THE_KEY_OF_X else letter
     if bare in urgent:
         return bare
@@ -50,7 +53,7 @@ def meant(key: str, bound: Set[str], urgent: Set[str]) -> str:
     return "+".join((*(one for one in held if one != "shift"), letter))
 
 
-def _narrow(letter: str) -> str:
+def _narrow_letter(letter: str) -> str:
     """A full-width letter or digit as the plain one; a superscript two is no 2."""
     return (
         unicodedata.normalize("NFKC", letter)

@@ -19,20 +19,26 @@ from topdress.console.app.action import (
     TRENDS,
     Action,
 )
-from topdress.console.app.alarms import entries
+from topdress.console.app.alarms import make_alarm_entries
 from topdress.console.app.dialogs import Choice, ChoiceDialog
-from topdress.console.app.dose_change import dose_change
+from topdress.console.app.dose_change import predict_dose_change
 from topdress.console.app.first_question import start_from_any_page
 from topdress.console.app.presence_text import describe_leaving
 from topdress.console.app.reasons import (
+    explain_no_acknowledge,
+    explain_no_start,
     explain_no_tour,
     explain_no_undo,
-    why_no_acknowledge,
-    why_no_start,
 )
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.screens.jump import JumpScreen, find_places, labels, letters, press
+from topdress.console.app.screens.jump import (
+    JumpScreen,
+    choose_label_letters,
+    click_place,
+    find_click_places,
+    make_labels,
+)
 from topdress.console.app.tour import Tour
 from topdress.console.app.units import UNITS
 from topdress.console.locale import N_, _, find_language_code, list_languages, use_language
@@ -43,150 +49,171 @@ if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
 
-def hold(app: TopdressApp) -> None:
+def hold_machine(app: TopdressApp) -> None:
+    """Hold the machine, or pause the log that is played."""
     if app.source is None and app.replay_page.job is not None:
-        app.replay_page.player.toggle()
-        app.replay_page.hurry()
+        app.replay_page.player.toggle_playing()
+        app.replay_page.hurry_all()
     else:
-        app.give(Do.HOLD)
+        app.give_order(Do.HOLD)
 
 
-def acknowledge(app: TopdressApp) -> None:
-    """All alarms that stand on the screen; none of those that came since."""
+def acknowledge_alarms(app: TopdressApp) -> None:
+    """Acknowledge all alarms that stand on the screen; none of those that came since."""
     frame = app.arrival.frame
     for alarm in frame.alarms if frame else ():
         if alarm.severity is Severity.RED and not alarm.acknowledged:
-            app.give(Do.ACKNOWLEDGE, alarm.id)
+            app.give_order(Do.ACKNOWLEDGE, alarm.id)
 
 
 def show_help(app: TopdressApp) -> None:
+    """Show the keys of this screen."""
     if not isinstance(app.screen, HelpScreen):
-        app.push_screen(HelpScreen(app.offered(app.page.where)))
+        app.push_screen(HelpScreen(app.list_offered_actions(app.page.where)))
 
 
-def alarm_list(app: TopdressApp) -> None:
-    """Of the run, or of the log that is played."""
+def show_alarm_list(app: TopdressApp) -> None:
+    """Show the alarms of the run, or of the log that is played."""
     if isinstance(app.screen, AlarmList):
         return
     replayed = app.page.where == REPLAY and app.replay_page.job is not None
     records: tuple[AlarmRecord, ...] = (
-        app.replay_page.alarm_records() if replayed else app.alarm_book.records
+        app.replay_page.list_alarm_records() if replayed else app.alarm_book.records
     )
     title = _("Alarms of this log") if replayed else _("Alarms of this run")
-    app.push_screen(AlarmList(title, entries(records, app.units, app.utc_offset_s)))
+    app.push_screen(AlarmList(title, make_alarm_entries(records, app.units, app.utc_offset_s)))
 
 
-def lock(app: TopdressApp) -> None:
+def toggle_lock(app: TopdressApp) -> None:
+    """Lock the keys, or unlock them after a question."""
     if app.locked:
-        app.confirm(_("Unlock the keys?"), "", lambda: app.lock_keys(False))
+        app.ask_yes_no(_("Unlock the keys?"), "", lambda: app.lock_keys(False))
     else:
         app.lock_keys(True)
 
 
-def next_theme(app: TopdressApp) -> None:
-    app.theme = themes.after(app.theme)
-    app.page.redraw()
+def choose_next_theme(app: TopdressApp) -> None:
+    """Choose the next theme."""
+    app.theme = themes.find_next_theme(app.theme)
+    app.page.redraw_all()
 
 
-def palette(app: TopdressApp) -> None:
+def show_palette(app: TopdressApp) -> None:
+    """Show the command palette."""
     app.push_screen(CommandPalette(placeholder=_("find an action"), id="--command-palette"))
 
 
 def begin_tour(app: TopdressApp) -> None:
+    """Begin the tour, on the simulated machine only."""
     frame = app.arrival.frame
     if frame is None or not frame.simulated or app.gone:
-        app.notice(_("the tour needs the simulated machine: topdress run without a configuration"))
+        app.show_notice(
+            _("the tour needs the simulated machine: topdress run without a configuration")
+        )
         return
     app.tour = Tour()
-    app.look()
+    app.show_changes()
 
 
-def next_step(app: TopdressApp) -> None:
+def skip_tour_step(app: TopdressApp) -> None:
+    """Go to the tour's next step."""
     if app.tour is not None:
-        app.tour.next()
-        app.look()
+        app.tour.skip_step()
+        app.show_changes()
 
 
 def end_tour(app: TopdressApp) -> None:
+    """End the tour."""
     app.tour = None
-    app.look()
+    app.show_changes()
 
 
-def next_units(app: TopdressApp) -> None:
-    def change() -> None:
+def choose_next_units(app: TopdressApp) -> None:
+    """Choose the next units, asked while working."""
+
+    def change_units() -> None:
         names = list(UNITS)
         app.units = UNITS[names[(names.index(app.units.id) + 1) % len(names)]]
-        app.look()
+        app.show_changes()
 
-    _asked_while_working(app, _("Other units?"), change)
+    _ask_while_working(app, _("Other units?"), change_units)
 
 
-def next_language(app: TopdressApp) -> None:
-    def change() -> None:
+def choose_next_language(app: TopdressApp) -> None:
+    """Choose the next language, asked while working."""
+
+    def change_language() -> None:
         codes = list_languages()
         use_language(codes[(codes.index(find_language_code()) + 1) % len(codes)])
-        app.page.redraw()
-        app.tick()
+        app.page.redraw_all()
+        app.show_newest()
 
-    _asked_while_working(app, _("Another language?"), change)
+    _ask_while_working(app, _("Another language?"), change_language)
 
 
-def _asked_while_working(app: TopdressApp, question: str, change: Callable[[], None]) -> None:
-    """What makes every number or word on the screen another one is no slip of a finger while
-    the machine works."""
+def _ask_while_working(app: TopdressApp, question: str, change: Callable[[], None]) -> None:
+    """Ask before a change of every number or word on the screen while the machine works."""
     frame = app.arrival.frame
     if frame is None or app.gone or frame.row.state != State.WORKING:
         change()
     else:
-        app.confirm(
+        app.ask_yes_no(
             question, _("The machine works. Everything on the screen is written anew."), change
         )
 
 
-def pages(app: TopdressApp) -> None:
+def ask_for_page(app: TopdressApp) -> None:
+    """Ask for the page to turn to."""
     choices = [
         Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})")
         for one in app.page_actions
     ]
-    app.ask(ChoiceDialog(_("Go to which page?"), choices, app.page.where), app.turn_to)
+    app.ask_question(
+        ChoiceDialog(_("Go to which page?"), choices, app.page.where), app.turn_to_page
+    )
 
 
-def menu(app: TopdressApp) -> None:
-    """The page's menu: what has no letter of its own, for a letter means one thing on all pages."""
-    choices = [Choice(one.id, _(one.label), app.why_not(one)) for one in app.menu()]
-    app.ask(
+def show_page_menu(app: TopdressApp) -> None:
+    """Show the page's menu: actions without a letter of their own, for a letter means one thing on
+    all pages."""
+    choices = [Choice(one.id, _(one.label), app.explain_not_now(one)) for one in app.list_menu()]
+    app.ask_question(
         ChoiceDialog(_("What else this page does"), choices, ""),
         lambda name: app.call_later(app.action_do, name),
     )
 
 
-def jump(app: TopdressApp) -> None:
-    """Letters over what can be clicked on the screen as it is, a dialog included."""
+def show_jump_letters(app: TopdressApp) -> None:
+    """Show letters over what can be clicked on the screen as it is, a dialog included."""
     if isinstance(app.screen, JumpScreen):
         return
-    places = find_places(app.screen)
-    app.ask(JumpScreen(places, labels(len(places), letters(app.bound_keys))), press)
-
-
-def take_back(app: TopdressApp) -> None:
-    change = app.undo.newest
-    assert change is not None, "said by why_no_undo"
-
-    def back() -> None:
-        app.undo.take()
-        change.back()
-
-    dose = dose_change(app.arrival.frame, change.orders)
-    said = _("It goes back to: {what}").format(what=change.what)
-    app.confirm(
-        _("Take the last change back?"),
-        said if dose is None else f"{said}\n{dose.text(app.units)}",
-        back,
+    places = find_click_places(app.screen)
+    app.ask_question(
+        JumpScreen(places, make_labels(len(places), choose_label_letters(app.bound_keys))),
+        click_place,
     )
 
 
-def copy(app: TopdressApp) -> None:
-    """By the terminal's own clipboard (OSC 52), which works through ssh too."""
+def ask_to_undo(app: TopdressApp) -> None:
+    """Undo the newest change, after a question."""
+    change = app.undo.newest
+    assert change is not None, "said by why_no_undo"
+
+    def undo_newest() -> None:
+        app.undo.take_newest()
+        change.back()
+
+    dose = predict_dose_change(app.arrival.frame, change.orders)
+    said = _("It goes back to: {what}").format(what=change.what)
+    app.ask_yes_no(
+        _("Take the last change back?"),
+        said if dose is None else f"{said}\n{dose.format_change(app.units)}",
+        undo_newest,
+    )
+
+
+def copy_screen_text(app: TopdressApp) -> None:
+    """Copy text by the terminal's own clipboard (OSC 52), which works through ssh too."""
     frame, screen = app.arrival.frame, app.screen
     text = (
         screen.get_selected_text()
@@ -195,16 +222,17 @@ def copy(app: TopdressApp) -> None:
     )
     if text:
         app.copy_to_clipboard(text)
-        app.notice(_("copied: {text}").format(text=text.splitlines()[0]))
+        app.show_notice(_("copied: {text}").format(text=text.splitlines()[0]))
 
 
-def leave(app: TopdressApp) -> None:
+def leave_console(app: TopdressApp) -> None:
+    """Leave the console, after a question while the machine works."""
     frame = app.arrival.frame
     if app.gone or app.source is None or (frame is not None and frame.row.state != "working"):
         app.exit()
     else:
         text = "" if frame is None else describe_leaving(frame, app.own_name, app.keeps_working)
-        app.confirm(_("Leave the console?"), text, app.exit)
+        app.ask_yes_no(_("Leave the console?"), text, app.exit)
 
 
 ACTIONS = (
@@ -214,7 +242,7 @@ ACTIONS = (
         "Space",
         N_("hold"),
         N_("Stops the flow at once; Start resumes. In a replay alone: pause."),
-        hold,
+        hold_machine,
         bar=1,
         locked=True,
         priority=True,
@@ -225,7 +253,7 @@ ACTIONS = (
         "X",
         N_("STOP"),
         N_("Machine off, from any state and on every screen (also F12)."),
-        lambda app: app.give(Do.STOP),
+        lambda app: app.give_order(Do.STOP),
         bar=2,
         locked=True,
         priority=True,
@@ -236,9 +264,9 @@ ACTIONS = (
         "A",
         N_("acknowledge"),
         N_("Acknowledges the alarms that are shown."),
-        acknowledge,
+        acknowledge_alarms,
         bar=9,
-        why=why_no_acknowledge,
+        why=explain_no_acknowledge,
         needs_machine=True,
     ),
     Action(
@@ -247,9 +275,11 @@ ACTIONS = (
         "Q",
         N_("menu"),
         N_("What else this page does: a list; digit or arrow, then Enter."),
-        menu,
+        show_page_menu,
         bar=3,
-        why=lambda app: "" if app.menu() else _("this page has no menu: all its keys are in F1"),
+        why=lambda app: (
+            "" if app.list_menu() else _("this page has no menu: all its keys are in F1")
+        ),
     ),
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
     Action(
@@ -258,7 +288,7 @@ ACTIONS = (
         "F2",
         N_("run"),
         N_("The machine at work."),
-        lambda app: app.turn_to(RUN),
+        lambda app: app.turn_to_page(RUN),
         locked=True,
     ),
     Action(
@@ -267,7 +297,7 @@ ACTIONS = (
         "F3",
         N_("map"),
         N_("The field: applied, target, error, NDVI, plan."),
-        lambda app: app.turn_to(MAP),
+        lambda app: app.turn_to_page(MAP),
         locked=True,
     ),
     Action(
@@ -276,7 +306,7 @@ ACTIONS = (
         "F4",
         N_("trends"),
         N_("Any channel over any time span; freeze it, read off values."),
-        lambda app: app.turn_to(TRENDS),
+        lambda app: app.turn_to_page(TRENDS),
         locked=True,
     ),
     Action(
@@ -285,7 +315,7 @@ ACTIONS = (
         "F5",
         N_("devices"),
         N_("Every port and what it sends; test it, record raw data."),
-        lambda app: app.turn_to(DEVICES),
+        lambda app: app.turn_to_page(DEVICES),
         locked=True,
     ),
     Action(
@@ -294,7 +324,7 @@ ACTIONS = (
         "F6",
         N_("calibrate"),
         N_("Catch test, lag test, heads check, wheel, effort."),
-        lambda app: app.turn_to(CALIBRATE),
+        lambda app: app.turn_to_page(CALIBRATE),
         locked=True,
     ),
     Action(
@@ -303,7 +333,7 @@ ACTIONS = (
         "F7",
         N_("replay"),
         N_("A log, played again."),
-        lambda app: app.turn_to(REPLAY),
+        lambda app: app.turn_to_page(REPLAY),
         locked=True,
     ),
     Action(
@@ -312,7 +342,7 @@ ACTIONS = (
         "F9",
         N_("diagnosis"),
         N_("What is wrong with the machine, and why: from its logs."),
-        lambda app: app.turn_to(DIAGNOSIS),
+        lambda app: app.turn_to_page(DIAGNOSIS),
         locked=True,
     ),
     Action(
@@ -321,7 +351,7 @@ ACTIONS = (
         "F10",
         N_("job"),
         N_("Before work, totals, refills, N-rich strip, end of the job."),
-        lambda app: app.turn_to(JOB),
+        lambda app: app.turn_to_page(JOB),
         locked=True,
     ),
     Action(
@@ -330,7 +360,7 @@ ACTIONS = (
         "F11",
         N_("settings"),
         N_("Units, language, look, sound, limits, keys."),
-        lambda app: app.turn_to(SETTINGS),
+        lambda app: app.turn_to_page(SETTINGS),
         locked=True,
     ),
     Action(
@@ -339,7 +369,7 @@ ACTIONS = (
         "Tab",
         N_("pages"),
         N_("Goes to a page, where the terminal keeps the F-keys to itself."),
-        pages,
+        ask_for_page,
         bar=10,
         locked=True,
     ),
@@ -351,7 +381,7 @@ ACTIONS = (
         N_("Ready or held: begins to work, from any page; asks first."),
         lambda app: start_from_any_page(app),
         bar=2,
-        why=why_no_start,
+        why=explain_no_start,
         needs_machine=True,
     ),
     Action(
@@ -363,7 +393,7 @@ ACTIONS = (
             "Takes the last change back: dose, target, strategy, strip, switch, refill, "
             "setting; asks first."
         ),
-        take_back,
+        ask_to_undo,
         why=explain_no_undo,
     ),
     Action(
@@ -372,7 +402,7 @@ ACTIONS = (
         "!",
         N_("alarms"),
         N_("All alarms of the run or log, with what to do."),
-        alarm_list,
+        show_alarm_list,
         locked=True,
     ),
     Action(
@@ -381,7 +411,7 @@ ACTIONS = (
         "F8",
         N_("lock"),
         N_("Only hold and stop stay; unlocking asks first."),
-        lock,
+        toggle_lock,
         bar=11,
         locked=True,
     ),
@@ -391,7 +421,7 @@ ACTIONS = (
         "D",
         N_("day / night"),
         N_("Day, night, high contrast."),
-        next_theme,
+        choose_next_theme,
         bar=12,
         locked=True,
     ),
@@ -401,7 +431,7 @@ ACTIONS = (
         "^P",
         N_("all actions"),
         N_("Find any action by its name."),
-        palette,
+        show_palette,
         bar=13,
     ),
     Action(
@@ -410,7 +440,7 @@ ACTIONS = (
         "'",
         N_("letters"),
         N_("Letters over what can be clicked; typing them clicks it."),
-        jump,
+        show_jump_letters,
         locked=True,
     ),
     Action(
@@ -427,7 +457,7 @@ ACTIONS = (
         "^N",
         N_("tour: next"),
         N_("Skips a step of the guided tour."),
-        next_step,
+        skip_tour_step,
         why=explain_no_tour,
     ),
     Action(
@@ -439,15 +469,15 @@ ACTIONS = (
         end_tour,
         why=explain_no_tour,
     ),
-    Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), next_units),
-    Action("language", "g", "G", N_("language"), N_("English, Chinese."), next_language),
+    Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), choose_next_units),
+    Action("language", "g", "G", N_("language"), N_("English, Chinese."), choose_next_language),
     Action(
         "copy",
         "ctrl+y",
         "^Y",
         N_("copy"),
         N_("The list of alarms, the text of a dialog, or the path of the log."),
-        copy,
+        copy_screen_text,
     ),
     Action(
         "quit",
@@ -455,6 +485,6 @@ ACTIONS = (
         "^Q",
         N_("quit"),
         N_("Leaves the console; asks first while the machine works."),
-        leave,
+        leave_console,
     ),
 )

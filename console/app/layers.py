@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
-from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.units import Units
 from topdress.console.app.view import ERROR_SPAN
@@ -20,6 +20,8 @@ from topdress.console.scale import (
 
 
 class MapLayer(StrEnum):
+    """Lists the numbers by which a map can be coloured."""
+
     APPLIED = "applied"
     TARGET = "target"
     ERROR = "error"
@@ -27,14 +29,14 @@ class MapLayer(StrEnum):
     PASSES = "passes"
 
 
-LABELS = {
+LAYER_LABELS = {
     MapLayer.APPLIED: N_("applied"),
     MapLayer.TARGET: N_("target"),
     MapLayer.ERROR: N_("error"),
     MapLayer.NDVI: N_("NDVI"),
     MapLayer.PASSES: N_("passes"),
 }
-KINDS_OF = {
+LAYER_KINDS = {
     MapLayer.APPLIED: (0,),
     MapLayer.TARGET: (1,),
     MapLayer.ERROR: (0, 1),
@@ -44,11 +46,12 @@ KINDS_OF = {
 PASSES_ENDS = (1.0, 2.0)  # covered once; twice or more: overlap
 # bare soil to a closed canopy, as the heads tell them
 NDVI_ENDS = (0.2, 0.9)
-RATES = frozenset({MapLayer.APPLIED, MapLayer.TARGET})
+RATE_LAYERS = frozenset({MapLayer.APPLIED, MapLayer.TARGET})
 
 
 class LayerScale(NamedTuple):
-    """low, high: of the colours, in the unit inside; per_si and decimals: how they are shown."""
+    """Holds a colour scale. low, high: of the colours, in the unit inside; per_si and decimals: how
+    they are shown."""
 
     layer: MapLayer
     low: float
@@ -57,14 +60,15 @@ class LayerScale(NamedTuple):
     decimals: int
     unit: str
 
-    def text(self, value: float | None) -> str:
+    def format_value(self, value: float | None) -> str:
         """A value as shown, without its unit."""
         if value is None:
             return "--"
         sign = "+" if self.layer is MapLayer.ERROR and value > 0.0 else ""
         return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
 
-    def colour(self, share: float) -> Rgb:
+    def find_colour(self, share: float) -> Rgb:
+        """The colour at a share of the scale."""
         return {MapLayer.ERROR: find_error_colour, MapLayer.PASSES: find_passes_colour}.get(
             self.layer, find_rate_colour
         )(share)
@@ -72,18 +76,18 @@ class LayerScale(NamedTuple):
 
 def find_colour_scale(
     layer: MapLayer,
-    worked: Worked,
+    worked: WorkedGround,
     picture: FieldPicture | None,
     units: Units,
     laid: tuple[float, float] | None = None,
     most_kg_ha: float | None = None,
 ) -> LayerScale:
-    """Applied and target share one scale, which also holds what is planned, and the rates of a
-    laid file.
+    """The scale of a layer. Applied and target share one scale, which also covers the plan, and the
+    rates of a laid file.
 
-    most_kg_ha: of the job that runs. Its scale then stands from the first metre to the last, by
-    the plan, else by this limit: a colour that meant 200 kg/ha in the morning means 200 kg/ha
-    in the evening. None: by what was worked so far.
+    most_kg_ha: of the job that runs. Its scale then stands from the first metre to the last, by the
+    plan, else by this limit: a colour that meant 200 kg/ha in the morning means 200 kg/ha in the
+    evening. None: by what was worked so far.
     """
     if layer is MapLayer.ERROR:
         return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
@@ -96,7 +100,9 @@ def find_colour_scale(
             else round_calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
         )
         return LayerScale(layer, low, high, 1.0, 2, "")
-    planned = picture.planned.ends if picture is not None and picture.planned is not None else None
+    planned = (
+        picture.planned.rate_ends if picture is not None and picture.planned is not None else None
+    )
     per_si = units.rate.per_si
     own = worked.rate_ends if most_kg_ha is None else planned or (0.0, most_kg_ha)
     low, high = round_calm_ends(
@@ -105,6 +111,7 @@ def find_colour_scale(
     return LayerScale(layer, low / per_si, high / per_si, per_si, 0, units.rate.name)
 
 
-def after(layer: MapLayer) -> MapLayer:
+def find_next_layer(layer: MapLayer) -> MapLayer:
+    """The layer after this one."""
     layers = tuple(MapLayer)
     return layers[(layers.index(layer) + 1) % len(layers)]

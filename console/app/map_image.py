@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.app.braille import BITS
-from topdress.console.app.camera import Pixels
-from topdress.console.app.coverage_raster import KINDS, NOTHING_KG_HA, Window, Worked
+from topdress.console.app.braille import CELL_BITS
+from topdress.console.app.camera import PixelGrid
+from topdress.console.app.coverage_raster import CELL_KINDS, NOTHING_KG_HA, Window, WorkedGround
 from topdress.console.app.field_picture import FieldPicture, Ring
-from topdress.console.app.layers import KINDS_OF, RATES, LayerScale, MapLayer
+from topdress.console.app.layers import LAYER_KINDS, RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.app.overlay_file import LaidView
 from topdress.console.app.view import RATE_FLOOR_KG_HA
 from topdress.console.scale import COLOUR_STEPS
@@ -21,108 +21,112 @@ from topdress.console.scale import COLOUR_STEPS
 Image = npt.NDArray[np.uint8]  # (rows, columns), from the north-west
 Codes = npt.NDArray[np.int32]  # (rows, columns) of the terminal
 Values = npt.NDArray[np.float32]
-_BITS = np.array(BITS, dtype=np.uint8)
+_BITS = np.array(CELL_BITS, dtype=np.uint8)
 
 EMPTY, PASSAGE = 0, 1
-DONE = 2  # DONE + step: worked ground
-PLAN = DONE + COLOUR_STEPS  # PLAN + step: planned ground
-LAID = PLAN + COLOUR_STEPS  # LAID + step: ground of a laid file
+DONE_ENTRY = 2  # DONE + step: worked ground
+PLAN_ENTRY = DONE_ENTRY + COLOUR_STEPS  # PLAN + step: planned ground
+LAID_ENTRY = PLAN_ENTRY + COLOUR_STEPS  # LAID + step: ground of a laid file
 # GLOW + step: worked ground of the pass behind the machine
-GLOW = LAID + COLOUR_STEPS
-ENTRIES = GLOW + COLOUR_STEPS
+GLOW_ENTRY = LAID_ENTRY + COLOUR_STEPS
+ENTRY_COUNT = GLOW_ENTRY + COLOUR_STEPS
 # of a pixel's height, that a cell under it has at most
-CELL_SHARE = 0.75
+MOST_CELL_SHARE = 0.75
 STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0  # a pass: so long, and so straight
 
 
-class Ground(NamedTuple):
-    """What was entered, as it lies under the pixels."""
+class GroundPixels(NamedTuple):
+    """Samples the worked ground at pixels."""
 
-    worked: Worked
-    pixels: Pixels
+    worked: WorkedGround
+    pixels: PixelGrid
 
-    def layer(self, layer: MapLayer) -> Values:
-        return self.shown(layer)[0]
+    def calc_means(self, layer: MapLayer) -> Values:
+        """Means of a layer over each pixel."""
+        return self.calc_means_and_passage(layer)[0]
 
-    def shown(self, layer: MapLayer) -> tuple[Values, npt.NDArray[np.bool_]]:
-        """Means over each pixel, NaN where nothing is known; and whether the outlets' middle
-        went there."""
-        kinds = KINDS_OF[layer]
-        planes = self.planes(*kinds, *(KINDS + kind for kind in kinds), 2 * KINDS)
+    def calc_means_and_passage(self, layer: MapLayer) -> tuple[Values, npt.NDArray[np.bool_]]:
+        """Means over each pixel, NaN where nothing is known; and whether the outlets' middle went
+        there."""
+        kinds = LAYER_KINDS[layer]
+        planes = self.sum_planes(*kinds, *(CELL_KINDS + kind for kind in kinds), 2 * CELL_KINDS)
         with np.errstate(invalid="ignore", divide="ignore"):
             means = planes[: len(kinds)] / planes[len(kinds) : -1]
         if layer is MapLayer.ERROR:
             means = (means[:1] - means[1:]) / np.maximum(means[1:], np.float32(RATE_FLOOR_KG_HA))
         return means[0], planes[-1] > 0.0
 
-    def planes(self, *which: int) -> Window:
-        """Summed over every pixel (planes, rows from the north, columns)."""
+    def sum_planes(self, *which: int) -> Window:
+        """Planes summed over every pixel (planes, rows from the north, columns)."""
         pixels, worked = self.pixels, self.worked
         seen = np.zeros((len(which), pixels.rows, pixels.columns), dtype=np.float32)
         if worked.box is None:
             return seen
-        cell = worked.cell_for(CELL_SHARE * pixels.metres)
+        cell = worked.choose_cell_m(MOST_CELL_SHARE * pixels.metres)
         (west, south, east, north), far_m = worked.box, worked.reach_m + cell
-        left, top = pixels.at(west - far_m, north + far_m)
-        right, bottom = pixels.at(east + far_m, south - far_m)
+        left, top = pixels.find_pixel(west - far_m, north + far_m)
+        right, bottom = pixels.find_pixel(east + far_m, south - far_m)
         left, right = max(0, left), min(pixels.columns, right + 1)
         top, bottom = max(0, top), min(pixels.rows, bottom + 1)
         if left < right and top < bottom:
-            columns = _PixelAxis.of(
-                pixels.west_m + left * pixels.wide_m, pixels.wide_m, right - left, cell
+            columns = _PixelAxis.make_axis(
+                pixels.west_m + left * pixels.pixel_width_m,
+                pixels.pixel_width_m,
+                right - left,
+                cell,
             )
-            rows = _PixelAxis.of(
+            rows = _PixelAxis.make_axis(
                 pixels.north_m - bottom * pixels.metres, pixels.metres, bottom - top, cell
             )
-            planes = worked.window(
+            planes = worked.sum_window(
                 cell, columns.first, rows.first, columns.cells, rows.cells, which
             )
-            seen[:, top:bottom, left:right] = columns.gathered(rows.gathered(planes, 1), 2)[
-                :, ::-1, :
-            ]
+            seen[:, top:bottom, left:right] = columns.gather_pixels(
+                rows.gather_pixels(planes, 1), 2
+            )[:, ::-1, :]
         return seen
 
 
-def image(
-    worked: Worked,
+def make_image(
+    worked: WorkedGround,
     picture: FieldPicture | None,
     scale: LayerScale,
-    pixels: Pixels,
+    pixels: PixelGrid,
     plan: bool = True,
     laid: LaidView | None = None,
 ) -> Image:
-    """The palette entries of all pixels. plan: planned rates lie under the worked ground (rate
-    layers only).
+    """The palette entries of all pixels.
 
-    A laid file lies over the plan and under the worked ground.
+    plan: planned rates lie under the worked ground (rate layers only). A laid file lies over the
+    plan and under the worked ground.
     """
     seen = np.full((pixels.rows, pixels.columns), EMPTY, dtype=np.uint8)
-    if picture is not None and picture.planned is not None and plan and scale.layer in RATES:
-        _colour(seen, picture.planned.seen(pixels), scale, PLAN)
+    if picture is not None and picture.planned is not None and plan and scale.layer in RATE_LAYERS:
+        _colour_pixels(seen, picture.planned.sample_pixels(pixels), scale, PLAN_ENTRY)
     if laid is not None:
-        values = Ground(laid.worked, pixels).layer(laid.scale.layer)
-        _colour(
+        values = GroundPixels(laid.worked, pixels).calc_means(laid.scale.layer)
+        _colour_pixels(
             seen,
-            np.where(_nothing(values, laid.scale), np.float32(np.nan), values),
+            np.where(_is_passage_only(values, laid.scale), np.float32(np.nan), values),
             laid.scale,
-            LAID,
+            LAID_ENTRY,
         )
-    values, passed = Ground(worked, pixels).shown(scale.layer)
+    values, passed = GroundPixels(worked, pixels).calc_means_and_passage(scale.layer)
     seen[passed] = PASSAGE
-    nothing = _nothing(values, scale)
+    nothing = _is_passage_only(values, scale)
     seen[nothing] = PASSAGE
-    _colour(seen, np.where(nothing, np.float32(np.nan), values), scale, DONE)
+    _colour_pixels(seen, np.where(nothing, np.float32(np.nan), values), scale, DONE_ENTRY)
     return seen
 
 
-def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
-    """The worked ground that the trail covers, in its own entries."""
-    cells_m = np.maximum((pixels.wide_m, pixels.metres), worked.cells_m[0])
+def mark_trail(seen: Image, worked: WorkedGround, pixels: PixelGrid) -> None:
+    """Draw the worked ground that the trail covers in its own entries."""
+    cells_m = np.maximum((pixels.pixel_width_m, pixels.metres), worked.cells_m[0])
     east, north = (
         np.floor(middles / cell_m).astype(np.int64)
-        for middles, cell_m in zip(pixels.middles(), cells_m, strict=True)
+        for middles, cell_m in zip(pixels.list_middles(), cells_m, strict=True)
     )
-    trail = np.floor(worked.trail_places() / cells_m).astype(np.int64)
+    trail = np.floor(worked.list_trail_places() / cells_m).astype(np.int64)
     trail = trail[((trail >= (east[0], north[-1])) & (trail <= (east[-1], north[0]))).all(axis=1)]
     if not len(trail):
         return
@@ -133,13 +137,15 @@ def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
     rows = slice(*np.searchsorted(-north, (-north_end, 1 - south)))
     near = seen[rows, columns]
     near[
-        covered[np.ix_(north[rows] - south, east[columns] - west)] & (near >= DONE) & (near < PLAN)
-    ] += GLOW - DONE
+        covered[np.ix_(north[rows] - south, east[columns] - west)]
+        & (near >= DONE_ENTRY)
+        & (near < PLAN_ENTRY)
+    ] += GLOW_ENTRY - DONE_ENTRY
 
 
-def find_next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
-    """Where the machine drives straight: the line of each pass next to its own that nothing was
-    spread on yet."""
+def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...]:
+    """The line of each pass next to the machine's own, where it drives straight, on which nothing
+    was spread yet."""
     if not worked.trail:
         return ()
     here = worked.trail[-1]
@@ -163,9 +169,9 @@ def find_next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
     found = []
     for aside_m in (-worked.width_m, worked.width_m):
         middle = begin.east_m + aside_m * north, begin.north_m - aside_m * east
-        spread = Ground(
-            worked, Pixels(1, 1, 2.0 * half_m, middle[0] - half_m, middle[1] + half_m)
-        ).layer(MapLayer.APPLIED)
+        spread = GroundPixels(
+            worked, PixelGrid(1, 1, 2.0 * half_m, middle[0] - half_m, middle[1] + half_m)
+        ).calc_means(MapLayer.APPLIED)
         if not np.isfinite(spread).any():
             found.append(
                 tuple(
@@ -176,15 +182,15 @@ def find_next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
     return tuple(found)
 
 
-def rasterise_lines(lines: Iterable[Ring], pixels: Pixels) -> Image:
-    """Lines from corner to corner, as the bits of braille: of each cell of the terminal, two
-    pixels high. A dot is half a pixel."""
+def rasterise_lines(lines: Iterable[Ring], pixels: PixelGrid) -> Image:
+    """Lines from corner to corner, as the bits of braille: of each cell of the terminal, two pixels
+    high. A dot is half a pixel."""
     dots = np.zeros((pixels.rows // 2, pixels.columns), dtype=np.uint8)
     for line in lines:
         places = np.array(line, dtype=np.float64)
         column = 2.0 * (places[:, 0] - pixels.west_m) / pixels.metres
         row = 2.0 * (pixels.north_m - places[:, 1]) / pixels.metres
-        for begin, end in _visible(column, row, pixels):
+        for begin, end in _find_visible_edges(column, row, pixels):
             c0, c1, r0, r1 = column[begin], column[end], row[begin], row[end]
             share = np.linspace(0.0, 1.0, int(min(20_000.0, max(abs(c1 - c0), abs(r1 - r0)))) + 2)
             c = np.floor(c0 + share * (c1 - c0)).astype(np.int64)
@@ -198,17 +204,17 @@ def rasterise_lines(lines: Iterable[Ring], pixels: Pixels) -> Image:
 PAIR_BITS = 8  # of an entry in a code
 
 
-class Halves(NamedTuple):
-    """What the cells of the terminal show of 2 x 2 pixels each. codes: which of them, bit 0 the
-    north-western, have the higher entry x 2^16 + that entry x 2^8 + the lower one; behind: what
-    lies behind a line."""
+class TwoColourCells(NamedTuple):
+    """Holds the cells of the terminal, 2 x 2 pixels each. codes: which pixels, bit 0 the
+    north-western, have the higher entry x 2^16 + that entry x 2^8 + the lower one; behind: the
+    ground behind a line."""
 
     codes: Codes
     behind: Image
 
 
-def halves(seen: Image) -> Halves:
-    """A cell has two colours: its four entries are parted where they lie farthest apart."""
+def choose_two_colours(seen: Image) -> TwoColourCells:
+    """Cells of two colours: the four entries are split where they lie farthest apart."""
     quarters = seen[0::2, 0::2], seen[0::2, 1::2], seen[1::2, 0::2], seen[1::2, 1::2]
     (low, high), (other_low, other_high) = (
         (np.minimum(a, b), np.maximum(a, b)) for a, b in (quarters[:2], quarters[2:])
@@ -225,23 +231,23 @@ def halves(seen: Image) -> Halves:
         codes |= (quarter > below).astype(np.int32) << (2 * PAIR_BITS + k)
     upper = np.where(one_below & (gap > 0), third, fourth).astype(np.int32)
     lower = np.where(one_above & ~one_below, second, first)
-    return Halves(codes | upper << PAIR_BITS | lower, third)
+    return TwoColourCells(codes | upper << PAIR_BITS | lower, third)
 
 
-def _nothing(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
+def _is_passage_only(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
     """Where rates are those of a passage without application."""
-    return np.asarray(values < NOTHING_KG_HA) & (scale.layer in RATES)
+    return np.asarray(values < NOTHING_KG_HA) & (scale.layer in RATE_LAYERS)
 
 
-def _colour(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
+def _colour_pixels(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
     known = np.isfinite(values)
     share = np.clip((values[known] - scale.low) / (scale.high - scale.low), 0.0, 1.0)
     seen[known] = first + np.rint(share * (COLOUR_STEPS - 1)).astype(np.uint8)
 
 
 class _PixelAxis(NamedTuple):
-    """The cells (first, how many) under a row of pixels; starts: the first cell of each pixel,
-    or, where pixels are smaller than cells, the one cell that a pixel lies in."""
+    """Maps a row of pixels to cells. The cells (first, how many) under it; starts: the first cell
+    of each pixel, or, where pixels are smaller than cells, the one cell in which a pixel lies."""
 
     first: int
     cells: int
@@ -249,7 +255,8 @@ class _PixelAxis(NamedTuple):
     summed: bool
 
     @classmethod
-    def of(cls, begin_m: float, metres: float, pixels: int, cell_m: float) -> _PixelAxis:
+    def make_axis(cls, begin_m: float, metres: float, pixels: int, cell_m: float) -> _PixelAxis:
+        """The axis of pixels that begin at `begin_m`."""
         if metres < cell_m:
             cells = np.floor((begin_m + (np.arange(pixels) + 0.5) * metres) / cell_m).astype(
                 np.int64
@@ -260,7 +267,8 @@ class _PixelAxis(NamedTuple):
         )
         return cls(int(starts[0]), int(starts[-1] - starts[0]), starts[:-1] - starts[0], True)
 
-    def gathered(self, planes: Window, axis: int) -> Window:
+    def gather_pixels(self, planes: Window, axis: int) -> Window:
+        """Planes summed or taken at the pixels."""
         if self.cells == len(self.starts):
             return planes
         if self.summed:
@@ -268,8 +276,8 @@ class _PixelAxis(NamedTuple):
         return np.take(planes, self.starts, axis=axis)
 
 
-def _visible(
-    column: npt.NDArray[np.float64], row: npt.NDArray[np.float64], pixels: Pixels
+def _find_visible_edges(
+    column: npt.NDArray[np.float64], row: npt.NDArray[np.float64], pixels: PixelGrid
 ) -> Iterable[tuple[int, int]]:
     """Edges whose box touches the picture, as pairs of corners."""
     low_c, high_c = np.minimum(column[:-1], column[1:]), np.maximum(column[:-1], column[1:])

@@ -14,8 +14,8 @@ from topdress.console.locale import _
 
 
 class NameDialog(Dialog[str | None]):
-    """wrong: says in one line what is wrong with a text, or "" when it will do. Ctrl+Space
-    (hold) and F12 (stop) work as ever."""
+    """Asks for a line of text. wrong: the fault of a text in one line, or "" when it will do.
+    Ctrl+Space (hold) and F12 (stop) work as ever."""
 
     AUTO_FOCUS = "#name-input"
     BINDINGS: ClassVar = [Binding("escape", "cancel", show=False, priority=True)]
@@ -27,15 +27,15 @@ class NameDialog(Dialog[str | None]):
         self.begin, self.wrong = begin, wrong
         self._up = False  # the field has the focus, or had it
 
-    def types_early(self, event: events.Key) -> bool:
-        """A character that is typed before the field is up is part of the name, not hold or a
-        letter's action; F12 and Ctrl+Space are none."""
+    def take_early_key(self, event: events.Key) -> bool:
+        """Take a character that is typed before the field is up as part of the name, not as hold or
+        a letter's action; false for F12 and Ctrl+Space."""
         if self._up or event.key == "escape" or not (event.is_printable or event.key == "enter"):
             return False
         self.begin += event.character if event.is_printable and event.character else ""
         return True
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         yield Input(
             self.begin, id="name-input", classes="name-input", compact=True, select_on_focus=False
         )
@@ -53,10 +53,12 @@ class NameDialog(Dialog[str | None]):
         self.set_focus(field)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Answer with Enter."""
         event.stop()
         self.action_yes()
 
     def action_yes(self) -> None:
+        """Answer with the text, if nothing is wrong with it."""
         typed = self.query_one("#name-input", Input).value.strip()
         wrong = self.wrong(typed)
         if typed and not wrong:

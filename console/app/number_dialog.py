@@ -20,15 +20,15 @@ from topdress.console.locale import _
 
 
 class NumberDialog(Dialog[float | None]):
-    """What is typed stands there as it was typed, and the number that it is read as on the key
-    that takes it. Nothing typed is dropped: what is no number, or lies outside the range, is
-    refused in words.
+    """Asks for a number, shown as it is typed; the key that takes it shows the number that was
+    read.
 
-    low, high, typed (what stands there at first; the first key replaces it): as shown; the
-    answer is `to_si` of the number. The letter that asked for the number is no part of it while
-    nothing else is typed: a key that stays down. full: a key, its word and a number, as shown,
-    that the key puts there. doubt: what speaks against a number in SI, in words, "" where
-    nothing does; then it is asked once more.
+    Nothing typed is dropped: a text that is no number, or lies outside the range, is refused in
+    words. low, high, typed (the text at first; the first key replaces it): as shown; the answer is
+    `to_si` of the number. The letter that asked for the number is no part of it while nothing else
+    is typed: a key that stays down. full: a key, its word and a number, as shown, that the key puts
+    there. doubt: an objection to a number in SI, in words, "" where there is none; then it is asked
+    once more.
     """
 
     PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
@@ -54,10 +54,11 @@ class NumberDialog(Dialog[float | None]):
 
     @property
     def reading(self) -> TypedReading:
+        """The number that is read."""
         return read_in_range(self.typed, self.low, self.high, self.unit)
 
-    def body(self) -> ComposeResult:
-        yield Static(self._says(), classes="dialog-value", id="number-value", markup=False)
+    def compose_body(self) -> ComposeResult:
+        yield Static(self._format_typed(), classes="dialog-value", id="number-value", markup=False)
         yield Static("", classes="dialog-value", id="number-wrong", markup=False)
         with Vertical(classes="pad"):
             for row in range(0, len(self.PAD), 3):
@@ -65,23 +66,23 @@ class NumberDialog(Dialog[float | None]):
                     for key in self.PAD[row : row + 3]:
                         yield Button(key, name=key, classes="pad-key")
 
-    def buttons(self) -> ComposeResult:
+    def compose_buttons(self) -> ComposeResult:
         if self.full is not None:
             key, word, _value = self.full
             yield Button(f"{key}  {word}", id="full", classes="dialog-button")
-        yield from super().buttons()
+        yield from super().compose_buttons()
 
-    def _fill(self) -> None:
-        """As if it were typed: what stands there is still read, allowed and asked like any
+    def _fill_full(self) -> None:
+        """Enter the full number as if it were typed: it is still read, allowed and asked like any
         other number."""
         if self.full is not None:
             self.typed, self._fresh = format_number(self.full[2]), True
-            self._show(asked=False)
+            self._show_typed(asked=False)
 
     def on_mount(self) -> None:
         self.query_one("#number-wrong", Static).display = False
 
-    def yes_label(self) -> str:
+    def describe_yes(self) -> str:
         value = self.reading.value
         return (
             _("yes")
@@ -89,14 +90,14 @@ class NumberDialog(Dialog[float | None]):
             else _("take {number} {unit}").format(number=format_number(value), unit=self.unit)
         )
 
-    def _says(self) -> str:
+    def _format_typed(self) -> str:
         allowed = _("allowed: {low} to {high} {unit}").format(
             low=f"{self.low:g}", high=f"{self.high:g}", unit=self.unit
         )
         return f"{self.typed or '_'} {self.unit}     {allowed}"
 
-    def type(self, key: str) -> None:
-        """key: a character, "back" or "C"."""
+    def type_key(self, key: str) -> None:
+        """Take a key: a character, "back" or "C"."""
         if key == "C":
             self.typed = ""
         elif key == "back":
@@ -106,22 +107,24 @@ class NumberDialog(Dialog[float | None]):
             # one more than any number has: so it is refused
             self.typed = (before + key)[: MOST_CHARACTERS + 1]
         self._fresh = False
-        self._show(asked=False)
+        self._show_typed(asked=False)
 
-    def _show(self, asked: bool) -> None:
-        """asked: the number is wanted now, so what is still half of one is wrong too."""
+    def _show_typed(self, asked: bool) -> None:
+        """Show text and fault. asked: the number is wanted now, so one that is incomplete is wrong
+        too."""
         reading = self.reading
         wrong = reading.why if asked or (self.typed and not reading.half) else ""
-        self.query_one("#number-value", Static).update(self._says())
+        self.query_one("#number-value", Static).update(self._format_typed())
         said = self.query_one("#number-wrong", Static)
         said.update(f"! {wrong}")
         said.set_class(bool(wrong), "-refused")
         said.display = bool(wrong)
         take = self.query_one("#yes", Button)
-        take.label = f"{_('Enter')}  {self.yes_label()}"
+        take.label = f"{_('Enter')}  {self.describe_yes()}"
         take.refresh(layout=True)  # as wide as it says
 
     def on_key(self, event: events.Key) -> None:
+        """Type the key, if it belongs to a number."""
         named = {"backspace": "back", "delete": "C", "kp_decimal": ".", "kp_separator": ","}.get(
             event.key, ""
         )
@@ -135,7 +138,7 @@ class NumberDialog(Dialog[float | None]):
             and (not self.typed or self._fresh)
         ):
             event.stop()
-            self._fill()
+            self._fill_full()
             return
         if (
             (not self.typed or self._fresh)
@@ -148,25 +151,28 @@ class NumberDialog(Dialog[float | None]):
         # ' jumps to a button
         if key and key != "'" and (named or (key.isprintable() and len(key) == 1)):
             event.stop()
-            self.type(key)
+            self.type_key(key)
 
     def on_paste(self, event: events.Paste) -> None:
+        """Type the pasted characters."""
         event.stop()
         for character in event.text.strip():
-            self.type(character if character.isprintable() else " ")
+            self.type_key(character if character.isprintable() else " ")
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
+        """Type the key of the pad."""
         if event.button.id == "full":
             event.stop()
-            self._fill()
+            self._fill_full()
         if event.button.name in self.PAD:
             event.stop()
-            self.type(event.button.name)
+            self.type_key(event.button.name)
 
     def action_yes(self) -> None:
+        """Answer with the number, if nothing is wrong with it."""
         value = self.reading.value
         if value is None:
-            self._show(asked=True)
+            self._show_typed(asked=True)
             return
         taken = self.to_si(value)
         why = self.doubt(taken)
@@ -174,7 +180,7 @@ class NumberDialog(Dialog[float | None]):
             self.dismiss(taken)
             return
 
-        def answer(yes: bool | None) -> None:
+        def take_answer(yes: bool | None) -> None:
             if yes:
                 self.dismiss(taken)
 
@@ -185,5 +191,5 @@ class NumberDialog(Dialog[float | None]):
                 ),
                 why,
             ),
-            answer,
+            take_answer,
         )

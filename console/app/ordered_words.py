@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from topdress.console.app import words
-from topdress.console.app.typed_number import in_words
+from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Unit, Units
 from topdress.console.locale import N_, _
 from topdress.control.agronomy.strips import parse_strip
 from topdress.control.orders import Do
 
-ORDERS: dict[str, str] = {
+ORDER_NAMES: dict[str, str] = {
     Do.READY: N_("READY"),
     Do.START: N_("START"),
     Do.HOLD: N_("HOLD"),
@@ -37,31 +37,31 @@ ORDERS: dict[str, str] = {
     Do.CALIBRATE_SHAFT: N_("calibrating, shaft"),
     Do.CALIBRATE_OPENING: N_("calibrating, opening"),
 }
-STRIPS = {"nrich": N_("N-rich strip"), "check": N_("farmer check")}
+STRIP_NAMES = {"nrich": N_("N-rich strip"), "check": N_("farmer check")}
 
 
 def format_order(do: str, value: str | float | bool | None, units: Units) -> str:
-    """value: as the order has it, or as a frame tells it, in text."""
-    word = _(ORDERS[do]) if do in ORDERS else do
+    """An order in words. value: as the order has it, or as a frame has it, in text."""
+    word = _(ORDER_NAMES[do]) if do in ORDER_NAMES else do
     strip = parse_strip(value) if do == Do.STRIP else None
     if strip is not None:
-        named = _(STRIPS[strip.which])
+        named = _(STRIP_NAMES[strip.which])
         return (
             _("no {strip}").format(strip=named)
             if strip.ndvi is None
             else f"{named} NDVI {strip.ndvi:.3f}"
         )
-    return f"{word} {_value(do, '' if value is None else str(value), units)}".rstrip()
+    return f"{word} {_format_order_value(do, '' if value is None else str(value), units)}".rstrip()
 
 
-def _value(do: str, value: str, units: Units) -> str:
-    """START and CALIBRATE have the button's, which is nobody's concern."""
+def _format_order_value(do: str, value: str, units: Units) -> str:
+    """The value in words; START and CALIBRATE have the button's, which is nobody's concern."""
     if do in (Do.START, Do.CALIBRATE, Do.MARK, Do.STRIP):
         return ""
     if value in ("True", "False"):
         return _("on") if value == "True" else _("off")
     if do == Do.STRATEGY:
-        return words.strategy_word(value)
+        return words.name_strategy(value)
     if do == Do.SOURCE:
         return words.name_source(value)
     try:
@@ -76,6 +76,10 @@ def _value(do: str, value: str, units: Units) -> str:
         Do.CALIBRATE_OPENING: "mm",
     }
     unit = (
-        shown.get(Do(do), Unit(plain.get(Do(do), ""), 1.0, 1)) if do in ORDERS else Unit("", 1.0, 1)
+        shown.get(Do(do), Unit(plain.get(Do(do), ""), 1.0, 1))
+        if do in ORDER_NAMES
+        else Unit("", 1.0, 1)
     )
-    return f"{'+' if do == Do.NUDGE and number >= 0.0 else ''}{in_words(unit, number)}".rstrip()
+    return (
+        f"{'+' if do == Do.NUDGE and number >= 0.0 else ''}{format_with_unit(unit, number)}"
+    ).rstrip()

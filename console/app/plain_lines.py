@@ -9,10 +9,11 @@ from topdress.drivers.plain_text import remove_steering
 
 
 class PlainLines(LineFilter):
-    """Applied to every line that is drawn. What it leaves out has no width, so that no line
+    """Filters every line that is drawn. The signs that it removes have no width, so that no line
     becomes shorter."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """Remove signs that steer the terminal."""
         if all(segment.control or segment.text.isprintable() for segment in segments):
             return segments
         return [

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from topdress.console.app.ordered_words import format_order
 from topdress.console.app.units import METRIC
-from topdress.console.app.view import duration, format_local_time
+from topdress.console.app.view import format_duration, format_local_time
 from topdress.console.attached import Attached, Ordered
 from topdress.console.frame import Frame
 from topdress.console.locale import _
@@ -16,39 +16,41 @@ from topdress.control.orders import State
 
 
 class CompanyView(NamedTuple):
-    """order: the latest that another gave, or that this console gave while it has company.
-    others: who they are."""
+    """Holds the row on the others. order: the latest that another gave, or that this console gave
+    while it has company. others: who they are."""
 
     order: str
     others: str
 
 
-def others(frame: Frame, own: str) -> tuple[Attached, ...]:
-    """All but the console of this name."""
+def list_others(frame: Frame, own: str) -> tuple[Attached, ...]:
+    """All attached consoles but the one of this name."""
     return tuple(one for one in frame.attached if one.name != own)
 
 
-def company_view(frame: Frame | None, own: str, utc_offset_s: float) -> CompanyView | None:
+def make_company_view(frame: Frame | None, own: str, utc_offset_s: float) -> CompanyView | None:
     """The row under the alarms; None: this console is alone, and gave the latest order itself."""
     if frame is None:
         return None
-    rest = others(frame, own)
+    rest = list_others(frame, own)
     latest = frame.ordered[-1] if frame.ordered else None
     if not rest and (latest is None or latest.name == own):
         return None
     return CompanyView(
-        "" if latest is None else order_words(latest, frame, own, utc_offset_s),
-        _("at this machine: {names}").format(names=", ".join([_("this one"), *map(short, rest)])),
+        "" if latest is None else describe_ordered(latest, frame, own, utc_offset_s),
+        _("at this machine: {names}").format(
+            names=", ".join([_("this one"), *map(format_short_name, rest)])
+        ),
     )
 
 
-def short(one: Attached) -> str:
+def format_short_name(one: Attached) -> str:
     """A name, and what of it the others should know."""
     return one.name if one.orders else _("{name} (looks only)").format(name=one.name)
 
 
-def kind_of(one: Attached) -> str:
-    """What it is and may do, and whether the machine goes on because of it."""
+def describe_kind(one: Attached) -> str:
+    """Kind and rights of a console, and whether the machine goes on because of it."""
     kind = _("tablet") if one.tablet else _("console")
     if not one.orders:
         return _("{kind}, looks only").format(kind=kind)
@@ -59,11 +61,11 @@ def kind_of(one: Attached) -> str:
     return _("{kind}, silent: does not keep the machine working").format(kind=kind)
 
 
-def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
-    """What was ordered, by whom, when."""
+def describe_ordered(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
+    """An order with its console and time."""
     back_s = max(0.0, frame.row.time_s - one.time_s)
     when = format_local_time(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(
-        duration=duration(back_s)
+        duration=format_duration(back_s)
     )
     return _("{order} by {name}, {when}").format(
         order=format_order(one.do, one.value, METRIC),
@@ -73,20 +75,20 @@ def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> st
 
 
 def describe_news(before: Frame, now: Frame, own: str) -> str:
-    """What the others did since, in one line; empty: nothing."""
-    was, here = ({one.name: one for one in others(frame, own)} for frame in (before, now))
+    """The others' actions since, in one line; empty: none."""
+    was, here = ({one.name: one for one in list_others(frame, own)} for frame in (before, now))
     lines = [
-        _("{name} has joined ({kind})").format(name=one.name, kind=kind_of(one))
+        _("{name} has joined ({kind})").format(name=one.name, kind=describe_kind(one))
         for name, one in here.items()
         if name not in was
     ]
     lines += [
-        _("{name} has left").format(name=name) + _what_then(one, now)
+        _("{name} has left").format(name=name) + _describe_consequence(one, now)
         for name, one in was.items()
         if name not in here
     ]
     lines += [
-        _("{name} is silent").format(name=name) + _what_then(was[name], now)
+        _("{name} is silent").format(name=name) + _describe_consequence(was[name], now)
         for name, one in here.items()
         if name in was and was[name].keeps and not one.keeps
     ]
@@ -99,8 +101,8 @@ def describe_news(before: Frame, now: Frame, own: str) -> str:
     return ";  ".join(lines)
 
 
-def _what_then(one: Attached, now: Frame) -> str:
-    """What that means for a machine at work."""
+def _describe_consequence(one: Attached, now: Frame) -> str:
+    """The consequence for a machine at work."""
     if not one.keeps or now.row.state != State.WORKING:
         return ""
     keep = [other.name for other in now.attached if other.keeps and other.name != one.name]
@@ -110,7 +112,7 @@ def _what_then(one: Attached, now: Frame) -> str:
 
 
 def describe_leaving(frame: Frame, own: str, keeps_working: bool) -> str:
-    """What becomes of a machine at work when this console is left."""
+    """The consequence for a machine at work when this console is left."""
     if not frame.attached:  # a worker that does not tell who is attached
         if frame.consoles - keeps_working > 0:
             return _(
@@ -121,14 +123,14 @@ def describe_leaving(frame: Frame, own: str, keeps_working: bool) -> str:
             if frame.consoles
             else _("The machine works: it is held after 2 s, unless another console is open.")
         )
-    rest = others(frame, own)
+    rest = list_others(frame, own)
     keep = [one.name for one in rest if one.keeps]
     if keep:
         return _("The machine works, and goes on: {names} keeps it working.").format(
             names=", ".join(keep)
         )
     text = _("The machine works: it is held after 2 s without console.")
-    stay = ", ".join(map(short, rest))
+    stay = ", ".join(map(format_short_name, rest))
     return (
         f"{text} {_('None of those that stay keeps it working: {names}.').format(names=stay)}"
         if stay
@@ -139,20 +141,20 @@ def describe_leaving(frame: Frame, own: str, keeps_working: bool) -> str:
 def describe_everyone(frame: Frame, own: str, utc_offset_s: float) -> str:
     """Everybody, and the latest orders, for a dialog."""
     lines = [
-        f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {kind_of(one)}"
+        f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {describe_kind(one)}"
         for one in frame.attached
     ]
-    orders = [order_words(one, frame, own, utc_offset_s) for one in reversed(frame.ordered)]
+    orders = [describe_ordered(one, frame, own, utc_offset_s) for one in reversed(frame.ordered)]
     return "\n".join([*lines, "", _("Latest orders:") if orders else _("No orders yet."), *orders])
 
 
-def arrival_words(frame: Frame, own: str, utc_offset_s: float) -> Sequence[str]:
-    """For one that has just attached: whom it found there, and what was ordered last."""
-    rest = others(frame, own)
+def describe_arrival(frame: Frame, own: str, utc_offset_s: float) -> Sequence[str]:
+    """For a console that has just attached: whom it found there, and the last order."""
+    rest = list_others(frame, own)
     found = (
         [
             _("Also attached: {names}.").format(
-                names="; ".join(f"{one.name} ({kind_of(one)})" for one in rest)
+                names="; ".join(f"{one.name} ({describe_kind(one)})" for one in rest)
             )
         ]
         if rest
@@ -161,7 +163,7 @@ def arrival_words(frame: Frame, own: str, utc_offset_s: float) -> Sequence[str]:
     if frame.ordered:
         found.append(
             _("Latest order: {order}.").format(
-                order=order_words(frame.ordered[-1], frame, own, utc_offset_s)
+                order=describe_ordered(frame.ordered[-1], frame, own, utc_offset_s)
             )
         )
     return found

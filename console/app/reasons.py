@@ -14,23 +14,25 @@ if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
 
-def why_no_machine(app: TopdressApp) -> str:
-    """Orders and STOP go nowhere; the key of STOP asks to connect instead."""
+def explain_no_machine(app: TopdressApp) -> str:
+    """Why nothing can be ordered without a machine; the key of STOP asks to connect instead."""
     return (
-        _("no connection to the machine: {key} connects").format(key=app.shown_key("stop"))
-        if app.disconnected
+        _("no connection to the machine: {key} connects").format(key=app.find_shown_key("stop"))
+        if app.is_disconnected
         else ""
     )
 
 
 def explain_no_undo(app: TopdressApp) -> str:
+    """Why nothing can be undone."""
     newest = app.undo.newest
     if newest is None:
         return _("nothing was changed that could be taken back")
-    return why_no_machine(app) if newest.orders else ""
+    return explain_no_machine(app) if newest.orders else ""
 
 
-def why_no_acknowledge(app: TopdressApp) -> str:
+def explain_no_acknowledge(app: TopdressApp) -> str:
+    """Why nothing can be acknowledged."""
     frame = app.arrival.frame
     owed = frame is not None and any(
         one.severity is Severity.RED and not one.acknowledged for one in frame.alarms
@@ -39,18 +41,21 @@ def why_no_acknowledge(app: TopdressApp) -> str:
 
 
 def explain_no_tour(app: TopdressApp) -> str:
+    """Why no step of the tour can be skipped."""
     return _("no tour is shown") if app.tour is None else ""
 
 
-def why_no_start(app: TopdressApp) -> str:
-    return _why_no_state(app, (State.READY, State.HELD), State.WORKING)
+def explain_no_start(app: TopdressApp) -> str:
+    """Why the machine cannot be started."""
+    return _explain_wrong_state(app, (State.READY, State.HELD), State.WORKING)
 
 
-def why_not_ready(app: TopdressApp) -> str:
-    return _why_no_state(app, (State.OFF, State.HELD, State.FAULT), State.READY)
+def explain_not_ready(app: TopdressApp) -> str:
+    """Why the machine cannot be made ready."""
+    return _explain_wrong_state(app, (State.OFF, State.HELD, State.FAULT), State.READY)
 
 
-def _why_no_state(app: TopdressApp, from_: tuple[State, ...], already: State) -> str:
+def _explain_wrong_state(app: TopdressApp, from_: tuple[State, ...], already: State) -> str:
     if app.source is None:
         return _("no machine is connected")
     frame = app.arrival.frame
@@ -70,8 +75,8 @@ def _why_no_state(app: TopdressApp, from_: tuple[State, ...], already: State) ->
 
 
 def find_first_key(app: TopdressApp, wanted: State, state: str | None) -> str:
-    """The key, as it is shown, that leads on from this state towards the one that is wanted;
-    empty where none does."""
+    """The key, as it is shown, that leads on from this state towards the wanted one; empty where
+    none does."""
     if wanted is State.READY:
-        return app.shown_key("hold") if state == State.WORKING else ""
-    return app.shown_key("ready") if state in (State.OFF, State.FAULT, State.HELD) else ""
+        return app.find_shown_key("hold") if state == State.WORKING else ""
+    return app.find_shown_key("ready") if state in (State.OFF, State.FAULT, State.HELD) else ""

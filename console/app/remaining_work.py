@@ -7,32 +7,35 @@ from typing import NamedTuple
 
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.units import M2_PER_HA, Units
-from topdress.console.app.view import duration
+from topdress.console.app.view import format_duration
 from topdress.console.frame import Frame
 
 LEAST_WORKED_S = 30.0  # before, nobody can tell how fast the work goes
 
 
 class RemainingWork(NamedTuple):
-    """None: not known, for the job has no field, or has hardly started."""
+    """Holds the work left of a job. None: not known, for the job has no field, or has hardly
+    started."""
 
     area_ha: float | None = None
     product_kg: float | None = None
     way_m: float | None = None
     time_s: float | None = None
 
-    def text(self, units: Units) -> str:
+    def format_remaining(self, units: Units) -> str:
+        """Time, mass and way in one line."""
         if self.area_ha is None and self.product_kg is None:
             return "--"
-        time = "--" if self.time_s is None else duration(self.time_s)
+        time = "--" if self.time_s is None else format_duration(self.time_s)
         return (
-            f"{time}  {units.mass.full(self.product_kg)}  {units.way(self.way_m).full(self.way_m)}"
+            f"{time}  {units.mass.format_with_name(self.product_kg)}  "
+            f"{units.choose_way_unit(self.way_m).format_with_name(self.way_m)}"
         )
 
 
-def remaining_work(frame: Frame | None, picture: FieldPicture | None) -> RemainingWork:
-    """The plan's product where there is one, else the mean so far on what is left; time at the
-    pace so far."""
+def estimate_remaining(frame: Frame | None, picture: FieldPicture | None) -> RemainingWork:
+    """Work left: the plan's product where there is one, else the mean so far on the rest; time at
+    the pace so far."""
     if frame is None or picture is None:
         return RemainingWork()
     planned = picture.planned
@@ -41,7 +44,7 @@ def remaining_work(frame: Frame | None, picture: FieldPicture | None) -> Remaini
     worked = frame.area_ha > 1.0 / M2_PER_HA
     left_kg = None
     if planned is not None:
-        left_kg = max(0.0, planned.mass_kg - frame.applied_kg)
+        left_kg = max(0.0, planned.planned_mass_kg - frame.applied_kg)
     elif left_ha is not None and worked:
         left_kg = left_ha * (frame.mean_rate_kg_ha or 0.0)
     way_m = None if left_ha is None else left_ha * M2_PER_HA / picture.width_m

@@ -11,7 +11,7 @@ from topdress.console.frame import Frame
 from topdress.control.orders import Answer, Order
 
 SLOWEST, FASTEST = 0.1, 1000.0
-SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+PLAY_SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
 class ReplaySource:
@@ -27,23 +27,23 @@ class ReplaySource:
         self._clock = clock
         self.speed = 1.0
         self.playing = False
-        self._take(frames)
+        self._take_frames(frames)
         self._log_s = self.start_s
         self._since_s = clock()
 
-    def _take(self, frames: Sequence[Frame]) -> None:
+    def _take_frames(self, frames: Sequence[Frame]) -> None:
         self.frames = tuple(frames)
         self._times = [frame.row.time_s for frame in self.frames]
         self.start_s, self.end_s = self._times[0], self._times[-1]
 
-    def replace(self, frames: Sequence[Frame]) -> None:
-        """Other frames (a what-if), at the place and speed that are played now. Raises
+    def replace_frames(self, frames: Sequence[Frame]) -> None:
+        """Take other frames (a what-if), at the place and speed that are played now. Raises
         ValueError when empty."""
         if not frames:
             raise ValueError("replay: the recomputed log has no rows")
         at_s = self.at_s
-        self._take(frames)
-        self.seek(at_s)
+        self._take_frames(frames)
+        self.seek_time(at_s)
 
     @property
     def at_s(self) -> float:
@@ -53,79 +53,84 @@ class ReplaySource:
         return min(self.end_s, self._log_s + (self._clock() - self._since_s) * self.speed)
 
     @property
-    def index(self) -> int:
-        """Frame in force at the place: the last one not later."""
+    def frame_index(self) -> int:
+        """Index of the frame in force at the place: the last one not later."""
         return max(0, bisect_right(self._times, self.at_s + 1e-9) - 1)
 
     @property
     def newest(self) -> Frame:
-        return self.frames[self.index]
+        """The frame in force."""
+        return self.frames[self.frame_index]
 
     @property
-    def age_s(self) -> float:
-        """How old the newest frame is in the log's time: more than its step only in a gap."""
-        return max(0.0, self.at_s - self._times[self.index])
+    def frame_age_s(self) -> float:
+        """Age of the newest frame in the log's time: more than its step only in a gap."""
+        return max(0.0, self.at_s - self._times[self.frame_index])
 
     @property
-    def at_end(self) -> bool:
+    def is_at_end(self) -> bool:
+        """Whether the end is reached."""
         return self.at_s >= self.end_s
 
-    def first_index(self, time_s: float) -> int:
+    def find_first_index(self, time_s: float) -> int:
         """First frame at or after a time of the log."""
         return min(bisect_right(self._times, time_s - 1e-9), len(self.frames) - 1)
 
-    def play(self) -> None:
-        """Goes on; from the start again when the end was reached."""
-        if self.at_end:
+    def play_on(self) -> None:
+        """Go on; from the start again when the end was reached."""
+        if self.is_at_end:
             self._log_s = self.start_s
         self._since_s = self._clock()
         self.playing = True
 
-    def pause(self) -> None:
+    def pause_here(self) -> None:
+        """Stop at the present place."""
         self._log_s = self.at_s
         self.playing = False
 
-    def toggle(self) -> None:
-        if self.playing and not self.at_end:
-            self.pause()
+    def toggle_playing(self) -> None:
+        """Play or pause."""
+        if self.playing and not self.is_at_end:
+            self.pause_here()
         else:
-            self.play()
+            self.play_on()
 
-    def seek(self, time_s: float) -> None:
-        """To a time of the log, held inside it."""
+    def seek_time(self, time_s: float) -> None:
+        """Go to a time of the log, clamped to it."""
         self._log_s = max(self.start_s, min(self.end_s, time_s))
         self._since_s = self._clock()
 
-    def step(self, rows: int) -> None:
-        """Pauses, and moves by whole rows."""
-        index = max(0, min(len(self.frames) - 1, self.index + rows))
+    def step_rows(self, rows: int) -> None:
+        """Pause, and move by whole rows."""
+        index = max(0, min(len(self.frames) - 1, self.frame_index + rows))
         self.playing = False
-        self.seek(self._times[index])
+        self.seek_time(self._times[index])
 
     def set_speed(self, speed: float) -> None:
-        """Times faster than life, held within 0.1 ... 1000."""
-        self.seek(self.at_s)
+        """Set the speed, times faster than life, clamped to 0.1 ... 1000."""
+        self.seek_time(self.at_s)
         self.speed = max(SLOWEST, min(FASTEST, speed))
 
     def change_speed(self, steps: int) -> None:
-        """Up or down the speeds 0.1, 0.2, 0.5, 1, 2, 5, ... 1000."""
-        at = max(0, bisect_right(SPEEDS, self.speed) - 1)
-        self.set_speed(SPEEDS[max(0, min(len(SPEEDS) - 1, at + steps))])
+        """Go up or down the speeds 0.1, 0.2, 0.5, 1, 2, 5, ... 1000."""
+        at = max(0, bisect_right(PLAY_SPEEDS, self.speed) - 1)
+        self.set_speed(PLAY_SPEEDS[max(0, min(len(PLAY_SPEEDS) - 1, at + steps))])
 
-    def next_alarm(self) -> bool:
-        """To the next frame that has an alarm which the one before has not; false where there
-        is none."""
-        for index in range(self.index + 1, len(self.frames)):
+    def seek_next_alarm(self) -> bool:
+        """Go to the next frame with an alarm that the one before has not; false where there is
+        none."""
+        for index in range(self.frame_index + 1, len(self.frames)):
             before = {alarm.id for alarm in self.frames[index - 1].alarms}
             if any(alarm.id not in before for alarm in self.frames[index].alarms):
                 self.playing = False
-                self.seek(self._times[index])
+                self.seek_time(self._times[index])
                 return True
         return False
 
     async def run(self) -> None:
-        """A log is never gone."""
+        """Wait for ever: a log is never gone."""
         await asyncio.Event().wait()
 
     async def order(self, order: Order) -> Answer:
+        """Refuse: a log takes no orders."""
         return Answer(False, "replay")

@@ -8,18 +8,18 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from topdress.console.app.channels import CHANNELS, COLUMN, list_values, value_of
+from topdress.console.app.channels import CHANNEL_INDEX, CHANNELS, find_value, list_values
 from topdress.console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
 
 WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)  # of a bucket, from level to level
 # buckets of each level: 7 min, 34 min, 2.3 h, 9 h, 36 h
-KEPT = 2_048
+KEPT_BUCKETS = 2_048
 
 
 class TrendStretch(NamedTuple):
-    """Buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where
+    """Holds buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where
     nothing was known; counts: of known values."""
 
     time_s: Floats
@@ -30,7 +30,7 @@ class TrendStretch(NamedTuple):
 
 
 class SpanSums(NamedTuple):
-    """Over a span; NaN where nothing was known."""
+    """Holds figures over a span; NaN where nothing was known."""
 
     low: float
     mean: float
@@ -38,7 +38,7 @@ class SpanSums(NamedTuple):
 
 
 class TrendSeries(Protocol):
-    """What a trend is drawn from. Times are s of the run."""
+    """Gives what a trend is drawn from. Times are s of the run."""
 
     @property
     def start_s(self) -> float | None:
@@ -47,12 +47,12 @@ class TrendSeries(Protocol):
     @property
     def end_s(self) -> float | None: ...
 
-    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
-        """The channel from one time to another in about `buckets` or more pieces, as far as
-        they are held."""
+    def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
+        """The channel from one time to another in about `buckets` or more pieces, as far as they
+        are held."""
 
 
-def sums(stretch: TrendStretch) -> SpanSums:
+def summarise_stretch(stretch: TrendStretch) -> SpanSums:
     """Lowest, mean and highest of a stretch; the mean is of all rows, not of the buckets."""
     known = stretch.counts > 0
     if not known.any():
@@ -65,16 +65,17 @@ def sums(stretch: TrendStretch) -> SpanSums:
     )
 
 
-class _RowOfAll(NamedTuple):
-    """Of all channels, made once for all levels: (value, minus value) and (value or 0, 1 where
-    known)."""
+class _ChannelRow(NamedTuple):
+    """Holds a row of all channels, made once for all levels: (value, minus value) and (value or 0,
+    1 where known)."""
 
     extremes: Floats
     totals: Floats
 
 
 class _BucketLevel:
-    """Buckets of one width for all channels; the oldest are dropped when twice `kept` are there.
+    """Holds buckets of one width for all channels; the oldest are dropped when twice `kept` are
+    there.
 
     extremes[bucket]: lowest value and lowest negated value; totals[bucket]: sum and count.
     """
@@ -86,17 +87,18 @@ class _BucketLevel:
         self.extremes: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
         self.totals: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
 
-    def add(self, time_s: float, row: _RowOfAll) -> None:
+    def add_row(self, time_s: float, row: _ChannelRow) -> None:
+        """Add a row."""
         number = int(time_s / self.width_s + 1e-6)
         if number != self.number or self.size == 0:
-            self._begin(number, time_s)
+            self._begin_bucket(number, time_s)
             self.extremes[self.size - 1], self.totals[self.size - 1] = row
             return
         extremes, totals = self.extremes[self.size - 1], self.totals[self.size - 1]
         np.fmin(extremes, row.extremes, out=extremes)
         np.add(totals, row.totals, out=totals)
 
-    def _begin(self, number: int, time_s: float) -> None:
+    def _begin_bucket(self, number: int, time_s: float) -> None:
         if self.size == 2 * self.kept:
             for array in (self.time_s, self.extremes, self.totals):
                 array[: self.kept] = array[self.kept :]
@@ -105,10 +107,11 @@ class _BucketLevel:
         self.size += 1
 
     @property
-    def first_s(self) -> float:
+    def first_time_s(self) -> float:
+        """Time of the oldest bucket."""
         return float(self.time_s[0])
 
-    def stretch(self, column: int, from_s: float, to_s: float) -> TrendStretch:
+    def find_stretch(self, column: int, from_s: float, to_s: float) -> TrendStretch:
         times = self.time_s[: self.size]
         begin = max(0, int(np.searchsorted(times, from_s - self.width_s, side="right")))
         end = int(np.searchsorted(times, to_s, side="right"))
@@ -118,63 +121,67 @@ class _BucketLevel:
             return TrendStretch(times[begin:end].copy(), low, -high, total / count, count)
 
 
-class Pyramid:
-    """A Series grown row by row. Each level has wider buckets and reaches further back; the
-    memory never grows."""
+class SeriesPyramid:
+    """A TrendSeries that grows row by row. Each level has wider buckets and reaches further back;
+    the memory never grows."""
 
-    def __init__(self, widths_s: Sequence[float] = WIDTHS_S, kept: int = KEPT) -> None:
+    def __init__(self, widths_s: Sequence[float] = WIDTHS_S, kept: int = KEPT_BUCKETS) -> None:
         self.widths_s, self.kept = tuple(widths_s), kept
-        self.clear()
+        self.clear_levels()
 
-    def clear(self) -> None:
+    def clear_levels(self) -> None:
+        """Forget all rows."""
         self._levels = [_BucketLevel(width, self.kept) for width in self.widths_s]
         self._started_s: float | None = None
         self._end_s: float | None = None
 
     @property
     def start_s(self) -> float | None:
-        return None if self._started_s is None else max(self._started_s, self._levels[-1].first_s)
+        return (
+            None if self._started_s is None else max(self._started_s, self._levels[-1].first_time_s)
+        )
 
     @property
     def end_s(self) -> float | None:
         return self._end_s
 
     @property
-    def bytes(self) -> int:
+    def memory_bytes(self) -> int:
+        """Memory of all levels, bytes."""
         return sum(
             array.nbytes
             for level in self._levels
             for array in (level.time_s, level.extremes, level.totals)
         )
 
-    def add(self, frame: Frame) -> None:
-        """One more row; rows come in order of time."""
+    def add_frame(self, frame: Frame) -> None:
+        """Add a row; rows come in order of time."""
         values = np.array(list_values(frame.row))
         known = np.isfinite(values)
         time_s = frame.row.time_s
-        row = _RowOfAll(
+        row = _ChannelRow(
             np.array((values, -values)), np.array((np.where(known, values, 0.0), known))
         )
         for level in self._levels:
-            level.add(time_s, row)
+            level.add_row(time_s, row)
         self._end_s = time_s
         if self._started_s is None:
             self._started_s = time_s
 
-    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
-        """From the coarsest level that gives as many buckets and reaches back far enough, else
-        the one that does."""
+    def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
+        """The stretch from the coarsest level that gives as many buckets and reaches back far
+        enough, else from the one that does."""
         started = self._started_s or 0.0
         reach = [
-            level for level in self._levels if level.first_s <= max(from_s, started)
+            level for level in self._levels if level.first_time_s <= max(from_s, started)
         ] or self._levels[-1:]
         fine = [level for level in reach if level.width_s * buckets <= to_s - from_s]
-        return (fine[-1] if fine else reach[0]).stretch(COLUMN[channel], from_s, to_s)
+        return (fine[-1] if fine else reach[0]).find_stretch(CHANNEL_INDEX[channel], from_s, to_s)
 
 
 class LogSeries:
-    """A Series over all frames of a log; a channel's values are taken out when they are first
-    asked for."""
+    """A TrendSeries over all frames of a log; a channel's values are taken out when they are first
+    needed."""
 
     def __init__(self, frames: Sequence[Frame]) -> None:
         self._frames = frames
@@ -189,22 +196,22 @@ class LogSeries:
     def end_s(self) -> float | None:
         return float(self._times[-1]) if len(self._times) else None
 
-    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
+    def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
         values = self._values.get(channel)
         if values is None:
             values = self._values[channel] = np.array(
-                [value_of(frame.row, channel) for frame in self._frames]
+                [find_value(frame.row, channel) for frame in self._frames]
             )
         begin, end = (
             np.searchsorted(self._times, from_s, side="left"),
             np.searchsorted(self._times, to_s, side="right"),
         )
-        return _in_buckets(
+        return _gather_buckets(
             self._times[begin:end], values[begin:end], from_s, (to_s - from_s) / max(1, buckets)
         )
 
 
-def _in_buckets(times: Floats, values: Floats, from_s: float, width_s: float) -> TrendStretch:
+def _gather_buckets(times: Floats, values: Floats, from_s: float, width_s: float) -> TrendStretch:
     """Rows, in order of time, gathered in buckets of one width; empty buckets are left out."""
     if not len(times):
         return TrendStretch(*(np.zeros(0),) * 5)

@@ -13,38 +13,38 @@ if TYPE_CHECKING:
     from topdress.console.app.field_picture import FieldPicture
     from topdress.console.app.pages.calibrate.service import CalibrateService
     from topdress.console.app.pages.diagnosis.service import DiagnosisService
-    from topdress.console.app.pages.job.service import AtWork, Earlier, JobService
+    from topdress.console.app.pages.job.service import EarlierRun, JobService, RunningLimits
     from topdress.console.app.pages.map.service import LayerFiles, LineFiles
     from topdress.console.app.pages.replay.service import LogFiles
     from topdress.console.app.pages.settings.service import SettingsStore
     from topdress.console.frame import Frame
     from topdress.control.diagnosis.result import Departure
 
-T = TypeVar("T")
+Service = TypeVar("Service")
 
 
-class _Late:
+class _LateService:
     def __init__(self, make: Callable[[], object]) -> None:
         self._made, self._lock = cache(make), Lock()
 
-    def made(self) -> object:
+    def make_or_find(self) -> object:
         with self._lock:
             return self._made()
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.made(), name)
+        return getattr(self.make_or_find(), name)
 
 
-def late(make: Callable[[], T]) -> T:
-    """A service that is made, and what it needs imported, when something of it is first asked
-    for: the first picture does without."""
-    return cast(T, _Late(make))
+def make_late(make: Callable[[], Service]) -> Service:
+    """A service that is made, with the imports that it needs, when it is first used: the first
+    picture does without."""
+    return cast(Service, _LateService(make))
 
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Each field belongs to one screen. Its errors are one-line ValueErrors; long work runs in
-    a thread and asks `cancelled` between steps."""
+    """Holds the services of the screens. Each field belongs to one screen. Its errors are one-line
+    ValueErrors; long work runs in a thread and asks `cancelled` between steps."""
 
     calibrate: CalibrateService | None = None
 
@@ -61,10 +61,10 @@ class Services:
 
     layers: LayerFiles | None = None
 
-    earlier: Callable[[str], Earlier | None] | None = None  # before this console looked
+    earlier: Callable[[str], EarlierRun | None] | None = None  # before this console looked
 
     # the limits of the run that writes a log
-    at_work: Callable[[str], AtWork | None] | None = None
+    at_work: Callable[[str], RunningLimits | None] | None = None
 
     # of the Map page: the A-B line, a boundary that is being driven
     lines: LineFiles | None = None
@@ -77,8 +77,8 @@ class Services:
     # begins a command that plays a sound; why it did not, empty: it did
     play: Callable[[str], str] | None = None
 
-    def make(self) -> None:
-        """Those that are `late`, in a thread: each imports much."""
+    def make_late_services(self) -> None:
+        """Make those that are late, in a thread: each imports much."""
         for one in fields(self):
-            if isinstance(found := getattr(self, one.name), _Late):
-                found.made()
+            if isinstance(found := getattr(self, one.name), _LateService):
+                found.make_or_find()

@@ -21,10 +21,10 @@ from topdress.drivers.files.settings_theme import ThemeData
 if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
-TAKEN = frozenset({"escape", "enter", "tab", "shift+tab"})  # dialogs need them
-_KEY = re.compile(r"[A-Z]|[a-z0-9_]+(\+[a-z0-9_]+)*")
+RESERVED_KEYS = frozenset({"escape", "enter", "tab", "shift+tab"})  # dialogs need them
+_KEY_PATTERN = re.compile(r"[A-Z]|[a-z0-9_]+(\+[a-z0-9_]+)*")
 
-_VARIABLES = {
+_THEME_VARIABLES = {
     "red": "alarm-red",
     "on-red": "on-alarm-red",
     "amber": "alarm-amber",
@@ -36,11 +36,11 @@ _VARIABLES = {
     "muted": "muted",
     "target": "target",
 }
-_OWN = ("background", "surface", "panel", "foreground", "primary")
+_THEME_FIELDS = ("background", "surface", "panel", "foreground", "primary")
 
 
-def keymap_problem(keymap: Mapping[str, str]) -> str:
-    """The first thing that is wrong with a keymap, one line; empty where nothing is."""
+def find_keymap_fault(keymap: Mapping[str, str]) -> str:
+    """The first fault of a keymap, one line; empty where there is none."""
     for name, keys in keymap.items():
         action = actions.BY_ID.get(name)
         if action is None:
@@ -50,7 +50,7 @@ def keymap_problem(keymap: Mapping[str, str]) -> str:
                 return _("key keymap.{name}: value {key}: F12 is STOP on every screen").format(
                     name=name, key=key
                 )
-            if key in TAKEN or not _KEY.fullmatch(key):
+            if key in RESERVED_KEYS or not _KEY_PATTERN.fullmatch(key):
                 return _("key keymap.{name}: value {key}: not a key that can be used").format(
                     name=name, key=key
                 )
@@ -72,11 +72,11 @@ def find_key_clash(keymap: Mapping[str, str]) -> str:
 def make_theme(data: ThemeData) -> Theme:
     """A theme as Textual wants it: one of ours, with other colours."""
     like = {theme.name: theme for theme in themes.THEMES}[data.like]
-    own = {name: data.colours.get(name, getattr(like, name)) for name in _OWN}
+    own = {name: data.colours.get(name, getattr(like, name)) for name in _THEME_FIELDS}
     variables = dict(like.variables)
     for name, colour in data.colours.items():
-        if name in _VARIABLES:
-            variables[_VARIABLES[name]] = colour
+        if name in _THEME_VARIABLES:
+            variables[_THEME_VARIABLES[name]] = colour
     variables["applied"] = data.colours.get("foreground", like.variables["applied"])
     return Theme(
         name=data.name,
@@ -93,36 +93,36 @@ def make_theme(data: ThemeData) -> Theme:
     )
 
 
-def apply(app: TopdressApp, settings: Settings) -> str:
-    """Make them take effect now. Returns what of them cannot be used, one line; empty where all
-    can."""
-    trouble = keymap_problem(settings.keymap)
+def apply_settings(app: TopdressApp, settings: Settings) -> str:
+    """Make the settings take effect now. Returns those that cannot be used, one line; empty where
+    all can."""
+    trouble = find_keymap_fault(settings.keymap)
     app.units = UNITS[settings.units]
     use_language(find_preferred_language() if settings.language == "auto" else settings.language)
     if settings.theme in app.available_themes:
         app.theme = settings.theme
     else:
-        known = ", ".join(themes.NAMES)
+        known = ", ".join(themes.THEME_NAMES)
         trouble = trouble or _("key theme: value {name}: allowed {known}").format(
             name=settings.theme, known=known
         )
-    app.use_keymap({} if trouble and keymap_problem(settings.keymap) else settings.keymap)
+    app.use_keymap({} if trouble and find_keymap_fault(settings.keymap) else settings.keymap)
     app.sound = settings.sound
     app.sounds = {
         STROKES[Severity.RED]: settings.sounds.alarm,
         STROKES[Severity.AMBER]: settings.sounds.caution,
     }
-    find_rate_limits(app, settings.manual_rate)
+    set_rate_limits(app, settings.manual_rate)
     presets = settings.presets
     app.presets_kg_ha = presets.first_kg_ha, presets.second_kg_ha, presets.third_kg_ha
     app.rates = settings.console
     for page in app.pages.made.values():
-        app.pace(page)
+        app.set_refresh_rates(page)
     return trouble
 
 
-def find_rate_limits(app: TopdressApp, own: ManualRate | None) -> None:
-    """What a manual rate may be: the crop's range, and within it the settings' own."""
+def set_rate_limits(app: TopdressApp, own: ManualRate | None) -> None:
+    """Set the range of a manual rate: the crop's, and within it the settings' own."""
     low, high = app.crop_limits_kg_ha
     if own is not None:
         low, high = min(max(low, own.low_kg_ha), high), min(high, own.high_kg_ha)

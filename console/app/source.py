@@ -9,7 +9,8 @@ from topdress.control.orders import Answer, Order
 
 
 class FrameSource(Protocol):
-    """A control worker's link, a replayed log, or a test's stand-in."""
+    """Gives frames and takes orders: a control worker's link, a replayed log, or a test's
+    stand-in."""
 
     @property
     def newest(self) -> Frame | None:
@@ -31,11 +32,13 @@ class FrameSource(Protocol):
 
 
 class FrameArrival:
+    """Holds the newest frame and its arrival."""
+
     def __init__(self) -> None:
         self.frame: Frame | None = None
         self._at_s = 0.0
 
-    def see(self, frame: Frame | None, now_s: float) -> bool:
+    def take_frame(self, frame: Frame | None, now_s: float) -> bool:
         """Take the newest frame; true when it is another than before."""
         if frame is None or (
             self.frame is not None and frame.seq == self.frame.seq and frame.at_s == self.frame.at_s
@@ -44,6 +47,6 @@ class FrameArrival:
         self.frame, self._at_s = frame, now_s
         return True
 
-    def age_s(self, now_s: float) -> float:
-        """Age of what is shown; 0 before the first frame."""
+    def calc_age_s(self, now_s: float) -> float:
+        """Age of the frame shown, s; 0 before the first frame."""
         return 0.0 if self.frame is None else max(0.0, now_s - self._at_s)

@@ -31,41 +31,44 @@ from topdress.console.app.action import (
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.source import FrameSource
-from topdress.console.app.widgets.key_bar import URGENT
+from topdress.console.app.widgets.key_bar import URGENT_ACTIONS
 from topdress.console.locale import N_, _
 
 # pages that write files, closed while the tab only looks
-CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})
+WRITING_PAGES = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})
 # pages whose own actions change nothing but the view
-SHOWS = frozenset({MAP, TRENDS, REPLAY})
-LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "alarm_list", "menu"})
+VIEW_ONLY_PAGES = frozenset({MAP, TRENDS, REPLAY})
+VIEW_ONLY_ACTIONS = frozenset(
+    {"help", "theme", "units", "language", "palette", "quit", "alarm_list", "menu"}
+)
 WAIT_S, MOST_WAIT_S = 1.0, 10.0  # after a wrong key; twice as long each time
 RETRY_S = 0.2  # after a wait, until it is over on every clock
 
 NONE_RUNS = N_("The console on the machine is not running: start it there, then join here.")
 
-LinkTo = Callable[[bool], Awaitable[FrameSource]]  # True: with the worker's token
+LinkMaker = Callable[[bool], Awaitable[FrameSource]]  # True: with the worker's token
 
 
-class Waits(Protocol):
-    """How long to wait after wrong keys: seconds, and until when on the clock. One for all tabs
-    of an address."""
+class KeyWaits(Protocol):
+    """Keeps the waits after wrong keys: seconds, and until when on the clock. One for all tabs of
+    an address."""
 
-    def take_lock(self) -> AbstractContextManager[Waits | None]:
-        """For this tab alone while it is judged; None: another tab has it just now."""
+    def take_lock(self) -> AbstractContextManager[KeyWaits | None]:
+        """Hold the waits for this tab alone while a key is judged; None: another tab has them just
+        now."""
         ...
 
     def read_wait(self) -> tuple[float, float]: ...
     def write_wait(self, wait_s: float, until_s: float) -> None: ...
 
 
-class OwnWaits:
-    """Of one tab by itself."""
+class OwnKeyWaits:
+    """Keeps the waits of one tab by itself."""
 
     def __init__(self) -> None:
         self._announced = 0.0, float("-inf")
 
-    def take_lock(self) -> AbstractContextManager[Waits | None]:
+    def take_lock(self) -> AbstractContextManager[KeyWaits | None]:
         return nullcontext(self)
 
     def read_wait(self) -> tuple[float, float]:
@@ -75,30 +78,31 @@ class OwnWaits:
         self._announced = wait_s, until_s
 
 
-class Key:
-    """The tablet's key, and how often a wrong one was typed. text None: no key opens anything.
+class TabletKey:
+    """Judges the tablet's key. text None: no key opens anything.
 
-    A key that comes too soon is judged when the wait that it found is over, whatever else is
-    typed at other tabs meanwhile: so no wrong keys of others keep the right one out for longer
-    than `MOST_WAIT_S`.
+    A key that comes too soon is judged when the wait that it found is over, whatever else is typed
+    at other tabs meanwhile: so no wrong keys of others keep the right one out for longer than
+    `MOST_WAIT_S`.
     """
 
     def __init__(
-        self, text: str | None, clock: Callable[[], float], waits: Waits | None = None
+        self, text: str | None, clock: Callable[[], float], waits: KeyWaits | None = None
     ) -> None:
-        self._text, self._clock, self._waits = text, clock, waits or OwnWaits()
+        self._text, self._clock, self._waits = text, clock, waits or OwnKeyWaits()
         self._judged_s: float | None = None  # of the key that was typed too soon
 
     @property
-    def left_s(self) -> float | None:
-        """Until what was typed is judged; None: nothing waits."""
+    def wait_left_s(self) -> float | None:
+        """Seconds until the typed key is judged; None: nothing waits."""
         return None if self._judged_s is None else max(0.0, self._judged_s - self._clock())
 
     @property
-    def exists(self) -> bool:
+    def is_set(self) -> bool:
+        """Whether there is a key."""
         return self._text is not None
 
-    def wrong(self, typed: str) -> str:
+    def find_fault(self, typed: str) -> str:
         """Why this does not open the machine, in one line; empty where it does."""
         if self._text is None:
             return _("There is no key: this server was started for viewing only.")
@@ -106,9 +110,9 @@ class Key:
             if waits is None:  # another tab's is judged just now
                 self._judged_s = self._clock()
                 return _("The last key was wrong: wait {seconds} s.").format(seconds=1)
-            return self._judged(typed, self._text, waits)
+            return self._judge_key(typed, self._text, waits)
 
-    def _judged(self, typed: str, text: str, waits: Waits) -> str:
+    def _judge_key(self, typed: str, text: str, waits: KeyWaits) -> str:
         now_s = self._clock()
         wait_s, until_s = waits.read_wait()
         # more was reported by the clock of another day
@@ -128,100 +132,105 @@ class Key:
 
 
 class KeyDialog(NameDialog):
-    """As any line of text, but nobody reads it over a shoulder. A key that has to wait is tried
-    again by itself."""
+    """Asks for the key, hidden. A key that has to wait is tried again by itself."""
 
-    def __init__(self, title: str, text: str, key: Key) -> None:
-        super().__init__(title, "", text, key.wrong)
+    def __init__(self, title: str, text: str, key: TabletKey) -> None:
+        super().__init__(title, "", text, key.find_fault)
         self._key = key
         self._again: Timer | None = None
 
     def on_input_changed(self) -> None:
-        """What is being typed is tried when it is entered, no sooner."""
+        """Stop the retry: the new text is tried when it is entered, no sooner."""
         if self._again is not None:
             self._again.stop()
             self._again = None
 
     def action_yes(self) -> None:
+        """Try the key."""
         self.on_input_changed()
         super().action_yes()
-        if self.is_attached and self._key.left_s is not None:
-            self._again = self.set_timer(self._key.left_s + RETRY_S, self.action_yes)
+        if self.is_attached and self._key.wait_left_s is not None:
+            self._again = self.set_timer(self._key.wait_left_s + RETRY_S, self.action_yes)
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         yield Input("", password=True, id="name-input", classes="name-input", compact=True)
         yield Static("", id="name-wrong", classes="dialog-value", markup=False)
 
 
 class TabletApp(TopdressApp):
-    """link_to: a link to the worker that runs; its errors are one line (OSError, RuntimeError).
-    key: see `Key`."""
+    """Shows the console in a tab. link_to: a link to the worker that runs; its errors are one line
+    (OSError, RuntimeError). key: see `TabletKey`."""
 
     BINDINGS: ClassVar = [Binding("asterisk", "tab_key", show=False)]
     keeps_working: ClassVar[bool] = False
 
     def __init__(
-        self, source: FrameSource | None, link_to: LinkTo, key: Key, **options: Any
+        self, source: FrameSource | None, link_to: LinkMaker, key: TabletKey, **options: Any
     ) -> None:
         self.looking = True
         self.key = key
         self._link_to = link_to
-        super().__init__(source, attach=self._attached, **options)
+        super().__init__(source, attach=self._attach_tab, **options)
         self.add_class("-touch")
 
-    async def _attached(self) -> FrameSource:
+    async def _attach_tab(self) -> FrameSource:
         return await self._link_to(not self.looking)
 
     def on_mount(self) -> None:
         """After the parent's, which Textual calls by itself."""
         if self.source is None:
-            self.call_after_refresh(self._say_gone, _(NONE_RUNS))
+            self.call_after_refresh(self._note_gone, _(NONE_RUNS))
 
-    def marks(self) -> tuple[str, ...]:
+    def list_status_marks(self) -> tuple[str, ...]:
         return (_("VIEW ONLY"),) if self.looking else (_("TABLET"),)
 
     async def action_do(self, name: str) -> None:
-        if self.looking and name in URGENT:
-            self.notice(self.why_no_stop())  # no question while the machine runs
-        elif self.looking and not self.may(actions.BY_ID[name]):
-            self.refuse()
+        """Do an action, if this tab may."""
+        if self.looking and name in URGENT_ACTIONS:
+            self.show_notice(self.explain_no_stop())  # no question while the machine runs
+        elif self.looking and not self.is_allowed(actions.BY_ID[name]):
+            self.refuse_action()
         else:
             await super().action_do(name)
 
-    def offered(self, where: str) -> tuple[Action, ...]:
-        """A tab that only looks shows nothing that it would refuse, STOP above all."""
-        shown = super().offered(where)
-        return tuple(action for action in shown if self.may(action)) if self.looking else shown
+    def list_offered_actions(self, where: str) -> tuple[Action, ...]:
+        """The actions; a tab that only looks shows nothing that it would refuse, STOP above all."""
+        shown = super().list_offered_actions(where)
+        return (
+            tuple(action for action in shown if self.is_allowed(action)) if self.looking else shown
+        )
 
-    def why_no_stop(self) -> str:
-        return _("hold and STOP: at the machine") if self.looking else super().why_no_stop()
+    def explain_no_stop(self) -> str:
+        return _("hold and STOP: at the machine") if self.looking else super().explain_no_stop()
 
-    def may(self, action: Action) -> bool:
+    def is_allowed(self, action: Action) -> bool:
         """Whether a tab that only looks may do this."""
         if action.where == ANYWHERE:
             page = action.id.removesuffix("_screen")
-            return page not in CLOSED if page in self.pages else action.id in LOOKS
-        return action.where in SHOWS or action.id == "connect"
+            return (
+                page not in WRITING_PAGES if page in self.pages else action.id in VIEW_ONLY_ACTIONS
+            )
+        return action.where in VIEW_ONLY_PAGES or action.id == "connect"
 
-    def turn_to(self, where: str) -> None:
-        if self.looking and where in CLOSED:
-            self.refuse()
+    def turn_to_page(self, where: str) -> None:
+        if self.looking and where in WRITING_PAGES:
+            self.refuse_action()
         else:
-            super().turn_to(where)
+            super().turn_to_page(where)
 
-    def refuse(self) -> None:
-        """Say that nothing is changed from here; ask for the key, where there is one."""
-        if self.key.exists:
+    def refuse_action(self) -> None:
+        """Report that nothing is changed from here; ask for the key, where there is one."""
+        if self.key.is_set:
             self.action_tab_key()
         else:
-            self.notice(_("view only: hold, stop and all else are at the machine's console"))
+            self.show_notice(_("view only: hold, stop and all else are at the machine's console"))
 
     def action_tab_key(self) -> None:
-        """The key turns a tab that looks into one that operates."""
+        """Ask for the key, which turns a tab that looks into one that operates."""
         if not self.looking:
-            self.notice(_("this tab operates the machine"))
-        elif not self.key.exists:
-            self.refuse()
+            self.show_notice(_("this tab operates the machine"))
+        elif not self.key.is_set:
+            self.refuse_action()
         elif not isinstance(self.screen, KeyDialog):
             self.push_screen(
                 KeyDialog(
@@ -233,15 +242,15 @@ class TabletApp(TopdressApp):
                     ),
                     self.key,
                 ),
-                self._opened,
+                self._begin_operating,
             )
 
-    def _opened(self, typed: str | None) -> None:
-        """The dialog is only left with a key that was found right."""
+    def _begin_operating(self, typed: str | None) -> None:
+        """Operate: the dialog is only left with a right key."""
         if typed is not None:
             self.looking = False
-            self.page.hurry()
-            self.connect(self._attached)
+            self.page.hurry_all()
+            self.connect_source(self._attach_tab)
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         yield SystemCommand(_(KEY_LABEL), f"*  {_(KEY_HELP)}", self.action_tab_key)

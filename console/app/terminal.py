@@ -21,12 +21,12 @@ def has_few_colours(app: App[object]) -> bool:
     )
 
 
-class Takes:
-    """Whether the terminal takes what is drawn. One that stands (its line is cut, its program
-    stopped, Ctrl-S pressed) shows an old screen, and keys on it may lead nowhere: the console
-    on it says no more that it lives.
+class TerminalPulse:
+    """Checks whether the terminal takes what is drawn.
 
-    handle: of what is drawn on; None: none that could stand.
+    A terminal that stands (its line is cut, its program stopped, Ctrl-S pressed) shows an old
+    screen, and keys on it may lead nowhere: the console on it no longer says that it lives. handle:
+    of the output; None: none that could stand.
     """
 
     def __init__(self, handle: int | None, clock: Callable[[], float] = time.monotonic) -> None:
@@ -34,7 +34,7 @@ class Takes:
         self._taken_s = clock()
 
     def __call__(self) -> bool:
-        """Ask often: it is judged by how long nothing was taken."""
+        """Whether it takes output. Ask often: it is judged by how long nothing was taken."""
         now_s = self._clock()
         if self._handle is None or select.select([], [self._handle], [], 0.0)[1]:
             self._taken_s = now_s
@@ -42,7 +42,8 @@ class Takes:
 
 
 def find_terminal() -> int | None:
-    """What Textual draws on: stderr, where that is a terminal; on Windows it cannot be asked."""
+    """The handle that Textual draws on: stderr, where that is a terminal; on Windows it cannot be
+    asked."""
     if os.name != "posix" or sys.__stderr__ is None or not sys.__stderr__.isatty():
         return None
     return sys.__stderr__.fileno()

@@ -11,7 +11,7 @@ from __future__ import annotations
 from textual.theme import Theme
 
 
-def _theme(
+def _make_own_theme(
     name: str,
     *,
     dark: bool,
@@ -73,7 +73,7 @@ def _theme(
     )
 
 
-DAY = _theme(
+DAY = _make_own_theme(
     "day",
     dark=False,
     background="#ffffff",
@@ -100,7 +100,7 @@ DAY = _theme(
     select=("#ffe27a", "#000000"),
 )
 
-NIGHT = _theme(
+NIGHT = _make_own_theme(
     "night",
     dark=True,
     background="#0b0d0f",
@@ -127,7 +127,7 @@ NIGHT = _theme(
     select=("#c9b25a", "#000000"),
 )
 
-CONTRAST = _theme(
+CONTRAST = _make_own_theme(
     "contrast",
     dark=True,
     background="#000000",
@@ -155,9 +155,13 @@ CONTRAST = _theme(
 )
 
 THEMES = (DAY, NIGHT, CONTRAST)
-NAMES = tuple(theme.name for theme in THEMES)
+THEME_NAMES = tuple(theme.name for theme in THEMES)
 
 
-def after(name: str) -> str:
+def find_next_theme(name: str) -> str:
     """The next theme on the one key."""
-    return NAMES[(NAMES.index(name) + 1) % len(NAMES)] if name in NAMES else NAMES[0]
+    return (
+        THEME_NAMES[(THEME_NAMES.index(name) + 1) % len(THEME_NAMES)]
+        if name in THEME_NAMES
+        else THEME_NAMES[0]
+    )

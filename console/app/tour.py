@@ -10,11 +10,12 @@ from topdress.console.frame import Frame
 from topdress.console.locale import N_
 
 FLOWING_KG_HA = 1.0
-READ_S = 8.0  # long enough to read what a step only shows
+READING_S = 8.0  # long enough to read what a step only shows
 
 
 class TourSeen(NamedTuple):
-    """What a step looks at. began: the frame with which the step began; lasted_s: since then."""
+    """Holds the input of a step. began: the frame with which the step began; lasted_s: since
+    then."""
 
     frame: Frame
     began: Frame
@@ -23,15 +24,18 @@ class TourSeen(NamedTuple):
 
     @property
     def state(self) -> str:
+        """State of the machine."""
         return self.frame.row.state or ""
 
 
 class TourStep(NamedTuple):
+    """Holds a step: its text and when it is done."""
+
     text: str
     done: Callable[[TourSeen], bool]
 
 
-STEPS = (
+TOUR_STEPS = (
     TourStep(
         N_("This machine is simulated: nothing moves outside. Press R to make it ready."),
         lambda seen: seen.state in ("ready", "working", "held"),
@@ -48,7 +52,7 @@ STEPS = (
             "what is left in the "
             "hopper."
         ),
-        lambda seen: seen.lasted_s >= READ_S,
+        lambda seen: seen.lasted_s >= READING_S,
     ),
     TourStep(
         N_("Press T and choose another strategy: shaft and opening change, the rate does not."),
@@ -71,36 +75,37 @@ STEPS = (
 
 
 class Tour:
-    """Which step is shown. None of it gives an order: the keys pressed are the operator's."""
+    """Chooses the step that is shown. It gives no order: the keys pressed are the operator's."""
 
-    steps = STEPS
+    steps = TOUR_STEPS
 
     def __init__(self) -> None:
         self.index = 0
         self._began: tuple[Frame, float] | None = None
 
     @property
-    def over(self) -> bool:
+    def is_over(self) -> bool:
+        """Whether all steps are done."""
         return self.index >= len(self.steps)
 
     @property
     def text(self) -> str:
-        """What the present step asks for, untranslated; empty when the tour is over."""
-        return "" if self.over else self.steps[self.index].text
+        """The request of the present step, untranslated; empty when the tour is over."""
+        return "" if self.is_over else self.steps[self.index].text
 
-    def see(self, frame: Frame | None, where: str, now_s: float) -> None:
-        """One look, some times a second; goes on when the step is done. where: the page that is
+    def follow_frame(self, frame: Frame | None, where: str, now_s: float) -> None:
+        """Take a frame, some times a second; go on when the step is done. where: the page that is
         open."""
-        if frame is None or self.over:
+        if frame is None or self.is_over:
             return
         if self._began is None:
             self._began = frame, now_s
         began, began_s = self._began
         if self.steps[self.index].done(TourSeen(frame, began, where, now_s - began_s)):
-            self.next()
+            self.skip_step()
 
-    def next(self) -> None:
-        """To the next step, whether this one was done or not."""
-        if not self.over:
+    def skip_step(self) -> None:
+        """Go to the next step, whether this one was done or not."""
+        if not self.is_over:
             self.index += 1
             self._began = None

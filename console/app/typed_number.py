@@ -17,7 +17,7 @@ MOST_CHARACTERS = 24
 # Full-width comma and point; the Chinese full stop, wide and narrow, which the key of the point
 # gives under a Chinese input method; the Arabic decimal sign. Then minus, en and figure dash,
 # full-width and small hyphen.
-_SAME = {
+_SAME_SIGNS = {
     "\uff0c": ",",
     "\uff0e": ".",
     "\u3002": ".",
@@ -32,17 +32,17 @@ _SAME = {
 
 
 class TypedReading(NamedTuple):
-    """value: in the unit shown, None while there is none. why: what is wrong, in words, ""
-    where nothing is. half: more keys may still make a number of it."""
+    """Holds the number read. value: in the unit shown, None while there is none. why: the fault, in
+    words, "" where there is none. half: more keys may still make a number of it."""
 
     value: float | None
     why: str = ""
     half: bool = False
 
 
-def read(text: str) -> TypedReading:
-    """The number that stands in a field, in whatever script its digits are."""
-    plain = _plain(text)
+def read_number(text: str) -> TypedReading:
+    """The number in a field, in whatever script its digits are."""
+    plain = _normalise_signs(text)
     if not plain:
         return TypedReading(None, _("Type a number."), half=True)
     if len(plain) > MOST_CHARACTERS:
@@ -52,10 +52,10 @@ def read(text: str) -> TypedReading:
     digits = plain.removeprefix("-")
     wrong = next((one for one in digits if not (one.isdecimal() or one in ".,")), "")
     if wrong:
-        return TypedReading(None, _not_a_digit(plain, wrong))
+        return TypedReading(None, _explain_wrong_sign(plain, wrong))
     signs = [one for one in digits if one in ".,"]
     if len(signs) > 1:
-        return TypedReading(None, _many_signs(plain, signs))
+        return TypedReading(None, _explain_many_signs(plain, signs))
     whole, sign, rest = digits.partition(signs[0]) if signs else (digits, "", "")
     if not whole or (sign and not rest):
         return TypedReading(
@@ -71,18 +71,21 @@ def read(text: str) -> TypedReading:
 
 
 def read_in_range(text: str, low: float, high: float, unit: str) -> TypedReading:
-    """As `read`, and within low ... high, both as shown in `unit`. Where a sign could part
-    thousands as well, and both readings are allowed, neither is taken."""
-    reading = read(text)
+    """The number as `read_number`, within low ... high, both as shown in `unit`. Where a sign could
+    separate thousands as well, and both readings are allowed, neither is taken."""
+    reading = read_number(text)
     if reading.value is None:
         return reading
-    thousands = _as_thousands(_plain(text))
+    thousands = _read_as_thousands(_normalise_signs(text))
     if thousands is not None and low <= thousands <= high and low <= reading.value <= high:
         said = _("{typed} can mean {one} or {other} {unit}: type it without a sign for thousands.")
         return TypedReading(
             None,
             said.format(
-                typed=_plain(text), one=f"{reading.value:g}", other=f"{thousands:.0f}", unit=unit
+                typed=_normalise_signs(text),
+                one=f"{reading.value:g}",
+                other=f"{thousands:.0f}",
+                unit=unit,
             ),
         )
     if low <= reading.value <= high:
@@ -102,16 +105,16 @@ def read_in_range(text: str, low: float, high: float, unit: str) -> TypedReading
 
 
 def format_number(value: float) -> str:
-    """A typed number again, without zeros that say nothing and never as 1e+06."""
+    """A typed number again, without trailing zeros and never as 1e+06."""
     return f"{value:.10f}".rstrip("0").rstrip(".") if abs(value) < 1e15 else f"{value:.0f}"
 
 
-def in_words(unit: Unit, value_si: float) -> str:
+def format_with_unit(unit: Unit, value_si: float) -> str:
     """A taken number with its unit, to as many decimals as were typed."""
     return f"{format_number(round(value_si * unit.per_si, 6))} {unit.name}"
 
 
-def inside(unit: Unit, low_si: float, high_si: float, decimals: int) -> tuple[float, float]:
+def round_inwards(unit: Unit, low_si: float, high_si: float, decimals: int) -> tuple[float, float]:
     """A range as shown, rounded inwards: what it allows is allowed in SI too."""
     step = 10.0**decimals
     low, high = low_si * unit.per_si * step, high_si * unit.per_si * step
@@ -120,16 +123,16 @@ def inside(unit: Unit, low_si: float, high_si: float, decimals: int) -> tuple[fl
     return -(-(low - slack) // 1) / step + 0.0, ((high + slack) // 1) / step
 
 
-def _plain(text: str) -> str:
+def _normalise_signs(text: str) -> str:
     """ASCII digits, signs and minus in place of those of other scripts; the rest as it was
     typed."""
     return "".join(
-        str(unicodedata.decimal(one)) if one.isdecimal() else _SAME.get(one, one)
+        str(unicodedata.decimal(one)) if one.isdecimal() else _SAME_SIGNS.get(one, one)
         for one in text.strip()
     )
 
 
-def _not_a_digit(plain: str, wrong: str) -> str:
+def _explain_wrong_sign(plain: str, wrong: str) -> str:
     if wrong.isspace():
         return _("{typed}: a blank stands within the number.").format(typed=plain)
     return _(
@@ -137,7 +140,7 @@ def _not_a_digit(plain: str, wrong: str) -> str:
     ).format(typed=plain, wrong=wrong)
 
 
-def _many_signs(plain: str, signs: list[str]) -> str:
+def _explain_many_signs(plain: str, signs: list[str]) -> str:
     if len(set(signs)) > 1:
         return _("{typed} can be read in two ways: type it without a sign for thousands.").format(
             typed=plain
@@ -147,9 +150,9 @@ def _many_signs(plain: str, signs: list[str]) -> str:
     )
 
 
-def _as_thousands(plain: str) -> float | None:
-    """`1,250` or `1.250` where its sign parts thousands: one to three digits, not 0 at first,
-    then just three."""
+def _read_as_thousands(plain: str) -> float | None:
+    """The number `1,250` or `1.250` where its sign separates thousands: one to three digits, not 0
+    at first, then just three."""
     whole, _sign, rest = plain.replace(",", ".").partition(".")
     if len(rest) == 3 and 1 <= len(whole) <= 3 and whole.isdigit() and not whole.startswith("0"):
         return float(whole + rest)

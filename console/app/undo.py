@@ -8,16 +8,16 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from topdress.console.app.ordered_words import format_order
-from topdress.console.app.typed_number import in_words
+from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Units
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.agronomy.strips import StripValue, parse_strip
 from topdress.control.orders import Do, Order, TargetSource
 
-MOST = 20
+MOST_CHANGES = 20
 # Orders that change nothing that could be as before, each with the reason.
-NOT_TAKEN_BACK = MappingProxyType(
+NOT_UNDONE = MappingProxyType(
     {
         Do.READY: "a state: HOLD and STOP leave it",
         Do.START: "a state: HOLD and STOP leave it",
@@ -36,75 +36,81 @@ NOT_TAKEN_BACK = MappingProxyType(
 
 
 class Undoable(NamedTuple):
-    """what: in words, as it would be again: "strategy opening first". back: does it.
-    orders: that it gives for it."""
+    """Holds a change. what: in words, as it would be again: "strategy opening first". back: undoes
+    it. orders: that undo it."""
 
     what: str
     back: Callable[[], None]
     orders: tuple[Order, ...] = ()
 
 
-class Undo:
-    """The newest change first; those of another run are forgotten with it."""
+class UndoStack:
+    """Holds the changes, the newest first; those of another run are forgotten with it."""
 
     def __init__(self) -> None:
         self._changes: list[Undoable] = []
 
-    def add(self, change: Undoable) -> None:
-        self._changes = [*self._changes[1 - MOST :], change]
+    def add_change(self, change: Undoable) -> None:
+        """Add a change."""
+        self._changes = [*self._changes[1 - MOST_CHANGES :], change]
 
     @property
     def newest(self) -> Undoable | None:
+        """The newest change."""
         return self._changes[-1] if self._changes else None
 
-    def take(self) -> Undoable | None:
+    def take_newest(self) -> Undoable | None:
+        """Take the newest change off."""
         return self._changes.pop() if self._changes else None
 
-    def forget(self) -> None:
+    def forget_changes(self) -> None:
+        """Forget all changes."""
         self._changes.clear()
 
 
 def reverse_orders(orders: Sequence[Order], before: Frame | None) -> tuple[Order, ...]:
-    """What takes these orders back, the last of them first, by what held before they were
-    given; () where nothing does, or where all is as it was."""
+    """Orders that undo these, the last of them first, by the frame before they were given; () where
+    there are none, or where all is as it was."""
     found = (
         []
         if before is None
         else [
             one
             for order in reversed(orders)
-            if order.do in _BACK
-            for one in _BACK[order.do](before, order)
+            if order.do in _REVERSERS
+            for one in _REVERSERS[order.do](before, order)
         ]
     )
     return tuple(one for one in found if one not in orders)
 
 
 def describe_undo(orders: Sequence[Order], units: Units) -> str:
-    """As it would be again."""
+    """The change in words, as it would be again."""
     return ", ".join(
-        _("without the refill of {mass}").format(mass=in_words(units.mass, float(one.value or 0.0)))
+        _("without the refill of {mass}").format(
+            mass=format_with_unit(units.mass, float(one.value or 0.0))
+        )
         if one.do is Do.REFILL_BACK
         else format_order(one.do, one.value, units)
         for one in orders
     )
 
 
-def ordered_source(frame: Frame | None) -> str:
-    """The source of the target as ordered; "" where it is not known. A worker that does not
-    tell it: by its row, where the index map stands in for the canopy's heads."""
+def find_ordered_source(frame: Frame | None) -> str:
+    """The source of the target as ordered; "" where it is not known. With a worker that does not
+    report it: by its row, where the index map stands in for the canopy's heads."""
     if frame is None:
         return ""
     now = frame.ordered_source or frame.row.target_source or ""
     return TargetSource.CANOPY.value if now == TargetSource.INDEX_MAP else now
 
 
-def _known(do: Do, value: str | float | bool | None) -> tuple[Order, ...]:
+def _make_known_order(do: Do, value: str | float | bool | None) -> tuple[Order, ...]:
     return () if value is None or value == "" else (Order(do, value),)
 
 
-def _sections(frame: Frame, order: Order) -> tuple[Order, ...]:
-    """Those of the ones that it names that are otherwise now: closed by hand, or not."""
+def _reverse_section_order(frame: Frame, order: Order) -> tuple[Order, ...]:
+    """Orders for those of the named sections that are otherwise now: closed by hand, or not."""
     number = str(order.value).partition(" ")[0]
     return tuple(
         Order(Do.SECTION, f"{k} {'off' if one.why == 'hand' else 'auto'}")
@@ -113,7 +119,7 @@ def _sections(frame: Frame, order: Order) -> tuple[Order, ...]:
     )
 
 
-def _strip(frame: Frame, order: Order) -> tuple[Order, ...]:
+def _reverse_strip_order(frame: Frame, order: Order) -> tuple[Order, ...]:
     strip = parse_strip(order.value)
     return (
         ()
@@ -124,22 +130,24 @@ def _strip(frame: Frame, order: Order) -> tuple[Order, ...]:
     )
 
 
-_BACK: Mapping[Do, Callable[[Frame, Order], tuple[Order, ...]]] = MappingProxyType(
+_REVERSERS: Mapping[Do, Callable[[Frame, Order], tuple[Order, ...]]] = MappingProxyType(
     {
-        Do.STRATEGY: lambda frame, order: _known(order.do, frame.row.strategy),
-        Do.SOURCE: lambda frame, order: _known(order.do, ordered_source(frame)),
-        Do.NUDGE: lambda frame, order: _known(order.do, frame.row.nudge_percent),
-        Do.MANUAL_RATE: lambda frame, order: _known(order.do, frame.manual_rate_kg_ha),
-        Do.REFILL: lambda frame, order: _known(Do.REFILL_BACK, order.value),
-        Do.ALLOW_REVERSE: lambda frame, order: _known(order.do, frame.allow.reverse),
-        Do.ALLOW_OUTSIDE: lambda frame, order: _known(order.do, frame.allow.outside),
-        Do.ALLOW_MAP_ELSEWHERE: lambda frame, order: _known(order.do, frame.allow.map_elsewhere),
-        Do.ALLOW_NO_WHEEL: lambda frame, order: _known(order.do, frame.allow.no_wheel),
-        Do.GO_ON_UNLOGGED: lambda frame, order: _known(order.do, frame.allow.unlogged),
-        Do.FLOW_TRIM: lambda frame, order: _known(order.do, frame.flow_trim_on),
-        Do.LOOK_AHEAD: lambda frame, order: _known(order.do, frame.look_ahead),
-        Do.NO_DOUBLE: lambda frame, order: _known(order.do, frame.no_double),
-        Do.SECTION: _sections,
-        Do.STRIP: _strip,
+        Do.STRATEGY: lambda frame, order: _make_known_order(order.do, frame.row.strategy),
+        Do.SOURCE: lambda frame, order: _make_known_order(order.do, find_ordered_source(frame)),
+        Do.NUDGE: lambda frame, order: _make_known_order(order.do, frame.row.nudge_percent),
+        Do.MANUAL_RATE: lambda frame, order: _make_known_order(order.do, frame.manual_rate_kg_ha),
+        Do.REFILL: lambda frame, order: _make_known_order(Do.REFILL_BACK, order.value),
+        Do.ALLOW_REVERSE: lambda frame, order: _make_known_order(order.do, frame.allow.reverse),
+        Do.ALLOW_OUTSIDE: lambda frame, order: _make_known_order(order.do, frame.allow.outside),
+        Do.ALLOW_MAP_ELSEWHERE: lambda frame, order: _make_known_order(
+            order.do, frame.allow.map_elsewhere
+        ),
+        Do.ALLOW_NO_WHEEL: lambda frame, order: _make_known_order(order.do, frame.allow.no_wheel),
+        Do.GO_ON_UNLOGGED: lambda frame, order: _make_known_order(order.do, frame.allow.unlogged),
+        Do.FLOW_TRIM: lambda frame, order: _make_known_order(order.do, frame.flow_trim_on),
+        Do.LOOK_AHEAD: lambda frame, order: _make_known_order(order.do, frame.look_ahead),
+        Do.NO_DOUBLE: lambda frame, order: _make_known_order(order.do, frame.no_double),
+        Do.SECTION: _reverse_section_order,
+        Do.STRIP: _reverse_strip_order,
     }
 )

@@ -6,32 +6,34 @@ from typing import NamedTuple
 
 M2_PER_HA = 10_000.0
 # 10 km; half a mile: 2640 ft is a number nobody pictures
-FAR_M = {"metric": 10_000.0, "imperial": 0.5 * 1609.344}
+FAR_WAY_M = {"metric": 10_000.0, "imperial": 0.5 * 1609.344}
 
 
 class Unit(NamedTuple):
-    """shown = SI value x per_si; `si` names the unit that the value has inside."""
+    """Converts to a unit that people read: shown = SI value x per_si."""
 
     name: str
     per_si: float
     decimals: int
 
-    def text(self, value: float | None, none: str = "--") -> str:
+    def format_value(self, value: float | None, none: str = "--") -> str:
         """The number alone, in this unit; `none` when it is not known."""
         if value is None:
             return none
         shown = round(value * self.per_si, self.decimals) + 0.0  # + 0.0: no "-0.0"
         return f"{shown:.{self.decimals}f}"
 
-    def full(self, value: float | None) -> str:
-        return f"{self.text(value)} {self.name}"
+    def format_with_name(self, value: float | None) -> str:
+        """The number with the unit's name."""
+        return f"{self.format_value(value)} {self.name}"
 
-    def to_si(self, shown: float) -> float:
+    def convert_to_si(self, shown: float) -> float:
+        """The SI value of a shown number."""
         return shown / self.per_si
 
 
 class Units(NamedTuple):
-    """Every unit shown. Rates are kg/ha inside, areas ha, the rest SI with mm and r/min as in
+    """Holds every unit shown. Rates are kg/ha inside, areas ha, the rest SI with mm and r/min as in
     the log."""
 
     id: str
@@ -47,10 +49,12 @@ class Units(NamedTuple):
     voltage: Unit  # V
     far: Unit  # m, of a way that is long
 
-    def way(self, metres: float | None) -> Unit:
-        """The unit of a way or a distance over ground: feet up to half a mile, then miles;
-        metres up to 10 km."""
-        return self.far if metres is not None and abs(metres) >= FAR_M[self.id] else self.distance
+    def choose_way_unit(self, metres: float | None) -> Unit:
+        """The unit of a way or a distance over ground: feet up to half a mile, then miles; metres
+        up to 10 km."""
+        return (
+            self.far if metres is not None and abs(metres) >= FAR_WAY_M[self.id] else self.distance
+        )
 
 
 METRIC = Units(

@@ -32,14 +32,16 @@ ERROR_SPAN = 0.30  # the error bar's end
 STANDS_RPM = SafetyLimits().shaft_stands_rpm
 
 
-class Shown(NamedTuple):
-    """A text, and whether what it says is too old to be trusted."""
+class ShownText(NamedTuple):
+    """Holds a text, and whether it is too old to be trusted."""
 
     text: str
     stale: bool = False
 
 
 class StatusView(NamedTuple):
+    """Holds the status line."""
+
     state: str  # id
     symbol: str
     word: str
@@ -53,6 +55,8 @@ class StatusView(NamedTuple):
 
 
 class AlarmLine(NamedTuple):
+    """Holds one alarm in words."""
+
     id: str
     severity: Severity
     acknowledged: bool
@@ -69,6 +73,8 @@ class AlarmLine(NamedTuple):
 
 
 class AlarmsView(NamedTuple):
+    """Holds the alarms, or the text where there is none."""
+
     lines: tuple[AlarmLine, ...]
     calm: str  # what stands there where there is no alarm
     # id of the alarm that made the machine faulty; empty: no fault
@@ -79,27 +85,33 @@ class AlarmsView(NamedTuple):
 
 
 class RatesView(NamedTuple):
-    target: Shown
-    applied: Shown
+    """Holds target and applied rate."""
+
+    target: ShownText
+    applied: ShownText
     unit: str
     nudge: str
-    error: Shown
+    error: ShownText
     error_share: float | None  # of ERROR_SPAN, -1 ... 1
     level: str  # "", amber, red
     # why the machine gives another rate than wanted, most telling first
     notes: tuple[str, ...] = ()
 
 
-class Tile(NamedTuple):
+class TileView(NamedTuple):
+    """Holds one tile."""
+
     label: str
     unit: str
-    value: Shown
+    value: ShownText
     below: str
     level: str = ""
     below_short: str = ""  # where there is no room for it
 
 
-class Head(NamedTuple):
+class HeadView(NamedTuple):
+    """Holds one canopy head."""
+
     number: int
     value: str
     share: float | None
@@ -107,35 +119,41 @@ class Head(NamedTuple):
 
 
 class HeadsView(NamedTuple):
-    fused: Shown
-    heads: tuple[Head, ...]
+    """Holds the canopy heads."""
+
+    fused: ShownText
+    heads: tuple[HeadView, ...]
     valid: str
 
 
-class Item(NamedTuple):
+class ItemView(NamedTuple):
+    """Holds a label and its value."""
+
     label: str
-    value: Shown
+    value: ShownText
 
 
 class RunView(NamedTuple):
+    """Holds all panels of the Run page."""
+
     status: StatusView
     alarms: AlarmsView
     rates: RatesView
-    tiles: tuple[Tile, ...]
+    tiles: tuple[TileView, ...]
     heads: HeadsView
-    items: tuple[Item, ...]
+    items: tuple[ItemView, ...]
 
 
 def find_rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
-    """(applied - target) / max(target, 50 kg/ha): as the alarm `rate off`, but against the
-    target as it stands."""
+    """(applied - target) / max(target, 50 kg/ha): as the alarm `rate off`, but against the target
+    as it stands."""
     if target_kg_ha is None or applied_kg_ha is None:
         return None
     return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, RATE_FLOOR_KG_HA)
 
 
-def applied_kg_ha(row: LogRow) -> float | None:
-    """What leaves the outlets: nothing where the machine does not work and its shaft reads no
+def find_applied_kg_ha(row: LogRow) -> float | None:
+    """Rate that leaves the outlets, kg/ha: 0 where the machine does not work and its shaft reads no
     more than the noise of a standing one. A shaft that is not read may turn."""
     stands = row.shaft_rpm is not None and abs(row.shaft_rpm) < STANDS_RPM
     if row.applied_rate_kg_ha is not None and stands and row.state not in (None, "working"):
@@ -143,14 +161,14 @@ def applied_kg_ha(row: LogRow) -> float | None:
     return row.applied_rate_kg_ha
 
 
-def signed_percent(percent: float) -> str:
-    """-3 %, 0 %, +12 %."""
+def format_signed_percent(percent: float) -> str:
+    """A share as -3 %, 0 %, +12 %."""
     whole = round(percent)
     return f"{whole:+d} %" if whole else "0 %"
 
 
-def duration(seconds: float) -> str:
-    """1:02:03 or 02:03."""
+def format_duration(seconds: float) -> str:
+    """A duration, s, as 1:02:03 or 02:03."""
     whole = int(max(0.0, seconds))
     minutes, rest = divmod(whole, 60)
     hours, minutes = divmod(minutes, 60)
@@ -170,7 +188,7 @@ def format_local_time(utc: str | None, offset_s: float, back_s: float = 0.0) -> 
     return moment.strftime("%H:%M:%S")
 
 
-def look(
+def make_run_view(
     frame: Frame | None,
     age_s: float,
     units: Units,
@@ -179,43 +197,45 @@ def look(
 ) -> RunView:
     """Everything that the Run screen's panels show.
 
-    frame: newest frame, or None before the first. age_s: s since it arrived. utc_offset_s:
-    local time minus UTC. marks: words that the screen adds to the status line.
+    frame: newest frame, or None before the first. age_s: s since it arrived. utc_offset_s: local
+    time minus UTC. marks: words that the screen adds to the status line.
     """
     if frame is None:
-        return _nothing(units, marks)
+        return _make_empty_view(units, marks)
     old = age_s > STALE_S
     return RunView(
-        _status(frame, age_s, utc_offset_s, marks),
-        alarms(frame, utc_offset_s, units, old),
-        _rates(frame, old, units),
-        _tiles(frame, old, units),
-        _heads(frame, old),
-        _items(frame, age_s, units),
+        _make_status_view(frame, age_s, utc_offset_s, marks),
+        make_alarms_view(frame, utc_offset_s, units, old),
+        _make_rates_view(frame, old, units),
+        _make_tiles(frame, old, units),
+        _make_heads_view(frame, old),
+        _make_items(frame, age_s, units),
     )
 
 
-def _nothing(units: Units, marks: tuple[str, ...]) -> RunView:
-    blank = Shown("--", True)
+def _make_empty_view(units: Units, marks: tuple[str, ...]) -> RunView:
+    blank = ShownText("--", True)
     status = StatusView(
         "", " ", _("NO DATA"), "", "", "", marks, _("waiting for the first values"), "", ""
     )
-    tiles = tuple(Tile(label, unit, blank, "") for label, unit in _tile_labels(units))
+    tiles = tuple(TileView(label, unit, blank, "") for label, unit in _list_tile_labels(units))
     return RunView(
         status,
         AlarmsView((), _("no values yet")),
         RatesView(blank, blank, units.rate.name, "", blank, None, ""),
         tiles,
-        HeadsView(blank, tuple(Head(n, "--", None, False) for n in range(1, 7)), ""),
+        HeadsView(blank, tuple(HeadView(n, "--", None, False) for n in range(1, 7)), ""),
         (),
     )
 
 
-def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, ...]) -> StatusView:
+def _make_status_view(
+    frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, ...]
+) -> StatusView:
     row = frame.row
     state = row.state or ""
     own = ((_("SIMULATED"),) if frame.simulated else ()) + tuple(
-        _(word) for name, word in words.ALLOWANCES.items() if getattr(frame.allow, name)
+        _(word) for name, word in words.ALLOWANCE_NAMES.items() if getattr(frame.allow, name)
     )
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
     word = words.name_state(row.state, frame.why_state)
@@ -224,19 +244,21 @@ def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, .
         state,
         words.STATE_SYMBOLS.get(state, " "),
         word,
-        words.strategy_word(row.strategy),
+        words.name_strategy(row.strategy),
         words.name_source(row.target_source),
         "",
         own + marks,
         silent,
         format_local_time(row.utc, utc_offset_s),
-        duration(row.time_s),
+        format_duration(row.time_s),
     )
 
 
-def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -> AlarmsView:
-    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order
-    (worst first). old: the frame is: that it has no alarm says nothing."""
+def make_alarms_view(
+    frame: Frame, utc_offset_s: float, units: Units, old: bool = False
+) -> AlarmsView:
+    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order (worst
+    first). old: the frame is: that it has no alarm says nothing."""
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
@@ -249,13 +271,13 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -
                 alarm.severity,
                 alarm.acknowledged,
                 words.SEVERITY_SYMBOLS[alarm.severity],
-                _(words.SEVERITIES[alarm.severity]),
+                _(words.SEVERITY_NAMES[alarm.severity]),
                 said.text,
                 said.place,
                 said.todo,
                 since,
-                duration(lasted_s),
-                _gone(alarm, frame, utc_offset_s),
+                format_duration(lasted_s),
+                _format_cause_gone(alarm, frame, utc_offset_s),
             )
         )
     fault = frame.why_state or "fault" if frame.row.state == "fault" else ""
@@ -270,10 +292,10 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -
     return AlarmsView(tuple(lines), calm, fault, old or bool(fault))
 
 
-def without_worker(view: RunView, key: str) -> RunView:
-    """What is left of a view where no control worker is there: it may still spread, or stand,
-    or alarm. Its last alarms are those of a machine that is not known any more: they stay in
-    the list of alarms. key: connects."""
+def hide_lost_machine(view: RunView, key: str) -> RunView:
+    """The view without a control worker: the machine may still spread, or stand, or alarm. Its last
+    alarms are those of a machine that is not known any more: they stay in the list of alarms. key:
+    connects."""
     calm = _(
         "No connection to the machine: its state and alarms are not known. STOP is the "
         "hard-wired one; {key} connects."
@@ -281,25 +303,25 @@ def without_worker(view: RunView, key: str) -> RunView:
     return view._replace(alarms=AlarmsView((), calm.format(key=key), urgent=True))
 
 
-def without_machine(view: RunView, key: str) -> RunView:
-    """What there is to see where nothing is connected: no first value comes by waiting for it.
-    key: connects."""
+def hide_no_machine(view: RunView, key: str) -> RunView:
+    """The view where nothing is connected: no first value comes by waiting for it. key:
+    connects."""
     status = view.status._replace(silent=_("no machine is connected"))
     calm = _("{key} connects a machine.").format(key=key)
     return view._replace(status=status, alarms=AlarmsView((), calm, urgent=True))
 
 
-def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
+def _format_cause_gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
     if alarm.gone_s is None:
         return ""
     ago_s = max(0.0, frame.at_s - alarm.gone_s)
     since = format_local_time(frame.row.utc, utc_offset_s, ago_s)
     if since:
         return _("cause gone at {time}").format(time=since)
-    return _("cause gone for {duration}").format(duration=duration(ago_s))
+    return _("cause gone for {duration}").format(duration=format_duration(ago_s))
 
 
-def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
+def _make_rates_view(frame: Frame, old: bool, units: Units) -> RatesView:
     row = frame.row
     # None: a foreign log; held or off, nothing is owed
     at_work = row.state in (None, "working")
@@ -309,19 +331,19 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
         level = "red" if abs(error) > ERROR_RED else "amber"
     nudge = "" if not row.nudge_percent else f"{row.nudge_percent:+.0f} %"
     return RatesView(
-        Shown(units.rate.text(row.target_rate_kg_ha), old),
-        Shown(units.rate.text(applied_kg_ha(row)), old),
+        ShownText(units.rate.format_value(row.target_rate_kg_ha), old),
+        ShownText(units.rate.format_value(find_applied_kg_ha(row)), old),
         units.rate.name,
         nudge,
-        Shown("--" if error is None else signed_percent(100 * error), old),
+        ShownText("--" if error is None else format_signed_percent(100 * error), old),
         None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2),
         level,
-        why_other_rate(frame),
+        explain_rate(frame),
     )
 
 
-def why_other_rate(frame: Frame) -> tuple[str, ...]:
-    """Why nothing flows while working, else why the rate is not the one wanted; in words, none
+def explain_rate(frame: Frame) -> tuple[str, ...]:
+    """Why nothing flows while working, else why the rate is not the wanted one; in words, none
     where all is plain."""
     row, at_work = frame.row, frame.row.state in (None, "working")
     notes = [
@@ -336,7 +358,7 @@ def why_other_rate(frame: Frame) -> tuple[str, ...]:
     return tuple(words.name_note(note) for note in notes)
 
 
-def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
+def _list_tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
     return (
         (_("speed"), units.speed.name),
         (_("shaft"), units.shaft.name),
@@ -345,59 +367,63 @@ def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _tiles(frame: Frame, old: bool, units: Units) -> tuple[Tile, ...]:
+def _make_tiles(frame: Frame, old: bool, units: Units) -> tuple[TileView, ...]:
     row = frame.row
-    board_old = old or _device_old(frame, "board")
+    board_old = old or _is_device_old(frame, "board")
     speed_mps = row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps
     usable = frame.usable_speed_mps
     fast = usable is not None and speed_mps is not None and speed_mps > usable
     low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
     speed_below = (
-        _("max {speed}").format(speed=units.speed.text(usable)) if usable is not None else ""
+        _("max {speed}").format(speed=units.speed.format_value(usable))
+        if usable is not None
+        else ""
     )
     left = frame.metres_left_m
     hopper_below = (
-        _("{distance} left").format(distance=units.way(left).full(left)) if left is not None else ""
+        _("{distance} left").format(distance=units.choose_way_unit(left).format_with_name(left))
+        if left is not None
+        else ""
     )
     below = (
         speed_below,
-        _set(units.shaft.text(row.shaft_rpm_cmd)),
-        _set(units.opening.text(row.opening_mm_cmd)),
+        _format_set_value(units.shaft.format_value(row.shaft_rpm_cmd)),
+        _format_set_value(units.opening.format_value(row.opening_mm_cmd)),
         hopper_below,
     )
     values = (
-        Shown(units.speed.text(speed_mps), old),
-        Shown(units.shaft.text(row.shaft_rpm), board_old),
-        Shown(units.opening.text(row.opening_mm), board_old),
-        Shown(units.mass.text(row.hopper_kg), board_old),
+        ShownText(units.speed.format_value(speed_mps), old),
+        ShownText(units.shaft.format_value(row.shaft_rpm), board_old),
+        ShownText(units.opening.format_value(row.opening_mm), board_old),
+        ShownText(units.mass.format_value(row.hopper_kg), board_old),
     )
     levels = ("amber" if fast else "", "", "", "amber" if low else "")
     short = (
-        units.speed.text(usable),
-        units.shaft.text(row.shaft_rpm_cmd),
-        units.opening.text(row.opening_mm_cmd),
-        units.way(left).full(left) if left is not None else "",
+        units.speed.format_value(usable),
+        units.shaft.format_value(row.shaft_rpm_cmd),
+        units.opening.format_value(row.opening_mm_cmd),
+        units.choose_way_unit(left).format_with_name(left) if left is not None else "",
     )
     return tuple(
-        Tile(label, unit, value, under, level, fewer)
+        TileView(label, unit, value, under, level, fewer)
         for (label, unit), value, under, level, fewer in zip(
-            _tile_labels(units), values, below, levels, short, strict=True
+            _list_tile_labels(units), values, below, levels, short, strict=True
         )
     )
 
 
-def _set(value: str) -> str:
+def _format_set_value(value: str) -> str:
     return _("set {value}").format(value=value)
 
 
-def _heads(frame: Frame, old: bool) -> HeadsView:
+def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
     row = frame.row
-    old = old or _device_old(frame, "heads")
+    old = old or _is_device_old(frame, "heads")
     by_red_edge = any(getattr(row, name) is not None for name in (*NDRE_COLUMNS, "ndre"))
     readings = [getattr(row, name) for name in (NDRE_COLUMNS if by_red_edge else HEAD_COLUMNS)]
     fused = row.ndre if by_red_edge else row.ndvi
     heads = tuple(
-        Head(
+        HeadView(
             n,
             "--" if value is None else f"{value:.2f}",
             None if value is None else round(max(0.0, min(1.0, value)), 2),
@@ -407,13 +433,13 @@ def _heads(frame: Frame, old: bool) -> HeadsView:
     )
     good = sum(head.share is not None and not head.dropped for head in heads)
     return HeadsView(
-        Shown("--" if fused is None else f"{fused:.2f}", old),
+        ShownText("--" if fused is None else f"{fused:.2f}", old),
         heads,
         _("{good} of {all} heads").format(good=good, all=len(heads)),
     )
 
 
-def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
+def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...]:
     row = frame.row
     old = age_s > STALE_S
     gnss_age_s = None if frame.gnss_age_s is None else frame.gnss_age_s + (age_s if old else 0.0)
@@ -423,56 +449,65 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
     hz = "--" if frame.gnss_hz is None else f"{frame.gnss_hz:.0f}"
     age = "--" if gnss_age_s is None else f"{gnss_age_s:.1f}"
     unsure = f"  ! {_('range')}" if LAG_NOTE in frame.notes else ""
-    lag = f"{units.time.full(row.lag_s)}  {units.fine_distance.full(row.lag_m)}{unsure}"
+    lag = (
+        f"{units.time.format_with_name(row.lag_s)}  "
+        f"{units.fine_distance.format_with_name(row.lag_m)}{unsure}"
+    )
     trim = "--" if row.flow_trim is None else f"{row.flow_trim:.3f}"
     by_plant = list_point_items(frame, old, units)
     return (
-        Item(_("GNSS"), Shown(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)),
-        Item(_("fix age"), Shown(f"{age} s  {hz} Hz", gnss_old)),
-        Item(_("look-ahead"), Shown(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)),
+        ItemView(
+            _("GNSS"), ShownText(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)
+        ),
+        ItemView(_("fix age"), ShownText(f"{age} s  {hz} Hz", gnss_old)),
+        ItemView(
+            _("look-ahead"), ShownText(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)
+        ),
         *(
             by_plant
             or (
-                Item(
+                ItemView(
                     _("scale trim"),
-                    Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old),
+                    ShownText(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old),
                 ),
-                Item(_("done"), Shown(units.area.full(frame.area_ha), old)),
+                ItemView(_("done"), ShownText(units.area.format_with_name(frame.area_ha), old)),
             )
         ),
-        Item(
+        ItemView(
             _("applied"),
-            Shown(
-                f"{units.mass.full(frame.applied_kg)}  "
-                f"{_('mean {rate}').format(rate=units.rate.full(frame.mean_rate_kg_ha))}",
+            ShownText(
+                f"{units.mass.format_with_name(frame.applied_kg)}  "
+                + _("mean {rate}").format(rate=units.rate.format_with_name(frame.mean_rate_kg_ha)),
                 old,
             ),
         ),
     )
 
 
-def list_point_items(frame: Frame, old: bool, units: Units) -> tuple[Item, ...]:
-    """Doses given and missed, and the threshold as learned (more: dosed earlier); nothing where
-    not in point mode."""
+def list_point_items(frame: Frame, old: bool, units: Units) -> tuple[ItemView, ...]:
+    """Doses given and missed, and the threshold as learned (more: dosed earlier); nothing where not
+    in point mode."""
     t = frame.totals
     if frame.threshold_m is None or t is None or t.doses is None:
         return ()
     metres = units.fine_distance._replace(decimals=2)
     return (
-        Item(
+        ItemView(
             _("doses"),
-            Shown(
+            ShownText(
                 _("{count}  missed {missed}").format(count=t.doses, missed=t.doses_missed or 0), old
             ),
         ),
-        Item(
+        ItemView(
             _("threshold"),
-            Shown(f"{frame.threshold_m * metres.per_si:+.{metres.decimals}f} {metres.name}", old),
+            ShownText(
+                f"{frame.threshold_m * metres.per_si:+.{metres.decimals}f} {metres.name}", old
+            ),
         ),
     )
 
 
-def _device_old(frame: Frame, name: str) -> bool:
+def _is_device_old(frame: Frame, name: str) -> bool:
     return any(
         device.name == name and (device.age_s is None or device.age_s > STALE_S)
         for device in frame.devices

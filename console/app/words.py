@@ -11,7 +11,7 @@ from topdress.console.locale import N_, _
 from topdress.control.orders import Alarm, Severity, Strategy
 from topdress.control.safety import ALARMS, REFUSALS, read_refusal
 
-STATES = {
+STATE_NAMES = {
     "off": N_("OFF"),
     "ready": N_("READY"),
     "working": N_("WORKING"),
@@ -28,8 +28,8 @@ STATE_SYMBOLS = {
     "fault": "✖",
 }
 
-STRATEGIES = {one.value: one.value.replace("_", " ") for one in Strategy}  # `opening first`
-SOURCES = {
+STRATEGY_NAMES = {one.value: one.value.replace("_", " ") for one in Strategy}  # `opening first`
+SOURCE_NAMES = {
     "canopy": N_("from canopy"),
     "map": N_("from map"),
     "point": N_("plant by plant"),
@@ -40,7 +40,7 @@ SOURCES = {
     "index_map": N_("index map"),
     "external": N_("other display"),
 }
-FIXES = {
+FIX_NAMES = {
     0: N_("no fix"),
     1: N_("GNSS"),
     2: N_("DGNSS"),
@@ -49,10 +49,10 @@ FIXES = {
     6: N_("dead reckoning"),
 }
 
-SEVERITIES = {Severity.RED: N_("ALARM"), Severity.AMBER: N_("CAUTION")}
+SEVERITY_NAMES = {Severity.RED: N_("ALARM"), Severity.AMBER: N_("CAUTION")}
 SEVERITY_SYMBOLS = {Severity.RED: "✖", Severity.AMBER: "!"}
 
-NOTES = {
+NOTE_NAMES = {
     "limited_lowest": N_("machine's lowest"),
     "limited_highest": N_("machine's highest"),
     "limited_zero": N_("closed: below the machine's lowest rate"),
@@ -86,7 +86,7 @@ NOTES = {
     "zero_manual": N_("the manual rate is 0"),
     "zero_fallback": N_("the fallback rate is 0"),
 }
-ALLOWANCES = {
+ALLOWANCE_NAMES = {
     "reverse": N_("REVERSE OK"),
     "outside": N_("OUTSIDE OK"),
     "unlogged": N_("NO LOG OK"),
@@ -94,7 +94,7 @@ ALLOWANCES = {
     "no_wheel": N_("NO WHEEL OK"),
 }
 
-ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
+ANSWER_TEXTS: Mapping[str, str] = dict(REFUSALS) | {
     "no_lag_rig": N_("No signal from the lag rig."),
     "no_such_device": N_("There is no device {device}."),
     "device_in_use": N_("Not possible in state {state}."),
@@ -118,7 +118,7 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
 }
 
 
-SECTIONS = {
+SECTION_NAMES = {
     "outside": N_("outside"),
     "headland": N_("headland"),
     "done": N_("done"),
@@ -129,25 +129,29 @@ SECTIONS = {
 
 
 def name_state(state: str | None, why: str = "") -> str:
-    return _(STATES.get(state or "", state or "")) or (
+    """A state in words."""
+    return _(STATE_NAMES.get(state or "", state or "")) or (
         _("RECORDS ONLY") if why == "record_only" else _("NO STATE")
     )
 
 
-def strategy_word(strategy: str | None) -> str:
-    return _(STRATEGIES.get(strategy or "", strategy or ""))
+def name_strategy(strategy: str | None) -> str:
+    """A strategy in words."""
+    return _(STRATEGY_NAMES.get(strategy or "", strategy or ""))
 
 
 def name_source(source: str | None) -> str:
-    return _(SOURCES.get(source or "", source or ""))
+    """A source of the target in words."""
+    return _(SOURCE_NAMES.get(source or "", source or ""))
 
 
 def name_fix(fix_quality: int | None) -> str:
-    return _("no GNSS") if fix_quality is None else _(FIXES.get(fix_quality, N_("no fix")))
+    """A quality of a fix in words."""
+    return _("no GNSS") if fix_quality is None else _(FIX_NAMES.get(fix_quality, N_("no fix")))
 
 
 class AlarmWords(NamedTuple):
-    """One alarm in the language in use."""
+    """Holds one alarm in the language in use."""
 
     text: str
     todo: str
@@ -155,26 +159,26 @@ class AlarmWords(NamedTuple):
 
 
 def describe_alarm(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
-    """Text, what to do and place of an alarm, its details filled in; the id where the alarm is
-    not known here."""
+    """Text, remedy and place of an alarm, its details filled in; the id where the alarm is not
+    known here."""
     kind = ALARMS.get(alarm.id)
     if kind is None:
         return AlarmWords(alarm.id, "", "")
     details = dict(alarm.details)
     return AlarmWords(
-        _filled(kind.text, details, units),
-        _filled(kind.todo, details, units),
-        _filled(kind.place, details, units),
+        _fill_values(kind.text, details, units),
+        _fill_values(kind.todo, details, units),
+        _fill_values(kind.place, details, units),
     )
 
 
 def describe_refusal(why: str, alarms: Iterable[Alarm] = ()) -> str:
-    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` takes
-    them apart. alarms: the live ones, one of which it may name."""
+    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` splits
+    them. alarms: the live ones, one of which it may name."""
     if not why:
         return _("not accepted")
     name, _mark, _rest = why.partition(";")
-    if name not in ANSWERS:
+    if name not in ANSWER_TEXTS:
         return why
     try:
         details = read_refusal(why)[1]
@@ -189,41 +193,41 @@ def describe_refusal(why: str, alarms: Iterable[Alarm] = ()) -> str:
         shown["alarm"] = describe_alarm(named).text.rstrip(".")
     if "state" in details:
         shown["state"] = name_state(details["state"])
-    return _filled(ANSWERS[name], shown)
+    return _fill_values(ANSWER_TEXTS[name], shown)
 
 
 def name_note(note: str) -> str:
     """A note of the loop or an interlock in a word or two; the id where it is not known here."""
-    return _(NOTES.get(note, note))
+    return _(NOTE_NAMES.get(note, note))
 
 
-def _filled(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:
-    """The translated text with its values; one that is missing is `--`, never its name in
-    braces nor an error.
+def _fill_values(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:
+    """The translated text with its values; one that is missing is `--`, never its name in braces
+    nor an error.
 
     Where the text names a value in SI ("{speed_mps} m/s"), number and unit are the shown ones
     instead.
     """
     said = _(text)
     for key, value in details.items():
-        for ending, si_name, unit in _measures(units):
+        for ending, si_name, unit in _list_measures(units):
             if key.endswith(ending) and isinstance(value, int | float):
-                said = said.replace(f"{{{key}}} {si_name}", unit.full(value))
+                said = said.replace(f"{{{key}}} {si_name}", unit.format_with_name(value))
     shown = {
         key: f"{value:g}" if isinstance(value, float) else value for key, value in details.items()
     }
     try:
-        return said.format_map(_Known(shown))
+        return said.format_map(_KnownValues(shown))
     except (KeyError, IndexError, ValueError):
         return said
 
 
-class _Known(dict[str, "str | float"]):
+class _KnownValues(dict[str, "str | float"]):
     def __missing__(self, name: str) -> str:
         return "--"
 
 
-def _measures(units: Units) -> tuple[tuple[str, str, Unit], ...]:
+def _list_measures(units: Units) -> tuple[tuple[str, str, Unit], ...]:
     """Ending of a detail's name, its unit inside, and how it is shown."""
     kilograms = units.mass._replace(decimals=1)
     return (

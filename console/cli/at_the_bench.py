@@ -228,7 +228,7 @@ class BenchOperator:
         self.host.note_console_heard()
         pressed = self._keyboard.read_pressed()
         if HOLD_KEY in pressed:
-            self._held.key(self._clock())
+            self._held.note_key(self._clock())
         if frame is None:
             return
         now_s = frame.at_s
@@ -259,7 +259,7 @@ class BenchOperator:
         for order in self.list_set_points() if calibrating and not self._calibrated else ():
             self.send_order(order)
         self._calibrated = calibrating
-        down = self._no_key or self._held.down(self._clock())
+        down = self._no_key or self._held.is_down(self._clock())
         if self._was_down and not down:
             self.send_order(Order(Do.RELEASE))
         self._was_down = down
@@ -277,7 +277,7 @@ class BenchOperator:
         if answer.accepted:
             self._refused_since_s = None
             return
-        self._held.block(self._clock())
+        self._held.block_repeats(self._clock())
         if self._refused_since_s is None:
             self._refused_since_s = now_s
         if self._no_key and now_s - self._refused_since_s > PATIENCE_S:

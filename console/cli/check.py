@@ -178,7 +178,7 @@ def _list_task_content(path: Path) -> list[str] | None:
 def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     """Note the parts of a job's map that will not be applied as they stand, under its ceiling too.
     Returns the faults of the files that the job names, a line each."""
-    from topdress.console.app.pages.job.map_words import map_words
+    from topdress.console.app.pages.job.map_words import describe_map_check
     from topdress.console.app.units import METRIC
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import CROP
@@ -193,7 +193,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
         n_year = year_n(loaded, crop, day_clock.read_today())
         limited = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
         if (found := find_map_check(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
-            notes.extend(map_words(found, METRIC))
+            notes.extend(describe_map_check(found, METRIC))
 
     wrong: list[str] = []
     looks: tuple[Callable[[], object], ...] = (
@@ -301,6 +301,6 @@ def _find_keymap_fault(model: BaseModel) -> str:
 
     if not isinstance(model, Settings) or not model.keymap:
         return ""
-    from topdress.console.app.settings import keymap_problem
+    from topdress.console.app.settings import find_keymap_fault
 
-    return keymap_problem(model.keymap)
+    return find_keymap_fault(model.keymap)

@@ -263,7 +263,7 @@ def _convert_prescription(
 
 
 def _print_prescription(read: ImportedMap, as_json: bool) -> None:
-    from topdress.console.app.pages.job.map_words import map_words
+    from topdress.console.app.pages.job.map_words import describe_map_check
     from topdress.console.app.units import METRIC
     from topdress.control.recordings.finding import many
     from topdress.control.targets.map_check import check_map
@@ -321,7 +321,7 @@ def _print_prescription(read: ImportedMap, as_json: bool) -> None:
     )
     for text in (
         *(finding.text for finding in read.findings),
-        *map_words(check_map(read.data), METRIC),
+        *describe_map_check(check_map(read.data), METRIC),
     ):
         typer.echo(f"note         {text}")
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from pydantic import BaseModel
     from topdress.console.app.app import TopdressApp
-    from topdress.console.app.attach_notice import Joined
+    from topdress.console.app.attach_notice import JoinedMachine
     from topdress.console.app.pages.calibrate.service import CalibrateService
-    from topdress.console.app.pages.job.service import AtWork, JobService
+    from topdress.console.app.pages.job.service import JobService, RunningLimits
     from topdress.console.app.pages.map.service import LayerFiles
     from topdress.console.app.pages.replay.service import LogFiles
     from topdress.console.app.services import Services
@@ -67,7 +67,7 @@ def show_run(
         "topdress simulate runs the loop, topdress serve shows the console in a browser",
     )
     from topdress.console.app.app import TopdressApp
-    from topdress.console.app.services import late
+    from topdress.console.app.services import make_late
     from topdress.console.link import ComingLink, Link
     from topdress.console.services.line_files import KeptLineFiles
     from topdress.console.services.live_checker import LiveChecker
@@ -90,7 +90,7 @@ def show_run(
 
         return JobFiles(launcher)
 
-    job, lines = late(make_job_files), KeptLineFiles()
+    job, lines = make_late(make_job_files), KeptLineFiles()
     checked = model_check and is_there("diagnosis")
     source: Link | None = None
     if running is not None:
@@ -141,15 +141,15 @@ def find_own_job(name: str) -> str:
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
 
-def _join_running(launcher: Launcher, running: WorkerAddress) -> Joined:
+def _join_running(launcher: Launcher, running: WorkerAddress) -> JoinedMachine:
     """Take the files of the worker that runs."""
-    from topdress.console.app.attach_notice import Joined
+    from topdress.console.app.attach_notice import JoinedMachine
 
     named = launcher.config
     unused = launcher.adopt_running_files(running.log_path)
     if unused is None:
-        return Joined(running.started, running.log_path, (), named, known=False, named=named)
-    return Joined(running.started, running.log_path, launcher.config, unused, named=named)
+        return JoinedMachine(running.started, running.log_path, (), named, known=False, named=named)
+    return JoinedMachine(running.started, running.log_path, launcher.config, unused, named=named)
 
 
 def _load_running_setup(theirs: tuple[str, ...], ours: tuple[str, ...]) -> SetupFiles:
@@ -188,7 +188,7 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
     effects: of the simulated machine.
     """
-    from topdress.console.app.services import Services, late
+    from topdress.console.app.services import Services, make_late
     from topdress.console.services.field import make_field_picture
     from topdress.console.services.running_limits import read_earlier_run
 
@@ -220,25 +220,25 @@ def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] 
 
         return MapLayers(diagnosed)
 
-    def find_running_limits(log_path: str) -> AtWork:
-        from topdress.console.app.pages.job.service import AtWork
+    def find_running_limits(log_path: str) -> RunningLimits:
+        from topdress.console.app.pages.job.service import RunningLimits
         from topdress.console.services.running_limits import read_running_limits
 
         found = read_running_limits(log_path)
         if found is not None:
             return found
         setup = files()[0]
-        return AtWork(setup.crop.max_rate_kg_ha, setup.machine.flow.full_kg)
+        return RunningLimits(setup.crop.max_rate_kg_ha, setup.machine.flow.full_kg)
 
-    diagnosed = late(make_diagnosis)
+    diagnosed = make_late(make_diagnosis)
     return Services(
         diagnosis=diagnosed,
         earlier=read_earlier_run,
         at_work=find_running_limits,
         field=make_field_picture,
-        logs=late(make_log_files),
-        layers=late(make_map_layers),
-        calibrate=late(make_calibrate),
+        logs=make_late(make_log_files),
+        layers=make_late(make_map_layers),
+        calibrate=make_late(make_calibrate),
     )
 
 
@@ -283,9 +283,9 @@ def show_replay(recorded: RunLog) -> None:
 def run_on_terminal(app: TopdressApp) -> None:
     """Show the console until it is left. Raises typer.Exit where its terminal went away first: the
     machine or log goes on by its own rules."""
-    from topdress.console.app.terminal_watch import ended_with_terminal
+    from topdress.console.app.terminal_watch import leave_with_terminal
 
-    with ended_with_terminal(app.leave_from_thread) as is_gone:
+    with leave_with_terminal(app.leave_from_thread) as is_gone:
         app.run()
     if is_gone():
         raise typer.Exit(CANCELLED)

@@ -104,7 +104,7 @@ def run_simulation(
     force: Force = False,
 ) -> None:
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
-    from topdress.console.app.pages.job.map_words import map_words
+    from topdress.console.app.pages.job.map_words import describe_map_check
     from topdress.console.app.units import METRIC
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.machine.parameter_uncertainty import make_plausible_machine
@@ -138,7 +138,7 @@ def run_simulation(
     ]
     placed = read_loop_targets(resolved, setup.folder, setup.machine, setup.crop.index)
     check = find_map_check(resolved, setup.crop.max_rate_kg_ha, setup.folder)
-    for line in (*resolved.warnings, *(() if check is None else map_words(check, METRIC))):
+    for line in (*resolved.warnings, *(() if check is None else describe_map_check(check, METRIC))):
         typer.echo(f"{job}: note: {line}", err=True)
     with (
         nullcontext()

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from topdress.console.app.services import Services
-from topdress.console.app.tablet import NONE_RUNS, Key, TabletApp
+from topdress.console.app.tablet import NONE_RUNS, TabletApp, TabletKey
 from topdress.console.link import Link
 from topdress.console.locale import _
 from topdress.console.running import (
@@ -180,7 +180,7 @@ def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     return TabletApp(
         source,
         make_tab_link,
-        Key(token, time.monotonic, waits),
+        TabletKey(token, time.monotonic, waits),
         **read_options(where),
         services=Services(
             field=make_field_picture,

@@ -16,8 +16,8 @@ from topdress.console.app.pages.calibrate.service import (
     CalibrateService,
     CurvePoint,
     Estimate,
+    EstimateName,
     LagTable,
-    Number,
 )
 from topdress.console.app.pages.calibrate.wheel import WheelSample
 from topdress.console.services.launcher import find_data_folder
@@ -332,7 +332,7 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
         dict(open_log(Path(path)).columns), machine, path, date=day_clock.read_today().isoformat()
     )
     numbers = [
-        _make_estimate(cast(Number, place.removeprefix("effort.")), one, unit, 4)
+        _make_estimate(cast(EstimateName, place.removeprefix("effort.")), one, unit, 4)
         for fit in fits
         for place, one, unit in fit.numbers
     ]
@@ -393,7 +393,7 @@ def _make_even_steps(low: float, high: float) -> list[float]:
 
 
 def _make_estimate(
-    name: Number, interval: FittedInterval | None, unit: str, decimals: int
+    name: EstimateName, interval: FittedInterval | None, unit: str, decimals: int
 ) -> Estimate:
     if interval is None:
         return Estimate(name, None, None, None, unit, decimals)

@@ -15,18 +15,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topdress.console.app.pages.diagnosis.adoption import find_offer, undecided
+from topdress.console.app.pages.diagnosis.adoption import find_offer, list_undecided
 from topdress.console.app.pages.diagnosis.service import (
-    IMPORT,
+    IMPORT_KIND,
     Adoption,
     ComparedRow,
     ComparedShown,
     DiagnosisSource,
     DiagnosisView,
-    Export,
+    ExportKind,
     OpenQuestions,
-    Stop,
-    Tell,
+    StopSignal,
+    TellProgress,
     WorkStopped,
 )
 from topdress.console.reports.diagnosis_wording import list_rivals
@@ -112,7 +112,7 @@ class DiagnosisFiles:
     # --- long work
     # ----------------------------------------------------------------------------------------------
 
-    def install_extra(self, tell: Tell, stop: Stop) -> None:
+    def install_extra(self, tell: TellProgress, stop: StopSignal) -> None:
         """Install the extra diagnosis."""
         command = [*installer(), *requirements(DIAGNOSIS_EXTRA)]
         tell(0.0, "installing")
@@ -126,7 +126,7 @@ class DiagnosisFiles:
                 text=True,
                 errors="replace",
             ) as child:
-                stop.then(child.kill)
+                stop.call_on_stop(child.kill)
                 trouble = child.communicate()[1].strip().splitlines()
         except OSError as error:
             raise ValueError(f"{command[0]}: {error.strerror or error}") from None
@@ -138,7 +138,7 @@ class DiagnosisFiles:
             raise ValueError(f"{extra_line(DIAGNOSIS_EXTRA)}: {why}")
 
     def run_diagnosis(
-        self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
+        self, source: DiagnosisSource, machine: str | None, tell: TellProgress, stop: StopSignal
     ) -> DiagnosisView:
         """Diagnose a log or table on a machine (None: the one that the data names)."""
         return self._run_order(
@@ -154,7 +154,9 @@ class DiagnosisFiles:
             stop,
         )
 
-    def drive_separating_run(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
+    def drive_separating_run(
+        self, found: DiagnosisView, tell: TellProgress, stop: StopSignal
+    ) -> DiagnosisView:
         """Drive the run that separates the rivals on the simulated machine, and diagnose its
         log."""
         if not found.drives:
@@ -175,7 +177,7 @@ class DiagnosisFiles:
         )
 
     def compare_machines(
-        self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
+        self, machine: str, source: DiagnosisSource, tell: TellProgress, stop: StopSignal
     ) -> ComparedShown:
         """Compare a machine file before and after its last change on a log."""
         order = DiagnosisOrder(
@@ -190,14 +192,16 @@ class DiagnosisFiles:
             tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report
         )
 
-    def _run_order(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> DiagnosisView:
+    def _run_order(
+        self, order: DiagnosisOrder, tell: TellProgress, stop: StopSignal
+    ) -> DiagnosisView:
         from topdress.drivers.files.plain import typed
 
         self._run_job_process(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
         return typed(DiagnosisView, plain)._replace(folder=order.folder)
 
-    def _run_job_process(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> None:
+    def _run_job_process(self, order: DiagnosisOrder, tell: TellProgress, stop: StopSignal) -> None:
         """Do the work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one
         line."""
         need("a diagnosis", DIAGNOSIS_EXTRA)
@@ -216,7 +220,7 @@ class DiagnosisFiles:
                 text=True,
             ) as child,
         ):
-            stop.then(child.kill)
+            stop.call_on_stop(child.kill)
             done, why = False, ""
             asked: OpenQuestions | None = None
             assert child.stdout is not None
@@ -305,7 +309,7 @@ class DiagnosisFiles:
         found: Machine = load(machine or self.machine, MACHINE).model
         return found
 
-    def export_result(self, found: DiagnosisView, what: Export) -> str:
+    def export_result(self, found: DiagnosisView, what: ExportKind) -> str:
         """Copy the report or the JSON result to the user's folder; returns its path."""
         made = Path(found.folder) / (REPORT if what == "report" else RESULT)
         stem = f"{Path(found.source).stem}-diagnosis"
@@ -347,7 +351,7 @@ def _make_source(path: Path) -> DiagnosisSource:
     status = path.stat()
     kind = _find_source_kind(path)
     if kind is None and is_importable(path):
-        kind = IMPORT
+        kind = IMPORT_KIND
     if kind is None:
         raise ValueError(
             f"{path}: neither a run log (column time_s), a bench table nor a log that import reads"
@@ -392,9 +396,9 @@ def _format_choice_comment(found: DiagnosisView, chosen: Adoption) -> str:
         return ""
     groups = [
         "; ".join((one.id, *(rival for rival, _share in list_rivals(one))))
-        for one in undecided(found)
+        for one in list_undecided(found)
     ]
-    picked = [one.id for one in undecided(found) if one.id in chosen.ids]
+    picked = [one.id for one in list_undecided(found) if one.id in chosen.ids]
     return "".join(
         f"# {line}\n"
         for line in (

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topdress.console.app.pages.diagnosis.service import IMPORT, AdoptionOffer, OpenQuestions
+from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, AdoptionOffer, OpenQuestions
 from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def carry_out_order(order: DiagnosisOrder, tell: TellProgress) -> None:
         compare_before_and_after(order, tell)
         return
     notes: tuple[str, ...] = ()
-    if order.kind == IMPORT:
+    if order.kind == IMPORT_KIND:
         from topdress.console.services.foreign_files import import_file_as_log
 
         tell(0.0, "importing")

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from topdress.console.app.pages.diagnosis.service import DiagnosisView, Drawn, ResidualCurve
+from topdress.console.app.pages.diagnosis.service import CauseCurves, DiagnosisView, ResidualCurve
 from topdress.console.reports.binned import Array, Axis, BinnedMeans
 from topdress.console.reports.diagnosis_wording import sort_adoptable, sort_headlines
 from topdress.console.reports.run_views import (
@@ -76,18 +76,18 @@ def _find_cause_curves(
     views: Sequence[ChannelView],
     tables: Sequence[MeasuredColumn],
     parts: tuple[EffectInstance, ...],
-) -> Drawn:
+) -> CauseCurves:
     own = list_effect_instances([cause])
     if not own:
-        return Drawn()
+        return CauseCurves()
     if tables:
-        return Drawn(_make_table_curve(cause, tables))
+        return CauseCurves(_make_table_curve(cause, tables))
     shown = find_view(views, parts, own[0])
     if shown is None:
-        return Drawn()
+        return CauseCurves()
     view, effect = shown
     onset = None if own[0].onset_s is None else own[0].onset_s / 60.0
-    return Drawn(
+    return CauseCurves(
         _make_axis_curve(view, view.find_effect_axis(own[0], effect), parts),
         _make_time_curve(view, parts, onset),
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from topdress.console.app.field_picture import FieldPicture, Planned, Ring
+from topdress.console.app.field_picture import FieldPicture, PlannedRates, Ring
 from topdress.console.frame import Frame
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def find_job_folder(meta: RunMeta, job: Job, log_folder: Path) -> Path:
 
 def _sample_planned_rates(
     job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...]
-) -> Planned:
+) -> PlannedRates:
     """The map sampled in the middles of square cells, no more than MOST_CELLS; NaN outside the
     field."""
     from topdress.control.field.boundary import Boundary
@@ -149,4 +149,4 @@ def _sample_planned_rates(
         ]
     if rings:
         rates[~Boundary(rings[0], rings[1:]).contains_places(places)] = np.nan
-    return Planned(west_m, south_m, cell_m, rates.reshape(rows, columns))
+    return PlannedRates(west_m, south_m, cell_m, rates.reshape(rows, columns))

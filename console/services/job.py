@@ -15,17 +15,17 @@ from topdress.console.app.pages.job.service import (
     GATHERING,
     READING,
     WRITING,
-    Cancelled,
-    Facts,
-    File,
+    FileChoice,
+    IsCancelled,
     JobCard,
+    JobFacts,
     JobNames,
+    JobOffer,
     MapFile,
     MapPreview,
     MapReading,
-    Offer,
     Progress,
-    Recent,
+    RecentSet,
 )
 from topdress.console.services.launcher import Launcher, find_data_folder, list_other_files
 from topdress.console.worker import resume
@@ -77,7 +77,7 @@ class JobFiles:
     # --- facts
     # ----------------------------------------------------------------------------------------------
 
-    def find_facts(self) -> Facts:
+    def find_facts(self) -> JobFacts:
         """Facts of the files of the next start. Raises ValueError."""
         from topdress.drivers.files.setup import product_of, setup_of
 
@@ -91,7 +91,7 @@ class JobFiles:
             crop = load(setup.job.crop, CROP, base=setup.folder)
         product = product_of(setup.job, setup.folder)
         field, area = self._find_field_area(setup.job, setup.machine, found)
-        return Facts(
+        return JobFacts(
             setup,
             str(job_path),
             str(crop.path),
@@ -154,13 +154,13 @@ class JobFiles:
             return str(path), None, f"{path}: {checked.strerror or checked}"
         return str(path), checked, ""
 
-    def _list_files(self, folder: str, now: Path | None) -> tuple[File, ...]:
+    def _list_files(self, folder: str, now: Path | None) -> tuple[FileChoice, ...]:
         """The file in use, the user's own, the newest first, and those that are shipped."""
         own = [path for path in (self._folder / folder).glob("*.yaml") if path.is_file()]
         own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-        found: dict[str, File] = {}
+        found: dict[str, FileChoice] = {}
         for path in (*(() if now is None else (now,)), *own, *shipped(folder).values()):
-            found.setdefault(str(path), File(str(path), path.stem))
+            found.setdefault(str(path), FileChoice(str(path), path.stem))
         return tuple(found.values())
 
     def find_free_bytes(self, log_path: str) -> int | None:
@@ -185,13 +185,13 @@ class JobFiles:
             load(Path(value), wanted)
             self._replace_file(wanted.format, value)
 
-    def list_recent(self) -> tuple[Recent, ...]:
+    def list_recent(self) -> tuple[RecentSet, ...]:
         """File sets of the jobs worked lately, the newest first."""
         from topdress.console.services.recent import find_recent_sets
 
         return find_recent_sets(self._launcher.log_folder, self._folder)
 
-    def choose_recent(self, recent: Recent) -> None:
+    def choose_recent(self, recent: RecentSet) -> None:
         """Choose the files of a job worked lately. Raises ValueError."""
         from topdress.drivers.files.setup import by_kind, setup_of
 
@@ -358,7 +358,7 @@ class JobFiles:
                 "Names given in the cab",
             )
 
-    def list_job_cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+    def list_job_cards(self) -> tuple[tuple[FileChoice, JobCard | None], ...]:
         """The job files with their cards; None where one cannot be read."""
         from topdress.console.services.recent import find_done_of_jobs, make_job_card
 
@@ -472,7 +472,7 @@ class JobFiles:
     # --------------------------------------------------------------------------------------
 
     def export_as_applied(
-        self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
+        self, log_path: str, ending: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
         """Export the as-applied map of each part of the job. Raises ValueError, OSError."""
         from topdress.drivers.files.exports.as_applied import build_as_applied
@@ -488,7 +488,7 @@ class JobFiles:
         )
 
     def write_reports(
-        self, log_path: str, progress: Progress, cancelled: Cancelled
+        self, log_path: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
         """Write the report of each part of the job. Raises ValueError, OSError."""
         from topdress.console.reports.job_about import read_job_metadata
@@ -525,7 +525,7 @@ class JobFiles:
         gathered: Callable[[RunLog], AsApplied],
         write: Callable[[RunLog, AsApplied, Path], object],
         progress: Progress,
-        cancelled: Cancelled,
+        cancelled: IsCancelled,
     ) -> tuple[str, ...]:
         """Write a file of each log of the job, next to it; cancelled: those that are done. A log
         with nothing in it is passed over, unless no log has more. Raises ValueError, OSError."""
@@ -567,13 +567,13 @@ class JobFiles:
     # --- power cuts
     # ---------------------------------------------------------------------------------------------
 
-    def find_offer(self) -> Offer | None:
+    def find_offer(self) -> JobOffer | None:
         """The job that was left and can go on; None where there is none."""
         left = sorted(self._find_left_jobs(), key=lambda one: not one.is_same_job)
         if not left:
             return None
         kept = left[0].snapshot
-        return Offer(
+        return JobOffer(
             str(left[0].path),
             kept.began_utc,
             kept.saved_utc,
@@ -603,7 +603,7 @@ class JobFiles:
             now,
         )
 
-    async def resume_job(self, offer: Offer) -> Link:
+    async def resume_job(self, offer: JobOffer) -> Link:
         """Go on with a job, with the files of the next start, else those that it had. Raises
         WorkerFailed, ValueError, OSError."""
         kept, left = resume.read_snapshot(Path(offer.path)), self._find_left_jobs()
@@ -612,7 +612,7 @@ class JobFiles:
         launcher.seed, launcher.hz = kept.seed, kept.hz
         return await self._begin_worker(left, False)
 
-    async def start_anew(self, offer: Offer) -> Link:
+    async def start_anew(self, offer: JobOffer) -> Link:
         """Start the job anew. Raises WorkerFailed, ValueError, OSError."""
         return await self._begin_worker(self._find_left_jobs(), True)
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from topdress.console.app.coverage_raster import Box, Worked, find_spot
+from topdress.console.app.coverage_raster import Box, WorkedGround, make_spot
 from topdress.console.app.layers import MapLayer
-from topdress.console.app.overlay_file import Harvest, LaidFile
+from topdress.console.app.overlay_file import HarvestColumn, LaidFile
 from topdress.console.app.pages.diagnosis.service import OpenQuestions
 from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.frame import Frame
@@ -92,7 +92,7 @@ def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Fr
         raise ValueError(
             f"{log.path}: no places in it: allowed is a file with latitude and longitude"
         )
-    worked = Worked(_find_log_width_m(log, width_m))
+    worked = WorkedGround(_find_log_width_m(log, width_m))
     has = frozenset(
         layer
         for layer, columns in (
@@ -114,10 +114,10 @@ def lay_log_on_plane(log: RunLog, plane: TangentPlane, width_m: float, frame: Fr
     spots = []
     for one in make_frames(log.rows(), log, plane=plane):
         value = None if values is None else next(values)
-        spot = find_spot(one)
+        spot = make_spot(one)
         if spot is not None:
             spots.append(spot if value is None else spot._replace(ndvi=value))
-    worked.add(spots)
+    worked.add_spots(spots)
     return LaidFile(
         log.path.name,
         worked,
@@ -180,7 +180,7 @@ def _find_log_width_m(log: RunLog, otherwise_m: float) -> float:
     )
 
 
-def _find_harvest_column(log: RunLog) -> tuple[str, Harvest] | None:
+def _find_harvest_column(log: RunLog) -> tuple[str, HarvestColumn] | None:
     """The column of the harvest, where there is one."""
     from topdress.drivers.files.imports.header import split_unit_name
     from topdress.drivers.files.imports.words import HARVEST_WORDS, fold_column_name
@@ -189,7 +189,7 @@ def _find_harvest_column(log: RunLog) -> tuple[str, Harvest] | None:
         for name, values in log.columns.items():
             if word in fold_column_name(name) and values.dtype != object and log.has(name):
                 label, unit = split_unit_name(name.removeprefix("x_"))
-                return name, Harvest(label.replace("_", " "), (unit or "").replace("_", "/"))
+                return name, HarvestColumn(label.replace("_", " "), (unit or "").replace("_", "/"))
     return None
 
 

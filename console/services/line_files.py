@@ -63,7 +63,7 @@ def _add_field_line(kept: KeptLines, log: Path) -> KeptLines:
             if found is not None and found.place == field.place:
                 return (
                     kept._replace(guide=before.guide, of_day=found.began)
-                    if before.guide.set
+                    if before.guide.is_set
                     else kept
                 )
     return kept
@@ -98,7 +98,7 @@ def _continue_drive(kept: KeptLines, log: Path, after_s: float) -> None:
     try:
         for row in read_log(log).rows():
             if row.time_s > after_s:
-                kept.drive.add(row)
+                kept.drive.add_row(row)
     except (ValueError, OSError):
         return  # the last side is drawn straight
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from topdress.console.app.pages.diagnosis.service import IMPORT, DiagnosisSource
+from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, DiagnosisSource
 from topdress.console.app.pages.replay.service import LogFile, ReplayJob
 from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.foreign_files import YAML_SUFFIXES
@@ -16,7 +16,7 @@ def select_logs(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
     return tuple(
         LogFile(one.path, one.name, one.changed, one.size)
         for one in sources
-        if one.kind in ("run", IMPORT) and not one.name.endswith(YAML_SUFFIXES)
+        if one.kind in ("run", IMPORT_KIND) and not one.name.endswith(YAML_SUFFIXES)
     )
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from topdress.console.app.pages.job.service import JobCard, Recent
+from topdress.console.app.pages.job.service import JobCard, RecentSet
 from topdress.console.services.field import make_job_picture
 from topdress.console.worker import resume
 from topdress.console.worker.snapshots import list_newest_first
@@ -21,14 +21,14 @@ OUTLINE_WIDTH_M = 2.4  # of a machine: an outline needs none
 MOST_SIDECARS = 60
 
 
-def find_recent_sets(logs: Path, own: Path) -> tuple[Recent, ...]:
+def find_recent_sets(logs: Path, own: Path) -> tuple[RecentSet, ...]:
     """File sets worked lately, the newest first.
 
     logs: the folder of the logs; own: of the user's jobs, which are listed too. Sets of which a
     file is gone, or cannot be read any more, are left out.
     """
     done = find_done_of_jobs(logs)
-    found: dict[tuple[str, ...], Recent] = {}
+    found: dict[tuple[str, ...], RecentSet] = {}
     for sidecar in _list_newest_sidecars(logs, MOST_SIDECARS):
         with contextlib.suppress(OSError, ValueError, ConfigError):
             one = _find_run_set(meta_from_yaml(sidecar.read_text(encoding="utf-8")), done)
@@ -38,7 +38,7 @@ def find_recent_sets(logs: Path, own: Path) -> tuple[Recent, ...]:
         if not any(str(path) in one.files for one in found.values()):
             with contextlib.suppress(OSError, ConfigError):
                 job = load(path, JOB).model
-                found[str(path),] = Recent(
+                found[str(path),] = RecentSet(
                     (str(path),),
                     job.title or path.stem,
                     job.field.title,
@@ -96,7 +96,7 @@ def _list_newest_sidecars(folder: Path, most: int) -> list[Path]:
     return sorted(times, key=lambda path: -times[path])[:most]
 
 
-def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> Recent | None:
+def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> RecentSet | None:
     """The file set of a run; None: all of its files are shipped. Raises ConfigError: one is
     gone."""
     kinds = {}
@@ -113,7 +113,7 @@ def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> Recent 
         return None
     job, machine = meta.job or {}, meta.machine or {}
     field = job.get("field")
-    return Recent(
+    return RecentSet(
         files,
         str(job.get("title") or job.get("id") or ""),
         str(field.get("title") or "") if isinstance(field, dict) else "",

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from topdress.console.app.pages.replay.service import Cancelled, ReplayJob, Tell, WhatIf
+from topdress.console.app.pages.replay.service import IsCancelled, ReplayJob, TellShare, WhatIf
 from topdress.console.app.replay_source import ReplaySource
 from topdress.console.frame import Frame
 from topdress.console.services.field import find_job_plane
@@ -98,7 +98,7 @@ def _find_outlet_place(plane: TangentPlane, row: LogRow, ahead_m: float) -> tupl
 
 
 def _make_what_if_frames(
-    recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell: Tell
+    recorded: RunLog, options: WhatIf, cancelled: IsCancelled, tell: TellShare
 ) -> Sequence[Frame]:
     """Frames of the control loop run again over the log's measurements; those so far when it is
     cancelled. Raises ValueError in one line."""
@@ -127,7 +127,7 @@ def _make_what_if_frames(
 
 
 def _report_progress(
-    rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tell
+    rows: Iterator[LogRow], count: int, cancelled: IsCancelled, tell: TellShare
 ) -> Iterator[LogRow]:
     """The rows, up to where it is cancelled; progress is reported every `ROWS_PER_PROGRESS`."""
     for number, row in enumerate(rows):

@@ -3,10 +3,10 @@ snapshot has it."""
 
 from __future__ import annotations
 
-from topdress.console.app.pages.job.service import AtWork, Earlier
+from topdress.console.app.pages.job.service import EarlierRun, RunningLimits
 
 
-def read_running_limits(log_path: str) -> AtWork | None:
+def read_running_limits(log_path: str) -> RunningLimits | None:
     """Limits of the running machine; None where the log has no sidecar, or one without them."""
     from topdress.control.machine.machine import Machine
     from topdress.drivers.files.run_meta import sidecar_meta
@@ -16,7 +16,7 @@ def read_running_limits(log_path: str) -> AtWork | None:
         return None
     crop, machine = meta.crop or {}, meta.machine or {}
     try:
-        found = AtWork(float(crop["max_rate_kg_ha"]), float(machine["flow"]["full_kg"]))
+        found = RunningLimits(float(crop["max_rate_kg_ha"]), float(machine["flow"]["full_kg"]))
     except (ValueError, KeyError, TypeError):
         return None
     try:
@@ -25,7 +25,7 @@ def read_running_limits(log_path: str) -> AtWork | None:
         return found
 
 
-def read_earlier_run(log_path: str) -> Earlier | None:
+def read_earlier_run(log_path: str) -> EarlierRun | None:
     """Alarms and track of the run so far; None where there is no snapshot, or none that can be
     read."""
     from topdress.console.worker import resume
@@ -34,4 +34,4 @@ def read_earlier_run(log_path: str) -> Earlier | None:
         kept = resume.read_snapshot(resume.make_snapshot_path(log_path))
     except (OSError, ValueError):
         return None
-    return Earlier(kept.alarms, kept.track)
+    return EarlierRun(kept.alarms, kept.track)

@@ -8,7 +8,7 @@ import datetime as dt
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from topdress.console.app.pages.job.checklist import LOOK, OK, checks
+from topdress.console.app.pages.job.checklist import LOOK, OK, list_checks
 from topdress.console.app.units import METRIC
 from topdress.console.reports.job_about import JobMetadata, find_job_events, format_names
 from topdress.control.agronomy.crop import Crop
@@ -131,7 +131,9 @@ def test_the_list_before_work_says_it():
             {"growth_window": GrowthWindow(scale="feekes", first=4, last=6)}, {"growth": seen}
         )
         line = next(
-            one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "growth stage"
+            one
+            for one in list_checks(None, 0.0, facts, "", None, METRIC)
+            if one.label == "growth stage"
         )
         assert line.level == level and "Feekes" in line.text
 

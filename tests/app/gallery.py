@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from topdress.console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.history import History
+from topdress.console.app.history import LiveHistory
 from topdress.console.app.pages.diagnosis.page import DiagnosisScreen
 from topdress.console.app.pages.map.page import MapScreen
 from topdress.console.app.pages.replay.service import ReplayJob
@@ -174,11 +174,11 @@ def _frames() -> tuple[Frame, ...]:
 
 
 @cache
-def _history() -> History:
+def _history() -> LiveHistory:
     """Of all that came before the frame that is shown."""
-    history = History()
+    history = LiveHistory()
     for frame in _frames()[:-1]:
-        history.add(frame)
+        history.add_frame(frame)
     return history
 
 
@@ -214,7 +214,7 @@ def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
             for index, frame in enumerate(frames)
         ]
         source = ReplaySource(marked, clock)
-        source.seek(300.0)
+        source.seek_time(300.0)
         source.set_speed(10.0)
         replay = ReplayJob(source, "run.csv", ("2 rows with a time that runs back were left out",))
     app = TopdressApp(
@@ -240,12 +240,12 @@ def _services(picture: Picture) -> Services:
 async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitable[None]]) -> None:
     """Bring a still app to what its picture shows."""
     await wait()
-    app.tick()
+    app.show_newest()
     where = picture.screen.partition("-")[0]
     if where in app.pages and app.page.where != where:
-        app.turn_to(where)
+        app.turn_to_page(where)
         await wait()
-        app.tick()
+        app.show_newest()
     if where == DIAGNOSIS:
         await prepare_diagnosis(app, picture.screen, wait)
     if (
@@ -254,9 +254,9 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         and app.source.newest is not None
     ):
         app.source.newest = pose(app, picture.screen, app.source.newest)
-        app.tick()
+        app.show_newest()
     if picture.screen == "map-laid" and isinstance(app.page, MapScreen):
-        app.page.lay("/logs/autumn.geojson")
+        app.page.lay_file("/logs/autumn.geojson")
     await _lay_over(app, picture)
     await wait()
     await wait()
@@ -264,8 +264,8 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         worker for worker in app.workers if worker.group in ("field", "laid", "job-look")
     ]:
         await worker.wait()
-    app.page.hurry()
-    app.tick()
+    app.page.hurry_all()
+    app.show_newest()
     for action in DONE_ON.get(picture.screen, ()):
         await app.action_do(action)
         await wait()
@@ -304,7 +304,7 @@ async def prepare_diagnosis(
     not known of another."""
     await _worked(app, wait)
     if screen == "diagnosis-import" and isinstance(app.page, DiagnosisScreen):
-        app.page.ask(OPEN)
+        app.page.show_open_questions(OPEN)
         await wait()
     if screen == "diagnosis":
         await app.action_do("dia_down")
@@ -316,7 +316,7 @@ async def _worked(app: TopdressApp, wait: Callable[[], Awaitable[None]]) -> None
     for worker in [worker for worker in app.workers if worker.group in ("list", "work")]:
         await worker.wait()
     await wait()
-    app.tick()
+    app.show_newest()
     await wait()
 
 

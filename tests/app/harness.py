@@ -33,19 +33,19 @@ def feed(app, rows, *, step_s=0.0, **frame) -> None:
     for row in rows:
         tell(app.source, row, **frame)
         app.clock.now_s += step_s
-        app.tick()
+        app.show_newest()
 
 
 async def turned(app, pilot, where) -> None:
     """To a page, until it is drawn with what is known now."""
-    app.turn_to(where)
+    app.turn_to_page(where)
     await pilot.pause()
     await looked(app, pilot)
 
 
 async def looked(app, pilot) -> None:
     """Until what is new is shown."""
-    app.look()
+    app.show_changes()
     for _again in range(2):
         await pilot.pause()
 
@@ -53,7 +53,7 @@ async def looked(app, pilot) -> None:
 async def later(app, pilot, seconds=0.0) -> None:
     """One look of the console's own, so much later."""
     app.clock.now_s += seconds
-    app.tick()
+    app.show_newest()
     await pilot.pause()
 
 

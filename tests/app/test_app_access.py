@@ -16,7 +16,7 @@ from topdress.console.app.action import ANYWHERE, RUN, Action
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import TextDialog
 from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.console.app.widgets.key_bar import KeyBar, place_actions
 from topdress.console.app.widgets.status_line import StatusLine
 from topdress.control.orders import Do
 
@@ -43,7 +43,7 @@ XTERM = (
     "#00ffff",
     "#ffffff",
 )
-CHIPS = ("alarm-red", "alarm-amber", *(f"state-{state}" for state in words.STATES))
+CHIPS = ("alarm-red", "alarm-amber", *(f"state-{state}" for state in words.STATE_NAMES))
 TEXTS = (
     ("on-select", "select"),
     ("on-stop", "stop"),
@@ -170,7 +170,7 @@ async def test_every_action_is_in_the_palette_of_its_page(full, turned, pilot):
     for where in full.pages:
         await turned(full, pilot, where)
         titles = {command.title for command in full.get_system_commands(full.screen)}
-        own = {action for action in actions.at(where) if action.id != "palette"}
+        own = {action for action in actions.list_page_actions(where) if action.id != "palette"}
         assert {*(action.label for action in own), "who is at this machine"} == titles, where
         found |= {action.id for action in own}
     assert found == set(actions.BY_ID)
@@ -180,7 +180,9 @@ async def test_every_action_is_in_the_palette_of_its_page(full, turned, pilot):
 async def click_palette(app, pilot):
     bar = app.page.query_one("#keys", KeyBar)
     palette = next(
-        place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "palette"
+        place
+        for place in place_actions(bar.view.actions, bar.size.width)
+        if place[0].id == "palette"
     )
     await pilot.click("#keys", offset=(palette[1] + 1, 0))
 
@@ -191,7 +193,9 @@ async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width
         for where in full.pages:
             await turned(full, pilot, where)
             for width in (40, 80, 120):
-                ids = {place[0].id for place in laid_out(actions.at(where), width)}
+                ids = {
+                    place[0].id for place in place_actions(actions.list_page_actions(where), width)
+                }
                 assert {"hold", "stop", "palette"} <= ids, (where, width)
             await click_palette(full, pilot)
             assert isinstance(full.screen, CommandPalette), where
@@ -244,7 +248,7 @@ async def test_locked_no_action_of_any_page_orders_asks_or_works(full, source, t
         full.locked = True
         for where in full.pages:
             await turned(full, pilot, where)
-            for action in actions.at(where):
+            for action in actions.list_page_actions(where):
                 if action.locked:
                     continue
                 depth = len(full.screen_stack)
@@ -260,7 +264,9 @@ async def test_locked_what_stays_only_holds_stops_unlocks_and_looks(full, source
         full.locked = True
         for where in full.pages:
             stays = [
-                action for action in actions.at(where) if action.locked and action.id != "lock"
+                action
+                for action in actions.list_page_actions(where)
+                if action.locked and action.id != "lock"
             ]
             for action in (
                 stays if where == RUN else [action for action in stays if action.where == where]

@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from topdress.console.app.alarms import AGAIN_S, LEAST_APART_S, Bell, entries
+from topdress.console.app.alarms import LEAST_GAP_S, REPEAT_AFTER_S, AlarmBell, make_alarm_entries
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.units import METRIC
 from topdress.console.services.sound import SoundPlayer
@@ -27,13 +27,13 @@ RINGS = {
     "red at once and again until it is acknowledged": (
         100.0,
         lambda t: (RED._replace(acknowledged=t >= 70.0),),
-        [0.0, AGAIN_S, 2 * AGAIN_S],
+        [0.0, REPEAT_AFTER_S, 2 * REPEAT_AFTER_S],
     ),
     "amber once": (200.0, lambda t: (AMBER,), [0.0]),
     "one ring for what comes within five seconds": (
         20.0,
         lambda t: (AMBER,) if t < 1.0 else (AMBER, RED) if t < 2.0 else (AMBER, RED, OTHER),
-        [0.0, LEAST_APART_S],
+        [0.0, LEAST_GAP_S],
     ),
     "one that flutters is not heard each time": (
         30.0,
@@ -55,8 +55,10 @@ RINGS = {
 
 @pytest.mark.parametrize("until_s, alarms, heard", RINGS.values(), ids=RINGS)
 def test_when_the_bell_rings(until_s, alarms, heard):
-    bell = Bell()
-    assert [k / 5 for k in range(round(until_s * 5)) if bell.due(k / 5, alarms(k / 5))] == heard
+    bell = AlarmBell()
+    assert [
+        k / 5 for k in range(round(until_s * 5)) if bell.count_strokes_due(k / 5, alarms(k / 5))
+    ] == heard
 
 
 async def test_the_bell_is_heard_unless_it_is_off(app, source, clock):
@@ -75,7 +77,7 @@ def test_an_entry_says_when_how_often_and_what_to_do():
     book.add_row_alarms(1.0, "2026-03-18T06:12:01Z", (RED,))
     book.add_row_alarms(2.0, "2026-03-18T06:12:02Z", ())
     book.add_row_alarms(9.0, "2026-03-18T06:12:09Z", (RED._replace(acknowledged=True),))
-    (entry,) = entries(book.records, METRIC, 8 * 3600.0)
+    (entry,) = make_alarm_entries(book.records, METRIC, 8 * 3600.0)
     assert (
         entry.when == "first 14:12:01  last 14:12:09  2 times  acknowledged 14:12:09"
         and entry.stands
@@ -83,7 +85,7 @@ def test_an_entry_says_when_how_often_and_what_to_do():
     assert entry.todo == "Stop. Check power and cable of the drive board."
     book = AlarmHistory()
     book.add_row_alarms(3.0, None, (RED, AMBER))
-    red, amber = entries(book.records, METRIC, 0.0)
+    red, amber = make_alarm_entries(book.records, METRIC, 0.0)
     assert (
         red.when == "first 3 s  last 3 s  once  not acknowledged"
         and amber.when == "first 3 s  last 3 s  once"
@@ -109,7 +111,7 @@ async def test_on_replay_it_is_the_logs(replay_app, replay_source, frames, shown
     marked = [
         replace(frame, alarms=(RED,)) if 50 <= k < 60 else frame for k, frame in enumerate(frames)
     ]
-    replay_source.replace(marked)
+    replay_source.replace_frames(marked)
     app = replay_app
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("exclamation_mark")
@@ -119,12 +121,14 @@ async def test_on_replay_it_is_the_logs(replay_app, replay_source, frames, shown
 
 
 def test_an_alarm_strikes_three_times_and_a_caution_once():
-    bell = Bell()
-    assert bell.due(0.0, (AMBER,)) == 1
-    assert bell.due(6.0, (AMBER, RED)) == 3
-    assert bell.due(6.0 + AGAIN_S, (AMBER, RED)) == 3, "again while nobody acknowledged it"
-    both = Bell()
-    assert both.due(0.0, (AMBER, RED)) == 3, "the worst of what is new"
+    bell = AlarmBell()
+    assert bell.count_strokes_due(0.0, (AMBER,)) == 1
+    assert bell.count_strokes_due(6.0, (AMBER, RED)) == 3
+    assert bell.count_strokes_due(6.0 + REPEAT_AFTER_S, (AMBER, RED)) == 3, (
+        "again while nobody acknowledged it"
+    )
+    both = AlarmBell()
+    assert both.count_strokes_due(0.0, (AMBER, RED)) == 3, "the worst of what is new"
 
 
 async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_console(

@@ -9,9 +9,9 @@ from math import dist
 
 import pytest
 from topdress.console.app import themes
-from topdress.console.app.alarms import entries
+from topdress.console.app.alarms import make_alarm_entries
 from topdress.console.app.units import METRIC
-from topdress.console.app.view import alarms
+from topdress.console.app.view import make_alarms_view
 from topdress.console.app.widgets.alarm_bar import AlarmBar
 from topdress.console.frame import format_frame_json, parse_frame
 from topdress.console.worker.resume_alarms import AlarmHistory
@@ -34,8 +34,8 @@ def frame_with(frame, *, acknowledged=False, gone=False, state="working", why=""
 
 
 def first_rows(frame):
-    bar = AlarmBar(alarms(frame, 0.0, METRIC))
-    rows = bar.lines(bar.view, 120, 3)
+    bar = AlarmBar(make_alarms_view(frame, 0.0, METRIC))
+    rows = bar.draw_rows(bar.view, 120, 3)
     return rows[0].plain, rows[1].plain, [str(span.style) for span in rows[0].spans]
 
 
@@ -68,15 +68,15 @@ def test_the_book_and_the_list_keep_it_and_forget_it(frames):
     book = AlarmHistory()
     red = sample_alarms(0.0)[0]
     book.add_row_alarms(1.0, "2026-03-18T06:00:01Z", [red])
-    assert not entries(book.records, METRIC, 0.0)[0].gone
+    assert not make_alarm_entries(book.records, METRIC, 0.0)[0].gone
     book.add_row_alarms(2.0, "2026-03-18T06:00:02Z", [red._replace(gone_s=1.5)])
     book.add_row_alarms(3.0, "2026-03-18T06:00:03Z", [red._replace(gone_s=1.5)])
-    entry = entries(book.records, METRIC, 0.0)[0]
+    entry = make_alarm_entries(book.records, METRIC, 0.0)[0]
     assert (
         entry.gone and "cause gone at 06:00:02" in entry.when and "not acknowledged" in entry.when
     )
     book.add_row_alarms(4.0, "2026-03-18T06:00:04Z", [red])
-    assert not entries(book.records, METRIC, 0.0)[0].gone, "it came back"
+    assert not make_alarm_entries(book.records, METRIC, 0.0)[0].gone, "it came back"
 
 
 @pytest.mark.parametrize("size", [(160, 50), (120, 40), (100, 30), (80, 24), (60, 20)])
@@ -148,5 +148,5 @@ async def test_the_map_page_tells_both_rates_in_numerals(app, size, pilot):
 def test_an_amber_alarm_waits_for_nobody(frames):
     amber = sample_alarms(0.0)[1]
     assert amber.severity is Severity.AMBER
-    bar = AlarmBar(alarms(replace(frames[-1], alarms=(amber,)), 0.0, METRIC))
-    assert "acknowledge" not in bar.lines(bar.view, 120, 3)[1].plain
+    bar = AlarmBar(make_alarms_view(replace(frames[-1], alarms=(amber,)), 0.0, METRIC))
+    assert "acknowledge" not in bar.draw_rows(bar.view, 120, 3)[1].plain

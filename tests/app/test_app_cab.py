@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.boundary_drive import BoundaryDrive
-from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
 from topdress.console.app.guide_line import GuideLine
 from topdress.console.app.layers import MapLayer, find_colour_scale
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.run.page import LIGHTS, LightBar, make_light_view
+from topdress.console.app.pages.run.page import LIGHTS_A_SIDE, LightBar, make_light_view
 from topdress.console.app.units import IMPERIAL, METRIC
 from topdress.control.geodesy import TangentPlane
 from topdress.control.orders import Do, Order
@@ -24,9 +24,9 @@ SIZE = (120, 40)
 
 
 async def field_known(app, pilot):
-    app.fields.of(app.source.newest)
+    app.fields.find_picture(app.source.newest)
     await settled(app, pilot)
-    assert app.fields.of(app.source.newest) is not None
+    assert app.fields.find_picture(app.source.newest) is not None
 
 
 # --- presets
@@ -94,19 +94,21 @@ async def test_limits_are_the_same_in_settings_and_dialog(full, source, shown, t
         assert (full.screen.low, full.screen.high) == (0.0, 500.0)
         await pilot.press("escape")
         await turned(full, pilot, "settings")
-        highest = next(row for row in full.page.rows() if row.path == ("manual_rate", "high_kg_ha"))
+        highest = next(
+            row for row in full.page.list_rows() if row.path == ("manual_rate", "high_kg_ha")
+        )
         assert highest.shown == "500 kg/ha" and highest.number[1] == 500.0
 
 
 def test_far_is_told_in_miles_where_units_are_imperial():
-    assert IMPERIAL.way(500.0).full(500.0) == "1640 ft"
-    assert IMPERIAL.way(3218.688).full(3218.688) == "2.00 mi"
-    assert METRIC.way(3218.7).full(3218.7) == "3219 m"
-    assert METRIC.way(12000.0).full(12000.0) == "12.0 km"
+    assert IMPERIAL.choose_way_unit(500.0).format_with_name(500.0) == "1640 ft"
+    assert IMPERIAL.choose_way_unit(3218.688).format_with_name(3218.688) == "2.00 mi"
+    assert METRIC.choose_way_unit(3218.7).format_with_name(3218.7) == "3219 m"
+    assert METRIC.choose_way_unit(12000.0).format_with_name(12000.0) == "12.0 km"
 
 
 def test_a_colour_means_one_rate_from_the_first_metre_to_the_last():
-    ground, ends = Worked(2.4), set()
+    ground, ends = WorkedGround(2.4), set()
     for low, high in ((180.0, 190.0), (100.0, 320.0), (20.0, 480.0)):
         ground._rate_ends = None
         scale = find_colour_scale(
@@ -133,27 +135,27 @@ def _of(ground, low, high):
 
 def test_off_the_nearest_track_and_the_sides_change_with_the_way():
     guide = GuideLine()
-    guide.begin((0.0, 0.0), 3.0)
-    assert not guide.end((0.0, 5.0)) and guide.end((0.0, 100.0))
-    assert guide.off((0.4, 50.0), 0.0) == pytest.approx((0.4, 0))
-    assert guide.off((0.4, 50.0), 180.0) == pytest.approx((-0.4, 0)), (
+    guide.set_begin((0.0, 0.0), 3.0)
+    assert not guide.set_end((0.0, 5.0)) and guide.set_end((0.0, 100.0))
+    assert guide.find_offset((0.4, 50.0), 0.0) == pytest.approx((0.4, 0))
+    assert guide.find_offset((0.4, 50.0), 180.0) == pytest.approx((-0.4, 0)), (
         "driven back, it is to the left"
     )
-    assert guide.off((6.2, 10.0), 2.0) == pytest.approx((0.2, 2))
-    assert guide.off((-2.9, 10.0), 0.0) == pytest.approx((0.1, -1))
+    assert guide.find_offset((6.2, 10.0), 2.0) == pytest.approx((0.2, 2))
+    assert guide.find_offset((-2.9, 10.0), 0.0) == pytest.approx((0.1, -1))
 
 
 def test_lights_stand_on_the_side_of_the_machine(frames):
     guide = GuideLine()
-    guide.begin((0.0, 0.0), 3.0)
-    guide.end((0.0, 100.0))
+    guide.set_begin((0.0, 0.0), 3.0)
+    guide.set_end((0.0, 100.0))
 
     def seen(east_m):
         frame = replace(
             frames[-1], place_m=(east_m, 20.0), row=frames[-1].row._replace(heading_deg=0.0)
         )
         view = make_light_view(guide, frame, False, METRIC)
-        return view, LightBar(view).lines(view, 80, 1)[0].plain
+        return view, LightBar(view).draw_rows(view, 80, 1)[0].plain
 
     view, text = seen(0.31)
     assert (
@@ -163,7 +165,7 @@ def test_lights_stand_on_the_side_of_the_machine(frames):
     )
     view, text = seen(-1.2)
     assert (
-        view.lights == -LIGHTS
+        view.lights == -LIGHTS_A_SIDE
         and "1.20 m left of the line" in text
         and text.index("█") < text.index("┃")
     )
@@ -184,13 +186,13 @@ async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(
     assert full.guide.b is None and "too near" in full.notice_text
     feed(full, [{}], place_m=(10.0, 60.0))
     await pilot.press("n")
-    assert full.guide.set
+    assert full.guide.is_set
     feed(full, [{}], place_m=(10.25, 80.0))
     await turned(full, pilot, "run")
     assert any("0.25 m right of the line" in row for row in shown(full))
     await turned(full, pilot, "map")
     await pilot.press("delete")
-    assert not full.guide.set
+    assert not full.guide.is_set
 
 
 # --- a boundary by driving ---
@@ -214,7 +216,7 @@ def driven(right_m=1.5, side_m=100.0):
             }[heading]
             lat, lon = plane.convert_to_deg(*at)
             time_s += 0.5
-            drive.add(
+            drive.add_row(
                 LogRow(time_s=time_s, lat_deg=lat, lon_deg=lon, heading_deg=heading, fix_quality=4)
             )
     return drive
@@ -226,8 +228,8 @@ def test_the_edge_lies_beside_the_way_and_keeps_its_area():
 
     for right_m, side in ((0.0, 100.0), (-1.5, 97.0), (1.5, 103.0)):
         drive = driven(-right_m)  # anticlockwise: to the right is outside
-        assert drive.enough and drive.open_m < 3.0
-        field, area_ha = make_driven_field(Ground(), drive.ring_deg())
+        assert drive.is_closable and drive.closing_gap_m < 3.0
+        field, area_ha = make_driven_field(Ground(), drive.make_ring_deg())
         assert area_ha == pytest.approx(side * side / 1e4, rel=0.01)
         assert 4 <= len(field.boundary_m) <= 16, "corners that say nothing are left out"
 

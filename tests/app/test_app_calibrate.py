@@ -10,10 +10,10 @@ from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import ChoiceDialog
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.calibrate.guide import Guide
-from topdress.console.app.pages.calibrate.progress_rows import Bar, Sheet
+from topdress.console.app.pages.calibrate.guide import GuidePanel
+from topdress.console.app.pages.calibrate.progress_rows import BarRow, ProgressRows
 from topdress.console.app.services import Services
-from topdress.console.app.widgets.chips import Chips, placed
+from topdress.console.app.widgets.chips import Chips, place_chips
 from topdress.console.link import WorkerGone
 from topdress.control.orders import Answer, Do, Order
 from topdress.control.safety import BenchRun
@@ -58,7 +58,7 @@ def opened(app):
 
 def chip_of(page, action):
     chips = page.query_one("#cal-chips", Chips)
-    return next(one for one in placed(chips.view, chips.size.width) if one[0].action == action)
+    return next(one for one in place_chips(chips.view, chips.size.width) if one[0].action == action)
 
 
 async def hold_mouse(pilot, page, action):
@@ -128,7 +128,7 @@ async def test_what_takes_the_screen_away_stops(app, source, clock, how, pilot, 
     assert source.orders[-1] == Order(Do.RELEASE)
     count = len(source.orders)
     clock.now_s += 1.0
-    app.tick()
+    app.show_newest()
     page.watch_hold()
     await pilot.pause()
     assert len(source.orders) == count
@@ -163,7 +163,7 @@ async def test_a_worker_that_is_gone_ends_the_run(app, source, clock, pilot, pag
 
     source.send_order = gone
     await hold_mouse(pilot, page, "cal_run")
-    assert not page.runner.held.down(clock.now_s) and app.gone
+    assert not page.runner.held.is_down(clock.now_s) and app.gone
 
 
 async def test_locked_nothing_of_the_page_works(app, source, pilot, page):
@@ -234,9 +234,9 @@ async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
         )
         clock.now_s += 0.2
         if index % 5 == 0:
-            app.tick()
+            app.show_newest()
         else:
-            app.page.gather(source.newest)
+            app.page.gather_frame(source.newest)
     await later(app, pilot)
 
 
@@ -258,8 +258,8 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=30.0)
             bar = next(
                 row
-                for row in page.query_one("#cal-sheet", Sheet).view
-                if isinstance(row, Bar) and row.label == "catch"
+                for row in page.query_one("#cal-sheet", ProgressRows).view
+                if isinstance(row, BarRow) and row.label == "catch"
             )
             assert bar.share == 1.0
             await pilot.press(
@@ -309,7 +309,7 @@ async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_sa
     app, shown, pilot, page
 ):
     page.calibration.test.points = list(POINTS)
-    page.calibration.take(page.service.fit_catch(POINTS))
+    page.calibration.take_result(page.service.fit_catch(POINTS))
     await pilot.press("e")
     app.screen.query_one("#name-input").value = "a/b"
     await pilot.press("enter")
@@ -345,7 +345,7 @@ async def test_escape_forgets_a_computation(app, opened):
 
 async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, pilot, page):
     page.calibration.test.points = list(POINTS[:3])
-    page.calibration.take(page.service.fit_catch(POINTS[:3]))
+    page.calibration.take_result(page.service.fit_catch(POINTS[:3]))
     await pilot.press("backspace")
     assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
     await pilot.press("q", "5", "enter", "e")
@@ -361,7 +361,7 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         assert source.lag_tests == [True]
         source.newest = replace(lag_under_way(source.newest), seq=source.newest.seq + 1)
         clock.now_s += 0.5
-        app.tick()
+        app.show_newest()
         await hold_mouse(pilot, page, "cal_run")
         assert source.orders == [Order(Do.CALIBRATE)], "the rig sets the shaft"
         text = "\n".join(shown(app))
@@ -371,7 +371,7 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         await pilot.mouse_up("#cal-chips", offset=(1, 0))
         source.newest = replace(source.newest, lag_test=None, seq=source.newest.seq + 1)
         clock.now_s += 0.5
-        app.tick()
+        app.show_newest()
         await pilot.press("q", "5", "enter")
         await settled(app, pilot)
         assert page.calibration.fitted.source == ("logs/run.lag.1.csv", None), (
@@ -480,16 +480,16 @@ async def test_every_chip_stands_whole_on_the_screen(app, opened):
         for size in ((80, 24), (100, 30), (120, 40)):
             await pilot.resize_terminal(*size)
             for right in range(5):
-                page.turn(right)
-                page.hurry()
+                page.choose_calibration(right)
+                page.hurry_all()
                 await later(app, pilot)
                 chips = page.query_one("#cal-chips", Chips)
-                for chip, row, start, cells in placed(chips.view, chips.size.width):
+                for chip, row, start, cells in place_chips(chips.view, chips.size.width):
                     assert row < chips.size.height and start + cells <= chips.size.width, (
                         size,
                         chip.action,
                     )
-                assert page.query_one("#cal-guide", Guide).region.area > 0
+                assert page.query_one("#cal-guide", GuidePanel).region.area > 0
 
 
 async def test_tabs_are_clickable(pilot, page):

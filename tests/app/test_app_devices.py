@@ -9,7 +9,7 @@ import pytest
 from topdress.console.app.dialogs import Confirm
 from topdress.console.app.pages.devices import device_view
 from topdress.console.app.pages.devices.device_table import DeviceTable
-from topdress.console.app.widgets.chips import Chips, placed
+from topdress.console.app.widgets.chips import Chips, place_chips
 from topdress.console.frame import DeviceDo, DeviceTest
 from topdress.control.orders import Answer
 from topdress.control.readings import EffortFinding
@@ -90,13 +90,13 @@ async def test_a_bar_says_how_hard_the_metering_drive_works(
 
 
 async def test_arrows_and_clicks_pick_and_the_details_follow(app, shown, pilot, page):
-    assert page.device.name == "gnss"
+    assert page.chosen_device.name == "gnss"
     await pilot.press("up", "up")
-    assert page.device.name == "board"
+    assert page.chosen_device.name == "board"
     text = "\n".join(shown(app))
     assert "wrong check sum 3, line too long 1" in text and "$B1,20311" in text and "231804" in text
     await pilot.click("#device-table", offset=(5, 5))
-    assert page.device.name == "head_4"
+    assert page.chosen_device.name == "head_4"
     assert "device reports readiness to read" in "\n".join(shown(app))
 
 
@@ -105,7 +105,7 @@ async def test_the_picked_line_is_in_sight_where_rows_are_few(app, shown):
         page = await opened(app, pilot)
         for name in ("lag_rig", "board", "head_6", "head_5"):
             await pilot.press("up")
-            assert page.device.name == name
+            assert page.chosen_device.name == name
             assert any(row.startswith(f" > {name}") for row in shown(app))
 
 
@@ -134,11 +134,11 @@ async def test_everything_can_be_clicked(source, pilot, page):
     chips = page.query_one("#device-chips", Chips)
     for action in ("dev_down", "dev_test", "dev_capture", "dev_up"):
         _chip, row, start, _cells = next(
-            one for one in placed(chips.view, chips.size.width) if one[0].action == action
+            one for one in place_chips(chips.view, chips.size.width) if one[0].action == action
         )
         await pilot.click("#device-chips", offset=(start + 1, row))
     assert source.device_orders == [("head_1", DeviceDo.TEST), ("head_1", DeviceDo.CAPTURE)]
-    assert page.device.name == "gnss"
+    assert page.chosen_device.name == "gnss"
 
 
 async def test_a_refusal_is_said_in_words(app, source):
@@ -152,7 +152,7 @@ async def test_a_refusal_is_said_in_words(app, source):
 async def test_what_is_old_is_grey(app, clock, page):
     assert not table(page).view.lines[0].stale and table(page).view.lines[4].stale
     clock.now_s += 2.0
-    app.tick()
+    app.show_newest()
     assert all(line.stale for line in table(page).view.lines)
 
 
@@ -170,11 +170,13 @@ async def test_last_lines_are_kept_while_another_page_is_looked_at(
 def test_what_a_test_heard_in_words(frames):
     device = many_devices(frames[-1]).devices[0]
     heard = replace(device, test=DeviceTest(False, "nmea0183", 38400, 12, 1, "$GNGGA"))
-    rows = {row.label: row.text for row in device_view.details(heard, 0.0).rows}
+    rows = {row.label: row.text for row in device_view.make_detail_rows(heard, 0.0).rows}
     assert rows["test"] == "nmea0183 is heard; at 38400 Bd; 12 understood, 1 rejected; $GNGGA"
     nothing = replace(device, test=DeviceTest(False, said="silent"))
     assert (
-        device_view.details(nothing, 0.0).rows[5].text.startswith("no known device is heard here")
+        device_view.make_detail_rows(nothing, 0.0)
+        .rows[5]
+        .text.startswith("no known device is heard here")
     )
 
 

@@ -15,11 +15,11 @@ from topdress.console.app.dialogs import ChoiceDialog, Confirm, TextDialog
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.diagnosis import shown as diagnosis_shown
 from topdress.console.app.pages.diagnosis import words as diagnosis_words
-from topdress.console.app.pages.diagnosis.causes import Causes, interval_bar
+from topdress.console.app.pages.diagnosis.causes import CauseList, draw_interval_bar
 from topdress.console.app.pages.diagnosis.page import (
-    Expected,
     SourceList,
     SourcesView,
+    WorkEstimate,
     estimate_duration_s,
 )
 from topdress.console.app.pages.diagnosis.residual_plot import (
@@ -62,12 +62,12 @@ async def opened(app, pilot):
 
 async def settled(app, pilot):
     await pilot.pause()
-    app.tick()
+    app.show_newest()
     for worker in [worker for worker in app.workers if worker.group in ("list", "work")]:
         await worker.wait()
     await pilot.pause()
-    app.page.hurry()
-    app.tick()
+    app.page.hurry_all()
+    app.show_newest()
     await pilot.pause()
 
 
@@ -208,7 +208,7 @@ async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(
 async def test_escape_after_adopting_stays_on_the_page(full, turned, pilot):
     """It went on to the Job page, where the keys that were meant here ended the job."""
     await turned(full, pilot, "diagnosis")
-    full.page.write("The machine file", lambda: "/data/machines/new.yaml", machine=True)
+    full.page.write_file("The machine file", lambda: "/data/machines/new.yaml", machine=True)
     await settled(full, pilot)
     assert isinstance(full.screen, TextDialog)
     await pilot.press("escape")
@@ -216,7 +216,7 @@ async def test_escape_after_adopting_stays_on_the_page(full, turned, pilot):
     assert full.page.where == "diagnosis"
     await pilot.press("escape")
     assert full.screen is full.page and full.page.where == "diagnosis"
-    full.job_page.ask_use("/data/machines/new.yaml")
+    full.job_page.ask_to_use_machine("/data/machines/new.yaml")
     await pilot.pause()
     await pilot.press("enter")
     await pilot.pause()
@@ -270,25 +270,25 @@ async def test_tied_causes_are_equals_and_the_next_test_leads(app, shown, answer
 async def test_the_list_is_read_anew_when_another_job_is_at_work(app, source, pilot, page):
     assert page.sources is not None
     source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="another.csv")
-    app.tick()
+    app.show_newest()
     assert page.sources is None or page._listing is not None
     await settled(app, pilot)
     assert page.sources is not None
 
 
 def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
-    work = Expected(estimate_duration_s(20.0))
-    seen = [work.at(t, 0.0) for t in (0.0, 1.0, 3.0, 8.0)]
+    work = WorkEstimate(estimate_duration_s(20.0))
+    seen = [work.estimate_progress(t, 0.0) for t in (0.0, 1.0, 3.0, 8.0)]
     assert [share for share, _left in seen] == sorted({share for share, _left in seen}) and seen[1][
         0
     ] > 0.05
     assert seen[0][1] == pytest.approx(15.0) and seen[3][1] == pytest.approx(7.0)
-    assert work.at(9.0, 0.3)[0] >= seen[3][0], "never back"
-    slow = Expected(5.0)
-    assert slow.at(6.0, 0.0) == (0.3, None), "longer than expected, and it says so"
-    slow = Expected(5.0)
-    assert slow.at(10.0, 0.25) == (0.25, pytest.approx(30.0)), "its own pace"
-    assert slow.at(40.0, 1.0) == (1.0, None)
+    assert work.estimate_progress(9.0, 0.3)[0] >= seen[3][0], "never back"
+    slow = WorkEstimate(5.0)
+    assert slow.estimate_progress(6.0, 0.0) == (0.3, None), "longer than expected, and it says so"
+    slow = WorkEstimate(5.0)
+    assert slow.estimate_progress(10.0, 0.25) == (0.25, pytest.approx(30.0)), "its own pace"
+    assert slow.estimate_progress(40.0, 1.0) == (1.0, None)
 
 
 @pytest.mark.exam
@@ -406,15 +406,15 @@ async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source
             if page._share == 0.25:
                 break
         clock.now_s += 10.0
-        app.page.hurry()
-        app.tick()
+        app.page.hurry_all()
+        app.show_newest()
         await pilot.pause()
         text = "\n".join(shown(app))
         assert "25 %" in text and "shaft, gate, flow, scale" in text and "00:30 left" in text
         await pilot.press("e", "space")  # all else waits, hold does not
         assert [order.do for order in source.orders] == [Do.HOLD]
         await pilot.press("escape")
-        assert service.ended.wait(30.0) and not page.busy and page.shown is None
+        assert service.ended.wait(30.0) and not page.is_busy and page.shown is None
         assert "cancelled" in "\n".join(shown(app))
 
 
@@ -424,7 +424,7 @@ async def test_leaving_the_console_ends_the_work(source, clock):
     async with app.run_test(size=(80, 24)) as pilot:
         page = await opened(app, pilot)
         await pilot.press("enter")
-        assert page.busy
+        assert page.is_busy
         app.exit()
     assert service.ended.wait(30.0)
 
@@ -444,7 +444,7 @@ async def test_the_mouse_chooses_and_begins(app, service, pilot, page):
     await pilot.click("#dia-sources", offset=(10, 4))
     await settled(app, pilot)
     assert service.asked == ["diagnose 20260317-070100.csv None"]
-    causes = page.query_one("#dia-causes", Causes)
+    causes = page.query_one("#dia-causes", CauseList)
     row = next(k for k, index in enumerate(causes._row_of) if index == 1)
     await pilot.click("#dia-causes", offset=(5, row))
     assert page.cause == 1
@@ -489,10 +489,13 @@ def test_verdicts_in_one_line():
     assert "Everything is as the machine file says" in format_verdict_line(
         sample_found("none").found
     )
-    assert diagnosis_words.todo(sample_found("none")) == "Nothing to do."
+    assert diagnosis_words.describe_next_step(sample_found("none")) == "Nothing to do."
     named = sample_found("named")
     assert format_verdict_line(named.found) == "Flutes fill less at high shaft speed."
-    assert diagnosis_words.todo(named) == "Work at a larger opening and a lower shaft speed."
+    assert (
+        diagnosis_words.describe_next_step(named)
+        == "Work at a larger opening and a lower shaft speed."
+    )
     one = replace(named.found.causes[0], rivals=sample_found().found.causes[0].rivals[:1])
     two = replace(named.found, verdict="ambiguous", causes=(one,))
     assert format_verdict_line(two) == (
@@ -518,7 +521,7 @@ def test_cost_in_both_units_and_where_nothing_is_known():
         (0.0, None, METRIC, "no effect on rate or place"),
     ):
         cause = replace(sample_found().found.causes[0], field_cost=FieldCost(percent, place_m))
-        assert diagnosis_words.cost(cause, 324.6, units) == said
+        assert diagnosis_words.format_cost(cause, 324.6, units) == said
 
 
 def test_the_steps_of_a_plan_are_a_field_and_its_words_are_not_cut():
@@ -530,14 +533,14 @@ def test_the_steps_of_a_plan_are_a_field_and_its_words_are_not_cut():
             found.found.next_run, plan=f"1. {tests[0]}; then 2. {tests[1]}", tests=tests
         ),
     )
-    assert diagnosis_shown.plan(found).steps == (
+    assert diagnosis_shown.make_plan_view(found).steps == (
         "Stop the shaft in gear 2. weigh; then 3. go on (5 min)",
         "Wait",
     )
 
 
 def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():
-    lines = {one.name: one for one in diagnosis_shown.channels(sample_found()).channels}
+    lines = {one.name: one for one in diagnosis_shown.make_channels_view(sample_found()).channels}
     assert (
         lines["shaft"].wrong
         and lines["shaft"].beyond == "98 %"
@@ -552,16 +555,16 @@ def test_only_the_gain_of_the_causes_is_told():
     found = having(
         found, gain=(gain, replace(gain, metric="rmse, r/min, x", of="placebo", after=9.0))
     )
-    assert diagnosis_shown.channels(found).gains == (
+    assert diagnosis_shown.make_channels_view(found).gains == (
         "checked on a part of the log kept aside: shaft off by 1.91 before, 0.288 with it "
         "(rmse, r/min)",
     )
 
 
 def test_the_interval_bar_has_zero_in_its_middle():
-    bar = interval_bar((0.6, 0.8, 1.0))
+    bar = draw_interval_bar((0.6, 0.8, 1.0))
     assert len(bar) == 24 and bar[12] == "|" and bar.count("#") == 1 and bar.index("#") > 12
-    assert interval_bar((-1.0, -0.8, -0.6)).index("#") < 12
+    assert draw_interval_bar((-1.0, -0.8, -0.6)).index("#") < 12
 
 
 def test_plot_ends_hold_zero_and_lines_have_no_gaps():
@@ -588,7 +591,7 @@ async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, sho
         await app.screen.mount(plot)
         plot.styles.height = 10
         await pilot.pause()
-        strips = [strip.text for strip in plot.lines(plot.view, 60, 10)]
+        strips = [strip.text for strip in plot.draw_rows(plot.view, 60, 10)]
         # the first two marks share a cell
         assert sum(row.count("o") for row in strips[1:-2]) == 3 - 1
         assert sum(row.count("+") for row in strips[1:-2]) == 3
@@ -597,7 +600,7 @@ async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, sho
 
 def test_long_lists_keep_the_chosen_row_in_sight():
     many = tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(50))
-    rows = SourceList(SourcesView((), 0, False, "en")).lines(
+    rows = SourceList(SourcesView((), 0, False, "en")).draw_rows(
         SourcesView(many, 40, False, "en"), 80, 12
     )
     assert len(rows) == 12 and any(
@@ -611,9 +614,9 @@ def test_letters_stand_at_files_that_are_shown(monkeypatch, files, rows):
     view = SourcesView(
         tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(files)), 0, False, "en"
     )
-    places = SourceList(view).places()
+    places = SourceList(view).list_click_places()
     assert places == tuple((0, 2 + row) for row in range(rows))
-    drawn = SourceList(view).lines(view, 80, 12)
+    drawn = SourceList(view).draw_rows(view, 80, 12)
     assert all(".csv" in drawn[y].plain for _x, y in places)
 
 
@@ -667,7 +670,7 @@ def test_a_curve_with_names_is_drawn_by_places():
     )
     found = sample_found()
     found = found._replace(drawn=(found.drawn[0]._replace(over=curve),))
-    assert diagnosis_shown.over(found, 0).curve.names == ("1", "2")
+    assert diagnosis_shown.make_variable_plot(found, 0).curve.names == ("1", "2")
 
 
 async def test_what_was_adopted_is_compared_on_another_log(app, service, shown):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
-from topdress.console.app.dose_change import DoseChange, dose_change
+from topdress.console.app.dose_change import DoseChange, predict_dose_change
 from topdress.control.orders import Do, Order, TargetSource
 
 from tests.app.gallery import StillSource
@@ -55,22 +55,22 @@ def test_more_than_thirty_percent_either_way_is_large(before, after, large):
 def test_orders_that_leave_the_dose_as_it_is_are_no_change(frames):
     frame = at_rate(frames[-1], source=CANOPY)
     for order in (Order(Do.MANUAL_RATE, 300.0), Order(Do.STRATEGY, "speed_first"), Order(Do.STOP)):
-        assert dose_change(frame, (order,)) is None, order
-    change = dose_change(frame, (Order(Do.MANUAL_RATE, 300.0), Order(Do.SOURCE, MANUAL)))
+        assert predict_dose_change(frame, (order,)) is None, order
+    change = predict_dose_change(frame, (Order(Do.MANUAL_RATE, 300.0), Order(Do.SOURCE, MANUAL)))
     assert change == DoseChange(441.0, 300.0)
 
 
 def test_the_nudge_is_part_of_the_dose(frames):
     frame = at_rate(frames[-1], nudge_percent=-30.0)
-    change = dose_change(frame, (Order(Do.NUDGE, 30.0),))
+    change = predict_dose_change(frame, (Order(Do.NUDGE, 30.0),))
     assert change is not None and change.is_large
     assert (change.before_kg_ha, change.after_kg_ha) == pytest.approx((70.0, 130.0))
 
 
 def test_a_worker_that_does_not_tell_the_rates_of_its_sources(frames):
     frame = replace(at_rate(frames[-1]), source_rates=())
-    assert dose_change(frame, (Order(Do.MANUAL_RATE, 120.0),)) == DoseChange(100.0, 120.0)
-    change = dose_change(frame, (Order(Do.SOURCE, CANOPY),))
+    assert predict_dose_change(frame, (Order(Do.MANUAL_RATE, 120.0),)) == DoseChange(100.0, 120.0)
+    change = predict_dose_change(frame, (Order(Do.SOURCE, CANOPY),))
     assert change == DoseChange(100.0, None) and change.is_large
 
 

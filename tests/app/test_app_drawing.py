@@ -13,15 +13,15 @@ from rich.cells import cell_len
 from rich.style import Style
 from topdress.console.app import camera, view
 from topdress.console.app.actions import ACTIONS
-from topdress.console.app.braille import trace
+from topdress.console.app.braille import trace_values
 from topdress.console.app.coverage_raster import Box
-from topdress.console.app.digits import ROWS, draw, largest
-from topdress.console.app.history import History
-from topdress.console.app.pages.calibrate.curve import Curve, CurveView
-from topdress.console.app.refresh_rates import Pace
+from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
+from topdress.console.app.history import LiveHistory
+from topdress.console.app.pages.calibrate.curve import CurvePlot, CurveView
+from topdress.console.app.refresh_rates import RefreshTimer
 from topdress.console.app.units import IMPERIAL, METRIC
-from topdress.console.app.widgets.panel import fit, right, spread
-from topdress.console.app.widgets.tiles import bar
+from topdress.console.app.widgets.panel import align_right, fit_width, spread_parts
+from topdress.console.app.widgets.tiles import draw_share_bar
 from topdress.console.scale import COLOUR_STEPS, find_rate_colour, round_calm_ends
 from topdress.control.log_row import LogRow
 
@@ -31,28 +31,36 @@ from tests.app.made_up.run import run_frames
 
 @pytest.mark.parametrize(("scale", "rows"), [(1, 3), (2, 5)])
 def test_numerals_are_rectangles_and_all_differ(scale, rows):
-    faces = {character: draw(character, scale) for character in "0123456789"}
+    faces = {character: draw_digits(character, scale) for character in "0123456789"}
     assert len(set(faces.values())) == 10
     for face in faces.values():
         assert len(face) == rows and len({len(row) for row in face}) == 1
 
 
 def test_a_numeral_at_both_scales():
-    assert draw("7") == ("▀▀█", "  █", "  ▀")
-    assert draw("1.", 2) == ("  ██      ", "████      ", "  ██      ", "  ██      ", "██████  ██")
+    assert draw_digits("7") == ("▀▀█", "  █", "  ▀")
+    assert draw_digits("1.", 2) == (
+        "  ██      ",
+        "████      ",
+        "  ██      ",
+        "  ██      ",
+        "██████  ██",
+    )
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.text(alphabet="abc作业 °x", max_size=30), st.integers(0, 40))
 def test_texts_are_fitted_by_cells(text, width):
-    assert cell_len(fit(text, width)) == width
+    assert cell_len(fit_width(text, width)) == width
     if cell_len(text) <= width:
-        assert fit(text, width).startswith(text)
-        assert right(text, width).endswith(text) and cell_len(right(text, width)) == width
+        assert fit_width(text, width).startswith(text)
+        assert (
+            align_right(text, width).endswith(text) and cell_len(align_right(text, width)) == width
+        )
 
 
 def test_a_row_keeps_its_end_when_the_left_is_too_long():
-    row = spread(["作业" * 10, "more"], ["END"], 20)
+    row = spread_parts(["作业" * 10, "more"], ["END"], 20)
     assert row.plain.endswith("END") and cell_len(row.plain) == 20
 
 
@@ -108,7 +116,7 @@ def test_no_value_lies_outside_the_scale(values):
 
 
 def test_a_trace_is_a_step_where_the_value_steps():
-    seen = dots(trace([(0.0, 0.0), (0.5, 1.0), (1.0, 1.0)], columns=4, rows=2))
+    seen = dots(trace_values([(0.0, 0.0), (0.5, 1.0), (1.0, 1.0)], columns=4, rows=2))
     assert seen == {
         (0, 7),
         (1, 7),
@@ -122,7 +130,7 @@ def test_a_trace_is_a_step_where_the_value_steps():
 
 
 def test_an_unknown_value_breaks_the_trace():
-    seen = dots(trace([(0.0, 0.5), (0.4, None), (1.0, 0.5)], columns=5, rows=1))
+    seen = dots(trace_values([(0.0, 0.5), (0.4, None), (1.0, 0.5)], columns=5, rows=1))
     assert {x for x, _y in seen} == {0, 9}
 
 
@@ -134,24 +142,24 @@ def test_an_unknown_value_breaks_the_trace():
 )
 def test_every_place_lies_on_the_map(places, columns, rows):
     easts, norths = zip(*places, strict=True)
-    pixels = camera.fit(
+    pixels = camera.fit_box(
         Box(min(easts), min(norths), max(easts), max(norths)), columns, rows
-    ).pixels(columns, rows)
+    ).make_grid(columns, rows)
     for place in places:
-        x, y = pixels.at(*place)
+        x, y = pixels.find_pixel(*place)
         assert 0 <= x < columns and 0 <= y < rows
 
 
 def test_the_map_has_north_up_and_east_right():
-    pixels = camera.fit(Box(0.0, 0.0, 50.0, 50.0), 40, 40).pixels(40, 40)
-    west, north = pixels.at(0.0, 50.0), pixels.at(0.0, 0.0)
+    pixels = camera.fit_box(Box(0.0, 0.0, 50.0, 50.0), 40, 40).make_grid(40, 40)
+    west, north = pixels.find_pixel(0.0, 50.0), pixels.find_pixel(0.0, 0.0)
     assert west[1] < north[1]
-    assert pixels.at(50.0, 0.0)[0] > pixels.at(0.0, 0.0)[0]
+    assert pixels.find_pixel(50.0, 0.0)[0] > pixels.find_pixel(0.0, 0.0)[0]
 
 
 def test_a_head_s_bar():
-    assert bar(0.5, 8) == ("▄▄▄▄", "▁▁▁▁")
-    assert bar(1.7, 4) == ("▄▄▄▄", "") and bar(-1.0, 2) == ("", "▁▁")
+    assert draw_share_bar(0.5, 8) == ("▄▄▄▄", "▁▁▁▁")
+    assert draw_share_bar(1.7, 4) == ("▄▄▄▄", "") and draw_share_bar(-1.0, 2) == ("", "▁▁")
 
 
 @pytest.mark.parametrize(
@@ -169,13 +177,13 @@ def test_a_head_s_bar():
     ],
 )
 def test_units_at_the_edge(unit, si, text):
-    assert unit.text(si) == text
+    assert unit.format_value(si) == text
 
 
 @given(st.floats(0, 1e4))
 def test_what_is_typed_comes_back_in_si(shown):
     for unit in (*METRIC[1:], *IMPERIAL[1:]):
-        assert unit.to_si(shown) * unit.per_si == pytest.approx(shown)
+        assert unit.convert_to_si(shown) * unit.per_si == pytest.approx(shown)
 
 
 def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
@@ -191,20 +199,20 @@ def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
 def test_levels_of_the_rate_error(applied, level, text):
     frame = run_frames(seconds=1.0)[-1]
     row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=applied)
-    rates = view.look(replace(frame, row=row), 0.0, METRIC).rates
+    rates = view.make_run_view(replace(frame, row=row), 0.0, METRIC).rates
     assert (rates.level, rates.error.text) == (level, text)
 
 
 def test_a_machine_that_is_held_owes_nothing():
     frame = run_frames(seconds=1.0)[-1]
     row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=0.0)
-    assert view.look(replace(frame, row=row), 0.0, METRIC).rates.error.text == "-100 %"
-    held = view.look(replace(frame, row=row._replace(state="held")), 0.0, METRIC).rates
+    assert view.make_run_view(replace(frame, row=row), 0.0, METRIC).rates.error.text == "-100 %"
+    held = view.make_run_view(replace(frame, row=row._replace(state="held")), 0.0, METRIC).rates
     assert (held.error.text, held.error_share, held.level) == ("--", None, "")
 
 
 def test_times():
-    assert view.duration(59.9) == "00:59" and view.duration(3723) == "1:02:03"
+    assert view.format_duration(59.9) == "00:59" and view.format_duration(3723) == "1:02:03"
     assert view.format_local_time("2026-03-18T23:59:58.000Z", 3600.0) == "00:59:58"
     assert view.format_local_time("2026-03-18T06:00:00.000Z", 0.0, 61.0) == "05:58:59"
     assert (
@@ -221,31 +229,36 @@ def test_an_empty_frame_row_shows_dashes_not_numbers():
         gnss_age_s=None,
         gnss_hz=None,
     )
-    seen = view.look(frame, 0.0, METRIC)
+    seen = view.make_run_view(frame, 0.0, METRIC)
     assert seen.rates.target.text == seen.rates.applied.text == seen.rates.error.text == "--"
     assert {tile.value.text for tile in seen.tiles} == {"--"}
     assert seen.heads.valid == "0 of 6 heads"
 
 
 def test_the_history_is_bounded_and_begins_anew_with_a_new_log():
-    history = History()
+    history = LiveHistory()
     frames = run_frames(seconds=30.0)
     for frame in frames:
-        history.add(frame)
-        history.add(frame)
+        history.add_frame(frame)
+        history.add_frame(frame)
     assert len(history.points) == len(frames)
-    assert history.recent(10.0)[0].time_s == pytest.approx(frames[-1].row.time_s - 10.0)
+    assert history.list_recent_points(10.0)[0].time_s == pytest.approx(frames[-1].row.time_s - 10.0)
     assert history.worked.box is not None and history.series.end_s == frames[-1].row.time_s
-    history.add(frames[0])
+    history.add_frame(frames[0])
     assert len(history.points) == 1 and history.worked.box == Box(0.0, 0.0, 0.0, 0.0)
     assert history.series.start_s == history.series.end_s == 0.0
 
 
 def test_pace():
-    pace = Pace(0.5)
-    assert [t for t in (0.0, 0.2, 0.4, 0.5, 0.9, 1.0, 0.3) if pace.due(t)] == [0.0, 0.5, 1.0, 0.3]
-    pace.hurry()
-    assert pace.due(0.31)
+    pace = RefreshTimer(0.5)
+    assert [t for t in (0.0, 0.2, 0.4, 0.5, 0.9, 1.0, 0.3) if pace.is_due(t)] == [
+        0.0,
+        0.5,
+        1.0,
+        0.3,
+    ]
+    pace.hurry_up()
+    assert pace.is_due(0.31)
 
 
 def test_hold_and_stop_come_first_and_are_never_locked():
@@ -257,13 +270,13 @@ def test_hold_and_stop_come_first_and_are_never_locked():
 def test_points_and_their_line_stand_where_their_axes_say(monkeypatch, slope):
     """What grows to the right goes up, from edge to edge; the line runs through the points, the
     band around it."""
-    monkeypatch.setattr(Curve, "style", lambda self, name: Style())
-    monkeypatch.setattr(Curve, "rich_style", Style())
+    monkeypatch.setattr(CurvePlot, "find_style", lambda self, name: Style())
+    monkeypatch.setattr(CurvePlot, "rich_style", Style())
     ends = ((10.0, 5.0 - 4.0 * slope), (50.0, 5.0), (90.0, 5.0 + 4.0 * slope))
     alone = CurveView("rpm", "kg", ends)
     fitted = CurveView("rpm", "kg", (), tuple((x, y, y - 0.5, y + 0.5) for x, y in ends))
     rows, lined = (
-        [strip.text for strip in Curve(one).lines(one, 70, 20)] for one in (alone, fitted)
+        [strip.text for strip in CurvePlot(one).draw_rows(one, 70, 20)] for one in (alone, fitted)
     )
     body = [row[8:] for row in rows[1:-1]]
     marks = sorted((row.index("o"), k) for k, row in enumerate(body) if "o" in row)
@@ -285,11 +298,11 @@ def test_points_and_their_line_stand_where_their_axes_say(monkeypatch, slope):
 def test_two_numbers_stand_farther_apart_than_the_numerals_of_one(columns, text):
     """At 60 x 20 the numerals of 89 and 89 were 4 columns apart and the numbers 2: read as 8 98
     9."""
-    scale = largest((text, text), columns, 20)
+    scale = find_largest_scale((text, text), columns, 20)
     numerals = {1: 1, 2: 2, 3: 4}[scale]
-    free = columns - len(draw(text, scale)[0])
+    free = columns - len(draw_digits(text, scale)[0])
     assert scale == 1 or free >= 2 * numerals
-    assert scale == 3 or len(draw(text, scale + 1)[0]) + 2 * {2: 2, 3: 4}[scale + 1] > columns, (
-        "as large as it can be"
-    )
-    assert ROWS[scale] <= 20
+    assert (
+        scale == 3 or len(draw_digits(text, scale + 1)[0]) + 2 * {2: 2, 3: 4}[scale + 1] > columns
+    ), "as large as it can be"
+    assert ROWS_AT_SCALE[scale] <= 20

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from topdress.console.app.dialogs import ChoiceDialog
 from topdress.console.app.first_question import ask_first_question
-from topdress.console.app.pages.job.service import Offer
+from topdress.console.app.pages.job.service import JobOffer
 from topdress.console.app.widgets.choice_list import ChoiceList
 from topdress.console.cli import screens
 from topdress.console.services.job import JobFiles
@@ -80,7 +80,7 @@ async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source
 )
 async def test_a_job_that_was_left_on_that_field_is_asked_about(full, keys, how):
     desk = full.services.job
-    desk.cut_off = Offer(
+    desk.cut_off = JobOffer(
         "a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "North 40", 1.2
     )
     async with full.run_test(size=(120, 40)) as pilot:

@@ -12,11 +12,19 @@ import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.job.check_list import CheckList, with_room
-from topdress.console.app.pages.job.checklist import LOOK, OK, STOP, Check, checks, totals, worst
-from topdress.console.app.pages.job.nrich import StripRun, standard_error
+from topdress.console.app.pages.job.check_list import CheckList, fit_checks
+from topdress.console.app.pages.job.checklist import (
+    LOOK,
+    OK,
+    STOP,
+    JobCheck,
+    find_worst_level,
+    list_checks,
+    make_total_items,
+)
+from topdress.console.app.pages.job.nrich import StripRun, calc_standard_error
 from topdress.console.app.pages.job.refill import RefillWatch
-from topdress.console.app.pages.job.service import Earlier, Offer
+from topdress.console.app.pages.job.service import EarlierRun, JobOffer
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Tally
@@ -32,7 +40,7 @@ from tests.app.harness import feed, looked, settled
 from tests.app.made_up.job import FACTS, SampleJobService, facts_of
 
 SIZE = (120, 40)
-OFFER = Offer(
+OFFER = JobOffer(
     "a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "division 2", 1.2
 )
 
@@ -54,7 +62,8 @@ async def on_job(app, pilot):
 
 def levels(frame, facts=FACTS, free=10**11, age_s=0.0, trouble=""):
     return {
-        check.label: check.level for check in checks(frame, age_s, facts, trouble, free, METRIC)
+        check.label: check.level
+        for check in list_checks(frame, age_s, facts, trouble, free, METRIC)
     }
 
 
@@ -70,7 +79,10 @@ def test_what_is_to_be_looked_at_before_work(frames):
         "hopper": OK,
         "log": OK,
     }
-    assert worst(checks(frame, 0.0, facts_of({"examples": ()}), "", 10**11, METRIC)) == OK
+    assert (
+        find_worst_level(list_checks(frame, 0.0, facts_of({"examples": ()}), "", 10**11, METRIC))
+        == OK
+    )
     silent = replace(
         frame,
         devices=tuple(
@@ -113,20 +125,22 @@ def test_what_is_to_be_looked_at_before_work(frames):
 def test_what_is_well_gives_way_where_not_all_have_room():
     """The log's STOP stands last on the list: it must not be cut off by eight lines that are
     well."""
-    some = tuple(Check(str(k), level, "") for k, level in enumerate((OK, LOOK, OK, OK, OK, STOP)))
-    assert with_room(some, 6) == some
-    assert [check.label for check in with_room(some, 5)] == ["0", "1", "2", "5"]
-    assert [check.label for check in with_room(some, 3)] == ["1", "5"]
+    some = tuple(
+        JobCheck(str(k), level, "") for k, level in enumerate((OK, LOOK, OK, OK, OK, STOP))
+    )
+    assert fit_checks(some, 6) == some
+    assert [check.label for check in fit_checks(some, 5)] == ["0", "1", "2", "5"]
+    assert [check.label for check in fit_checks(some, 3)] == ["1", "5"]
 
 
 @pytest.mark.parametrize("height", range(4, 14))
 def test_the_list_fills_its_rows_and_no_more(height):
     """What is to be looked at is said in further rows, as far as there are any."""
     some = tuple(
-        Check(str(k), level, "short", ("one", "two"))
+        JobCheck(str(k), level, "short", ("one", "two"))
         for k, level in enumerate((OK, LOOK, OK, OK, STOP))
     )
-    rows = CheckList(some).lines(some, 60, height)
+    rows = CheckList(some).draw_rows(some, 60, height)
     assert len(rows) == min(height, 1 + len(some) + 4)
     assert any("more" in row.plain for row in rows) == (height < 1 + len(some))
 
@@ -134,14 +148,16 @@ def test_the_list_fills_its_rows_and_no_more(height):
 def test_every_warning_of_the_crop_stands_in_full(frames):
     facts = facts_of({"flag": "first", "examples": ("second",)})
     crop = next(
-        check for check in checks(frames[-1], 0.0, facts, "", None, METRIC) if check.label == "crop"
+        check
+        for check in list_checks(frames[-1], 0.0, facts, "", None, METRIC)
+        if check.label == "crop"
     )
     assert {"first", "example values, not of this field: second"} <= set(crop.full)
 
 
 def test_totals_in_words(frames):
     frame = replace(frames[-1], tally=Tally(130.0, 60, (("t", 250.0), ("t", 25.0))))
-    shown = {item.label: item.value.text for item in totals(frame, 0.0, METRIC)}
+    shown = {item.label: item.value.text for item in make_total_items(frame, 0.0, METRIC)}
     worked_s = frame.totals.worked_s
     assert shown["held"] == "02:10" and shown["filled in"] == "275 kg"
     assert shown["gate moves"] == (
@@ -149,19 +165,21 @@ def test_totals_in_words(frames):
     )
     assert shown["mean rate"].endswith("kg/ha") and shown["evenness"].count("%") == 2
     assert shown["covered"].startswith(f"{0.97 * frame.area_ha:.2f} ha  twice")
-    assert all(item.value.stale for item in totals(frame, 3.0, METRIC))
+    assert all(item.value.stale for item in make_total_items(frame, 3.0, METRIC))
 
 
 def test_ground_covered_and_doses_in_words(frames):
     sums = frames[-1].totals._replace(covered_ha=1.184, overlap_ha=0.023, doses=412, doses_missed=3)
     by_rate = {
         item.label: item.value.text
-        for item in totals(replace(frames[-1], totals=sums), 0.0, METRIC)
+        for item in make_total_items(replace(frames[-1], totals=sums), 0.0, METRIC)
     }
     assert by_rate["covered"] == "1.18 ha  twice 0.02 ha" and "doses" not in by_rate
     by_plant = {
         item.label: item.value.text
-        for item in totals(replace(frames[-1], totals=sums, threshold_m=-0.083), 0.0, METRIC)
+        for item in make_total_items(
+            replace(frames[-1], totals=sums, threshold_m=-0.083), 0.0, METRIC
+        )
     }
     assert (by_plant["doses"], by_plant["threshold"]) == ("412  missed 3", "-0.08 m")
     assert "evenness" not in by_plant and len(by_plant) == len(by_rate)
@@ -196,21 +214,23 @@ def test_a_strip_is_the_mean_by_way_not_by_time():
     time_s = 0.0
     for speed, ndvi, seconds in ((1.0, 0.6, 10.0), (2.0, 0.8, 10.0), (0.0, 0.1, 50.0)):
         for _ in range(round(seconds / 0.2)):
-            run.add(LogRow(time_s, ndvi=ndvi, speed_used_mps=speed))
+            run.add_row(LogRow(time_s, ndvi=ndvi, speed_used_mps=speed))
             time_s += 0.2
     strip = run.strip
     assert strip.length_m == pytest.approx(30.0, abs=0.5)
     assert strip.ndvi == pytest.approx((6.0 + 16.0) / 30.0, abs=0.005)
-    assert strip.cv_percent == pytest.approx(100 * 0.0943 / 0.7333, abs=0.5) and strip.enough
+    assert (
+        strip.cv_percent == pytest.approx(100 * 0.0943 / 0.7333, abs=0.5) and strip.is_long_enough
+    )
 
 
 def test_gaps_and_silent_heads_add_nothing():
     run = StripRun()
     for time_s, ndvi in ((0.0, 0.7), (10.0, 0.7), (10.2, None), (10.4, 0.7)):
-        run.add(LogRow(time_s, ndvi=ndvi, speed_used_mps=2.0))
+        run.add_row(LogRow(time_s, ndvi=ndvi, speed_used_mps=2.0))
     assert (
         run.strip.length_m == pytest.approx(0.4)
-        and not run.strip.enough
+        and not run.strip.is_long_enough
         and StripRun().strip.ndvi is None
     )
 
@@ -274,20 +294,20 @@ def test_strips_and_index_on_the_list(frames):
     frame, facts = frames[-1], facts_of(job={"response_index": "field"})
     texts = {
         check.label: (check.level, check.text)
-        for check in checks(frame, 0.0, facts, "", 10**11, METRIC)
+        for check in list_checks(frame, 0.0, facts, "", 10**11, METRIC)
     }
     assert texts["response index"] == (LOOK, "farmer check missing: drive one with B")
     live = replace(frame, strips=Strips(0.66, 0.55))
     texts = {
         check.label: (check.level, check.text)
-        for check in checks(live, 0.0, facts, "", 10**11, METRIC)
+        for check in list_checks(live, 0.0, facts, "", 10**11, METRIC)
     }
     assert texts["response index"] == (OK, "RI 1.20: N-rich 0.660 over check 0.550")
     assert texts["N-rich strip"] == (OK, "NDVI 0.660  measured on the way")
     for strips, said in ((Strips(0.5, 0.55), "no greener"), (Strips(0.9, 0.29), "above 3")):
         level, text = {
             check.label: (check.level, check.text)
-            for check in checks(replace(frame, strips=strips), 0.0, facts, "", 10**11, METRIC)
+            for check in list_checks(replace(frame, strips=strips), 0.0, facts, "", 10**11, METRIC)
         }["response index"]
         assert level == LOOK and said in text
 
@@ -296,8 +316,8 @@ def test_a_strip_is_measured_by_whatever_source_the_machine_works():
     """By a map or by hand the row has no fused value: the middle head stands in."""
     run = StripRun()
     for k in range(120):
-        run.add(LogRow(0.2 * k, ndvi_1=0.5, ndvi_2=0.7, ndvi_3=0.72, speed_used_mps=1.0))
-    assert run.strip.ndvi == pytest.approx(0.7) and run.strip.enough
+        run.add_row(LogRow(0.2 * k, ndvi_1=0.5, ndvi_2=0.7, ndvi_3=0.72, speed_used_mps=1.0))
+    assert run.strip.ndvi == pytest.approx(0.7) and run.strip.is_long_enough
 
 
 def test_samples_that_are_alike_count_for_less():
@@ -305,10 +325,10 @@ def test_samples_that_are_alike_count_for_less():
     same twice."""
     rng = np.random.default_rng(1)
     white = (0.7 + 0.02 * rng.standard_normal(400)).tolist()
-    assert standard_error(white) == pytest.approx(0.02 / 20.0, rel=0.15)
+    assert calc_standard_error(white) == pytest.approx(0.02 / 20.0, rel=0.15)
     wave = (0.7 + 0.02 * np.sqrt(2.0) * np.sin(np.arange(400) / 10.0)).tolist()
-    assert standard_error(wave) > 4.0 * standard_error(white)
-    assert standard_error([0.7, 0.7]) is None and standard_error([0.7] * 5) == 0.0
+    assert calc_standard_error(wave) > 4.0 * calc_standard_error(white)
+    assert calc_standard_error([0.7, 0.7]) is None and calc_standard_error([0.7] * 5) == 0.0
 
 
 async def test_a_working_machine_is_not_started_again(app, desk, source, shown, pilot):
@@ -363,13 +383,13 @@ async def test_what_was_said_of_one_run_is_not_said_of_the_next(app, desk, sourc
     """Taken after all, the map ran under "not taken"; and what the hopper held in the run
     before was no refill."""
     await on_job(app, pilot)
-    app.page.say("written: report.html in reports")
+    app.page.add_note("written: report.html in reports")
     await pilot.press("q", "2", "enter", "2", "enter")
     await settled(app, pilot)
     assert any("not taken: bench.yaml" in row for row in shown(app))
     app.page.refill.seen_kg = 16.0
     source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="logs/next.csv")
-    app.tick()
+    app.show_newest()
     await settled(app, pilot)
     text = "\n".join(shown(app))
     assert (
@@ -408,7 +428,7 @@ def rows(masses, state="held", from_s=0.0, speed=0.0):
 def seen(*parts) -> float | None:
     watch = RefillWatch()
     for row in sorted((row for part in parts for row in part), key=lambda row: row.time_s):
-        watch.add(row)
+        watch.add_row(row)
     return watch.seen_kg
 
 
@@ -432,11 +452,11 @@ def test_what_is_no_refill():
 def test_two_bags_add_up_and_what_was_recorded_does_not_come_again():
     watch = RefillWatch()
     for row in rows([40.0] * 30 + [65.0] * 30 + [90.0] * 30):
-        watch.add(row)
+        watch.add_row(row)
     assert watch.seen_kg == pytest.approx(50.0)
-    watch.done()
+    watch.end_refill()
     for row in rows([90.0] * 30, from_s=30.0):
-        watch.add(row)
+        watch.add_row(row)
     assert watch.seen_kg is None
 
 
@@ -577,7 +597,7 @@ async def test_a_worker_that_died_is_offered_to_go_on(app, desk, source, frames)
 
 
 async def test_what_was_before_this_console_is_learned(source, clock):
-    before = Earlier(
+    before = EarlierRun(
         (
             AlarmRecord(
                 "shaft_silent",

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
-from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.field_picture import FieldPicture, PlannedRates
 from topdress.console.app.map_ink import draw_small_map
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.job.map_dialog import MapDialog
-from topdress.console.app.pages.job.service import File
-from topdress.console.app.remaining_work import remaining_work
+from topdress.console.app.pages.job.service import FileChoice
+from topdress.console.app.remaining_work import estimate_remaining
 from topdress.console.app.units import METRIC
 from topdress.console.scale import find_rate_colour
 
@@ -39,7 +39,7 @@ def full(source, clock, desk):
 
 
 async def opened(app, pilot):
-    app.turn_to("job")
+    app.turn_to_page("job")
     await settled(app, pilot)
 
 
@@ -117,7 +117,11 @@ async def test_whose_job_it_is(full, desk, shown, pilot):
 async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
     """With its file, from which flow and N share come; a typed name has none."""
     desk.known = replace(
-        FACTS, products=(File("products/mine.yaml", "mine"), File("products/can_27.yaml", "can_27"))
+        FACTS,
+        products=(
+            FileChoice("products/mine.yaml", "mine"),
+            FileChoice("products/can_27.yaml", "can_27"),
+        ),
     )
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
@@ -150,12 +154,12 @@ async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_
     full, desk, source, pilot
 ):
     await opened(full, pilot)
-    full.page.ask_use("machines/new.yaml")
+    full.page.ask_to_use_machine("machines/new.yaml")
     await pilot.pause()
     assert isinstance(full.screen, Confirm)
     await pilot.press("escape")
     assert ("take", "machine", "machines/new.yaml") not in desk.asked
-    full.page.ask_use("machines/new.yaml")
+    full.page.ask_to_use_machine("machines/new.yaml")
     await pilot.pause()
     await pilot.press("enter")
     await settled(full, pilot)
@@ -165,7 +169,7 @@ async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_
 def test_what_a_job_still_takes(frames):
     frame = frames[-1]
     picture = FieldPicture("", (), 2.0, 2.4)
-    left = remaining_work(frame, picture)
+    left = estimate_remaining(frame, picture)
     done = frame.area_ha
     assert left.area_ha == pytest.approx(2.0 - done) and left.way_m == pytest.approx(
         (2.0 - done) * 10_000 / 2.4
@@ -174,9 +178,11 @@ def test_what_a_job_still_takes(frames):
     spent_s = frame.totals.worked_s + frame.tally.held_s
     assert left.time_s == pytest.approx((2.0 - done) * spent_s / done)
     rates = np.full((10, 10), 300.0, np.float32)
-    planned = remaining_work(frame, replace(picture, planned=Planned(0.0, 0.0, 10.0, rates)))
+    planned = estimate_remaining(
+        frame, replace(picture, planned=PlannedRates(0.0, 0.0, 10.0, rates))
+    )
     assert planned.product_kg == pytest.approx(300.0 - frame.applied_kg)
-    assert remaining_work(frame, None).text(METRIC) == "--"
+    assert estimate_remaining(frame, None).format_remaining(METRIC) == "--"
 
 
 async def test_a_small_map_is_the_large_one_s_drawing(full, pilot):
@@ -193,7 +199,7 @@ async def test_a_small_map_is_the_large_one_s_drawing(full, pilot):
     planned = [
         cell
         for row in draw_small_map(
-            full.page, FieldPicture("", planned=Planned(0.0, 0.0, 10.0, rates)), 8, 4
+            full.page, FieldPicture("", planned=PlannedRates(0.0, 0.0, 10.0, rates)), 8, 4
         )
         for cell in row
     ]

@@ -10,7 +10,12 @@ from textual.widgets import Button, Input
 from topdress.console.app import actions
 from topdress.console.app.dialogs import ChoiceDialog
 from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.screens.jump import JumpScreen, find_places, labels, letters
+from topdress.console.app.screens.jump import (
+    JumpScreen,
+    choose_label_letters,
+    find_click_places,
+    make_labels,
+)
 from topdress.console.app.widgets.key_bar import KeyBar
 from topdress.console.app.widgets.status_line import PageBar
 from topdress.control.orders import Do
@@ -36,21 +41,25 @@ def test_no_label_has_a_letter_that_acts_on_the_machine():
         where: actions.find_bound_keys(where, {})
         for where in {one.where for one in actions.ACTIONS}
     }
-    assert not set(letters(bound)) & (bound["run"] | bound["calibrate"] | bound["devices"])
-    assert len(letters(bound)) >= 6, (
+    assert not set(choose_label_letters(bound)) & (
+        bound["run"] | bound["calibrate"] | bound["devices"]
+    )
+    assert len(choose_label_letters(bound)) >= 6, (
         "enough for labels of two: every letter of these pages has an action, no digit has"
     )
     other = {**bound, "run": bound["run"] | {"7"}}
-    assert "7" in letters(bound) and "7" not in letters(other), (
+    assert "7" in choose_label_letters(bound) and "7" not in choose_label_letters(other), (
         "nor one that the user's keymap gave such an action"
     )
     every = frozenset(string.ascii_lowercase + string.digits)
-    assert letters({where: every for where in bound}) == "" and labels(5, "") == ()
+    assert (
+        choose_label_letters({where: every for where in bound}) == "" and make_labels(5, "") == ()
+    )
 
 
 def test_no_label_begins_another():
     for count in (1, 3, 6, 7, 36, 37, 90):
-        made = labels(count, "eijpqv")
+        made = make_labels(count, "eijpqv")
         assert len(set(made)) == count and len({len(one) for one in made}) == 1
 
 
@@ -60,7 +69,7 @@ async def test_every_page_has_letters_and_stop_stays_stop(full, source, where, t
     await turned(full, pilot, where)
     bar = full.page.query_one(KeyBar)
     stop = [
-        (x, bar.region.y) for x in range(bar.size.width) if bar.action_at(x) in ("stop", "hold")
+        (x, bar.region.y) for x in range(bar.size.width) if bar.find_action(x) in ("stop", "hold")
     ]
     found = await shown_letters(full, pilot)
     assert len(found) > 8, "the tabs of the pages alone are nine"
@@ -100,7 +109,7 @@ async def test_rows_of_lists_are_clicked(full, turned, pilot):
 async def test_buttons_of_a_dialog_have_letters_too(full, pilot):
     await pilot.press("t")
     dialog = full.screen
-    assert len(find_places(dialog)) == len(dialog.query(Button)) + len(dialog.choices)
+    assert len(find_click_places(dialog)) == len(dialog.query(Button)) + len(dialog.choices)
     await shown_letters(full, pilot)
     await pilot.press(
         *label_of(full, lambda place: place.widget.id == "choices" and place.at.y == 1)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from topdress.console.app import actions
 from topdress.console.app.action import ANYWHERE
-from topdress.console.app.key_normaliser import meant
+from topdress.console.app.key_normaliser import normalise_key
 from topdress.control.orders import Answer, Do, Order
 
 from tests.app.harness import in_state
@@ -19,20 +19,22 @@ SIZE = (120, 40)
 def test_the_arrows_signs_are_pressed_as_characters_too():
     """`<` and `>` stand on the screen; on the keyboard they did nothing."""
     for where in {one.where for one in actions.ACTIONS} - {ANYWHERE}:
-        for one in actions.at(where):
+        for one in actions.list_page_actions(where):
             sign = {"<": "less_than_sign", ">": "greater_than_sign"}.get(one.shown)
             if sign is not None:
                 bound = actions.find_bound_keys(where, {})
-                assert meant(sign, bound, frozenset({"space", "x"})) in one.keys.split(","), one.id
+                assert normalise_key(sign, bound, frozenset({"space", "x"})) in one.keys.split(
+                    ","
+                ), one.id
 
 
 async def test_the_map_is_moved_by_the_signs_as_by_the_arrows(full, turned, pilot):
     await turned(full, pilot, "map")
     seen = []
     for key in ("greater_than_sign", "less_than_sign", "right", "left"):
-        before = full.page._camera().east_m
+        before = full.page._find_camera().east_m
         await pilot.press(key)
-        seen.append(round(full.page._camera().east_m - before, 3))
+        seen.append(round(full.page._find_camera().east_m - before, 3))
     assert seen[0] == seen[2] > 0.0 > seen[1] == seen[3]
 
 

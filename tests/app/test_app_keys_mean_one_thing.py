@@ -11,8 +11,8 @@ from topdress.console.app import actions
 from topdress.console.app.dialogs import ChoiceDialog, Confirm
 from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.type_ahead_guard import HeldEnter, StrayTyping
-from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.console.app.type_ahead_guard import HeldEnter, TypeAheadGuard
+from topdress.console.app.widgets.key_bar import KeyBar, place_actions
 from topdress.control.orders import Do, Order
 
 from tests.app.harness import in_state, settled
@@ -54,7 +54,7 @@ async def test_a_refused_question_lets_nothing_of_its_answer_through(full, sourc
 async def test_a_refused_name_swallows_its_letters(full, source, turned, pilot):
     await turned(full, pilot, "calibrate")
     desk = full.page.calibration
-    desk.forget()
+    desk.forget_result()
     await pilot.press("e")
     assert full.screen is full.page
     at = full.page.at
@@ -63,26 +63,28 @@ async def test_a_refused_name_swallows_its_letters(full, source, turned, pilot):
 
 
 def test_stray_typing_ends_with_another_key_or_a_pause():
-    stray = StrayTyping()
-    stray.refused("number", 0.0)
-    assert stray.swallows("5", 1.0) and stray.swallows("enter", 2.5), (
+    stray = TypeAheadGuard()
+    stray.note_refusal("number", 0.0)
+    assert stray.is_swallowed("5", 1.0) and stray.is_swallowed("enter", 2.5), (
         "each key begins the pause anew"
     )
-    assert not stray.swallows("s", 2.6) and not stray.swallows("5", 2.7), "something else is meant"
-    stray.refused("number", 10.0)
-    assert not stray.swallows("5", 12.0)
-    stray.refused("", 20.0)
-    assert not stray.swallows("5", 20.1)
+    assert not stray.is_swallowed("s", 2.6) and not stray.is_swallowed("5", 2.7), (
+        "something else is meant"
+    )
+    stray.note_refusal("number", 10.0)
+    assert not stray.is_swallowed("5", 12.0)
+    stray.note_refusal("", 20.0)
+    assert not stray.is_swallowed("5", 20.1)
 
 
 def test_a_held_enter_answers_one_question():
     held = HeldEnter()
-    assert not held.repeats("rate", 0.0)
-    assert held.repeats("use it now?", 0.5) and held.repeats("use it now?", 0.53), (
+    assert not held.is_repeat("rate", 0.0)
+    assert held.is_repeat("use it now?", 0.5) and held.is_repeat("use it now?", 0.53), (
         "the key's own repeats"
     )
-    assert not held.repeats("use it now?", 1.3)
-    assert not held.repeats("use it now?", 1.35), "the same question again is its own affair"
+    assert not held.is_repeat("use it now?", 1.3)
+    assert not held.is_repeat("use it now?", 1.35), "the same question again is its own affair"
 
 
 async def test_enter_held_down_does_not_confirm_the_question_that_follows(
@@ -104,7 +106,7 @@ async def test_units_and_language_ask_while_working(full, source, key, pilot):
     await pilot.press("escape")
     assert full.units is units
     in_state(source, "held")
-    full.tick()
+    full.show_newest()
     await pilot.press(key)
     assert full.screen is full.page
 
@@ -143,7 +145,7 @@ async def test_a_greyed_order_goes_out_all_the_same(full, source):
 
 async def test_a_map_that_the_job_has_not_is_greyed_with_the_way_to_one(full, source, shown, pilot):
     await settled(full, pilot)
-    picture = full.fields.of(source.newest)
+    picture = full.fields.find_picture(source.newest)
     full.fields._known = {key: replace(picture, planned=None) for key in full.fields._known}
     await pilot.press("o", "2", "enter")
     assert isinstance(full.screen, ChoiceDialog) and source.orders == []
@@ -184,7 +186,7 @@ async def test_a_setting_is_taken_back_too(full, turned):
     before = store.settings
     async with full.run_test(size=SIZE) as pilot:
         await turned(full, pilot, "settings")
-        full.page.take(before.model_copy(update={"sound": not before.sound}))
+        full.page.use_settings(before.model_copy(update={"sound": not before.sound}))
         await pilot.press("ctrl+z", "enter")
         assert store.settings == before
 
@@ -197,7 +199,7 @@ async def test_every_page_is_reached_without_f_keys_at_every_size(full, size, pi
     for digit, where in enumerate((one.id.removesuffix("_screen") for one in full.page_actions), 1):
         bar = full.page.query_one("#keys", KeyBar)
         place = next(
-            one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "pages"
+            one for one in place_actions(bar.view.actions, bar.size.width) if one[0].id == "pages"
         )
         await pilot.click("#keys", offset=(place[1] + 1, 0)) if digit == 3 else await pilot.press(
             "tab"

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.field_picture import FieldPicture, PlannedRates
 from topdress.console.app.layers import MapLayer
-from topdress.console.app.map_image import DONE, LAID, PASSAGE, PLAN, image
+from topdress.console.app.map_image import DONE_ENTRY, LAID_ENTRY, PASSAGE, PLAN_ENTRY, make_image
 from topdress.console.app.pages.map.map_pane import MapPane
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.replay_source import ReplaySource
@@ -35,7 +35,7 @@ def app(frames, clock):
         StillSource(frames[-1]), clock, live=False, utc_offset_s=0.0, services=sample_services()
     )
     for frame in frames[:-1]:
-        app.history.add(frame)
+        app.history.add_frame(frame)
     return app
 
 
@@ -79,17 +79,17 @@ async def test_nearer_farther_and_the_whole_field(app, pilot, pane):
     whole = pane.view.camera
     assert states(app) == ("whole field",)
     box = sample_field().box
-    pixels = pane.pixels()
+    pixels = pane.make_grid()
     for corner in ((box.west_m, box.south_m), (box.east_m, box.north_m)):
-        column, row = pixels.at(*corner)
+        column, row = pixels.find_pixel(*corner)
         assert 0 <= column < pixels.columns and 0 <= row < pixels.rows
     await pilot.press("plus", "plus")
     assert pane.view.camera.metres < whole.metres and states(app) == ("following",)
     place = pane.view.place
-    column, row = pane.pixels().at(*place)
+    column, row = pane.make_grid().find_pixel(*place)
     assert 0 <= column < pixels.columns and 0 <= row < pixels.rows, "the machine stays in sight"
     await pilot.press("minus")
-    assert pane.view.camera.metres == whole.zoomed(1).metres
+    assert pane.view.camera.metres == whole.zoom_steps(1).metres
     await pilot.press("z")
     assert pane.view.camera == whole and states(app) == ("whole field",)
 
@@ -112,18 +112,18 @@ async def test_arrows_move_the_map_and_mark_a_place(app, pilot, pane):
 @pytest.mark.exam
 async def test_drag_and_wheel(pilot, pane):
     before = pane.view.camera
-    under = pane.pixels().place(20, 20)
+    under = pane.make_grid().find_middle(20, 20)
     await pilot.mouse_down("#map-pane", offset=(20, 10))
     await pilot.hover("#map-pane", offset=(30, 13))
     await pilot.mouse_up("#map-pane", offset=(30, 13))
     await pilot.pause()
-    assert pane.pixels().at(*under) == (30, 26), "the place stays under the pointer"
+    assert pane.make_grid().find_pixel(*under) == (30, 26), "the place stays under the pointer"
     assert pane.view.camera.metres == before.metres
-    under = pane.pixels().place(40, 20)
+    under = pane.make_grid().find_middle(40, 20)
     pane.post_message(MapPane.Wheeled(1, under))
     await pilot.pause()
     assert pane.view.camera.metres < before.metres
-    column, row = pane.pixels().at(*under)
+    column, row = pane.make_grid().find_pixel(*under)
     assert abs(column - 40) <= 1 and abs(row - 20) <= 1
 
 
@@ -132,12 +132,12 @@ async def test_what_lies_under_the_pointer_is_told(app, pilot, pane):
     at_machine = reading(app)
     assert at_machine["applied"].endswith("kg/ha") and at_machine["applied"] != "-- kg/ha"
     place = (50.0, 20.0)
-    column, row = pane.pixels().at(*place)
+    column, row = pane.make_grid().find_pixel(*place)
     await pilot.hover("#map-pane", offset=(column, row // 2))
     told = reading(app)
     assert told["applied"] == "-- kg/ha" and told["error"] == "--", "not worked there yet"
-    near = pane.pixels().place(column, 2 * (row // 2) + 0.5)
-    assert told["planned"] == f"{field.planned.at(*near):.0f} kg/ha"
+    near = pane.make_grid().find_middle(column, 2 * (row // 2) + 0.5)
+    assert told["planned"] == f"{field.planned.find_rate(*near):.0f} kg/ha"
     assert told["east"] == f"{near[0]:.0f} m" and told["north"] == f"{near[1]:.0f} m"
     assert worked.rate_ends is not None
     await pilot.hover("#status")
@@ -154,9 +154,9 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(app, sho
     await settled(app, pilot)
     assert legend.display and pane.view.laid is not None
     assert any("file autumn.geojson: applied " in row and "kg/ha" in row for row in shown(app))
-    column, row = pane.pixels().at(54.0, 30.0)  # not worked yet, and there in autumn
+    column, row = pane.make_grid().find_pixel(54.0, 30.0)  # not worked yet, and there in autumn
     await pilot.hover("#map-pane", offset=(column, row // 2))
-    east, north = pane.pixels().place(column, 2 * (row // 2) + 0.5)
+    east, north = pane.make_grid().find_middle(column, 2 * (row // 2) + 0.5)
     told = float(reading(app)["file"].removesuffix(" kg/ha"))
     assert told == pytest.approx(220.0 + 12.0 * round(north / 6.0) + 40.0 * east / 60.0, abs=8.0)
     assert reading(app)["applied"] == "-- kg/ha"
@@ -188,15 +188,15 @@ async def test_what_is_no_such_file_is_said_in_one_line(app, shown):
 
 
 async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(app, pilot, pane):
-    app.page.lay("/logs/autumn.geojson")
+    app.page.lay_file("/logs/autumn.geojson")
     await settled(app, pilot)
     view = pane.view
-    seen = image(view.worked, view.picture, view.scale, pane.pixels(), True, view.laid)
-    bare = image(view.worked, view.picture, view.scale, pane.pixels(), True)
-    done = (bare >= DONE) & (bare < PLAN) | (bare == PASSAGE)
+    seen = make_image(view.worked, view.picture, view.scale, pane.make_grid(), True, view.laid)
+    bare = make_image(view.worked, view.picture, view.scale, pane.make_grid(), True)
+    done = (bare >= DONE_ENTRY) & (bare < PLAN_ENTRY) | (bare == PASSAGE)
     assert (seen[done] == bare[done]).all()
-    assert (seen[~done] >= LAID).sum() > 100 and (
-        (seen[~done] >= PLAN) & (seen[~done] < LAID)
+    assert (seen[~done] >= LAID_ENTRY).sum() > 100 and (
+        (seen[~done] >= PLAN_ENTRY) & (seen[~done] < LAID_ENTRY)
     ).any()
 
 
@@ -215,7 +215,7 @@ async def test_area_and_product_done_and_left(app, pilot):
     frame, field = app.arrival.frame, sample_field()
     assert items["left"] == f"{field.area_ha - frame.area_ha:.2f} ha"
     assert ":" in items["time left"] and items["time left"].endswith(" m")
-    assert items["still needed"] == f"{field.planned.mass_kg - frame.applied_kg:.0f} kg"
+    assert items["still needed"] == f"{field.planned.planned_mass_kg - frame.applied_kg:.0f} kg"
     assert items["done"] == f"{frame.area_ha:.2f} ha  {100 * frame.area_ha / field.area_ha:.0f} %"
     await pilot.press("u", "enter")
     items = {item.label: item.value.text for item in app.page.query_one("#map-job", Panel).view}
@@ -235,7 +235,7 @@ async def test_only_rows_that_changed_are_drawn_again(clock):
             source.newest = frame
             clock.now_s += 0.2
             before = pane.rows_drawn
-            app.tick()
+            app.show_newest()
             drawn.append(pane.rows_drawn - before)
         redrawn = [rows for rows in drawn if rows]
         assert 35 <= len(redrawn) <= 42, "once a second"
@@ -252,7 +252,7 @@ async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
         for frame in frames[1:]:
             source.newest = frame
             clock.now_s += 0.2
-            app.tick()
+            app.show_newest()
         await later(app, pilot, 1.0)
         grown = [pane.render_line(row).text for row in range(pane.content_size.height)]
         styles = [
@@ -315,7 +315,7 @@ async def test_a_field_is_loaded_once_for_each_job(clock):
             (((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)),),
             0.01,
             3.0,
-            Planned(0.0, 0.0, 5.0, np.full((2, 2), 100.0, dtype=np.float32)),
+            PlannedRates(0.0, 0.0, 5.0, np.full((2, 2), 100.0, dtype=np.float32)),
         )
 
     frame = run_frames(seconds=1.0)[-1]
@@ -341,7 +341,7 @@ async def test_old_values_are_grey(app, clock, pilot, pane):
 async def test_without_colours_levels_are_characters_with_a_legend(app, shown, pilot):
     app.no_color = True
     await opened(app, pilot)
-    app.page.redraw()
+    app.page.redraw_all()
     await later(app, pilot)
     text = "\n".join(shown(app))
     assert "░▒▓█" in text and "1234 planned" in text
@@ -353,7 +353,7 @@ async def test_without_colours_levels_are_characters_with_a_legend(app, shown, p
 @pytest.mark.exam
 async def test_the_log_of_the_replay_and_the_machine(frames, clock, shown):
     log = ReplaySource(frames, clock)
-    log.seek(20.0)
+    log.seek_time(20.0)
     source = StillSource(run_frames(seconds=200.0)[-1])
     app = TopdressApp(source, clock, live=False, replay=ReplayJob(log, "run.csv"))
     async with app.run_test(size=SIZE) as pilot:
@@ -377,11 +377,11 @@ async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, cl
         await pilot.press("space")
         assert log.playing
         clock.now_s += 30.0
-        app.tick()
+        app.show_newest()
         assert pane.view.worked.box.north_m == pytest.approx(56.7, abs=1.0)
-        log.seek(5.0)
+        log.seek_time(5.0)
         clock.now_s += 1.0
-        app.tick()
+        app.show_newest()
         assert pane.view.worked.box.north_m == pytest.approx(11.3, abs=1.0), (
             "back in the log, the ground goes back"
         )

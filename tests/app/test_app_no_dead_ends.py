@@ -9,13 +9,13 @@ import pytest
 from textual import events
 from textual.widgets import Input
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.attach_notice import Joined
+from topdress.console.app.attach_notice import JoinedMachine
 from topdress.console.app.dialogs import ChoiceDialog, TextDialog
 from topdress.console.app.name_dialog import NameDialog
-from topdress.console.app.pages.job.service import Offer
+from topdress.console.app.pages.job.service import JobOffer
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.screens.help import HelpScreen
-from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.services import Services
 from topdress.console.link import WorkerGone
 
@@ -24,10 +24,10 @@ from tests.app.harness import looked, settled
 from tests.app.made_up.job import SampleJobService
 
 SIZES = ((120, 40), (80, 24), (60, 20))
-OFFER = Offer(
+OFFER = JobOffer(
     "/logs/a.resume.json", "2026-03-18T06:18:00Z", "2026-03-18T07:02:00Z", "division 2", 1.2
 )
-JOINED = Joined(
+JOINED = JoinedMachine(
     "2026-11-23T07:12:00+00:00",
     "/logs/run.csv",
     ("/jobs/north.yaml",),
@@ -57,7 +57,7 @@ async def test_escape_at_the_resume_question_says_what_connects_for_as_long_as_n
         await looked(app, pilot)
         assert "no machine is connected" in "\n".join(shown(app))
         await pilot.press("f2", "c")
-        assert isinstance(app.screen, GoneScreen)
+        assert isinstance(app.screen, WorkerLostScreen)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ async def test_a_machine_that_ends_by_itself_is_started_anew_with_the_files_of_t
         source.end.set_exception(WorkerGone("gone"))
         await pilot.pause()
         await pilot.pause()
-        assert isinstance(app.screen, GoneScreen)
+        assert isinstance(app.screen, WorkerLostScreen)
         await pilot.press("1", "enter")
         await settled(app, pilot)
         assert ("recent", "/jobs/south.yaml") in desk.asked and app.source is desk.next

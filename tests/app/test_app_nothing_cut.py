@@ -21,12 +21,12 @@ from topdress.console.app.dialogs import Dialog
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.pages.page import NoticeRows
 from topdress.console.app.units import IMPERIAL, METRIC, UNITS
-from topdress.console.app.view import AlarmsView, RatesView, Shown, StatusView, alarms
+from topdress.console.app.view import AlarmsView, RatesView, ShownText, StatusView, make_alarms_view
 from topdress.console.app.widgets import panel
 from topdress.console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import Panel
-from topdress.console.app.widgets.rates import Rates
+from topdress.console.app.widgets.rates import RatesPanel
 from topdress.console.app.widgets.status_line import StatusLine
 from topdress.console.locale import list_languages, use_language
 from topdress.control.orders import Alarm, Severity
@@ -64,12 +64,12 @@ def watched() -> Iterator[list[str]]:
             found.append(f"{text.strip()!r} in {width}")
         return before[1](canvas, width, *parts)
 
-    before = panel.set_cell_size, Canvas.text_strip
-    panel.set_cell_size, Canvas.text_strip = noted, drawn
+    before = panel.set_cell_size, Canvas.make_text_strip
+    panel.set_cell_size, Canvas.make_text_strip = noted, drawn
     try:
         yield found
     finally:
-        panel.set_cell_size, Canvas.text_strip = before
+        panel.set_cell_size, Canvas.make_text_strip = before
 
 
 def cut_on(app: TopdressApp) -> list[str]:
@@ -111,7 +111,7 @@ def _cut_in(one: Panel | Canvas) -> list[str]:
     if width <= 0 or height <= 0:
         return []
     with watched() as found:
-        rows = one.lines(one.view, width, height)
+        rows = one.draw_rows(one.view, width, height)
     if isinstance(one, Canvas):
         return found
     found += [
@@ -145,7 +145,7 @@ def _beyond(dialog: Dialog) -> list[str]:
 def drawn_in(one, view, width, height):
     """The rows of a view on a panel of this size, and what of it is cut."""
     with watched() as found:
-        rows = one.lines(view, width, height)
+        rows = one.draw_rows(view, width, height)
     return [row.plain for row in rows], found + [
         row.plain for row in rows if cell_len(row.plain.rstrip()) > width
     ] + [row.plain for row in rows[height:] if row.plain.strip()]
@@ -156,22 +156,22 @@ def test_the_finder_finds():
     view = AlarmsView((), "a calm line that is much too long for so few cells", "", True)
     assert drawn_in(AlarmBar(view), view, 20, 1)[1] == []
     note = RatesView(
-        Shown("1"),
-        Shown("1"),
+        ShownText("1"),
+        ShownText("1"),
         "kg/ha",
         "",
-        Shown("--"),
+        ShownText("--"),
         None,
         "",
         ("a note of more cells than there are",),
     )
-    assert drawn_in(Rates(note), note, 24, 7)[1]
+    assert drawn_in(RatesPanel(note), note, 24, 7)[1]
 
 
 class Rowful(Dialog[None]):
     """More buttons in a row than there are cells for."""
 
-    def buttons(self):
+    def compose_buttons(self):
         for number in range(6):
             yield Button(f"answer number {number}", classes="dialog-button")
 
@@ -205,7 +205,7 @@ def test_every_alarm_is_read_to_its_end(frames, language, width):
             for other in list(ALARMS)[:3]
         ]
         for standing in ([one], [one, *others]):
-            shown = alarms(replace(frame, alarms=tuple(standing)), 0.0, units)
+            shown = make_alarms_view(replace(frame, alarms=tuple(standing)), 0.0, units)
             if shown in drawn:
                 continue
             drawn.add(shown)
@@ -222,12 +222,19 @@ def test_every_alarm_is_read_to_its_end(frames, language, width):
 @pytest.mark.parametrize(("width", "height"), [(76, 8), (62, 7), (80, 7)])
 def test_every_reason_for_another_rate_is_read_to_its_end(language, width, height):
     use_language(language)
-    for some in [*((one,) for one in words.NOTES), *combinations(words.NOTES, 2)]:
+    for some in [*((one,) for one in words.NOTE_NAMES), *combinations(words.NOTE_NAMES, 2)]:
         note = tuple(words.name_note(one) for one in some)
         view = RatesView(
-            Shown("1234"), Shown("1234"), "kg/ha", "+30 %", Shown("-100 %"), -1.0, "red", note
+            ShownText("1234"),
+            ShownText("1234"),
+            "kg/ha",
+            "+30 %",
+            ShownText("-100 %"),
+            -1.0,
+            "red",
+            note,
         )
-        lines, cut = drawn_in(Rates(view), view, width, height)
+        lines, cut = drawn_in(RatesPanel(view), view, width, height)
         assert cut == []
         assert words.name_note(some[0]) in " ".join(lines), (
             "the first reason always; the others are counted"
@@ -238,7 +245,7 @@ def test_every_reason_for_another_rate_is_read_to_its_end(language, width, heigh
 @pytest.mark.parametrize("width", WIDTHS)
 def test_every_refusal_is_read_to_its_end(language, width):
     use_language(language)
-    for why in words.ANSWERS:
+    for why in words.ANSWER_TEXTS:
         text = f"refused: {words.describe_refusal(why)}"
         bar = NoticeRows("")
         rows, cut = drawn_in(bar, text, width, 6)
@@ -251,12 +258,14 @@ def test_every_refusal_is_read_to_its_end(language, width):
 def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
     use_language(language)
     bar = StatusLine(StatusView("", "", "", "", "", "", (), "", "", ""))
-    for state, source, silent in product(words.STATES, words.SOURCES, ("", "NO DATA 12 s")):
+    for state, source, silent in product(
+        words.STATE_NAMES, words.SOURCE_NAMES, ("", "NO DATA 12 s")
+    ):
         view = StatusView(
             state,
             words.STATE_SYMBOLS[state],
             words.name_state(state),
-            words.strategy_word("balanced"),
+            words.name_strategy("balanced"),
             words.name_source(source),
             "",
             ("SIMULATED", "LOCKED"),
@@ -281,8 +290,8 @@ async def on_every_size(picture, change=None, units="metric"):
             await pilot.resize_terminal(*size)
             for _again in range(2):
                 await pilot.pause()
-                app.page.hurry()
-                app.tick()
+                app.page.hurry_all()
+                app.show_newest()
             await pilot.pause()
             found += [f"{size[0]}x{size[1]} {one}" for one in cut_on(app)]
     return found
@@ -295,7 +304,7 @@ async def test_nothing_is_cut_with_alarms(screen):
 
 def late(app):
     """The end of a long day on a large field: every number has its most digits."""
-    frame, picture = app.source.newest, app.fields.of(app.source.newest)
+    frame, picture = app.source.newest, app.fields.find_picture(app.source.newest)
     assert picture is not None
     row = frame.row._replace(
         time_s=frame.row.time_s + 40_000.0,
@@ -320,7 +329,7 @@ def late(app):
         metres_left_m=12_345.0,
         seq=frame.seq + 1,
     )
-    app.fields.of = lambda _frame: replace(picture, area_ha=412.75, planned=None)
+    app.fields.find_picture = lambda _frame: replace(picture, area_ha=412.75, planned=None)
 
 
 def full_job(app):

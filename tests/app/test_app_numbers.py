@@ -13,12 +13,17 @@ from topdress.console import app as console_app
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import Confirm, NudgeDialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.calibrate.catch import Turned
+from topdress.console.app.pages.calibrate.catch import ShaftTurns
 from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
 from topdress.console.app.pages.calibrate.page import CalibrateScreen
 from topdress.console.app.pages.job.refill import RefillWatch
 from topdress.console.app.services import Services
-from topdress.console.app.typed_number import format_number, inside, read, read_in_range
+from topdress.console.app.typed_number import (
+    format_number,
+    read_in_range,
+    read_number,
+    round_inwards,
+)
 from topdress.console.app.units import IMPERIAL, METRIC
 from topdress.console.locale import use_language
 from topdress.control.orders import Do, Order
@@ -77,19 +82,19 @@ REFUSED = {
 
 @pytest.mark.parametrize(("text", "value"), TAKEN.items())
 def test_comma_and_point_are_the_same_in_every_script(text, value):
-    assert read(text) == (value, "", False)
+    assert read_number(text) == (value, "", False)
 
 
 @pytest.mark.parametrize(("text", "why"), REFUSED.items())
 def test_anything_else_is_refused_in_words(text, why):
-    reading = read(text)
+    reading = read_number(text)
     assert reading.value is None and why in reading.why
 
 
 @pytest.mark.parametrize("text", [*TAKEN, *REFUSED])
 def test_a_refusal_in_chinese_too(text):
     use_language("zh")
-    reading = read(text)
+    reading = read_number(text)
     assert reading.value is not None or any("\u4e00" <= one <= "\u9fff" for one in reading.why)
 
 
@@ -118,11 +123,11 @@ def test_what_may_part_thousands_is_asked_where_both_are_allowed():
 @pytest.mark.parametrize("units", [METRIC, IMPERIAL])
 @pytest.mark.parametrize("high", [250.0, 300.0, 400.0, 600.0, 0.3])
 def test_what_the_range_shows_is_allowed_inside(units, high):
-    low_shown, high_shown = inside(units.rate, 0.1, high, 1)
-    assert units.rate.to_si(high_shown) <= high * (1 + 1e-8) and units.rate.to_si(
+    low_shown, high_shown = round_inwards(units.rate, 0.1, high, 1)
+    assert units.rate.convert_to_si(high_shown) <= high * (1 + 1e-8) and units.rate.convert_to_si(
         low_shown
     ) >= 0.1 * (1 - 1e-8)
-    assert inside(METRIC.rate, 0.0, 600.0, 0) == (0.0, 600.0)
+    assert round_inwards(METRIC.rate, 0.0, 600.0, 0) == (0.0, 600.0)
 
 
 def test_a_number_is_repeated_without_a_power_of_ten():
@@ -254,7 +259,7 @@ async def test_a_typed_number_is_no_nudge(app, source):
     """The 0 of `10` took the nudge away."""
     source.newest = replace(source.newest, row=source.newest.row._replace(nudge_percent=5.0))
     async with app.run_test(size=SIZE) as pilot:
-        app.tick()
+        app.show_newest()
         await pilot.press("plus")
         assert isinstance(app.screen, NudgeDialog) and app.screen.percent == 10.0
         await typed(app, pilot, "10")
@@ -272,7 +277,7 @@ async def test_a_typed_number_is_no_nudge(app, source):
 async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, source, shown):
     source.newest = replace(source.newest, row=source.newest.row._replace(hopper_kg=50.0))
     async with app.run_test(size=SIZE) as pilot:
-        app.tick()
+        app.show_newest()
         app.job_page.refill.seen_kg = 250.0
         await pilot.press("f")
         await typed(app, pilot, "25")
@@ -360,14 +365,14 @@ async def test_a_catch_that_differs_grossly_is_asked_again(
         services=Services(calibrate=sample_calibrate_job()),
     )
     async with app.run_test(size=SIZE) as pilot:
-        app.turn_to("calibrate")
+        app.turn_to_page("calibrate")
         await pilot.pause()
         page = app.page
         assert isinstance(page, CalibrateScreen) and isinstance(page.calibration, CatchCalibration)
         test = page.calibration.test
         test.phase, test.turned, test._before_kg = (
             "weigh",
-            Turned(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0),
+            ShaftTurns(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0),
             before_kg,
         )
         test._resting_kg.extend([280.0] * 10)
@@ -381,7 +386,7 @@ async def test_a_catch_that_differs_grossly_is_asked_again(
                 and asked in "\n".join(shown(app))
             )
             await pilot.press("enter")
-        assert [one.mass_kg for one in test.points] == [read(text).value]
+        assert [one.mass_kg for one in test.points] == [read_number(text).value]
 
 
 @pytest.mark.parametrize(

@@ -109,11 +109,13 @@ def test_no_question_has_a_letter_of_its_own():
 
 def test_a_menu_counts_from_one_and_has_no_more_lines_than_digits():
     for where in {one.where for one in actions.ACTIONS}:
-        assert [one.keys for one in actions.menu(where)] == [
-            f"q_{at + 1}" for at in range(len(actions.menu(where)))
+        assert [one.keys for one in actions.list_menu_actions(where)] == [
+            f"q_{at + 1}" for at in range(len(actions.list_menu_actions(where)))
         ]
-        assert len(actions.menu(where)) <= 9
-        assert not [one.id for one in actions.menu(where) if one.bar], "the bar has the menu itself"
+        assert len(actions.list_menu_actions(where)) <= 9
+        assert not [one.id for one in actions.list_menu_actions(where) if one.bar], (
+            "the bar has the menu itself"
+        )
 
 
 TOKEN = re.compile(r"(?<![A-Za-z0-9^'+./_{-])([A-Z]|Q\d|Del)(?![A-Za-z0-9'+_}/-])")
@@ -158,7 +160,7 @@ def test_both_languages_name_the_same_keys():
 
 
 def test_a_key_that_a_text_names_is_a_key():
-    shown = {actions.shown_key(one) for one in actions.ACTIONS}
+    shown = {actions.find_shown_key(one) for one in actions.ACTIONS}
     assert {text for text, _chinese in catalogue() if not set(keys_named(text)) <= shown} == set()
 
 
@@ -189,7 +191,7 @@ def test_what_a_chip_shows_is_the_key_that_does_it():
         for name, shown in re.findall(
             r'Chip\("(\w+)", "([^"]+)"', path.read_text(encoding="utf-8")
         ):
-            assert actions.shown_key(actions.BY_ID[name]) == shown, (path.name, name)
+            assert actions.find_shown_key(actions.BY_ID[name]) == shown, (path.name, name)
 
 
 async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture, shown):
@@ -213,12 +215,12 @@ async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture
             app.source.newest = replace(
                 frame, seq=frame.seq + 1, row=frame.row._replace(state="off")
             )
-            app.tick()
+            app.show_newest()
             await pilot.press("r")
             assert [one.do for one in app.source.orders] == [Do.READY]
             app.source.newest = replace(
                 app.source.newest, seq=frame.seq + 2, row=frame.row._replace(state="ready")
             )
-            app.tick()
+            app.show_newest()
             await pilot.press("s")
             assert isinstance(app.screen, Confirm)

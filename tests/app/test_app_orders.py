@@ -8,7 +8,7 @@ import pytest
 from topdress.console.app.dialogs import Confirm, NudgeDialog
 from topdress.console.app.number_dialog import NumberDialog
 from topdress.console.app.widgets.alarm_bar import AlarmBar
-from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.console.app.widgets.key_bar import KeyBar, place_actions
 from topdress.control.orders import Answer, Do, Order
 
 from tests.app.harness import later, tell
@@ -175,7 +175,7 @@ async def test_the_lock_is_said_on_the_screen(app, shown, pilot):
 async def test_keys_are_clickable(app, pilot):
     bar = app.page.query_one("#keys", KeyBar)
     stop = next(
-        place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "stop"
+        place for place in place_actions(bar.view.actions, bar.size.width) if place[0].id == "stop"
     )
     await pilot.click("#keys", offset=(stop[1] + 1, 0))
     assert app.source.orders == [Order(Do.STOP)]

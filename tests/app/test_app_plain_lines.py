@@ -12,7 +12,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from topdress.console.app.terminal import STALLED_S, Takes
+from topdress.console.app.terminal import STALLED_S, TerminalPulse
 from topdress.console.link import Link
 from topdress.console.running import WorkerAddress
 from topdress.drivers.plain_text import remove_steering
@@ -58,7 +58,7 @@ async def test_no_page_lets_a_text_steer(app, source, key):
         frame, job=bad, machine=bad, crop=bad, log_path=f"/tmp/{bad}.csv", devices=devices
     )
     async with app.run_test(size=(120, 40)) as pilot:
-        app.notice(bad)
+        app.show_notice(bad)
         await pilot.press(key)
         await pilot.pause(0.3)
         text = drawn(app)
@@ -122,7 +122,7 @@ def fill(far):
 def test_one_that_stands_is_noticed_and_one_that_goes_on_too(terminal):
     near, far = terminal
     now_s = [0.0]
-    takes = Takes(far, lambda: now_s[0])
+    takes = TerminalPulse(far, lambda: now_s[0])
     for now_s[0] in (0.1, 10.0):
         assert takes()
     fill(far)
@@ -140,7 +140,7 @@ def test_one_that_stands_is_noticed_and_one_that_goes_on_too(terminal):
 
 def test_where_there_is_none_nothing_stands():
     now_s = [0.0]
-    takes = Takes(None, lambda: now_s[0])
+    takes = TerminalPulse(None, lambda: now_s[0])
     now_s[0] = 1000.0
     assert takes()
 

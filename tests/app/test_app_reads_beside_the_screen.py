@@ -20,8 +20,8 @@ from pathlib import Path
 import pytest
 import textual
 from rich.cells import cell_len
-from topdress.console.app.app import LATE_MODULES, WIDE, TopdressApp
-from topdress.console.app.pages.all import SCREENS
+from topdress.console.app.app import LATE_MODULES, WIDE_CHARACTER, TopdressApp
+from topdress.console.app.pages.all import SCREEN_CLASSES
 from topdress.console.cli.screens import make_run_services
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
@@ -102,19 +102,19 @@ async def ready(app, pilot, *wanted):
     """As some seconds after the start: the modules of all pages are read, the pages are made.
     wanted: were seen."""
     await pilot.pause()
-    app.services.make()
+    app.services.make_late_services()
     for where in app.pages:
-        app.pages.read(where)
+        app.pages.import_page(where)
         app.pages[where]
-    app.services.make()
+    app.services.make_late_services()
     for module in LATE_MODULES:
         import_module(module)
-    cell_len(WIDE)
+    cell_len(WIDE_CHARACTER)
     # what a page reads in threads of its own is there
     for where in wanted:
-        app.turn_to(where)
+        app.turn_to_page(where)
         await settled(app, pilot)
-    app.turn_to("run")
+    app.turn_to_page("run")
     await pilot.pause()
 
 
@@ -153,14 +153,16 @@ async def test_a_page_and_its_questions_look_at_no_file_in_the_thread_that_draws
         await ready(app, pilot, where)
         found = {}
         LOOKS.begin()
-        app.turn_to(where)
+        app.turn_to_page(where)
         await settled(app, pilot)
         found["turned to"] = LOOKS.end()
-        app.turn_to(where)
+        app.turn_to_page(where)
         for action in [
-            one for one in app.offered(where) if one.where == where and one.id not in NOT_TRIED
+            one
+            for one in app.list_offered_actions(where)
+            if one.where == where and one.id not in NOT_TRIED
         ]:
-            app.turn_to(where)
+            app.turn_to_page(where)
             found[action.id] = await looked_at(app, pilot, action.keys.split(",")[0])
     assert {name: seen for name, seen in found.items() if seen} == {}
 
@@ -204,12 +206,12 @@ async def test_settings_that_cannot_be_kept_are_those_of_the_file_again(app):
         await ready(app, pilot)
         store = app.services.settings
         page = app.pages["settings"]
-        page.take(store.settings.model_copy(update={"sound": False}))
+        page.use_settings(store.settings.model_copy(update={"sound": False}))
         await settled(app, pilot)
         kept = store.settings
         store.write = full
-        page.take(kept.model_copy(update={"units": "imperial"}))
-        page.take(store.settings.model_copy(update={"theme": "night"}))
+        page.use_settings(kept.model_copy(update={"units": "imperial"}))
+        page.use_settings(store.settings.model_copy(update={"theme": "night"}))
         await settled(app, pilot)
         assert (
             store.settings == kept and app.units.id == "metric" and "No space left" in store.trouble
@@ -217,4 +219,4 @@ async def test_settings_that_cannot_be_kept_are_those_of_the_file_again(app):
 
 
 def test_all_pages_are_tried():
-    assert set(PAGES) == set(SCREENS)
+    assert set(PAGES) == set(SCREEN_CLASSES)

@@ -16,7 +16,7 @@ from topdress.console.app.replay_source import FASTEST, SLOWEST, ReplaySource
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
 from topdress.console.app.widgets.field_map import FieldMap
-from topdress.console.app.widgets.rates import Rates
+from topdress.console.app.widgets.rates import RatesPanel
 from topdress.console.app.widgets.trend import Trend
 from topdress.control.orders import Alarm, Answer, Do, Order, Severity
 
@@ -28,26 +28,26 @@ SIZE = (100, 30)
 
 
 def test_it_plays_at_the_log_s_own_pace(replay_source, clock):
-    replay_source.play()
+    replay_source.play_on()
     clock.now_s += 1.0
     assert replay_source.newest.row.time_s == pytest.approx(1.0)
     clock.now_s += 0.19
     assert replay_source.newest.row.time_s == pytest.approx(1.0), (
         "the row in force, not the next one"
     )
-    assert replay_source.age_s == pytest.approx(0.19)
+    assert replay_source.frame_age_s == pytest.approx(0.19)
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1000.0])
 def test_it_plays_as_fast_as_it_is_told(replay_source, clock, speed):
     replay_source.set_speed(speed)
-    replay_source.play()
+    replay_source.play_on()
     clock.now_s += 0.05
     assert replay_source.at_s == pytest.approx(min(replay_source.end_s, 0.05 * speed))
 
 
 def test_a_change_of_speed_keeps_the_place(replay_source, clock):
-    replay_source.play()
+    replay_source.play_on()
     clock.now_s += 4.0
     replay_source.set_speed(100.0)
     assert replay_source.at_s == pytest.approx(4.0)
@@ -67,24 +67,24 @@ def test_speeds_stay_between_a_tenth_and_a_thousand(replay_source):
 
 
 def test_pause_stands_and_step_moves_by_one_row(replay_source, clock):
-    replay_source.play()
+    replay_source.play_on()
     clock.now_s += 2.0
-    replay_source.pause()
+    replay_source.pause_here()
     clock.now_s += 50.0
     assert replay_source.at_s == pytest.approx(2.0)
-    replay_source.step(1)
+    replay_source.step_rows(1)
     assert replay_source.newest.row.time_s == pytest.approx(2.2)
-    replay_source.step(-2)
+    replay_source.step_rows(-2)
     assert replay_source.newest.row.time_s == pytest.approx(1.8)
-    replay_source.step(-999)
-    assert replay_source.index == 0
+    replay_source.step_rows(-999)
+    assert replay_source.frame_index == 0
 
 
 def test_it_stops_at_the_end_and_plays_again_from_the_start(replay_source, clock):
-    replay_source.play()
+    replay_source.play_on()
     clock.now_s += 1e6
-    assert replay_source.at_end and replay_source.newest is replay_source.frames[-1]
-    replay_source.toggle()
+    assert replay_source.is_at_end and replay_source.newest is replay_source.frames[-1]
+    replay_source.toggle_playing()
     assert replay_source.at_s == replay_source.start_s and replay_source.playing
 
 
@@ -104,13 +104,13 @@ def test_whatever_is_pressed_it_stays_inside_the_log(moves):
     for move, number in moves:
         match move:
             case "play":
-                source.play()
+                source.play_on()
             case "pause":
-                source.pause()
+                source.pause_here()
             case "seek":
-                source.seek(number)
+                source.seek_time(number)
             case "step":
-                source.step(int(number))
+                source.step_rows(int(number))
             case "faster":
                 source.change_speed(1)
             case "slower":
@@ -119,7 +119,7 @@ def test_whatever_is_pressed_it_stays_inside_the_log(moves):
                 clock.now_s += abs(number)
         assert source.start_s <= source.at_s <= source.end_s
         assert source.newest.row.time_s <= source.at_s + 1e-9
-        later = source.index + 1
+        later = source.frame_index + 1
         assert later == len(source.frames) or source.frames[later].row.time_s > source.at_s
 
 
@@ -128,8 +128,8 @@ _SHORT = run_frames(seconds=5.0)
 
 def test_a_gap_in_the_log_makes_its_values_old(frames, clock):
     source = ReplaySource([*frames[:10], *frames[100:]], clock)
-    source.seek(15.0)
-    assert source.age_s == pytest.approx(15.0 - 1.8)
+    source.seek_time(15.0)
+    assert source.frame_age_s == pytest.approx(15.0 - 1.8)
 
 
 def test_next_alarm_finds_the_row_on_which_it_begins(frames, clock):
@@ -137,8 +137,8 @@ def test_next_alarm_finds_the_row_on_which_it_begins(frames, clock):
     source = ReplaySource(
         [replace(f, alarms=(alarm,)) if 40 <= i < 60 else f for i, f in enumerate(frames)], clock
     )
-    assert source.next_alarm() and source.index == 40
-    assert not source.next_alarm() and source.index == 40
+    assert source.seek_next_alarm() and source.frame_index == 40
+    assert not source.seek_next_alarm() and source.frame_index == 40
 
 
 def test_orders_are_refused(replay_source):
@@ -170,7 +170,7 @@ async def test_the_keys_of_the_screen(replay_app, replay_source, clock, shown):
         assert replay_source.at_s == replay_source.end_s
         await pilot.press("home")
         await later(replay_app, pilot)
-        rates = replay_app.page.query_one("#rates", Rates)
+        rates = replay_app.page.query_one("#rates", RatesPanel)
         first = replay_source.frames[0].row.target_rate_kg_ha
         assert rates.view.target.text == f"{first:.0f}"
         assert replay_app.notice_text == ""
@@ -205,25 +205,25 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(
         replay=ReplayJob(replay_source, "run.csv", what_if=what_if, crops=("durum",)),
     )
     async with app.run_test(size=SIZE) as pilot:
-        replay_source.seek(12.0)
+        replay_source.seek_time(12.0)
         await pilot.press("q", "1", "enter", "2", "enter")
         await until(pilot, lambda: app.replay_page.chosen != WhatIf())
         await later(app, pilot)
         assert asked == [WhatIf(strategy="speed_first")]
         assert replay_source.at_s == pytest.approx(12.0)
-        assert app.page.query_one("#rates", Rates).view.target.text == "123"
+        assert app.page.query_one("#rates", RatesPanel).view.target.text == "123"
         assert any("what if: speed first" in row for row in shown(app))
         assert any(
             "off the target by" in row
-            and f"instead of {METRIC.mass.full(frames[-1].applied_kg)}" in row
+            and f"instead of {METRIC.mass.format_with_name(frames[-1].applied_kg)}" in row
             for row in shown(app)
         ), "what it would have changed"
         await pilot.press("q", "1", "enter", "3", "enter")
         await until(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
         assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"
         await pilot.press("delete")
-        app.tick()
-        assert app.page.query_one("#rates", Rates).view.target.text != "123"
+        app.show_newest()
+        assert app.page.query_one("#rates", RatesPanel).view.target.text != "123"
         assert app.replay_page.chosen == WhatIf()
 
 

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.reasons import why_not_ready
-from topdress.console.app.screens.worker_lost_screen import GoneScreen
-from topdress.console.app.view import STALE_S, why_other_rate
+from topdress.console.app.reasons import explain_not_ready
+from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
+from topdress.console.app.view import STALE_S, explain_rate
 from topdress.console.app.widgets.alarm_bar import AlarmBar
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import Panel
-from topdress.console.app.widgets.rates import Rates
+from topdress.console.app.widgets.rates import RatesPanel
 from topdress.console.link import WorkerGone
 from topdress.console.running import WorkerFailed
 from topdress.control.orders import Alarm, Do, Order, Severity
@@ -39,10 +39,10 @@ async def test_before_the_first_frame_nothing_is_claimed(clock, shown):
 async def test_values_older_than_a_second_are_grey_and_said(
     app, source, clock, frames, shown, pilot
 ):
-    rates = app.page.query_one("#rates", Rates)
+    rates = app.page.query_one("#rates", RatesPanel)
     assert not rates.view.target.stale
     clock.now_s += STALE_S - 0.05
-    app.tick()
+    app.show_newest()
     assert not rates.view.target.stale
     await later(app, pilot, 0.25)
     assert rates.view.target.stale and rates.view.applied.stale
@@ -73,11 +73,11 @@ async def test_between_two_frames_nothing_is_looked_at_but_what_was_asked_for(
     source.newest, start_s = replace(frames[-1], seq=frames[-1].seq + 1), clock.now_s
     for _tick in range(5):
         clock.now_s += 0.2
-        app.tick()
+        app.show_newest()
     assert looked == [0.2, 0.8]  # at once, then twice a second
-    app.page.hurry()
+    app.page.hurry_all()
     clock.now_s += 0.1
-    app.tick()
+    app.show_newest()
     assert looked[-1] == 1.1
 
 
@@ -97,7 +97,7 @@ async def test_first_frames_are_shown_as_they_come_until_the_receiver_speaks(
         source.newest = replace(frames[-1], seq=frames[-1].seq + 1 + number, gnss_age_s=age_s)
         for _look in range(2):  # twice between two frames
             if not stopped:
-                app._first()
+                app._show_first_frames()
         clock.now_s += 0.1
     assert stopped and looked == looked_at
 
@@ -105,8 +105,8 @@ async def test_first_frames_are_shown_as_they_come_until_the_receiver_speaks(
 async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames, pilot):
     clock.now_s += 2.0
     source.newest = replace(frames[-1])
-    app.tick()
-    assert app.page.query_one("#rates", Rates).view.target.stale
+    app.show_newest()
+    assert app.page.query_one("#rates", RatesPanel).view.target.stale
 
 
 async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
@@ -122,16 +122,16 @@ async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
 async def test_a_widget_is_touched_only_when_what_it_shows_changes(
     app, clock, source, frames, pilot
 ):
-    app.tick()
+    app.show_newest()
     before = {panel.id: panel.redraws for panel in panels(app)}
     for _tick in range(4):
         clock.now_s += 0.2
-        app.tick()
+        app.show_newest()
     assert {panel.id: panel.redraws for panel in panels(app)} == before
     row = frames[-1].row._replace(hopper_kg=12.0)
     source.newest = replace(frames[-1], seq=frames[-1].seq + 1, row=row)
     clock.now_s += 0.2
-    app.tick()
+    app.show_newest()
     changed = {panel.id for panel in panels(app) if panel.redraws != before[panel.id]}
     assert changed == {"tiles"}
 
@@ -142,15 +142,17 @@ async def test_of_a_panel_those_rows_alone_are_drawn_that_look_other(
 ):
     source.newest = frames[-1]
     async with app.run_test(size=SIZE):
-        app.tick()
+        app.show_newest()
         heads, rows = app.page.query_one("#heads"), []
         monkeypatch.setattr(
             heads, "refresh", lambda *regions, **_: rows.append([region.y for region in regions])
         )
         first, *rest = heads.view.heads
-        heads.show(heads.view._replace(heads=(first._replace(share=first.share + 1e-9), *rest)))
+        heads.show_view(
+            heads.view._replace(heads=(first._replace(share=first.share + 1e-9), *rest))
+        )
         assert rows == [], "another view that looks the same"
-        heads.show(heads.view._replace(heads=(first._replace(value="0.01"), *rest)))
+        heads.show_view(heads.view._replace(heads=(first._replace(value="0.01"), *rest)))
         assert rows == [[1]]
 
 
@@ -162,7 +164,7 @@ async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
         for step in range(1, 201):  # 10 s of ticks at 20 Hz, a new frame with each
             clock.now_s += 0.05
             source.newest = replace(frames[step], seq=step)
-            app.tick()
+            app.show_newest()
         drawn = {panel.id: panel.redraws - start[panel.id] for panel in panels(app)}
         assert 45 <= drawn["rates"] <= 50
         assert 19 <= drawn["trend"] <= 20
@@ -263,7 +265,7 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
         source.end.set_exception(WorkerGone("the connection to the machine broke off"))
         await pilot.pause()
         await pilot.pause()
-        assert isinstance(app.screen, GoneScreen)
+        assert isinstance(app.screen, WorkerLostScreen)
         text = "\n".join(shown(app))
         assert (
             "NO CONNECTION TO THE MACHINE" in text
@@ -271,16 +273,16 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
             and "hard-wired stop" in text
         )
         assert "attach" not in text, "only what can be done is offered"
-        assert app.page.query_one("#rates", Rates).view.target.stale, (
+        assert app.page.query_one("#rates", RatesPanel).view.target.stale, (
             "old at once, not after a second"
         )
         await pilot.press("enter")
         assert asked == [], "what is done must be chosen"
         await pilot.press("1", "enter")
         clock.now_s += 0.2
-        app.tick()
+        app.show_newest()
         assert asked == ["start"] and app.source is second and not app.gone
-        assert not app.page.query_one("#rates", Rates).view.target.stale
+        assert not app.page.query_one("#rates", RatesPanel).view.target.stale
         await pilot.press("space")
         assert second.orders == [Order(Do.HOLD)] and source.orders == []
 
@@ -295,12 +297,12 @@ async def test_a_worker_that_does_not_start_is_said_again(source, clock, shown):
         await pilot.pause()
         await pilot.pause()
         await pilot.press("1", "enter")
-        assert isinstance(app.screen, GoneScreen)
+        assert isinstance(app.screen, WorkerLostScreen)
         assert "no such port" in "\n".join(shown(app))
         await pilot.press("escape")
         assert "NO CONNECTION" in shown(app)[0]
         await pilot.press("c")
-        assert isinstance(app.screen, GoneScreen)
+        assert isinstance(app.screen, WorkerLostScreen)
 
 
 async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
@@ -309,7 +311,7 @@ async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
         source.end.set_exception(KeyError("odd"))
         await pilot.pause()
         await pilot.pause()
-        assert isinstance(app.screen, GoneScreen) and "odd" in app.gone
+        assert isinstance(app.screen, WorkerLostScreen) and "odd" in app.gone
 
 
 async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown, pilot):
@@ -379,7 +381,7 @@ def state_of(frame, state, **more):
     ],
 )
 def test_why_nothing_flows_in_words(frames, state, seen, says):
-    assert why_other_rate(state_of(frames[-1], state, **seen)) == says
+    assert explain_rate(state_of(frames[-1], state, **seen)) == says
 
 
 async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(
@@ -404,7 +406,7 @@ async def test_a_machine_that_is_recorded_only_says_so_in_place_of_a_state(
     )
     async with app.run_test(size=(120, 40)):
         assert "RECORDS ONLY" in shown(app)[0]
-        assert "recorded only: its drives are somebody else's" in why_not_ready(app)
+        assert "recorded only: its drives are somebody else's" in explain_not_ready(app)
 
 
 async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown):

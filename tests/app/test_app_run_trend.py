@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.history import Point, make_point
-from topdress.console.app.view import applied_kg_ha
-from topdress.console.app.widgets.tiles import TileGraphs, graph
+from topdress.console.app.history import TrendPoint, make_point
+from topdress.console.app.view import find_applied_kg_ha
+from topdress.console.app.widgets.tiles import TileGraphs, make_graph
 from topdress.console.app.widgets.trend import Trend, TrendView
 
 from tests.app.gallery import StillSource
@@ -28,8 +28,8 @@ def app(frames, clock):
 def _driven(app, frames):
     for frame in frames:
         app.source.newest = frame
-        app.tick()
-    app.look()
+        app.show_newest()
+    app.show_changes()
 
 
 def title_of(app, shown):
@@ -45,7 +45,9 @@ async def test_keys_read_the_trend_and_escape_ends_it(app, frames, shown, pilot)
     app.notice_text = ""
     await pilot.press("left")
     page = app.page
-    near = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
+    near = next(
+        point for point in reversed(page.list_trend_points()) if point.time_s <= page.cursor_s
+    )
     said = title_of(app, shown)
     assert f"target {near.target_kg_ha:.0f}" in said and f"applied {near.applied_kg_ha:.0f}" in said
     at_s = page.cursor_s
@@ -53,7 +55,9 @@ async def test_keys_read_the_trend_and_escape_ends_it(app, frames, shown, pilot)
     assert page.cursor_s == pytest.approx(at_s - 10 * (frames[-1].row.time_s - at_s), abs=0.2), (
         "ten steps"
     )
-    far = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
+    far = next(
+        point for point in reversed(page.list_trend_points()) if point.time_s <= page.cursor_s
+    )
     assert f"target {far.target_kg_ha:.0f}" in title_of(app, shown)
     assert any("│" in row for row in shown(app))
     await pilot.press("escape")
@@ -66,7 +70,10 @@ async def test_a_tap_on_the_trend_reads_it_and_one_on_its_title_ends_it(app, sho
     await pilot.pause()
     trend = app.page.query_one(Trend)
     await pilot.click(trend, offset=(trend.size.width - 12, 3))
-    assert app.page.cursor_s is not None and app.page.cursor_s < app.page.points()[-1].time_s
+    assert (
+        app.page.cursor_s is not None
+        and app.page.cursor_s < app.page.list_trend_points()[-1].time_s
+    )
     await pilot.click(trend, offset=(5, 0))
     assert app.page.cursor_s is None
 
@@ -84,7 +91,7 @@ async def test_the_cursor_stays_at_its_time_and_goes_when_the_trend_has_run_past
             **{name: getattr(last, name) for name in last.__dataclass_fields__}
             | {"seq": last.seq + int(later_s), "row": row, "at_s": last.at_s + later_s}
         )
-        app.look()
+        app.show_changes()
         assert page.cursor_s == (at_s if later_s < 100.0 else None)
 
 
@@ -117,23 +124,25 @@ async def test_graphs_stand_under_the_tiles_of_a_large_terminal(app, shown):
 
 def test_a_graph_breaks_where_nothing_is_known_and_noise_is_no_mountain():
     nan = float("nan")
-    assert graph((0.0, 60.0, 120.0), (1.0, nan, 3.0), 0.0, 120.0) == (
+    assert make_graph((0.0, 60.0, 120.0), (1.0, nan, 3.0), 0.0, 120.0) == (
         (0.0, 0.0),
         (0.5, None),
         (1.0, 1.0),
     )
-    level = graph((0.0, 60.0), (100.0, 100.1), 0.0, 120.0)
+    level = make_graph((0.0, 60.0), (100.0, 100.1), 0.0, 120.0)
     assert all(0.4 < share < 0.6 for _at, share in level)
-    assert graph((), (), 0.0, 120.0) == ()
+    assert make_graph((), (), 0.0, 120.0) == ()
 
 
 @pytest.mark.parametrize("size", [(120, 40)])
 async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
     """HELD they lie apart; the target was drawn with the dots of the applied rate."""
-    points = tuple(Point(float(k), 300.0, 0.0) for k in range(100))
+    points = tuple(TrendPoint(float(k), 300.0, 0.0) for k in range(100))
     async with app.run_test(size=size):
-        app.page.query_one("#trend", Trend).show(TrendView(points, app.units.rate))
-        drawn = app.page.query_one("#trend", Trend).lines(TrendView(points, app.units.rate), 80, 12)
+        app.page.query_one("#trend", Trend).show_view(TrendView(points, app.units.rate))
+        drawn = app.page.query_one("#trend", Trend).draw_rows(
+            TrendView(points, app.units.rate), 80, 12
+        )
     rows = [strip.text[6:] for strip in drawn[1:-1]]
     dotted = [row for row in rows if any(0x2800 < ord(one) <= 0x28FF for one in row)]
     solid = [row for row in rows if set(row) & set("▀▄█")]
@@ -157,4 +166,6 @@ async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
 )
 def test_the_noise_of_a_standing_shaft_is_no_rate_but_a_turning_one_is(frames, state, rpm, kg_ha):
     row = frames[-1].row._replace(state=state, shaft_rpm=rpm, applied_rate_kg_ha=4.2)
-    assert applied_kg_ha(row) == kg_ha == make_point(replace(frames[-1], row=row)).applied_kg_ha
+    assert (
+        find_applied_kg_ha(row) == kg_ha == make_point(replace(frames[-1], row=row)).applied_kg_ha
+    )

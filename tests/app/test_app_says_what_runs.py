@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 from topdress.console.app import words
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.attach_notice import Joined
+from topdress.console.app.attach_notice import JoinedMachine
 from topdress.console.app.dialogs import TextDialog
-from topdress.console.app.pages.job.map_words import map_words
-from topdress.console.app.pages.job.service import AtWork
+from topdress.console.app.pages.job.map_words import describe_map_check
+from topdress.console.app.pages.job.service import RunningLimits
 from topdress.console.app.services import Services
 from topdress.console.app.units import METRIC
-from topdress.console.app.view import why_other_rate
+from topdress.console.app.view import explain_rate
 from topdress.console.cli.screens import _join_running
 from topdress.console.link import WorkerGone
 from topdress.console.running import WorkerAddress
@@ -47,9 +47,9 @@ async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, sh
     """On a busy computer "NO DATA", "waiting for the first values" stood over a machine at work
     for seconds."""
     await later(app, pilot)
-    app.tick = lambda: None  # its first look is late
+    app.show_newest = lambda: None  # its first look is late
     for where in ("map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"):
-        app.turn_to(where)
+        app.turn_to_page(where)
         await pilot.pause()
         text = "\n".join(shown(app))
         assert (
@@ -63,13 +63,13 @@ async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, sh
 async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(
     app, source, shown, pilot
 ):
-    app.turn_to("job")
+    app.turn_to_page("job")
     await pilot.pause()
-    app.turn_to("run")
+    app.turn_to_page("run")
     await pilot.pause()
     in_state(source, "held")
     app.call_after_refresh = lambda *ignored: None
-    app.turn_to("job")
+    app.turn_to_page("job")
     await pilot.pause()
     assert "HELD" in shown(app)[0]
 
@@ -100,9 +100,9 @@ async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown, pilot):
 @pytest.mark.parametrize("state", ["ready", "held", "off", "fault"])
 def test_while_nothing_is_owed_no_flow_is_too_little(frames, state):
     frame = replace(frames[-1], notes=("limited_zero",), row=frames[-1].row._replace(state=state))
-    assert why_other_rate(frame) == ()
+    assert explain_rate(frame) == ()
     working = replace(frame, row=frame.row._replace(state="working"))
-    assert why_other_rate(working) == ("closed: below the machine's lowest rate",)
+    assert explain_rate(working) == ("closed: below the machine's lowest rate",)
 
 
 # --- texts
@@ -120,7 +120,7 @@ async def test_a_refusal_names_the_live_alarm_with_its_values(app, source):
     in_state(source, "held", alarms=(alarm,))
     source.answer = Answer(False, "acknowledge_first;alarm=console_silent")
     async with app.run_test(size=(120, 40)) as pilot:
-        app.tick()
+        app.show_newest()
         await pilot.press("s")
         assert "The console was not heard for 2 s" in app.notice_text
 
@@ -160,7 +160,7 @@ async def test_a_refusal_names_the_live_alarm_with_its_values(app, source):
     ],
 )
 def test_what_is_applied_where_the_map_has_nothing_is_said(check, said):
-    assert map_words(check, METRIC) == said
+    assert describe_map_check(check, METRIC) == said
 
 
 # --- joining
@@ -175,7 +175,7 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
         live=False,
         utc_offset_s=0.0,
         services=Services(job=SampleJobService()),
-        joined=Joined(
+        joined=JoinedMachine(
             "2026-11-23T07:12:00+00:00",
             "/logs/run.csv",
             ("/jobs/north.yaml",),
@@ -228,7 +228,7 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
 
 
 async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
-    services = Services(job=SampleJobService(), at_work=lambda _log: AtWork(180.0, 250.0))
+    services = Services(job=SampleJobService(), at_work=lambda _log: RunningLimits(180.0, 250.0))
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)
     async with app.run_test(size=(120, 40)) as pilot:
         await settled(app, pilot)
@@ -242,13 +242,13 @@ async def test_a_strategy_is_chosen_by_what_it_comes_to_on_this_machine(source, 
     """The referee's table: 107 to 1283 kg/ha against 76 to 764, lumps 0.18 m apart against 0.80
     at 120 kg/ha."""
     services = Services(
-        job=SampleJobService(), at_work=lambda _log: AtWork(450.0, 300.0, Machine())
+        job=SampleJobService(), at_work=lambda _log: RunningLimits(450.0, 300.0, Machine())
     )
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)
     async with app.run_test(size=(120, 40)) as pilot:
         await settled(app, pilot)
         tell(source, {"target_rate_kg_ha": 120.0, "speed_used_mps": 1.25})
-        app.tick()
+        app.show_newest()
         await pilot.press("t")
         text = " ".join(app.screen.text.split())
         assert (
@@ -276,7 +276,7 @@ async def test_a_strategy_is_chosen_by_what_it_comes_to_on_this_machine(source, 
 async def test_leaving_says_what_becomes_of_the_machine(app, source, consoles, said):
     in_state(source, "working", consoles=consoles)
     async with app.run_test(size=(80, 24)) as pilot:
-        app.tick()
+        app.show_newest()
         await pilot.press("ctrl+q")
         assert said in app.screen.text
 
@@ -284,7 +284,7 @@ async def test_leaving_says_what_becomes_of_the_machine(app, source, consoles, s
 async def test_a_console_that_ends_is_said_by_the_other(app, source):
     in_state(source, "working", consoles=2)
     async with app.run_test(size=(80, 24)) as pilot:
-        app.tick()
+        app.show_newest()
         assert app.notice_text == ""
         in_state(source, "working", consoles=1)
         await later(app, pilot)

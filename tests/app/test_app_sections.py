@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.coverage_raster import KINDS, Spot, Worked, find_spot
-from topdress.console.app.pages.run.keys import allow_choices
-from topdress.console.app.pages.run.section_bar import section_choices, section_parts
-from topdress.console.app.words import SECTIONS
+from topdress.console.app.coverage_raster import CELL_KINDS, Spot, WorkedGround, make_spot
+from topdress.console.app.pages.run.keys import list_allow_choices
+from topdress.console.app.pages.run.section_bar import list_section_choices, list_section_parts
+from topdress.console.app.words import SECTION_NAMES
 from topdress.console.frame import Frame, format_frame_json, parse_frame
 from topdress.console.locale import use_language
 from topdress.control.log_row import LogRow
@@ -28,10 +28,10 @@ def text_of(parts):
 
 
 def test_neighbours_that_are_alike_stand_together():
-    assert text_of(section_parts(STATES)) == " sections   1-2 open   3 outside   4 BY HAND"
-    assert set(SECTIONS) == set(WHY_CLOSED)
+    assert text_of(list_section_parts(STATES)) == " sections   1-2 open   3 outside   4 BY HAND"
+    assert set(SECTION_NAMES) == set(WHY_CLOSED)
     use_language("zh")
-    assert text_of(section_parts(STATES)) == " 分段   1-2 打开   3 田外   4 手动关闭"
+    assert text_of(list_section_parts(STATES)) == " 分段   1-2 打开   3 田外   4 手动关闭"
 
 
 def test_sections_come_through_the_wire():
@@ -62,16 +62,16 @@ async def test_a_section_is_closed_by_hand_and_taken_back(clock, frames):
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.click("#section-bar")
         # the last that may be allowed
-        await pilot.press(str(len(allow_choices(source.newest))), "enter")
+        await pilot.press(str(len(list_allow_choices(source.newest))), "enter")
         await pilot.press("2", "enter")
         assert source.orders[-1] == Order(Do.SECTION, "2 off")
 
 
 def test_only_machines_with_valves_are_asked(frames):
-    assert "sections" not in [one.value for one in allow_choices(frames[-1])]
+    assert "sections" not in [one.value for one in list_allow_choices(frames[-1])]
     frame = replace(frames[-1], sections=STATES)
-    assert allow_choices(frame)[-1].value == "sections"
-    assert [one.value for one in section_choices(frame)] == [
+    assert list_allow_choices(frame)[-1].value == "sections"
+    assert [one.value for one in list_section_choices(frame)] == [
         "1 off",
         "2 off",
         "3 off",
@@ -81,16 +81,16 @@ def test_only_machines_with_valves_are_asked(frames):
 
 
 def test_the_map_keeps_strips_of_what_was_open(frames):
-    worked = Worked(3.0)
+    worked = WorkedGround(3.0)
     worked.sections = (1.0 / 3.0, 2.0 / 3.0, 1.0)
-    worked.add(
+    worked.add_spots(
         [
             Spot(1.5, north, 0.0, 300.0, 300.0, 0.5, 0b101)
             for north in np.arange(0.5, 9.6, 0.5).tolist()
         ]
     )
-    planes = worked.window(1.0, 0, 0, 3, 10)
-    assert planes[KINDS, 2:8].astype(bool).tolist() == [[True, False, True]] * 6
+    planes = worked.sum_window(1.0, 0, 0, 3, 10)
+    assert planes[CELL_KINDS, 2:8].astype(bool).tolist() == [[True, False, True]] * 6
     row = frames[-1].row._replace(sections_cmd="1;0;1")
-    assert find_spot(replace(frames[-1], row=row)).open_bits == 5.0
-    assert find_spot(frames[-1]).open_bits == -1.0
+    assert make_spot(replace(frames[-1], row=row)).open_bits == 5.0
+    assert make_spot(frames[-1]).open_bits == -1.0

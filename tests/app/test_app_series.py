@@ -10,9 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from topdress.console.app.channels import CHANNELS, ERROR, list_values, value_of
+from topdress.console.app.channels import CHANNELS, RATE_ERROR, find_value, list_values
 from topdress.console.app.pages.trends.plots import round_axis_ends
-from topdress.console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
+from topdress.console.app.series import (
+    KEPT_BUCKETS,
+    WIDTHS_S,
+    LogSeries,
+    SeriesPyramid,
+    summarise_stretch,
+)
 from topdress.console.frame import Frame
 from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 
@@ -24,7 +30,7 @@ def frame(time_s: float, ndvi: float | None) -> Frame:
 
 
 def test_every_number_of_a_log_row_can_be_plotted():
-    assert {channel.id for channel in CHANNELS} - {ERROR} == set(COLUMNS) - TEXT_COLUMNS - {
+    assert {channel.id for channel in CHANNELS} - {RATE_ERROR} == set(COLUMNS) - TEXT_COLUMNS - {
         "time_s",
         *NDRE_COLUMNS,
     }
@@ -36,9 +42,11 @@ def test_every_number_of_a_log_row_can_be_plotted():
         state="working",
         satellites=9,
     )
-    assert (value_of(row, "ndvi"), value_of(row, "satellites")) == (0.4, 9.0)
-    assert value_of(row, ERROR) == pytest.approx(10.0)
-    assert isnan(value_of(row._replace(state="held"), ERROR)) and isnan(value_of(row, "hopper_kg"))
+    assert (find_value(row, "ndvi"), find_value(row, "satellites")) == (0.4, 9.0)
+    assert find_value(row, RATE_ERROR) == pytest.approx(10.0)
+    assert isnan(find_value(row._replace(state="held"), RATE_ERROR)) and isnan(
+        find_value(row, "hopper_kg")
+    )
     assert len(list_values(row)) == len(CHANNELS)
 
 
@@ -48,14 +56,16 @@ def test_every_number_of_a_log_row_can_be_plotted():
     st.sampled_from([0.05, 0.2, 0.7]),
 )
 def test_sums_over_the_whole_run_are_those_of_its_rows(values, step_s):
-    pyramid = Pyramid()
+    pyramid = SeriesPyramid()
     frames = [frame(k * step_s, value) for k, value in enumerate(values)]
     for one in frames:
-        pyramid.add(one)
+        pyramid.add_frame(one)
     known = [value for value in values if value is not None]
     for series in (pyramid, LogSeries(frames)):
         for buckets in (1, 7, 400):
-            found = sums(series.stretch("ndvi", 0.0, len(values) * step_s, buckets))
+            found = summarise_stretch(
+                series.find_stretch("ndvi", 0.0, len(values) * step_s, buckets)
+            )
             if not known:
                 assert isnan(found.mean)
             else:
@@ -64,23 +74,23 @@ def test_sums_over_the_whole_run_are_those_of_its_rows(values, step_s):
 
 
 def test_a_spike_of_one_row_is_seen_in_eight_hours():
-    pyramid = Pyramid()
+    pyramid = SeriesPyramid()
     for k in range(4 * 3600):
-        pyramid.add(frame(2.0 * k, 99.0 if k == 2161 else 0.5))
-    whole = pyramid.stretch("ndvi", 0.0, 8 * 3600.0, 200)
+        pyramid.add_frame(frame(2.0 * k, 99.0 if k == 2161 else 0.5))
+    whole = pyramid.find_stretch("ndvi", 0.0, 8 * 3600.0, 200)
     assert len(whole.time_s) >= 200
-    assert sums(whole).high == 99.0
+    assert summarise_stretch(whole).high == 99.0
     at = whole.time_s[whole.high == 99.0]
     assert len(at) == 1 and at[0] <= 4322.0 < at[0] + 64
     assert whole.counts.sum() == 4 * 3600
 
 
 def test_eight_hours_and_more_are_held_in_the_same_memory():
-    pyramid = Pyramid()
-    before = pyramid.bytes
+    pyramid = SeriesPyramid()
+    before = pyramid.memory_bytes
     for k in range(12 * 1800):
-        pyramid.add(frame(2.0 * k, 0.5))
-    assert pyramid.bytes == before < 25e6
+        pyramid.add_frame(frame(2.0 * k, 0.5))
+    assert pyramid.memory_bytes == before < 25e6
     assert pyramid.start_s == 0.0 and pyramid.end_s == pytest.approx(12 * 3600 - 2.0)
     for span_s, least in (
         (10.0, 10),
@@ -89,38 +99,38 @@ def test_eight_hours_and_more_are_held_in_the_same_memory():
         (8_000.0, 300),
         (12 * 3600.0, 300),
     ):
-        seen = pyramid.stretch("ndvi", pyramid.end_s - span_s, pyramid.end_s, 300)
+        seen = pyramid.find_stretch("ndvi", pyramid.end_s - span_s, pyramid.end_s, 300)
         assert len(seen.time_s) >= min(least, span_s / 2.0 - 1)
         assert (
             seen.time_s[0] <= pyramid.end_s - span_s + 64.0
             and seen.time_s[-1] > pyramid.end_s - 64.0
         )
-        assert len(seen.time_s) <= 2 * KEPT
+        assert len(seen.time_s) <= 2 * KEPT_BUCKETS
 
 
 def test_a_short_span_shows_single_rows_and_a_long_one_wide_buckets():
-    pyramid = Pyramid()
+    pyramid = SeriesPyramid()
     for k in range(8_000):
-        pyramid.add(frame(0.2 * k, 0.001 * (k % 10)))
-    short = pyramid.stretch("ndvi", 1590.0, 1600.0, 100)
+        pyramid.add_frame(frame(0.2 * k, 0.001 * (k % 10)))
+    short = pyramid.find_stretch("ndvi", 1590.0, 1600.0, 100)
     assert np.array_equal(short.low, short.high) and len(short.time_s) == pytest.approx(50, abs=2)
-    long = pyramid.stretch("ndvi", 0.0, 1600.0, 100)
+    long = pyramid.find_stretch("ndvi", 0.0, 1600.0, 100)
     assert np.diff(long.time_s).max() == pytest.approx(WIDTHS_S[3]) and (long.high > long.low).all()
 
 
 def test_where_the_fine_buckets_were_dropped_coarser_ones_answer():
-    pyramid = Pyramid(widths_s=(0.2, 4.0), kept=50)
+    pyramid = SeriesPyramid(widths_s=(0.2, 4.0), kept=50)
     for k in range(2_000):
-        pyramid.add(frame(0.2 * k, 0.5))
-    early = pyramid.stretch("ndvi", 250.0, 260.0, 100)
+        pyramid.add_frame(frame(0.2 * k, 0.5))
+    early = pyramid.find_stretch("ndvi", 250.0, 260.0, 100)
     assert len(early.time_s) and np.diff(early.time_s) == pytest.approx(4.0)
 
 
 def test_gaps_are_left_out():
-    pyramid = Pyramid()
+    pyramid = SeriesPyramid()
     for k in [*range(10), *range(100, 110)]:
-        pyramid.add(frame(float(k), 0.5))
-    assert pyramid.stretch("ndvi", 0.0, 120.0, 400).time_s.tolist() == [
+        pyramid.add_frame(frame(float(k), 0.5))
+    assert pyramid.find_stretch("ndvi", 0.0, 120.0, 400).time_s.tolist() == [
         *range(10),
         *range(100, 110),
     ]
@@ -128,26 +138,26 @@ def test_gaps_are_left_out():
 
 def test_a_log_is_read_at_its_own_rows():
     frames = run_frames(seconds=20.0)
-    seen = LogSeries(frames).stretch("target_rate_kg_ha", 5.0, 6.0, 200)
+    seen = LogSeries(frames).find_stretch("target_rate_kg_ha", 5.0, 6.0, 200)
     assert seen.time_s == pytest.approx([5.0, 5.2, 5.4, 5.6, 5.8, 6.0])
     assert seen.mean.tolist() == [one.row.target_rate_kg_ha for one in frames[25:31]]
-    assert len(LogSeries(frames).stretch("ndvi", 500.0, 600.0, 10).time_s) == 0
+    assert len(LogSeries(frames).find_stretch("ndvi", 500.0, 600.0, 10).time_s) == 0
 
 
 def test_nothing_is_known_before_the_first_row():
-    pyramid = Pyramid()
+    pyramid = SeriesPyramid()
     assert pyramid.start_s is pyramid.end_s is None
-    assert len(pyramid.stretch("ndvi", 0.0, 10.0, 10).time_s) == 0
-    assert isnan(sums(pyramid.stretch("ndvi", 0.0, 10.0, 10)).low)
+    assert len(pyramid.find_stretch("ndvi", 0.0, 10.0, 10).time_s) == 0
+    assert isnan(summarise_stretch(pyramid.find_stretch("ndvi", 0.0, 10.0, 10)).low)
 
 
 def test_time_that_runs_back_begins_anew():
-    from topdress.console.app.history import History
+    from topdress.console.app.history import LiveHistory
 
-    history = History()
+    history = LiveHistory()
     for one in run_frames(seconds=10.0):
-        history.add(one)
-    history.add(replace(run_frames(seconds=1.0)[0]))
+        history.add_frame(one)
+    history.add_frame(replace(run_frames(seconds=1.0)[0]))
     assert history.series.start_s == history.series.end_s == 0.0
 
 

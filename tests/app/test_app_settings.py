@@ -11,11 +11,11 @@ from topdress.console.app import actions
 from topdress.console.app.action import ANYWHERE
 from topdress.console.app.app import TopdressApp
 from topdress.console.app.dialogs import Choice
-from topdress.console.app.pages.all import SCREENS
+from topdress.console.app.pages.all import SCREEN_CLASSES
 from topdress.console.app.pages.settings.page import SettingsList, ThemeDialog
 from topdress.console.app.pages.settings.service import SettingsStore
 from topdress.console.app.services import Services
-from topdress.console.app.settings import find_key_clash, keymap_problem, make_theme
+from topdress.console.app.settings import find_key_clash, find_keymap_fault, make_theme
 from topdress.console.locale import find_language_code, list_languages
 from topdress.control.orders import Do, Order
 from topdress.drivers.files.settings import Settings, read_settings, write_settings
@@ -44,7 +44,7 @@ async def on_settings(app, pilot, *labels):
     """Go to the Settings screen and, by arrow keys, to the setting of this label."""
     await pilot.press("f11")
     for label in labels:
-        rows = [row.label for row in app.page.rows()]
+        rows = [row.label for row in app.page.list_rows()]
         await pilot.press("home", *["down"] * rows.index(label))
 
 
@@ -99,7 +99,7 @@ async def test_a_key_of_ones_own_works_and_is_shown(app, kept, source, pilot):
     await pilot.press("f2")
     await pilot.press("s", "j")
     assert source.orders == [Order(Do.START)], "s is free now, j starts"
-    assert "start" in {a.id for a in actions.at("run") if a.shown == "J"}
+    assert "start" in {a.id for a in actions.list_page_actions("run") if a.shown == "J"}
 
 
 @pytest.mark.exam
@@ -169,7 +169,7 @@ async def test_a_broken_file_is_told_at_the_start_and_stays_untouched(
     async with app.run_test(size=SIZE) as pilot:
         assert "value furlong" in app.notice_text and app.units.id == "metric"
         await pilot.press("f11")
-        app.tick()
+        app.show_newest()
         await pilot.pause()
         assert any("value furlong" in row for row in shown(app))
     assert "furlong" in path.read_text()
@@ -181,11 +181,11 @@ def test_a_keymap_that_cannot_be_used_is_said_in_one_line(source, clock):
         ({"start": "enter"}, "key keymap.start: value enter: not a key that can be used"),
         ({"start": "r"}, "key r: both start and ready"),
     ):
-        assert keymap_problem(keymap) == said
+        assert find_keymap_fault(keymap) == said
         store = SettingsStore(Settings(keymap=keymap), lambda settings: None)
         app = TopdressApp(source, clock, live=False, services=Services(settings=store))
         assert store.trouble == said
-        assert "shown" not in vars(app) and actions.at("run")[0].shown == "S", (
+        assert "shown" not in vars(app) and actions.list_page_actions("run")[0].shown == "S", (
             "the built-in keys are used"
         )
 
@@ -225,8 +225,8 @@ async def test_a_theme_of_the_users_own(source, clock):
 
 
 def test_the_tables_of_pages_name_the_same_pages():
-    opened = [one.id.removesuffix("_screen") for one in actions.pages()]
-    assert opened == list(SCREENS)
+    opened = [one.id.removesuffix("_screen") for one in actions.list_page_openers()]
+    assert opened == list(SCREEN_CLASSES)
     assert {one.where for one in actions.ACTIONS} - {ANYWHERE} <= set(opened)
 
 

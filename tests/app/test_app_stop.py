@@ -30,11 +30,11 @@ from topdress.console.app.pages.trends.page import ChannelDialog
 from topdress.console.app.screens.alarm_list import AlarmList
 from topdress.console.app.screens.help import HelpScreen
 from topdress.console.app.screens.jump import JumpScreen
-from topdress.console.app.screens.worker_lost_screen import GoneScreen
-from topdress.console.app.settings import keymap_problem
-from topdress.console.app.tablet import Key, KeyDialog, TabletApp
+from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
+from topdress.console.app.settings import find_keymap_fault
+from topdress.console.app.tablet import KeyDialog, TabletApp, TabletKey
 from topdress.console.app.units import METRIC
-from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.console.app.widgets.key_bar import KeyBar, place_actions
 from topdress.console.link import WorkerGone
 from topdress.control.orders import Answer, Do, Order
 
@@ -98,15 +98,15 @@ DIALOGS = {
     ),
     NameDialog: lambda: NameDialog("Name", "abc"),
     ChannelDialog: lambda: ChannelDialog((), METRIC, lambda chosen: None),
-    GoneScreen: lambda: GoneScreen("gone", True, True),
+    WorkerLostScreen: lambda: WorkerLostScreen("gone", True, True),
     AlarmList: lambda: AlarmList("Alarms", ()),
-    HelpScreen: lambda: HelpScreen(actions.at("run")),
+    HelpScreen: lambda: HelpScreen(actions.list_page_actions("run")),
     JumpScreen: lambda: JumpScreen((), ()),
     settings_page.ThemeDialog: lambda: settings_page.ThemeDialog(
         "Theme", [Choice("day", "Day"), Choice("night", "N")], "day"
     ),
-    settings_page.KeyChoice: lambda: settings_page.KeyChoice("start", "S"),
-    KeyDialog: lambda: KeyDialog("Key", "", Key("k", lambda: 0.0)),
+    settings_page.KeyPressDialog: lambda: settings_page.KeyPressDialog("start", "S"),
+    KeyDialog: lambda: KeyDialog("Key", "", TabletKey("k", lambda: 0.0)),
     CommandPalette: CommandPalette,
 }
 
@@ -165,7 +165,7 @@ def test_every_kind_of_dialog_is_tried_below():
     assert set(kinds()) <= set(DIALOGS), "a new kind of dialog belongs into DIALOGS"
 
 
-QUICK = (Confirm, NumberDialog, NameDialog, GoneScreen, CommandPalette)
+QUICK = (Confirm, NumberDialog, NameDialog, WorkerLostScreen, CommandPalette)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,9 @@ async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, k
     source.orders.clear()
     bar = full.page.query_one("#keys", KeyBar)
     for name, order in (("stop", STOP), ("hold", HOLD)):
-        place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == name)
+        place = next(
+            one for one in place_actions(bar.view.actions, bar.size.width) if one[0].id == name
+        )
         await click(full, pilot, bar.region.x + place[1] + 1, bar.region.y)
         assert source.orders == [order] and full.screen is dialog, (
             f"a click on {name}, which is in sight"
@@ -264,7 +266,7 @@ async def test_every_letter_does_the_same_with_shift_caps_lock_and_full_width(fu
     async with full.run_test(size=SIZE) as pilot:
         for where in full.pages:
             await turned(full, pilot, where)
-            for action in actions.at(where):
+            for action in actions.list_page_actions(where):
                 for key in actions.find_keys(action, keymap):
                     if len(key) == 1 and key.isalpha():
                         for text in (key, *forms(key)):
@@ -293,7 +295,7 @@ def test_no_built_in_binding_is_a_capital():
 
 async def test_digits_of_dialogs_work_full_width(full, pilot):
     answers = []
-    full.push_screen(GoneScreen("gone", True, True), answers.append)
+    full.push_screen(WorkerLostScreen("gone", True, True), answers.append)
     await pilot.pause()
     await send(full, pilot, "２", "\r")
     assert answers == ["attach"]
@@ -328,7 +330,7 @@ async def test_a_remapped_key_works_with_caps_lock_too(source, clock):
 
 
 async def test_a_capital_that_the_user_bound_is_the_user_s(source, clock):
-    assert keymap_problem({"mark": "S"}) == ""
+    assert find_keymap_fault({"mark": "S"}) == ""
     app = TopdressApp(source, clock, live=False, keymap={"mark": "S", "map_follow": "R"})
     async with app.run_test(size=SIZE) as pilot:
         await send(app, pilot, "s", "S", "\x1b[115;2u", "R")
@@ -340,8 +342,8 @@ async def test_a_capital_that_the_user_bound_is_the_user_s(source, clock):
 
 def test_f12_cannot_be_taken_from_stop():
     for key in ("f12", "shift+f12"):
-        assert "F12 is STOP" in keymap_problem({"start": key, "stop": "p"})
-    assert keymap_problem({"stop": "z,f12"}) == "key z: both whole field and STOP", (
+        assert "F12 is STOP" in find_keymap_fault({"start": key, "stop": "p"})
+    assert find_keymap_fault({"stop": "z,f12"}) == "key z: both whole field and STOP", (
         "no complaint about F12"
     )
 
@@ -349,7 +351,7 @@ def test_f12_cannot_be_taken_from_stop():
 def test_a_letter_alone_is_folded_and_nothing_else():
     kept = ("escape", "shift+left", "ctrl+c", "alt+shift+left", "plus", "shift+tab", "ß", "é", "f2")
     assert [
-        key_normaliser.meant(key, frozenset(), frozenset({"x", "space"})) for key in kept
+        key_normaliser.normalise_key(key, frozenset(), frozenset({"x", "space"})) for key in kept
     ] == list(kept)
 
 
@@ -362,7 +364,7 @@ async def test_stop_is_in_its_place_beside_a_notice(app, source, shown):
     async with app.run_test(size=SIZE) as pilot:
         bar = app.page.query_one("#keys", KeyBar)
         place = next(
-            one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "stop"
+            one for one in place_actions(bar.view.actions, bar.size.width) if one[0].id == "stop"
         )
         await pilot.press("s")
         last = shown(app)[-1]
@@ -388,7 +390,7 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
     app = TabletApp(
         source,
         link_to,
-        Key(key, clock),
+        TabletKey(key, clock),
         clock=clock,
         live=False,
         utc_offset_s=0.0,
@@ -400,7 +402,7 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
             await later(app, pilot)
             last = shown(app)[-1]
             assert "hold and STOP: at the machine" in last and "X STOP" not in last, where
-            offered = {action.id for action in app.offered(where)}
+            offered = {action.id for action in app.list_offered_actions(where)}
             assert not {"hold", "stop"} & offered
             titles = {command.title for command in app.get_system_commands(app.screen)}
             assert not {"hold", "STOP"} & titles
@@ -418,8 +420,8 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
                 await turned(app, pilot, where)
         assert source.orders == [] and app.looking
         app.looking = False
-        app.page.hurry()
-        app.tick()
+        app.page.hurry_all()
+        app.show_newest()
         await turned(app, pilot, "run")
         assert "X STOP" in shown(app)[-1]
         await send(app, pilot, "X")
@@ -449,25 +451,25 @@ async def test_without_a_worker_stop_and_hold_ask_to_connect_on_every_page(
             assert "STOP: at machine" in rows[-1] and "X connect" in rows[-1], where
             assert "X STOP" not in rows[-1] and "Space hold" not in rows[-1], where
             assert "No connection to the machine" in rows[1], "no old alarm hides it"
-            orders = [one for one in app.offered(where) if one.needs_machine]
-            assert all("no connection" in app.why_not(one) for one in orders), where
+            orders = [one for one in app.list_offered_actions(where) if one.needs_machine]
+            assert all("no connection" in app.explain_not_now(one) for one in orders), where
             await send(app, pilot, "X")
-            assert isinstance(app.screen, GoneScreen), where
+            assert isinstance(app.screen, WorkerLostScreen), where
             app.pop_screen()
         await turned(app, pilot, "run")
         for text in ("\x1b[24~", " "):
             await send(app, pilot, text)
-            assert isinstance(app.screen, GoneScreen), text
+            assert isinstance(app.screen, WorkerLostScreen), text
             app.pop_screen()
         for key in ("s", "r", "m", "plus", "comma", "l", "a"):
             await pilot.press(key)
             assert app.screen is app.page and "no connection" in app.notice_text, key
-            app.notice("")
+            app.show_notice("")
             clock.now_s += 5.0
         bar = app.page.query_one("#keys", KeyBar)
-        place = next(at for at in range(bar.size.width) if bar.action_at(at) == "stop")
+        place = next(at for at in range(bar.size.width) if bar.find_action(at) == "stop")
         await click(app, pilot, bar.region.x + place, bar.region.y)
-        assert isinstance(app.screen, GoneScreen) and source.orders == []
+        assert isinstance(app.screen, WorkerLostScreen) and source.orders == []
         await pilot.press("1", "enter")
         await looked(app, pilot)
         await send(app, pilot, "X")
@@ -484,7 +486,7 @@ async def test_an_order_from_a_dialog_that_outlived_its_worker_is_not_lost_in_si
     await pilot.press("escape")
     assert isinstance(app.screen, NumberDialog)
     await pilot.press("enter")
-    assert isinstance(app.screen, GoneScreen)
+    assert isinstance(app.screen, WorkerLostScreen)
 
 
 async def test_a_question_about_the_connection_goes_when_there_is_one(source, clock):
@@ -500,7 +502,7 @@ async def test_a_question_about_the_connection_goes_when_there_is_one(source, cl
         source.end.set_exception(WorkerGone("gone"))
         await pilot.pause()
         await pilot.press("1", "enter", "x")
-        assert isinstance(app.screen, GoneScreen)
+        assert isinstance(app.screen, WorkerLostScreen)
         ready.set()
         await pilot.pause()
         await pilot.pause()
@@ -518,17 +520,17 @@ async def test_while_the_machine_is_changed_over_stop_says_so_and_is_not_lost_af
 
     app = TopdressApp(source, clock, live=False, start=start)
     async with app.run_test(size=SIZE) as pilot:
-        app.restart(start)
+        app.restart_source(start)
         await pilot.pause()
         source.end.set_exception(WorkerGone("ended for new files"))
         await pilot.pause()
-        app.notice("")
+        app.show_notice("")
         await pilot.press("x")
         assert "comes back with the new files" in app.notice_text and app.screen is app.page
         ready.set()
         await pilot.pause()
         await pilot.pause()
-        assert isinstance(app.screen, GoneScreen)
+        assert isinstance(app.screen, WorkerLostScreen)
         await pilot.press("escape")
         app.notice_text = ""
         await looked(app, pilot)

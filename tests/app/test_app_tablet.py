@@ -10,10 +10,10 @@ from topdress.console.app import actions
 from topdress.console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, JOB, MAP, RUN, SETTINGS
 from topdress.console.app.guide_line import GuideLine
 from topdress.console.app.guide_line_store import make_line_record
-from topdress.console.app.pages.job.service import Earlier
-from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.pages.job.service import EarlierRun
+from topdress.console.app.screens.worker_lost_screen import WorkerLostScreen
 from topdress.console.app.services import Services
-from topdress.console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
+from topdress.console.app.tablet import WRITING_PAGES, KeyDialog, TabletApp, TabletKey
 from topdress.console.app.widgets.field_map import FieldMap
 from topdress.console.app.widgets.key_bar import KeyBar
 from topdress.console.services.line_files import KeptLineFiles, ReadOnlyLineFiles
@@ -38,7 +38,7 @@ def tab(source, clock):
         app = TabletApp(
             start,
             link_to,
-            Key(key, clock),
+            TabletKey(key, clock),
             clock=clock,
             live=False,
             utc_offset_s=0.0,
@@ -54,11 +54,11 @@ def tab(source, clock):
 async def test_nothing_is_ordered_by_any_key_of_any_page_without_the_key(tab, source, shown):
     app = tab(None)
     async with app.run_test(size=(120, 40)) as pilot:
-        app.tick()
+        app.show_newest()
         assert "VIEW ONLY" in shown(app)[0]
-        for page in [name for name in app.pages if name not in CLOSED]:
+        for page in [name for name in app.pages if name not in WRITING_PAGES]:
             await turned(app, pilot, page)
-            for action in actions.at(page):
+            for action in actions.list_page_actions(page):
                 if action.id != "quit":
                     await app.action_do(action.id)
                     await pilot.press("escape")
@@ -77,8 +77,8 @@ async def test_a_refusal_is_said_in_words(tab, shown):
 async def test_pages_that_write_files_are_closed(tab):
     app = tab(None)
     async with app.run_test(size=(120, 40)) as pilot:
-        assert CLOSED == {CALIBRATE, DIAGNOSIS, SETTINGS}
-        for page in CLOSED:
+        assert WRITING_PAGES == {CALIBRATE, DIAGNOSIS, SETTINGS}
+        for page in WRITING_PAGES:
             await app.action_do(f"{page}_screen")
             await turned(app, pilot, page)
             assert app.page.where == RUN
@@ -86,7 +86,7 @@ async def test_pages_that_write_files_are_closed(tab):
 
 async def test_what_only_looks_is_allowed(tab):
     app = tab(None)
-    allowed = {action.id for action in actions.ACTIONS if app.may(action)}
+    allowed = {action.id for action in actions.ACTIONS if app.is_allowed(action)}
     everywhere = {
         action.id for action in actions.ACTIONS if action.where == ANYWHERE and action.id in allowed
     }
@@ -117,14 +117,14 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
         await pilot.press(*"abcd2345", "enter")
         await until(pilot, lambda: app.links)
         assert not app.looking and app.links == [True]
-        app.tick()
+        app.show_newest()
         await pilot.press("s")
         assert [order.do for order in source.orders] == [Do.START]
         await app.action_do("diagnosis_screen")
         assert app.page.where == DIAGNOSIS
-        app.page.hurry()
-        app.tick()
-        assert "TABLET" in app.marks()
+        app.page.hurry_all()
+        app.show_newest()
+        assert "TABLET" in app.list_status_marks()
 
 
 @pytest.mark.parametrize("row", [0, 2])
@@ -132,13 +132,13 @@ async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
     app = tab()
     async with app.run_test(size=(128, 36)) as pilot:
         app.looking = False
-        app.page.hurry()
-        app.tick()
+        app.page.hurry_all()
+        app.show_newest()
         bar = app.page.query_one(KeyBar)
         (at,) = [
             x
             for x in range(bar.size.width)
-            if bar.action_at(x) == "stop" and bar.action_at(x - 1) != "stop"
+            if bar.find_action(x) == "stop" and bar.find_action(x - 1) != "stop"
         ]
         assert bar.region.height == 3
         await pilot.click(KeyBar, offset=(at, row))
@@ -156,8 +156,8 @@ async def test_a_tablet_on_end_uses_its_height_and_cuts_nothing(tab, page, under
     app = tab()
     async with app.run_test(size=(65, 43)) as pilot:
         app.looking = looking
-        app.page.hurry()
-        app.tick()
+        app.page.hurry_all()
+        app.show_newest()
         await turned(app, pilot, page)
         assert app.page.query_one(under).region.height >= rows
         assert cut_on(app) == []
@@ -167,16 +167,16 @@ async def test_a_key_that_has_to_wait_is_tried_by_itself(tab, clock):
     """As it was entered: what is typed anew is not."""
     app = tab("abcd2345")
     async with app.run_test(size=(120, 40)) as pilot:
-        app.key.wrong("guess of another tab")
+        app.key.find_fault("guess of another tab")
         await pilot.press("asterisk", *"abcd", "enter")
-        assert isinstance(app.screen, KeyDialog) and app.key.left_s == 1.0
+        assert isinstance(app.screen, KeyDialog) and app.key.wait_left_s == 1.0
         await pilot.press(*"2345")
         clock.now_s += 1.1
         await pilot.pause(1.3)
         assert app.looking, "half of a key"
-        app.key.wrong("guess of another tab")
+        app.key.find_fault("guess of another tab")
         await pilot.press("enter")
-        assert app.looking and app.key.left_s
+        assert app.looking and app.key.wait_left_s
         clock.now_s += 10.0
         await until(pilot, lambda: not app.looking)
         assert not isinstance(app.screen, KeyDialog)
@@ -185,7 +185,7 @@ async def test_a_key_that_has_to_wait_is_tried_by_itself(tab, clock):
 async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
     app = tab(start=None)
     async with app.run_test(size=(120, 40)) as pilot:
-        assert isinstance(app.screen, GoneScreen) and app.start is None
+        assert isinstance(app.screen, WorkerLostScreen) and app.start is None
         text = " ".join("\n".join(shown(app)).split())
         assert "The console on the machine is not running" in text and "start it again" not in text
         await pilot.press("1", "enter")
@@ -194,17 +194,18 @@ async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
 
 
 def test_wrong_keys_make_one_wait_longer_each_time(clock):
-    key = Key("abcd2345", clock)
-    assert key.wrong("abcd2346") == "This is not the tablet's key."
-    assert key.wrong("abcd2345") == "The last key was wrong: wait 2 s."
+    key = TabletKey("abcd2345", clock)
+    assert key.find_fault("abcd2346") == "This is not the tablet's key."
+    assert key.find_fault("abcd2345") == "The last key was wrong: wait 2 s."
     clock.now_s += 1.0
-    assert key.wrong("") == "This is not the tablet's key."
+    assert key.find_fault("") == "This is not the tablet's key."
     clock.now_s += 1.5
-    assert key.wrong("abcd2345").startswith("The last key was wrong")
+    assert key.find_fault("abcd2345").startswith("The last key was wrong")
     clock.now_s += 0.5
-    assert key.wrong(" abcd2345\n") == ""
+    assert key.find_fault(" abcd2345\n") == ""
     assert (
-        Key(None, clock).wrong("") == "There is no key: this server was started for viewing only."
+        TabletKey(None, clock).find_fault("")
+        == "There is no key: this server was started for viewing only."
     )
 
 
@@ -216,11 +217,11 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
     files = KeptLineFiles()
     files.append_record(str(log), make_line_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
     files.close_files()
-    before = Earlier((), tuple((500.0, float(k), 0.0, 300.0) for k in range(40)))
+    before = EarlierRun((), tuple((500.0, float(k), 0.0, 300.0) for k in range(40)))
     app = TabletApp(
         StillSource(frame),
         None,
-        Key(None, StillClock()),
+        TabletKey(None, StillClock()),
         clock=StillClock(),
         live=False,
         services=Services(
@@ -230,7 +231,7 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
     async with app.run_test(size=(120, 40)) as pilot:
         await settled(app, pilot)
         assert app.history.worked.box.east_m > 400.0 and app.guide.b == (0.0, 50.0)
-        app.guide.clear()
-        app.keep_line(make_line_record(app.guide))
+        app.guide.clear_ends()
+        app.keep_line_record(make_line_record(app.guide))
         app.services.lines.close_files()
-    assert KeptLineFiles().read_lines(str(log)).guide.set
+    assert KeptLineFiles().read_lines(str(log)).guide.is_set

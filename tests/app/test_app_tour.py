@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.tour import READ_S, STEPS, Tour
+from topdress.console.app.tour import READING_S, TOUR_STEPS, Tour
 from topdress.console.app.widgets.status_line import TourBar
 
 SIZE = (120, 40)
@@ -29,24 +29,24 @@ def test_every_step_waits_for_its_deed_and_the_last_ends_it(frame_of):
     deeds = [
         ({"state": "ready"}, "run", 1.0),
         ({"state": "working", "applied_kg_ha": 300.0}, "run", 1.0),
-        ({"state": "working"}, "run", READ_S + 1.0),
+        ({"state": "working"}, "run", READING_S + 1.0),
         ({"state": "working", "strategy": "speed_first"}, "run", 1.0),
         ({"state": "working", "strategy": "speed_first"}, "map", 1.0),
         ({"state": "held"}, "map", 1.0),
         ({"state": "working"}, "run", 1.0),
         ({"state": "off"}, "run", 1.0),
     ]
-    assert len(deeds) == len(STEPS)
+    assert len(deeds) == len(TOUR_STEPS)
     before, where, now_s = {"state": "off"}, "run", 0.0
     for number, (deed, page, lasts_s) in enumerate(deeds):
         for _ in range(3):
-            tour.see(frame_of(**before), where, now_s)
+            tour.follow_frame(frame_of(**before), where, now_s)
             assert tour.index == number, "a step went on by itself"
         now_s += lasts_s
-        tour.see(frame_of(**deed), page, now_s)
+        tour.follow_frame(frame_of(**deed), page, now_s)
         assert tour.index == number + 1
         before, where = deed, page
-    assert tour.over and tour.text == ""
+    assert tour.is_over and tour.text == ""
 
 
 async def test_it_is_shown_on_every_page_and_orders_nothing(frame_of, source, clock, shown):
@@ -54,12 +54,12 @@ async def test_it_is_shown_on_every_page_and_orders_nothing(frame_of, source, cl
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, tour=True)
     async with app.run_test(size=SIZE) as pilot:
         for where in app.pages:
-            app.turn_to(where)
+            app.turn_to_page(where)
             await pilot.pause()
-            app.tick()
+            app.show_newest()
             await pilot.pause()
             assert "Press R" in "\n".join(shown(app)), where
-        app.turn_to("run")
+        app.turn_to_page("run")
         await pilot.press("ctrl+n")
         assert "Press S" in "\n".join(shown(app)) and "2/8" in "\n".join(shown(app))
         await pilot.press("ctrl+e")
@@ -90,10 +90,10 @@ async def test_every_step_is_read_to_its_end_at_any_size(app, source, shown, siz
     async with app.run_test(size=size) as pilot:
         app.tour = Tour()
         for step in app.tour.steps:
-            app.look()
+            app.show_changes()
             await pilot.pause()
             await pilot.pause()
             bar = app.page.query_one(TourBar)
             rows = shown(app)[bar.region.y : bar.region.bottom]
             assert " ".join(" ".join(rows[:-1]).split()) == step.text and "end the tour" in rows[-1]
-            app.tour.next()
+            app.tour.skip_step()

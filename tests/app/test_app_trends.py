@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.braille import Piece, trace_cells
+from topdress.console.app.braille import PlotPiece, trace_cells
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.pages.trends.page import ChannelDialog
 from topdress.console.app.pages.trends.plots import Plots
@@ -29,7 +29,7 @@ def app():
     clock = StillClock(FRAMES[-1].row.time_s)
     app = TopdressApp(StillSource(FRAMES[-1]), clock, live=False, utc_offset_s=0.0)
     for frame in FRAMES[:-1]:
-        app.history.add(frame)
+        app.history.add_frame(frame)
     return app
 
 
@@ -67,7 +67,7 @@ async def test_three_channels_at_first_with_their_sums(plots):
 async def test_spans_by_key_and_by_wheel(app, pilot, plots):
     assert bar(app).span == "span 02:00"
     await pilot.press("plus", "plus")
-    assert bar(app).span == "span 00:30" and app.page.window().length_s == 30.0
+    assert bar(app).span == "span 00:30" and app.page.find_window().length_s == 30.0
     begin, end = plots.view.plots[0].pieces[0].at, plots.view.plots[0].pieces[-1].at
     assert -0.02 <= begin <= 0.02 and end == pytest.approx(1.0)
     await pilot.press("minus")
@@ -77,7 +77,7 @@ async def test_spans_by_key_and_by_wheel(app, pilot, plots):
     assert bar(app).span == "span 02:00"
     await pilot.press("z")
     assert bar(app).span == "whole run, 02:09"
-    assert app.page.window().from_s == 0.0
+    assert app.page.find_window().from_s == 0.0
     for _press in range(20):
         await pilot.press("plus")
     assert bar(app).span == "span 00:10"
@@ -95,7 +95,7 @@ async def go_on(app, seconds):
         )
         app.source.newest = replace(last, seq=last.seq + step, row=row, at_s=row.time_s)
         app.clock.now_s += 0.2
-        app.tick()
+        app.show_newest()
 
 
 async def test_frozen_plots_stand_while_the_run_goes_on(app, pilot, plots):
@@ -105,15 +105,15 @@ async def test_frozen_plots_stand_while_the_run_goes_on(app, pilot, plots):
     await go_on(app, 10.0)
     assert plots.view == before
     await pilot.press("pageup")
-    assert app.page.window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
+    assert app.page.find_window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
     await pilot.press("pagedown", "pagedown")
-    assert app.page.window().to_s == pytest.approx(app.history.series.end_s), (
+    assert app.page.find_window().to_s == pytest.approx(app.history.series.end_s), (
         "not beyond the newest"
     )
     await pilot.press("y")
     await go_on(app, 1.0)
     assert bar(app).states == ("running",)
-    assert app.page.window().to_s == app.history.series.end_s
+    assert app.page.find_window().to_s == app.history.series.end_s
 
 
 async def test_the_cursor_reads_the_values_at_its_time(app, shown, pilot, plots):
@@ -136,7 +136,7 @@ async def test_the_cursor_reads_the_values_at_its_time(app, shown, pilot, plots)
 
 
 async def test_a_click_sets_the_cursor_and_a_click_on_a_name_opens_the_list(app, pilot, plots):
-    columns = plots.columns(plots.content_size.width)
+    columns = plots.count_columns(plots.content_size.width)
     await pilot.click("#plots", offset=(9 + columns // 2, 3))
     assert plots.view.cursor == pytest.approx(0.5, abs=0.02)
     await pilot.click("#plots", offset=(5, 0))
@@ -186,18 +186,18 @@ async def test_plots_are_drawn_twice_a_second_and_only_where_they_changed(app, p
     await go_on(app, 10.0)
     assert 16 <= plots.redraws - start <= 20
     app.clock.now_s += 0.5
-    app.tick()
+    app.show_newest()
     start = plots.redraws
     for _tick in range(10):
         app.clock.now_s += 0.04
-        app.tick()
+        app.show_newest()
     assert plots.redraws == start, "no new value, nothing drawn"
 
 
 async def test_units_change_value_and_axis(app, pilot, plots):
     await pilot.press("u", "enter")
-    app.page.hurry()
-    app.tick()
+    app.page.hurry_all()
+    app.show_newest()
     target = plots.view.plots[0]
     assert target.unit == "lb/ac"
     assert float(target.value) == pytest.approx(FRAMES[-1].row.target_rate_kg_ha * 0.8922, abs=0.6)
@@ -206,13 +206,13 @@ async def test_units_change_value_and_axis(app, pilot, plots):
 
 async def test_old_values_are_grey_and_gaps_are_gaps(app, plots):
     app.clock.now_s += 10.0
-    app.tick()
+    app.show_newest()
     assert plots.view.stale
     last = app.source.newest
     row = last.row._replace(time_s=last.row.time_s + 10.0)
     app.source.newest = replace(last, seq=last.seq + 1, row=row)
     app.clock.now_s += 0.5
-    app.tick()
+    app.show_newest()
     assert not plots.view.stale
     assert [piece.joined for piece in plots.view.plots[0].pieces[-2:]] == [True, False]
 
@@ -230,7 +230,7 @@ async def test_locked_nothing_changes(app, pilot, plots):
 
 async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, shown):
     log = ReplaySource(frames, clock)
-    log.seek(30.0)
+    log.seek_time(30.0)
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(log, "run.csv"), utc_offset_s=0.0)
     async with app.run_test(size=SIZE) as pilot:
         plots = await opened(app, pilot)
@@ -240,9 +240,9 @@ async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, sh
         await pilot.press("z")
         assert plots.view.end == "06:12:59" and bar(app).span == "whole run, 00:59"
         await pilot.press("plus")
-        log.seek(40.0)
-        app.page.hurry()
-        app.tick()
+        log.seek_time(40.0)
+        app.page.hurry_all()
+        app.show_newest()
         assert plots.view.end == "06:12:40"
 
 
@@ -290,7 +290,7 @@ async def test_at_every_size_three_plots_and_the_time_axis_are_there(shown, size
     async with app.run_test(size=size) as pilot:
         await settle(app, picture, pilot.pause)
         plots = app.page.query_one("#plots", Plots)
-        assert min(plots.rows_of(plots.content_size.height)) >= 5
+        assert min(plots.count_plot_rows(plots.content_size.height)) >= 5
         rows = shown(app)
         assert sum("kg/ha" in row for row in rows) == 2 and any(
             "14:18:39" in row and "14:16:39" in row for row in rows
@@ -303,15 +303,21 @@ async def test_at_every_size_three_plots_and_the_time_axis_are_there(shown, size
 
 
 def test_a_piece_goes_from_its_lowest_to_its_highest_and_joins_the_next():
-    seen = dots(trace_cells((Piece(0.0, 0.0, 0.0, False), Piece(1.0, 1.0, 1.0, True)), 2, 1))
+    seen = dots(
+        trace_cells((PlotPiece(0.0, 0.0, 0.0, False), PlotPiece(1.0, 1.0, 1.0, True)), 2, 1)
+    )
     assert seen == {(0, 3), (1, 3), (2, 3), (3, 0), (3, 1), (3, 2), (3, 3)}
-    assert dots(trace_cells((Piece(0.5, 0.0, 1.0, False),), 1, 1)) == {(0, y) for y in range(4)}
+    assert dots(trace_cells((PlotPiece(0.5, 0.0, 1.0, False),), 1, 1)) == {(0, y) for y in range(4)}
 
 
 def test_a_gap_and_what_lies_outside_are_not_drawn():
     seen = dots(
         trace_cells(
-            (Piece(-0.4, 0.5, 0.5, False), Piece(0.0, 0.0, 0.0, True), Piece(1.0, 0.0, 0.0, False)),
+            (
+                PlotPiece(-0.4, 0.5, 0.5, False),
+                PlotPiece(0.0, 0.0, 0.0, True),
+                PlotPiece(1.0, 0.0, 0.0, False),
+            ),
             3,
             1,
         )

@@ -12,7 +12,7 @@ import pytest
 from topdress.console import app as console_app
 from topdress.console.app.dialogs import Confirm
 from topdress.console.app.pages.job.page import JobScreen
-from topdress.console.app.undo import NOT_TAKEN_BACK, describe_undo, ordered_source, reverse_orders
+from topdress.console.app.undo import NOT_UNDONE, describe_undo, find_ordered_source, reverse_orders
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
 from topdress.console.worker.parts import FRAME_FIELDS
@@ -47,8 +47,8 @@ CHANGES = {
 
 
 def test_each_order_is_taken_back_or_named_as_not():
-    assert set(CHANGES) | set(NOT_TAKEN_BACK) == set(Do) and not set(CHANGES) & set(NOT_TAKEN_BACK)
-    assert all(NOT_TAKEN_BACK.values())
+    assert set(CHANGES) | set(NOT_UNDONE) == set(Do) and not set(CHANGES) & set(NOT_UNDONE)
+    assert all(NOT_UNDONE.values())
 
 
 class Bench:
@@ -117,7 +117,7 @@ def test_what_stands_in_for_a_silent_source_is_not_the_one_that_was_ordered(fram
     frame = replace(frames[-1], row=row, ordered_source="canopy")
     assert reverse_orders([Order(Do.SOURCE, "manual")], frame) == (Order(Do.SOURCE, "canopy"),)
     assert (
-        ordered_source(
+        find_ordered_source(
             replace(frame, ordered_source="", row=row._replace(target_source="index_map"))
         )
         == "canopy"
@@ -168,7 +168,7 @@ async def test_no_page_gives_an_order_past_the_one_place():
     }
     callers = {name for name, text in texts.items() if ".send_order(" in text}
     assert callers == {"app.py", "pages/calibrate/page.py"}
-    adders = {name for name, text in texts.items() if "undo.add(" in text}
+    adders = {name for name, text in texts.items() if "undo.add_change(" in text}
     assert adders == {"app.py", "pages/settings/page.py"}
 
 
@@ -255,7 +255,7 @@ async def test_a_strip_as_poor_as_the_field_is_warned_of(full, source, strip_des
 def test_the_field_is_what_is_no_strip_and_keeps_no_samples(full):
     page = JobScreen()
     for k in range(1000):
-        page.field.add(LogRow(0.2 * k, ndvi=0.5, speed_used_mps=1.0))
+        page.field.add_row(LogRow(0.2 * k, ndvi=0.5, speed_used_mps=1.0))
     assert page.field.ndvi == pytest.approx(0.5) and not hasattr(page.field, "_samples")
 
 

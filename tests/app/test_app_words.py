@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from topdress.console import app as console_app
 from topdress.console.app import words
-from topdress.console.app.pages.job.checklist import read_crop_note
+from topdress.console.app.pages.job.checklist import translate_crop_note
 from topdress.console.locale import (
     N_,
     _,
@@ -99,7 +99,7 @@ def refused() -> dict[str, str]:
 
 
 def all_texts() -> dict[str, str]:
-    texts = marked() | refused() | dict.fromkeys(words.STRATEGIES.values(), "words.py")
+    texts = marked() | refused() | dict.fromkeys(words.STRATEGY_NAMES.values(), "words.py")
     for kind in ALARMS.values():
         texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
     for form in FORMS.values():
@@ -151,11 +151,11 @@ def test_the_refusals_of_a_prescription_are_found():
 
 
 def test_every_word_of_the_shared_vocabulary_is_known():
-    assert set(words.STATES) == set(words.STATE_SYMBOLS) == {state.value for state in State}
-    assert set(words.STRATEGIES) == {strategy.value for strategy in Strategy}
-    assert set(words.SOURCES) == {source.value for source in TargetSource}
-    assert set(INTERLOCKS) <= set(words.NOTES)
-    assert set(REFUSALS) <= set(words.ANSWERS)
+    assert set(words.STATE_NAMES) == set(words.STATE_SYMBOLS) == {state.value for state in State}
+    assert set(words.STRATEGY_NAMES) == {strategy.value for strategy in Strategy}
+    assert set(words.SOURCE_NAMES) == {source.value for source in TargetSource}
+    assert set(INTERLOCKS) <= set(words.NOTE_NAMES)
+    assert set(REFUSALS) <= set(words.ANSWER_TEXTS)
 
 
 LATIN_ALLOWED = re.compile(
@@ -258,12 +258,13 @@ def test_a_missing_detail_leaves_its_braces():
 def test_notes_of_crops_are_told_in_the_language_in_use():
     use_language("zh")
     try:
-        assert read_crop_note("example values, not of this field: days, ndvi_nrich").endswith(
+        assert translate_crop_note("example values, not of this field: days, ndvi_nrich").endswith(
             ": days, ndvi_nrich"
         )
-        assert not any(note in read_crop_note(note) for note in crop_notes())
+        assert not any(note in translate_crop_note(note) for note in crop_notes())
         assert (
-            read_crop_note("written by a grower: sandy soil") == "written by a grower: sandy soil"
+            translate_crop_note("written by a grower: sandy soil")
+            == "written by a grower: sandy soil"
         )
     finally:
         use_language("en")

@@ -10,7 +10,7 @@ from topdress.console.app.app import TopdressApp
 from topdress.console.app.boundary_drive import BoundaryDrive, Corner
 from topdress.console.app.guide_line import GuideLine
 from topdress.console.app.guide_line_store import (
-    corner_record,
+    make_corner_record,
     make_drive_record,
     make_line_record,
     read_kept_lines,
@@ -34,7 +34,7 @@ def test_what_was_said_last_holds_and_half_a_line_counts_for_nothing():
         make_line_record(GuideLine((9.0, 9.0), None, 2.4)),
         make_line_record(guide),
         make_drive_record(drive, 5.0),
-        *(corner_record(one, (0.0, 10.0 * k), 5.0 + k) for k, one in enumerate(CORNERS)),
+        *(make_corner_record(one, (0.0, 10.0 * k), 5.0 + k) for k, one in enumerate(CORNERS)),
     ]
     kept = read_kept_lines([*said, '{"corner": [34.9, 113'])
     assert kept.guide == guide and kept.drive.right_m == -1.2 and kept.until_s == 8.0
@@ -57,23 +57,23 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
     first = _app(frame, files)
     async with first.run_test(size=SIZE) as pilot:
         await settled(first, pilot)
-        first.guide.begin((0.0, 0.0), 2.4)
-        first.guide.end((0.0, 50.0))
-        first.keep_line(make_line_record(first.guide))
+        first.guide.set_begin((0.0, 0.0), 2.4)
+        first.guide.set_end((0.0, 50.0))
+        first.keep_line_record(make_line_record(first.guide))
         await turned(first, pilot, "map")
         await pilot.press("b", "1", "enter")
         for k in range(4):
             row = frame.row._replace(
                 lat_deg=34.8 + 0.0001 * k, time_s=100.0 + k, fix_quality=4, heading_deg=0.0
             )
-            first.map_page.gather(replace(frame, row=row))
+            first.map_page.gather_frame(replace(frame, row=row))
         way_m = first.map_page.drive.way_m
         assert way_m > 30.0
     files.close_files()
     second = _app(frame, KeptLineFiles())
     async with second.run_test(size=SIZE) as pilot:
         await settled(second, pilot)
-        assert second.guide.set and second.guide.b == (0.0, 50.0)
+        assert second.guide.is_set and second.guide.b == (0.0, 50.0)
         drive = second.map_page.drive
         assert (
             drive is not None
@@ -82,9 +82,9 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         )
         await turned(second, pilot, "map")
         await pilot.press("delete")
-        assert not second.guide.set
+        assert not second.guide.is_set
         second.services.lines.close_files()
-    assert not KeptLineFiles().read_lines(str(log)).guide.set
+    assert not KeptLineFiles().read_lines(str(log)).guide.is_set
 
 
 def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
@@ -104,7 +104,7 @@ def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
     writer.close()
     files.append_record(str(log), make_drive_record(BoundaryDrive(1.2), 0.0))
     for k, one in enumerate(CORNERS):
-        files.append_record(str(log), corner_record(one, (0.0, 10.0 * k), float(k)))
+        files.append_record(str(log), make_corner_record(one, (0.0, 10.0 * k), float(k)))
     files.close_files()
     kept = files.read_lines(str(log))
     assert [corner.lat_deg for corner in kept.drive.corners] == pytest.approx(

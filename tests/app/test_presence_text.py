@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 from topdress.console.app.app import TopdressApp
-from topdress.console.app.attach_notice import Joined
+from topdress.console.app.attach_notice import JoinedMachine
 from topdress.console.app.dialogs import TextDialog
-from topdress.console.app.ordered_words import ORDERS
-from topdress.console.app.pages.all import SCREENS
+from topdress.console.app.ordered_words import ORDER_NAMES
+from topdress.console.app.pages.all import SCREEN_CLASSES
 from topdress.console.app.presence_text import describe_leaving
 from topdress.console.app.services import Services
 from topdress.console.attached import Attached, Ordered
@@ -22,7 +22,7 @@ OWN = Attached("ann@cab pts/3", False, True, True)
 LAB = Attached("lab@cab pts/4", False, True, True)
 TABLET = Attached("tablet Ann", True, True, False)
 OFFICE = Attached("tablet office", True, False, False)
-PAGES = [where for where in SCREENS if where != "replay"]
+PAGES = [where for where in SCREEN_CLASSES if where != "replay"]
 
 
 def now(source, state=None, **changes):
@@ -97,8 +97,8 @@ async def test_a_console_alone_has_no_row_more(app, source):
     ],
 )
 async def test_what_the_others_do_is_said_when_it_happens(app, several, changes, said, pilot):
-    app.tick()
-    app.notice("")
+    app.show_newest()
+    app.show_notice("")
     now(several, **changes)
     await later(app, pilot)
     assert app.notice_text == said
@@ -111,7 +111,7 @@ async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
         live=False,
         utc_offset_s=0.0,
         services=Services(job=SampleJobService()),
-        joined=Joined("2026-11-23T07:12:00+00:00", "/logs/run.csv"),
+        joined=JoinedMachine("2026-11-23T07:12:00+00:00", "/logs/run.csv"),
     )
     async with app.run_test(size=(120, 40)) as pilot:
         await looked(app, pilot)
@@ -166,6 +166,6 @@ def test_leaving_says_what_becomes_of_the_machine_with_these_others(source, atta
 
 
 def test_every_order_has_a_word():
-    assert set(ORDERS) == set(Do) - {Do.ACKNOWLEDGE}, (
+    assert set(ORDER_NAMES) == set(Do) - {Do.ACKNOWLEDGE}, (
         "that one is no event of the log: the alarm says it"
     )

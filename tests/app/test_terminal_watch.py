@@ -14,7 +14,7 @@ import time
 import tty
 
 import pytest
-from topdress.console.app.terminal_watch import WRITER, TerminalWatch, ended_with_terminal
+from topdress.console.app.terminal_watch import WRITER_THREAD, TerminalWatch, leave_with_terminal
 
 SOON_S = 5.0  # for a thread on a busy computer
 # A console without a machine.
@@ -53,11 +53,11 @@ def test_a_terminal_that_hangs_up_has_the_program_leave(terminal):
     master, slave = terminal
     left = threading.Event()
     watch = TerminalWatch(left.set, (slave,))
-    watch.start()
+    watch.start_watch()
     assert not left.wait(0.05) and not watch.is_gone
     os.close(master)
     assert left.wait(SOON_S) and watch.is_gone
-    watch.stop()
+    watch.stop_watch()
 
 
 def test_a_program_that_does_not_leave_is_ended_and_its_terminal_is_as_before(terminal):
@@ -72,17 +72,17 @@ def test_a_program_that_does_not_leave_is_ended_and_its_terminal_is_as_before(te
     before = termios.tcgetattr(slave)
     watch = TerminalWatch(lambda: None, (slave,), grace_s=0.01, end=end)
     tty.setraw(slave)
-    watch.start()
+    watch.start_watch()
     watch.hang_up()
     assert ended.wait(SOON_S) and codes == [130]
     assert termios.tcgetattr(slave) == before
     assert b"\x1b[?1049l" in os.read(master, 1000)
-    watch.stop()
+    watch.stop_watch()
 
 
 def test_a_program_that_ended_by_itself_is_left_alone(terminal):
     _master, slave = terminal
-    with ended_with_terminal(lambda: pytest.fail("it has left"), watch_of(slave)) as is_gone:
+    with leave_with_terminal(lambda: pytest.fail("it has left"), watch_of(slave)) as is_gone:
         pass
     assert not is_gone()
 
@@ -90,7 +90,7 @@ def test_a_program_that_ended_by_itself_is_left_alone(terminal):
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGTERM"])
 def test_the_signals_of_a_closed_window_have_the_program_leave(terminal, name):
     left, before = threading.Event(), signal.getsignal(name := getattr(signal, name))
-    with ended_with_terminal(left.set, watch_of(terminal[1])) as is_gone:
+    with leave_with_terminal(left.set, watch_of(terminal[1])) as is_gone:
         os.kill(os.getpid(), name)
         assert left.wait(SOON_S) and is_gone()
     assert signal.getsignal(name) == before
@@ -99,7 +99,7 @@ def test_the_signals_of_a_closed_window_have_the_program_leave(terminal, name):
 def test_a_hang_up_that_the_caller_ignores_stays_ignored(terminal):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with ended_with_terminal(lambda: pytest.fail("nohup"), watch_of(terminal[1])):
+        with leave_with_terminal(lambda: pytest.fail("nohup"), watch_of(terminal[1])):
             os.kill(os.getpid(), signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)
@@ -111,8 +111,8 @@ def test_a_write_that_fails_has_the_program_leave(terminal):
     def write():
         raise OSError("no space left")
 
-    with ended_with_terminal(left.set, watch_of(terminal[1])):
-        writer = threading.Thread(target=write, name=WRITER)
+    with leave_with_terminal(left.set, watch_of(terminal[1])):
+        writer = threading.Thread(target=write, name=WRITER_THREAD)
         writer.start()
         writer.join()
         assert left.wait(SOON_S)

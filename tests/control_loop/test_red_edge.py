@@ -100,7 +100,7 @@ def test_another_index_than_the_rules_is_as_none():
 def test_a_strip_is_measured_in_the_index_that_there_is():
     run = StripRun()
     for k in range(200):
-        run.add(LogRow(0.2 * k, ndre=0.4, speed_used_mps=1.0))
+        run.add_row(LogRow(0.2 * k, ndre=0.4, speed_used_mps=1.0))
     assert run.strip.ndvi == pytest.approx(0.4)
 
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import typer
 from topdress.console.app.pages.diagnosis import shown
-from topdress.console.app.pages.diagnosis.adoption import find_offer, sure
+from topdress.console.app.pages.diagnosis.adoption import find_offer, list_sure
 from topdress.console.app.pages.diagnosis.service import DiagnosisView
-from topdress.console.app.pages.diagnosis.words import adopted_title
+from topdress.console.app.pages.diagnosis.words import find_adopted_title
 from topdress.console.cli.diagnose import adopt_findings
 from topdress.console.services.diagnosis_job import DiagnosisOrder, carry_out_order
 from topdress.control.diagnosis.extend import extend, not_adoptable
@@ -187,12 +187,12 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     )
     found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
     assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
-    offer = find_offer(found, sure(found))
+    offer = find_offer(found, list_sure(found))
     assert offer is not None and offer.changes
     new = load(str(tmp_path / offer.file), MACHINE).model
     assert error_on(steps(2), new) < 0.6 * error_on(steps(2), DRIVE)
-    assert "shaft as a whole: Shaft" in adopted_title(found, found.adoptable[0])
-    assert "as a whole" in " ".join(shown.channels(found).gains)
+    assert "shaft as a whole: Shaft" in find_adopted_title(found, found.adoptable[0])
+    assert "as a whole" in " ".join(shown.make_channels_view(found).gains)
 
 
 def test_steps_of_an_encoder_do_not_keep_a_drive_from_being_fitted_as_a_whole() -> None:

@@ -196,7 +196,7 @@ def first_columns(page: str) -> list[list[str]]:
 
 def test_the_pages_of_the_console_with_their_keys() -> None:
     assert [(page.lower(), key) for page, key in first_columns("screens/README.md")] == [
-        (one.label, one.shown) for one in actions.pages()
+        (one.label, one.shown) for one in actions.list_page_openers()
     ]
 
 

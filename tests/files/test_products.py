@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
-from topdress.console.app.pages.job.checklist import LOOK, OK, checks
+from topdress.console.app.pages.job.checklist import LOOK, OK, list_checks
 from topdress.console.app.units import METRIC
 from topdress.console.services.job import JobFiles, Launcher
 from topdress.control.agronomy.product import CatchTest, Product
@@ -210,13 +210,15 @@ async def test_another_product_in_the_cab_brings_its_flow(desk, tmp_path):
         6.2,
         0.46,
     )
-    line = next(one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "product")
+    line = next(
+        one for one in list_checks(None, 0.0, facts, "", None, METRIC) if one.label == "product"
+    )
     assert line.level == OK and "6.20 g a turn and mm (catch test of 2026-03-17)" in line.text
     desk.save_job_names(JobNames(product="can_27", product_file=str(shipped("products")["can_27"])))
     await desk.restart_worker()
     line = next(
         one
-        for one in checks(None, 0.0, desk.find_facts(), "", None, METRIC)
+        for one in list_checks(None, 0.0, desk.find_facts(), "", None, METRIC)
         if one.label == "product"
     )
     assert line.level == LOOK and "no catch test with this machine" in line.text

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from topdress.console.app.pages.job.checklist import LOOK, STOP, checks
-from topdress.console.app.pages.job.map_words import map_words
+from topdress.console.app.pages.job.checklist import LOOK, STOP, list_checks
+from topdress.console.app.pages.job.map_words import describe_map_check
 from topdress.console.app.units import METRIC
 from topdress.console.app.words import describe_alarm
 from topdress.console.locale import use_language
@@ -158,7 +158,11 @@ def facts_check(job: Path) -> Any:
     launcher = Launcher([str(job)], [], 1, 20.0, None, job.with_name("trouble"))
     facts = JobFiles(launcher, job.parent).find_facts()
     return next(
-        (check for check in checks(None, 0.0, facts, "", None, METRIC) if check.label == "map"),
+        (
+            check
+            for check in list_checks(None, 0.0, facts, "", None, METRIC)
+            if check.label == "map"
+        ),
         None,
     )
 
@@ -178,7 +182,7 @@ def test_the_check_list_says_rates_above_the_limit_and_a_map_elsewhere(tmp_path:
 def test_a_job_without_a_map_has_no_such_line() -> None:
     assert not [
         check
-        for check in checks(None, 0.0, replace(FACTS), "", None, METRIC)
+        for check in list_checks(None, 0.0, replace(FACTS), "", None, METRIC)
         if check.label == "map"
     ]
 
@@ -230,12 +234,12 @@ def test_ground_is_counted_as_it_lies() -> None:
 
 def test_a_map_that_fits_has_nothing_to_be_said() -> None:
     grid = GridDeg(40.0, 116.0, 1e-4, 1e-4, np.full((5, 5), 200.0))
-    assert map_words(check_map(MapData(grid=grid), LIMIT), METRIC) == ()
+    assert describe_map_check(check_map(MapData(grid=grid), LIMIT), METRIC) == ()
     zones = (
         Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
         Zone(200.0, (square(40.0, 116.001, 40.001, 116.002),)),
     )
-    assert map_words(check_map(MapData(zones), LIMIT), METRIC) == ()
+    assert describe_map_check(check_map(MapData(zones), LIMIT), METRIC) == ()
 
 
 def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
@@ -250,7 +254,7 @@ def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
         said = [
             text
             for where in (field, far)
-            for text in map_words(
+            for text in describe_map_check(
                 check_map(MapData(zones), LIMIT, where, TangentPlane(40.0, 116.0)), METRIC
             )
         ]

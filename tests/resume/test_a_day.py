@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.console.app.coverage_raster import CELLS_M, MOST_TILES
-from topdress.console.app.history import TREND_POINTS, History
+from topdress.console.app.history import TREND_POINTS, LiveHistory
 from topdress.console.worker.resume import Snapshot
 from topdress.console.worker.resume_ground import TRACK_PLACES, DoneGround
 from topdress.console.worker.resume_keeper import SnapshotKeeper
@@ -63,11 +63,11 @@ def test_the_live_check_keeps_45_minutes_however_fast_they_come():
 def test_the_console_remembers_no_more_of_twelve_hours():
     """A frame every 4 s; live there are five a second, which lie in the same pieces of the
     coarser levels."""
-    history, frame = History(), run_frames(1.0)[0]
-    before = history.series.bytes
+    history, frame = LiveHistory(), run_frames(1.0)[0]
+    before = history.series.memory_bytes
     for time_s in range(0, int(DAY_S), 4):
         (east, north), heading = place(time_s)
-        history.add(
+        history.add_frame(
             replace(
                 frame,
                 seq=time_s,
@@ -76,8 +76,8 @@ def test_the_console_remembers_no_more_of_twelve_hours():
                 row=frame.row._replace(time_s=float(time_s), heading_deg=heading),
             )
         )
-    assert len(history.points) == TREND_POINTS and history.series.bytes == before < 25e6
-    assert history.worked.tiles <= MOST_TILES * len(CELLS_M)
+    assert len(history.points) == TREND_POINTS and history.series.memory_bytes == before < 25e6
+    assert history.worked.tile_count <= MOST_TILES * len(CELLS_M)
     assert history.series.start_s == 0.0, "the whole day is on the trend"
 
 

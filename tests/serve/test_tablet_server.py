@@ -17,7 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from topdress.console.app.tablet import MOST_WAIT_S, Key
+from topdress.console.app.tablet import MOST_WAIT_S, TabletKey
 from topdress.console.cli import serve as serve_command
 from topdress.console.cli import tablet
 from topdress.console.cli.plain_errors import CommandError
@@ -509,17 +509,17 @@ def test_a_wrong_key_makes_every_tab_of_its_address_wait(tmp_path):
     now_s = [100.0]
     path = tmp_path / "run" / "waits.json"
     one, other = (
-        Key("right", lambda: now_s[0], SharedKeyWaits(path, "192.168.1.7")) for _ in range(2)
+        TabletKey("right", lambda: now_s[0], SharedKeyWaits(path, "192.168.1.7")) for _ in range(2)
     )
-    assert "not the tablet" in one.wrong("guess")
-    assert "wait" in other.wrong("right"), "also a tab that was loaded again"
+    assert "not the tablet" in one.find_fault("guess")
+    assert "wait" in other.find_fault("right"), "also a tab that was loaded again"
     now_s[0] += 1.1
-    assert "not the tablet" in other.wrong("guess") and "wait" in one.wrong("right")
+    assert "not the tablet" in other.find_fault("guess") and "wait" in one.find_fault("right")
     assert path.stat().st_mode & 0o077 == 0 or os.name != "posix"
     now_s[0] += 2.1
-    assert one.wrong("right") == "" and other.wrong("right") == ""
+    assert one.find_fault("right") == "" and other.find_fault("right") == ""
     with take_lock(path.with_suffix(".lock")):
-        assert "wait" in one.wrong("right"), "one guess at a time over all tabs"
+        assert "wait" in one.find_fault("right"), "one guess at a time over all tabs"
     now_s[0] += 0.1
     for spoilt in (
         b"",
@@ -530,9 +530,9 @@ def test_a_wrong_key_makes_every_tab_of_its_address_wait(tmp_path):
         b'{"192.168.1.7": [NaN, 1e400]}',
     ):
         path.write_bytes(spoilt)
-        assert one.wrong("right") == ""
+        assert one.find_fault("right") == ""
     path.write_text(f'{{"192.168.1.7": [10, {now_s[0] + 1e6}]}}')
-    assert one.wrong("right") == "", "of a clock that began anew"
+    assert one.find_fault("right") == "", "of a clock that began anew"
 
 
 def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for_long(tmp_path):
@@ -540,30 +540,30 @@ def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for
     now_s, path = [100.0], tmp_path / "run" / "waits.json"
 
     def tab(address):
-        return Key("right", lambda: now_s[0], SharedKeyWaits(path, address))
+        return TabletKey("right", lambda: now_s[0], SharedKeyWaits(path, address))
 
     for guess in range(20):
         stranger = tab("192.168.1.66")
-        while "not the tablet" not in stranger.wrong(f"guess {guess}"):
+        while "not the tablet" not in stranger.find_fault(f"guess {guess}"):
             now_s[0] += 0.5
-        assert tab("192.168.1.7").wrong("right") == "", "the owner, elsewhere"
-        assert tab("::ffff:192.168.1.66").left_s is None
+        assert tab("192.168.1.7").find_fault("right") == "", "the owner, elsewhere"
+        assert tab("::ffff:192.168.1.66").wait_left_s is None
         owner = tab("192.168.1.66")  # behind the same tunnel
-        assert "wait" in owner.wrong("right") and owner.left_s <= MOST_WAIT_S
-        now_s[0] += owner.left_s / 2.0
+        assert "wait" in owner.find_fault("right") and owner.wait_left_s <= MOST_WAIT_S
+        now_s[0] += owner.wait_left_s / 2.0
         other = tab("192.168.1.66")
-        assert "wait" in other.wrong("again"), "who comes later waits too"
-        now_s[0] += owner.left_s
+        assert "wait" in other.find_fault("again"), "who comes later waits too"
+        now_s[0] += owner.wait_left_s
         # a wrong key is judged first: the owner's turn is not put off
         if guess % 2:
-            assert "not the tablet" in other.wrong("again")
-        assert owner.wrong("right") == ""
+            assert "not the tablet" in other.find_fault("again")
+        assert owner.find_fault("right") == ""
     for host in range(300):
-        assert "not the tablet" in tab(f"10.1.{host // 256}.{host % 256}").wrong("guess")
+        assert "not the tablet" in tab(f"10.1.{host // 256}.{host % 256}").find_fault("guess")
     assert (
         len(json.loads(path.read_text())) <= MOST_ADDRESSES + 1 and path.stat().st_size < MOST_BYTES
     )
-    assert "wait" in tab("10.1.1.43").wrong("right"), "the newest are kept"
+    assert "wait" in tab("10.1.1.43").find_fault("right"), "the newest are kept"
 
 
 @pytest.mark.parametrize(

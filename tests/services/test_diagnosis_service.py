@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from topdress.console.app.pages.diagnosis.adoption import list_selections, undecided
-from topdress.console.app.pages.diagnosis.service import Adoption, Stop, WorkStopped
+from topdress.console.app.pages.diagnosis.adoption import list_selections, list_undecided
+from topdress.console.app.pages.diagnosis.service import Adoption, StopSignal, WorkStopped
 from topdress.console.reports.diagnosis_wording import sort_adoptable
 from topdress.console.services import diagnosis
 from topdress.console.services.diagnosis import DiagnosisFiles
@@ -91,7 +91,10 @@ def caught(tmp_path_factory):
     service = DiagnosisFiles([here], own=here / "own")
     told: list[tuple[float, str]] = []
     found = service.run_diagnosis(
-        service.find_source(str(here / "catch.csv")), None, lambda *said: told.append(said), Stop()
+        service.find_source(str(here / "catch.csv")),
+        None,
+        lambda *said: told.append(said),
+        StopSignal(),
     )
     return service, found, told
 
@@ -164,7 +167,7 @@ def test_of_undecided_causes_any_may_be_picked_and_of_many_one_at_a_time():
         "nothing alone makes no file"
     )
     suspected = replace(open_[0], rivals=(), probability=0.4)
-    assert undecided(having(found, causes=(suspected,))) == (suspected,)
+    assert list_undecided(having(found, causes=(suspected,))) == (suspected,)
 
 
 def test_report_and_data_are_exported(caught):
@@ -181,7 +184,7 @@ def test_what_has_no_driven_run_says_so(caught):
     service, found, _told = caught
     for ask in (
         service.write_separating_job,
-        lambda found: service.drive_separating_run(found, lambda *_: None, Stop()),
+        lambda found: service.drive_separating_run(found, lambda *_: None, StopSignal()),
     ):
         with pytest.raises(ValueError, match="this run"):
             ask(having(found._replace(drives=""), next_run=None))
@@ -190,7 +193,7 @@ def test_what_has_no_driven_run_says_so(caught):
 def test_data_that_cannot_be_used_is_one_line(files, folder):
     with pytest.raises(ValueError) as caught:
         files.run_diagnosis(
-            files.find_source(str(folder / "run.csv")), None, lambda *_: None, Stop()
+            files.find_source(str(folder / "run.csv")), None, lambda *_: None, StopSignal()
         )
     assert (
         str(caught.value).strip()
@@ -203,7 +206,7 @@ def test_cancelling_ends_the_process_at_once(files, folder):
     def used_s() -> float:  # processor's time of processes that have ended
         return os.times().children_user + os.times().children_system
 
-    stop, begun_s = Stop(), used_s()
+    stop, begun_s = StopSignal(), used_s()
     with pytest.raises(WorkStopped):
         files.run_diagnosis(
             files.find_source(str(folder / "catch.csv")),
@@ -211,7 +214,7 @@ def test_cancelling_ends_the_process_at_once(files, folder):
             lambda share, stage: stop.set(),
             stop,
         )
-    already = Stop()
+    already = StopSignal()
     already.set()
     with pytest.raises(WorkStopped):
         files.run_diagnosis(
@@ -360,7 +363,7 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     save(place, append_history(before, after, data="run.csv", date="2026-07-09"), MACHINE)
     service, told = DiagnosisFiles([tmp_path], own=tmp_path / "own"), []
     found = service.compare_machines(
-        str(place), service.find_source(str(log)), lambda *said: told.append(said), Stop()
+        str(place), service.find_source(str(log)), lambda *said: told.append(said), StopSignal()
     )
     shaft = found.rows[0]
     assert (
@@ -373,7 +376,7 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
         and "<svg" in Path(found.report).read_text()
     )
     assert [share for share, _ in told] == sorted(share for share, _ in told) and len(told) > 2
-    stop = Stop()
+    stop = StopSignal()
     stop.set()
     with pytest.raises(WorkStopped):
         service.compare_machines(
@@ -386,7 +389,7 @@ def test_installing_runs_the_installer_and_says_its_last_line_where_it_fails(
 ) -> None:
     def run(program: str) -> None:
         monkeypatch.setattr(diagnosis, "installer", lambda: (sys.executable, "-c", program))
-        files.install_extra(lambda share, stage: None, Stop())
+        files.install_extra(lambda share, stage: None, StopSignal())
 
     run("import sys; assert sys.argv[1].startswith('numba>=')")
     with pytest.raises(ValueError, match=r"no network$"):

@@ -80,7 +80,7 @@ def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
         profile.prescription.find_target((east, north)).rate_kg_ha
         for east, north in places.tolist()
     ]
-    found = [picture.planned.at(east, north) for east, north in places.tolist()]
+    found = [picture.planned.find_rate(east, north) for east, north in places.tolist()]
     assert sum(a == b for a, b in zip(found, wanted, strict=True)) >= 190, "but on the zones' edges"
 
 
@@ -153,6 +153,8 @@ def test_where_the_map_says_nothing_nothing_is_planned(tmp_path, setup):
         json.dumps({"type": "FeatureCollection", "features": [zone, corner]})
     )
     planned = make_field_picture(frame_of(write(tmp_path / "a.csv", setup))).planned
-    assert planned.at(5.0, 20.0) == 200.0 and planned.at(30.0, 20.0) is None
-    assert planned.ends == (100.0, 200.0)
-    assert planned.mass_kg == pytest.approx(0.02 * 18.4 * 55.5 + 0.01 * 0.5 * 9.2 * 11.1, rel=0.06)
+    assert planned.find_rate(5.0, 20.0) == 200.0 and planned.find_rate(30.0, 20.0) is None
+    assert planned.rate_ends == (100.0, 200.0)
+    assert planned.planned_mass_kg == pytest.approx(
+        0.02 * 18.4 * 55.5 + 0.01 * 0.5 * 9.2 * 11.1, rel=0.06
+    )

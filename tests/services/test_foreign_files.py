@@ -8,7 +8,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from topdress.console.app.pages.diagnosis.service import IMPORT, OpenQuestions, Stop
+from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, OpenQuestions, StopSignal
 from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.foreign_files import import_file_as_log, is_likely_log
 from topdress.drivers.plain_text import RefusedInput
@@ -32,7 +32,7 @@ def test_files_that_may_be_logs_are_listed_as_such(folder: Path, tmp_path: Path)
     found = DiagnosisFiles([folder], own=tmp_path / "own").list_sources("")
     assert {one.name: one.kind for one in found} == dict.fromkeys(
         ("planter.csv", "tractor.csv", "applied.geojson", "shopping.csv", "planter.import.yaml"),
-        IMPORT,
+        IMPORT_KIND,
     )
     assert not is_likely_log(Path("run.truth.csv")) and not is_likely_log(Path("machine.yaml"))
     assert is_likely_log(Path("TASKDATA.XML"))
@@ -89,8 +89,12 @@ def test_an_import_file_without_its_file_is_refused(folder: Path, tmp_path: Path
 def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path: Path) -> None:
     service, told = DiagnosisFiles([folder], own=tmp_path / "own"), []
     source = service.find_source(str(folder / "tractor.csv"))
-    found = service.run_diagnosis(source, None, lambda share, stage: told.append(stage), Stop())
-    assert source.kind == IMPORT and found.source == "tractor.csv" and found.found.data.rows > 100
+    found = service.run_diagnosis(
+        source, None, lambda share, stage: told.append(stage), StopSignal()
+    )
+    assert (
+        source.kind == IMPORT_KIND and found.source == "tractor.csv" and found.found.data.rows > 100
+    )
     assert (
         Path(found.found.data.path) == tmp_path / "own" / "logs" / "tractor.csv"
         and "importing" in told
@@ -98,11 +102,11 @@ def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path
     assert any("65535" in note for note in found.found.findings)
     with pytest.raises(OpenQuestions, match="opening_mm"):
         service.run_diagnosis(
-            service.find_source(str(folder / "planter.csv")), None, lambda *_: None, Stop()
+            service.find_source(str(folder / "planter.csv")), None, lambda *_: None, StopSignal()
         )
     (folder / "broken.parquet").write_bytes(b"no table")
     with pytest.raises(ValueError, match="not readable as Parquet") as caught:
         service.run_diagnosis(
-            service.find_source(str(folder / "broken.parquet")), None, lambda *_: None, Stop()
+            service.find_source(str(folder / "broken.parquet")), None, lambda *_: None, StopSignal()
         )
     assert "\n" not in str(caught.value) and "Traceback" not in str(caught.value)

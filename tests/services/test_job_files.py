@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from topdress.console.app.pages.job.map_words import is_doubtful, map_words
+from topdress.console.app.pages.job.map_words import describe_map_check, is_doubtful
 from topdress.console.app.pages.job.service import MapReading
 from topdress.console.app.units import METRIC
 from topdress.console.running import WorkerFailed
@@ -520,8 +520,12 @@ def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
     }
     found = {name: check_map(MapData((zone,)), 500.0, field, plane) for name, zone in zones.items()}
     assert [found[name].swapped for name in (False, True, None)] == [False, True, False]
-    assert map_words(found[True], METRIC)[0].startswith("latitude and longitude look swapped")
-    assert is_doubtful(found[True]) and map_words(found[None], METRIC)[0].startswith("the map lies")
+    assert describe_map_check(found[True], METRIC)[0].startswith(
+        "latitude and longitude look swapped"
+    )
+    assert is_doubtful(found[True]) and describe_map_check(found[None], METRIC)[0].startswith(
+        "the map lies"
+    )
 
 
 SQUARE = "POLYGON ((119.88 34.28, 119.881 34.28, 119.881 34.281, 119.88 34.28))"

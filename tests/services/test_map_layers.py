@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from topdress.console.app.camera import Pixels
+from topdress.console.app.camera import PixelGrid
 from topdress.console.app.layers import MapLayer, find_colour_scale
-from topdress.console.app.map_image import Ground
+from topdress.console.app.map_image import GroundPixels
 from topdress.console.app.units import METRIC
 from topdress.console.frame import Frame
 from topdress.console.services.layers import MapLayers, find_frame_plane
@@ -60,9 +60,9 @@ def test_our_own_files_lie_where_it_was_done(run, frame, name):
     assert laid.worked.box.east_m == pytest.approx(own.box.east_m, abs=1.0)
     assert laid.worked.box.north_m == pytest.approx(own.box.north_m, abs=3.0)
     for place in ((frame.place_m[0], frame.place_m[1] - back_m) for back_m in (20.0, 45.0)):
-        pixel = Pixels(1, 1, 2.0, place[0] - 1.0, place[1] + 1.0)
+        pixel = PixelGrid(1, 1, 2.0, place[0] - 1.0, place[1] + 1.0)
         one, other = (
-            float(Ground(worked, pixel).layer(MapLayer.APPLIED)[0, 0])
+            float(GroundPixels(worked, pixel).calc_means(MapLayer.APPLIED)[0, 0])
             for worked in (laid.worked, own)
         )
         assert one == pytest.approx(other, rel=0.1)
@@ -87,7 +87,7 @@ def test_a_combine_s_yield_is_laid_by_its_own_scale(run, frame, tmp_path):
     laid = MapLayers().make_overlay(str(path), frame)
     assert laid.harvest == ("crop flow m", "kg/s")
     assert laid.worked.width_m == 6.0
-    scale = laid.scale(find_colour_scale(MapLayer.APPLIED, laid.worked, None, METRIC))
+    scale = laid.find_scale(find_colour_scale(MapLayer.APPLIED, laid.worked, None, METRIC))
     assert scale.low <= 2.5 < 3.0 <= scale.high <= 3.5 and scale.unit == "kg/s"
 
 

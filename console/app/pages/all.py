@@ -22,7 +22,7 @@ from topdress.console.app.pages.page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.services import Services
 
-SCREENS = {
+SCREEN_CLASSES = {
     RUN: "RunScreen",
     MAP: "MapScreen",
     TRENDS: "TrendsScreen",
@@ -36,8 +36,8 @@ SCREENS = {
 
 
 class Pages(Mapping[str, Page]):
-    """One of each. begin: is called with every page that is made. They are composed when they
-    are first turned to."""
+    """Maps words to pages, one of each. begin: is called with every page that is made. They are
+    composed when they are first turned to."""
 
     def __init__(
         self, replay: ReplayJob | None, services: Services, begin: Callable[[str, Page], None]
@@ -51,21 +51,21 @@ class Pages(Mapping[str, Page]):
 
     def __getitem__(self, where: str) -> Page:
         if where not in self.made:
-            screen = getattr(self.read(where), SCREENS[where])
+            screen = getattr(self.import_page(where), SCREEN_CLASSES[where])
             self.made[where] = screen(*self._needs.get(where, ()))
             self._begin(where, self.made[where])
         return self.made[where]
 
     def __contains__(self, where: object) -> bool:
-        return where in SCREENS
+        return where in SCREEN_CLASSES
 
     def __iter__(self) -> Iterator[str]:
-        return iter(SCREENS)
+        return iter(SCREEN_CLASSES)
 
     def __len__(self) -> int:
-        return len(SCREENS)
+        return len(SCREEN_CLASSES)
 
     @staticmethod
-    def read(where: str) -> ModuleType:
-        """Its modules, without making it: in a thread, for a disk may take its time."""
+    def import_page(where: str) -> ModuleType:
+        """Import a page's modules, without making it: in a thread, for a disk may take its time."""
         return import_module(f"topdress.console.app.pages.{where}.page")

@@ -15,51 +15,65 @@ from textual.css.scalar import Scalar
 from textual.screen import Screen
 from topdress.console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Action
 from topdress.console.app.presence_text import CompanyView
-from topdress.console.app.refresh_rates import MAPS_S, NUMBERS_S, PLOTS_S, Pace
-from topdress.console.app.view import AlarmsView, RunView, look, without_machine, without_worker
+from topdress.console.app.refresh_rates import MAPS_S, NUMBERS_S, PLOTS_S, RefreshTimer
+from topdress.console.app.view import (
+    AlarmsView,
+    RunView,
+    hide_lost_machine,
+    hide_no_machine,
+    make_run_view,
+)
 from topdress.console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
 from topdress.console.app.widgets.key_bar import KeyBar, KeysView
-from topdress.console.app.widgets.panel import Drawn, Panel, fit, line, wrapped
-from topdress.console.app.widgets.rates import Small, SmallView
+from topdress.console.app.widgets.panel import DrawnWidget, Panel, fit_width, make_line, wrap_text
+from topdress.console.app.widgets.rates import SmallPanel, SmallView
 from topdress.console.app.widgets.status_line import (
     PageBar,
     PagesView,
     StatusLine,
     TourBar,
     TourView,
-    rows_of,
+    count_tour_rows,
 )
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
 
 class NoticeRows(Panel[str]):
-    """Over the last rows of a page, above the keys: what was refused or done, where the row
-    next to them is too short."""
+    """Shows over the last rows of a page, above the keys, a notice for which the row next to them
+    is too short."""
 
-    def lines(self, view: str, width: int, height: int) -> list[Content]:
-        return [line((fit(f" {row}", width), "bold reverse")) for row in wrapped(view, width - 2)]
+    def draw_rows(self, view: str, width: int, height: int) -> list[Content]:
+        return [
+            make_line((fit_width(f" {row}", width), "bold reverse"))
+            for row in wrap_text(view, width - 2)
+        ]
 
-    def say(self, text: str, room: int, width: int) -> None:
-        """room: cells of the row next to hold and STOP, which is enough for most."""
+    def show_notice(self, text: str, room: int, width: int) -> None:
+        """Show a notice. room: cells of the row next to hold and STOP, which is enough for most."""
         long = text if cell_len(text) + 1 > room else ""
         self.display = bool(long)
         if long:
-            self.styles.height = len(wrapped(long, width - 2))
-        self.show(long)
+            self.styles.height = len(wrap_text(long, width - 2))
+        self.show_view(long)
 
 
 class CompanyBar(Panel[CompanyView | None]):
-    """A row under the alarms while somebody else is at the machine too: the latest order and
-    whose it is, then who is there. A click lists everybody."""
+    """Shows a row under the alarms while somebody else is at the machine too: the latest order and
+    its console, then who is there. A click lists everybody."""
 
-    def lines(self, view: CompanyView | None, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: CompanyView | None, width: int, height: int) -> list[Content]:
         if view is None:
             return []
         order = f" {view.order}  " if view.order else ""
-        return [line((order, "bold"), (fit(f" {view.others}", width - cell_len(order)), "$muted"))]
+        return [
+            make_line(
+                (order, "bold"), (fit_width(f" {view.others}", width - cell_len(order)), "$muted")
+            )
+        ]
 
     async def on_click(self, event: events.Click) -> None:
+        """List everybody."""
         event.stop()
         await self.run_action("app.company")
 
@@ -75,15 +89,17 @@ HUGE_COLUMNS, HUGE_ROWS = 150, 46
 MIDDLE_ROWS, TALL_ROWS = 28, 36
 ALARM_ROWS, MOST_ALARM_ROWS = 3, 7
 # at low and middle height, as their style sheets have it
-ALARM_ROWS_LOW = {REPLAY: (1, 2), DIAGNOSIS: (2, 2)}
-GONE_AGE_S = 1.1  # old enough to be greyed
+LOW_ALARM_ROWS = {REPLAY: (1, 2), DIAGNOSIS: (2, 2)}
+LOST_AGE_S = 1.1  # old enough to be greyed
 
 
 class Page(Screen[None]):
-    """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows;
-    its keys stand next to it in `keys.py`. Below 80 x 24 state, alarms, the machine's numbers
-    and keys are left; on a narrow screen with the height, a tablet on end, Run, Map and Job
-    too."""
+    """Shows a screen reached by a key of its own.
+
+    A subclass gives `where`, `compose_body` and its content; its keys stand next to it in
+    `keys.py`. Below 80 x 24 state, alarms, the machine's numbers and keys are left; on a narrow
+    screen with the height, a tablet on end, Run, Map and Job too.
+    """
 
     AUTO_FOCUS = ""
     # else Textual moves the focus
@@ -97,31 +113,37 @@ class Page(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__(classes="panels")
-        self.numbers, self.plots, self.maps = Pace(NUMBERS_S), Pace(PLOTS_S), Pace(MAPS_S)
+        self.numbers, self.plots, self.maps = (
+            RefreshTimer(NUMBERS_S),
+            RefreshTimer(PLOTS_S),
+            RefreshTimer(MAPS_S),
+        )
 
     def compose(self) -> ComposeResult:
-        view = self.view_at(self.app.clock())
+        """Lay out the page."""
+        view = self.make_view_at(self.app.clock())
         yield StatusLine(view.status, id="status")
         yield AlarmBar(view.alarms, id="alarms")
         yield CompanyBar(None, id="company")
         yield TourBar(None, id="tour")
-        yield from self.extra()
+        yield from self.compose_extra()
         with Horizontal(id="body"):
-            yield from self.body()
-        yield Small(SmallView(view.rates, view.tiles, ""), id="small")
+            yield from self.compose_body()
+        yield SmallPanel(SmallView(view.rates, view.tiles, ""), id="small")
         yield PageBar(PagesView((), ""), id="pages")
         yield KeyBar(KeysView((), False, ""), id="keys")
         yield NoticeRows("", id="notice")
 
-    def extra(self) -> ComposeResult:
+    def compose_extra(self) -> ComposeResult:
         """Panels between the alarms and the body."""
         yield from ()
 
-    def body(self) -> ComposeResult:
-        """What stands between alarms and keys."""
+    def compose_body(self) -> ComposeResult:
+        """Panels between alarms and keys."""
         yield from ()
 
     def on_resize(self, event: events.Resize) -> None:
+        """Set the classes of size."""
         width, height = event.size
         self.set_class(width >= HUGE_COLUMNS and height >= HUGE_ROWS, "-huge")
         self.set_class(
@@ -130,59 +152,61 @@ class Page(Screen[None]):
             and self.where in PORTRAIT,
             "-portrait",
         )
-        self.hurry()
+        self.hurry_all()
 
-    def perform(self, action: Action) -> None:
-        """One of the page's own actions, seen at once. A subclass says what comes before."""
+    def perform_action(self, action: Action) -> None:
+        """Do one of the page's own actions, seen at once. A subclass decides what comes before."""
         action.do(self)
-        self.app.look()
+        self.app.show_changes()
 
-    def gather(self, frame: Frame) -> None:
-        """A new frame has come; called also while another page is looked at."""
+    def gather_frame(self, frame: Frame) -> None:
+        """Take a new frame; called also while another page is shown."""
 
-    def hurry(self) -> None:
-        """Everything is looked at with the next tick."""
+    def hurry_all(self) -> None:
+        """Refresh everything with the next tick."""
         for pace in (self.numbers, self.plots, self.maps):
-            pace.hurry()
+            pace.hurry_up()
 
-    def redraw(self) -> None:
-        """After another language or theme: views may be equal and yet look different."""
-        self.hurry()
-        for drawn in self.query(Drawn):
+    def redraw_all(self) -> None:
+        """Draw anew after another language or theme: views may be equal and yet look different."""
+        self.hurry_all()
+        for drawn in self.query(DrawnWidget):
             drawn.refresh()
 
-    def tick(self, now_s: float) -> None:
-        """Look at what is new; called often, does only what is due. A subclass adds its own
-        panels to it."""
-        if self.numbers.due(now_s):
-            self.show_numbers(self.view_at(now_s))
+    def show_due(self, now_s: float) -> None:
+        """Show what is due; called often. A subclass adds its own panels."""
+        if self.numbers.is_due(now_s):
+            self.show_numbers(self.make_view_at(now_s))
 
-    def view_at(self, now_s: float) -> RunView:
-        """What is known now: a page never says less, or other, than the one before it, also not
-        while it is made."""
-        frame, age_s = self.seen(now_s)
-        view = self.seen_view(frame, age_s)
+    def make_view_at(self, now_s: float) -> RunView:
+        """The view at this time: a page never shows less, or other, than the one before it, also
+        not while it is made."""
+        frame, age_s = self.find_frame(now_s)
+        view = self.make_view(frame, age_s)
         if frame is None and self.app.source is None and self.where != REPLAY:
-            return without_machine(view, self.app.shown_key("stop"))
-        return without_worker(view, self.app.shown_key("stop")) if self.app.gone else view
+            return hide_no_machine(view, self.app.find_shown_key("stop"))
+        return hide_lost_machine(view, self.app.find_shown_key("stop")) if self.app.gone else view
 
-    def seen(self, now_s: float) -> tuple[Frame | None, float]:
-        """The frame to show, and its age in s. Without a worker the last values are old at once."""
-        age_s = self.app.arrival.age_s(now_s)
-        return self.app.arrival.frame, max(age_s, GONE_AGE_S) if self.app.gone else age_s
+    def find_frame(self, now_s: float) -> tuple[Frame | None, float]:
+        """The frame to show, and its age, s. Without a worker the last values are old at once."""
+        age_s = self.app.arrival.calc_age_s(now_s)
+        return self.app.arrival.frame, max(age_s, LOST_AGE_S) if self.app.gone else age_s
 
-    def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
-        return look(frame, age_s, self.app.units, self.app.utc_offset_s, self.marks())
+    def make_view(self, frame: Frame | None, age_s: float) -> RunView:
+        """The view of a frame."""
+        return make_run_view(
+            frame, age_s, self.app.units, self.app.utc_offset_s, self.list_status_marks()
+        )
 
     def show_numbers(self, view: RunView) -> None:
-        """State, alarms, keys; a subclass adds its numbers."""
-        self.query_one("#status", StatusLine).show(view.status)
-        self.query_one("#alarms", AlarmBar).show(view.alarms)
+        """Show state, alarms, keys; a subclass adds its numbers."""
+        self.query_one("#status", StatusLine).show_view(view.status)
+        self.query_one("#alarms", AlarmBar).show_view(view.alarms)
         # else it hides what is at fault: the board
         in_full = self.where == RUN or self.size.height >= TALL_ROWS
         self.set_class(bool(view.alarms.fault and view.alarms.lines) and in_full, "-fault")
-        self._room_for_alarms(view.alarms)
-        small = self.query_one("#small", Small)
+        self._fit_alarm_rows(view.alarms)
+        small = self.query_one("#small", SmallPanel)
         if small.display:
             page = (
                 ""
@@ -196,7 +220,7 @@ class Page(Screen[None]):
                     "",
                 )
             )
-            small.show(
+            small.show_view(
                 SmallView(
                     view.rates,
                     view.tiles,
@@ -206,17 +230,17 @@ class Page(Screen[None]):
                     page,
                 )
             )
-        company, others = self.query_one("#company", CompanyBar), self.app.company_view()
+        company, others = self.query_one("#company", CompanyBar), self.app.make_company_view()
         company.display = others is not None
-        company.show(others)
+        company.show_view(others)
         self.show_tour()
         self.show_keys()
 
-    def _room_for_alarms(self, shown: AlarmsView) -> None:
-        """More rows than the style sheet's where the worst alarm needs them to be read to its
-        end."""
+    def _fit_alarm_rows(self, shown: AlarmsView) -> None:
+        """Give the alarms more rows than the style sheet's where the worst alarm needs them to be
+        read to its end."""
         bar = self.query_one("#alarms", AlarmBar)
-        low, middle = ALARM_ROWS_LOW.get(self.where, (ALARM_ROWS, ALARM_ROWS))
+        low, middle = LOW_ALARM_ROWS.get(self.where, (ALARM_ROWS, ALARM_ROWS))
         rows = self.size.height
         least = low if rows < MIDDLE_ROWS else middle if rows < TALL_ROWS else ALARM_ROWS
         need = (
@@ -231,25 +255,28 @@ class Page(Screen[None]):
             bar.styles.height = height
 
     def show_tour(self) -> None:
-        """The guided tour's rows, while there is one."""
+        """Show the guided tour's rows, while there is one."""
         bar, tour = self.query_one("#tour", TourBar), self.app.tour
         bar.display = tour is not None
         if tour is not None:
-            bar.styles.height = rows_of(_(tour.text), self.size.width)
-            bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text)))
+            bar.styles.height = count_tour_rows(_(tour.text), self.size.width)
+            bar.show_view(TourView(tour.index + 1, len(tour.steps), _(tour.text)))
 
     def show_keys(self) -> None:
-        offered = self.app.offered(self.where)
-        off = frozenset(action.id for action in offered if action.bar and self.app.why_not(action))
-        keys, text = self.query_one("#keys", KeyBar), self.app.notice_text
-        keys.show(KeysView(offered, self.app.locked, text, self.app.why_no_stop(), off))
-        self.query_one("#notice", NoticeRows).say(
-            text, keys.room_for_notice(offered), self.size.width
+        """Show the key bar."""
+        offered = self.app.list_offered_actions(self.where)
+        off = frozenset(
+            action.id for action in offered if action.bar and self.app.explain_not_now(action)
         )
-        self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where))
+        keys, text = self.query_one("#keys", KeyBar), self.app.notice_text
+        keys.show_view(KeysView(offered, self.app.locked, text, self.app.explain_no_stop(), off))
+        self.query_one("#notice", NoticeRows).show_notice(
+            text, keys.count_notice_cells(offered), self.size.width
+        )
+        self.query_one("#pages", PageBar).show_view(PagesView(self.app.page_actions, self.where))
 
-    def marks(self) -> tuple[str, ...]:
+    def list_status_marks(self) -> tuple[str, ...]:
         """Words that stand in the status line until they are untrue."""
         gone = (_("NO CONNECTION"),) if self.app.gone else ()
-        own = (*gone, *self.app.marks())
+        own = (*gone, *self.app.list_status_marks())
         return (*own, _("LOCKED")) if self.app.locked else own

@@ -6,25 +6,31 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
-from topdress.console.app.camera import MapCamera, fit
-from topdress.console.app.history import TREND_SPAN_S, Point
+from topdress.console.app.camera import MapCamera, fit_box
+from topdress.console.app.history import TREND_SPAN_S, TrendPoint
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
-from topdress.console.app.view import STALE_S, RunView, duration, format_local_time, look
+from topdress.console.app.view import (
+    STALE_S,
+    RunView,
+    format_duration,
+    format_local_time,
+    make_run_view,
+)
 from topdress.console.app.widgets.field_map import FieldMap
 from topdress.console.app.widgets.items import Items
 from topdress.console.app.widgets.map_legend import LegendView, MapLegend
-from topdress.console.app.widgets.panel import Panel, line
-from topdress.console.app.widgets.rates import Rates
+from topdress.console.app.widgets.panel import Panel, make_line
+from topdress.console.app.widgets.rates import RatesPanel
 from topdress.console.app.widgets.tiles import (
-    CHANNELS,
+    GRAPH_CHANNELS,
     GraphsView,
     HeadsPanel,
     TileGraphs,
-    Tiles,
-    graph,
+    TilesPanel,
+    make_graph,
 )
-from topdress.console.app.widgets.trend import CursorReading, Trend, TrendView, columns_of
+from topdress.console.app.widgets.trend import CursorReading, Trend, TrendView, count_plot_columns
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
@@ -32,25 +38,26 @@ from topdress.console.locale import _
 class MapTitle(Panel[str]):
     """Shows the name of the rate's unit."""
 
-    def lines(self, view: str, width: int, height: int) -> list[Content]:
-        return [line((f" {_('map')} ", "bold"), (f"{_('applied')} {view}", "$muted"))]
+    def draw_rows(self, view: str, width: int, height: int) -> list[Content]:
+        return [make_line((f" {_('map')} ", "bold"), (f"{_('applied')} {view}", "$muted"))]
 
     async def on_click(self, event: events.Click) -> None:
+        """Turn to the map."""
         event.stop()
         await self.run_action("app.do('map_screen')")
 
 
 # of a pixel: a larger field is not shown whole, the map follows the machine
-COARSEST_M = 3.0
-GAP_S = 2.5  # a longer time without a row is a gap
+COARSEST_PIXEL_M = 3.0
+LONGEST_STEP_S = 2.5  # a longer time without a row is a gap
 # without a new frame: as often as a machine that stands tells one
-AGAIN_S = 0.5
+REDRAW_PERIOD_S = 0.5
 GRAPH_POINTS = 60  # of the small graph under a tile
 
 
 class PanelScreen(LogPage):
-    """Trends go below 36 rows, then the map below 100 columns. cursor_s: where the trend is
-    read off, s of the run."""
+    """Shows the panels. Trends are dropped below 36 rows, then the map below 100 columns. cursor_s:
+    where the trend is read, s of the run."""
 
     cursor_s: float | None = None
 
@@ -58,11 +65,11 @@ class PanelScreen(LogPage):
         super().__init__()
         self._looked_at: Frame | None = None
 
-    def body(self) -> ComposeResult:
-        view = look(None, 0.0, self.app.units)
+    def compose_body(self) -> ComposeResult:
+        view = make_run_view(None, 0.0, self.app.units)
         with Vertical(id="left"):
-            yield Rates(view.rates, id="rates")
-            yield Tiles(view.tiles, id="tiles")
+            yield RatesPanel(view.rates, id="rates")
+            yield TilesPanel(view.tiles, id="tiles")
             yield TileGraphs(GraphsView(()), id="tile-graphs")
             yield HeadsPanel(view.heads, id="heads")
             yield Items(view.items, id="items-low")
@@ -75,20 +82,22 @@ class PanelScreen(LogPage):
             )
             yield Items(view.items, id="items-side")
 
-    def tick(self, now_s: float) -> None:
-        """Between two frames next to nothing changes; all that does is drawn at once, for each
-        drawing costs."""
-        frame, age_s = self.seen(now_s)
+    def show_due(self, now_s: float) -> None:
+        """Show what is due. Between two frames next to nothing changes; all changes are drawn at
+        once, for each drawing costs."""
+        frame, age_s = self.find_frame(now_s)
         looked_s, hurried = self.numbers.last_s, None in (self.plots.last_s, self.maps.last_s)
-        soon = looked_s is not None and 0.0 <= now_s - looked_s < AGAIN_S and age_s <= STALE_S
+        soon = (
+            looked_s is not None and 0.0 <= now_s - looked_s < REDRAW_PERIOD_S and age_s <= STALE_S
+        )
         if frame is self._looked_at and soon and not hurried:
             return
-        super().tick(now_s)
+        super().show_due(now_s)
         if self.numbers.last_s == now_s:
             self._looked_at = frame
-        if self.plots.due(now_s):
+        if self.plots.is_due(now_s):
             self._show_trend(frame, age_s > STALE_S)
-        if self.maps.due(now_s) and self.query_one("#right").display:
+        if self.maps.is_due(now_s) and self.query_one("#right").display:
             self._show_map(frame, age_s)
 
     # --- the trend, and what is read off it
@@ -96,35 +105,42 @@ class PanelScreen(LogPage):
 
     def _show_trend(self, frame: Frame | None, stale: bool) -> None:
         if self.query_one("#trend").display:
-            points = self.points()
-            self.query_one("#trend", Trend).show(
-                TrendView(points, self.app.units.rate, stale, read=self._read(points, frame))
+            points = self.list_trend_points()
+            self.query_one("#trend", Trend).show_view(
+                TrendView(points, self.app.units.rate, stale, read=self._read_cursor(points, frame))
             )
         graphs = self.query_one("#tile-graphs", TileGraphs)
         if graphs.display:
-            series = self.series()
+            series = self.find_series()
             end_s = frame.row.time_s if frame is not None else 0.0
             begin_s = end_s - TREND_SPAN_S
-            drawn = (series.stretch(channel, begin_s, end_s, GRAPH_POINTS) for channel in CHANNELS)
-            graphs.show(
+            drawn = (
+                series.find_stretch(channel, begin_s, end_s, GRAPH_POINTS)
+                for channel in GRAPH_CHANNELS
+            )
+            graphs.show_view(
                 GraphsView(
                     tuple(
-                        graph(one.time_s.tolist(), one.mean.tolist(), begin_s, TREND_SPAN_S)
+                        make_graph(one.time_s.tolist(), one.mean.tolist(), begin_s, TREND_SPAN_S)
                         for one in drawn
                     ),
                     stale,
                 )
             )
 
-    def _read(self, points: tuple[Point, ...], frame: Frame | None) -> CursorReading | None:
-        """The values in force at the cursor; it goes where its time leaves the trend."""
+    def _read_cursor(
+        self, points: tuple[TrendPoint, ...], frame: Frame | None
+    ) -> CursorReading | None:
+        """The values in force at the cursor, which is dropped where its time leaves the trend."""
         if self.cursor_s is None or not points or frame is None:
             return None
         if not points[-1].time_s - TREND_SPAN_S <= self.cursor_s <= points[-1].time_s:
             self.cursor_s = None
             return None
         before = [
-            point for point in points if self.cursor_s - GAP_S <= point.time_s <= self.cursor_s
+            point
+            for point in points
+            if self.cursor_s - LONGEST_STEP_S <= point.time_s <= self.cursor_s
         ]
         target, applied = (
             (before[-1].target_kg_ha, before[-1].applied_kg_ha) if before else (None, None)
@@ -133,44 +149,48 @@ class PanelScreen(LogPage):
         return CursorReading(
             self.cursor_s,
             format_local_time(frame.row.utc, self.app.utc_offset_s, back_s)
-            or duration(self.cursor_s),
-            unit.text(target),
-            unit.text(applied),
+            or format_duration(self.cursor_s),
+            unit.format_value(target),
+            unit.format_value(applied),
         )
 
     def move_cursor(self, cells: int) -> None:
-        """By so many cells of the trend; the first step takes it to the newest value."""
-        points = self.points()
+        """Move the cursor by so many cells of the trend; the first step takes it to the newest
+        value."""
+        points = self.list_trend_points()
         if points:
             end_s = points[-1].time_s
             cell_s = TREND_SPAN_S / max(
-                1, columns_of(self.query_one("#trend").content_size.width) - 1
+                1, count_plot_columns(self.query_one("#trend").content_size.width) - 1
             )
             at_s = end_s if self.cursor_s is None else self.cursor_s
-            self._point(
+            self._set_cursor(
                 max(end_s - TREND_SPAN_S, points[0].time_s, min(end_s, at_s + cells * cell_s))
             )
 
     def drop_cursor(self) -> None:
-        self._point(None)
+        """Drop the cursor."""
+        self._set_cursor(None)
 
-    def why_no_cursor(self) -> str:
-        """Why the trend cannot be read off; empty where it can."""
+    def explain_no_cursor(self) -> str:
+        """Why the trend cannot be read; empty where it can."""
         if not (self.is_mounted and self.query_one("#trend").display):
             return _("the trend is not shown: 36 rows or more show it; F4 shows it at any size")
-        return "" if self.points() else _("no values yet")
+        return "" if self.list_trend_points() else _("no values yet")
 
-    def _point(self, time_s: float | None) -> None:
+    def _set_cursor(self, time_s: float | None) -> None:
         self.cursor_s = time_s
-        self.plots.hurry()
-        self.tick(self.app.clock())
+        self.plots.hurry_up()
+        self.show_due(self.app.clock())
 
     def on_trend_pointed(self, event: Trend.Pointed) -> None:
-        points = self.points()
+        """Set the cursor."""
+        points = self.list_trend_points()
         if points and not self.app.locked:
-            self._point(points[-1].time_s - (1.0 - min(1.0, event.share)) * TREND_SPAN_S)
+            self._set_cursor(points[-1].time_s - (1.0 - min(1.0, event.share)) * TREND_SPAN_S)
 
     def on_trend_left(self, event: Trend.Left) -> None:
+        """Drop the cursor."""
         self.drop_cursor()
 
     # --- the map
@@ -179,11 +199,11 @@ class PanelScreen(LogPage):
     def _show_map(self, frame: Frame | None, age_s: float) -> None:
         units, field_map = self.app.units, self.query_one("#map", FieldMap)
         width, height = field_map.content_size
-        camera = self._camera(frame, field_map.view.camera, width, 2 * height)
-        view = self.map_view(frame, age_s, MapLayer.APPLIED, camera)
-        field_map.show(view)
-        self.query_one("#map-title", MapTitle).show(units.rate.name)
-        self.query_one("#map-legend", MapLegend).show(
+        camera = self._choose_camera(frame, field_map.view.camera, width, 2 * height)
+        view = self.make_map_view(frame, age_s, MapLayer.APPLIED, camera)
+        field_map.show_view(view)
+        self.query_one("#map-title", MapTitle).show_view(units.rate.name)
+        self.query_one("#map-legend", MapLegend).show_view(
             LegendView(
                 view.scale,
                 camera.metres,
@@ -192,18 +212,25 @@ class PanelScreen(LogPage):
             )
         )
 
-    def _camera(self, frame: Frame | None, before: MapCamera, columns: int, rows: int) -> MapCamera:
+    def _choose_camera(
+        self, frame: Frame | None, before: MapCamera, columns: int, rows: int
+    ) -> MapCamera:
         """Everything at once where that can be read, else the ground round the machine."""
-        whole = fit(self.whole(frame), columns, rows)
-        if whole.metres <= COARSEST_M or frame is None or frame.place_m is None:
+        whole = fit_box(self.find_whole_box(frame), columns, rows)
+        if whole.metres <= COARSEST_PIXEL_M or frame is None or frame.place_m is None:
             return whole
-        near = before if before.metres == COARSEST_M else MapCamera(*frame.place_m, COARSEST_M)
-        return near.following(frame.place_m, columns, rows)
+        near = (
+            before
+            if before.metres == COARSEST_PIXEL_M
+            else MapCamera(*frame.place_m, COARSEST_PIXEL_M)
+        )
+        return near.follow_place(frame.place_m, columns, rows)
 
     def show_numbers(self, view: RunView) -> None:
+        """Show rates, tiles, heads and items."""
         super().show_numbers(view)
-        self.query_one("#rates", Rates).show(view.rates)
-        self.query_one("#tiles", Tiles).show(view.tiles)
-        self.query_one("#heads", HeadsPanel).show(view.heads)
+        self.query_one("#rates", RatesPanel).show_view(view.rates)
+        self.query_one("#tiles", TilesPanel).show_view(view.tiles)
+        self.query_one("#heads", HeadsPanel).show_view(view.heads)
         for items in self.query(Items):
-            items.show(view.items)
+            items.show_view(view.items)

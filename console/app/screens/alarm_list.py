@@ -11,12 +11,14 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
 from topdress.console.app.alarms import AlarmEntry
-from topdress.console.app.widgets.panel import Part
+from topdress.console.app.widgets.panel import TextPart
 from topdress.console.locale import _
 from topdress.control.orders import Severity
 
 
 class AlarmList(ModalScreen[None]):
+    """Shows all alarms of the run."""
+
     AUTO_FOCUS = "#alarm-scroll"
     BINDINGS: ClassVar = [
         Binding("escape,exclamation_mark,enter", "close", show=False),
@@ -29,17 +31,20 @@ class AlarmList(ModalScreen[None]):
 
     @property
     def text(self) -> str:
-        """As it is copied."""
-        return self._lines().plain
+        """The lines as text, to be copied."""
+        return self._format_entries().plain
 
     def compose(self) -> ComposeResult:
+        """Lay out the list."""
         with VerticalScroll(id="alarm-scroll", classes="dialog wide"):
             yield Static(self.heading, classes="dialog-title", markup=False)
-            yield Static(self._lines() if self.entries else _("no alarm so far"), id="alarm-lines")
+            yield Static(
+                self._format_entries() if self.entries else _("no alarm so far"), id="alarm-lines"
+            )
             yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
 
-    def _lines(self) -> Content:
-        parts: list[Part] = []
+    def _format_entries(self) -> Content:
+        parts: list[TextPart] = []
         for entry in self.entries:
             name = "red" if entry.severity is Severity.RED else "amber"
             style = (
@@ -59,7 +64,9 @@ class AlarmList(ModalScreen[None]):
         return Content.assemble(*parts)
 
     def action_close(self) -> None:
+        """Close the list."""
         self.dismiss(None)
 
     def on_click(self) -> None:
+        """Close the list."""
         self.dismiss(None)

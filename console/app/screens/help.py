@@ -13,11 +13,11 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Input, Static
 from topdress.console.app.action import Action
-from topdress.console.app.widgets.panel import Part, fit
+from topdress.console.app.widgets.panel import TextPart, fit_width
 from topdress.console.locale import N_, _
 
 # Words of the pages that no bag and no tractor has; a line each.
-WORDS = (
+GLOSSARY_LINES = (
     N_(
         "look-ahead: a change of the rate is ordered before its place, by as far as "
         "granules take to the ground."
@@ -43,6 +43,8 @@ WORDS = (
 
 
 class HelpScreen(ModalScreen[None]):
+    """Shows the keys of a screen and a glossary."""
+
     AUTO_FOCUS = "#help-scroll"
     BINDINGS: ClassVar = [
         Binding("escape,f1,enter", "close", show=False),
@@ -54,6 +56,7 @@ class HelpScreen(ModalScreen[None]):
         self.shown = shown
 
     def compose(self) -> ComposeResult:
+        """Lay out the help."""
         with VerticalScroll(id="help-scroll", classes="dialog wide"):
             yield Static(_("Keys of this screen"), classes="dialog-title", markup=False)
             yield Input(
@@ -63,9 +66,9 @@ class HelpScreen(ModalScreen[None]):
                 classes="name-input",
                 compact=True,
             )
-            yield Static(self._keys(), id="help-keys")
+            yield Static(self._format_key_lines(), id="help-keys")
             yield Static(_("Words"), classes="dialog-title", markup=False)
-            yield Static("\n".join(map(_, WORDS)), id="help-words", markup=False)
+            yield Static("\n".join(map(_, GLOSSARY_LINES)), id="help-words", markup=False)
             yield Static(_("Signs"), classes="dialog-title", markup=False)
             yield Static(
                 "\n".join(
@@ -83,17 +86,19 @@ class HelpScreen(ModalScreen[None]):
             yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
 
     def action_search(self) -> None:
+        """Type a word to search."""
         self.query_one("#help-search", Input).focus()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        self.query_one("#help-keys", Static).update(self._keys(event.value))
+        """Show the lines with the typed words."""
+        self.query_one("#help-keys", Static).update(self._format_key_lines(event.value))
 
     def on_input_submitted(self) -> None:
-        """Enter ends the typing: letters are keys again, the lines stay."""
+        """End the typing: letters are keys again, the lines stay."""
         self.query_one("#help-scroll").focus()
 
-    def _keys(self, wanted: str = "") -> Content:
-        """The lines that hold every word that is wanted, in key, name or what it does."""
+    def _format_key_lines(self, wanted: str = "") -> Content:
+        """The lines that hold every wanted word, in key, name or description."""
         words = wanted.lower().split()
         shown = [
             action
@@ -106,14 +111,15 @@ class HelpScreen(ModalScreen[None]):
         if not shown:
             return Content(_("no key does this on this page"))
         width = max(cell_len(_(action.label)) for action in self.shown) + 3
-        parts: list[Part] = []
+        parts: list[TextPart] = []
         for action in shown:
             parts += [
-                (fit(f" {action.shown}", 7), "bold $primary"),
-                (fit(_(action.label), width), "bold"),
+                (fit_width(f" {action.shown}", 7), "bold $primary"),
+                (fit_width(_(action.label), width), "bold"),
                 f"{_(action.help)}\n",
             ]
         return Content.assemble(*parts)
 
     def action_close(self) -> None:
+        """Close the help."""
         self.dismiss(None)

@@ -19,18 +19,18 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import Panel
 
 # their letters begin, stop or change something out there
-ACT_ON_THE_MACHINE = (ANYWHERE, RUN, DEVICES, CALIBRATE)
+PAGES_THAT_ACT = (ANYWHERE, RUN, DEVICES, CALIBRATE)
 
 
-def letters(bound: Mapping[str, Set[str]]) -> str:
-    """Letters and digits for labels: none that has an action on the machine, whatever page is
-    open, so that one too many does nothing there. bound: keys that have an action, by page."""
-    taken = frozenset[str]().union(*(bound[where] for where in ACT_ON_THE_MACHINE))
+def choose_label_letters(bound: Mapping[str, Set[str]]) -> str:
+    """Letters and digits for labels: none that has an action on the machine, whatever page is open,
+    so that one too many does nothing there. bound: keys that have an action, by page."""
+    taken = frozenset[str]().union(*(bound[where] for where in PAGES_THAT_ACT))
     return "".join(one for one in string.ascii_lowercase + string.digits if one not in taken)
 
 
-def labels(count: int, of: str) -> tuple[str, ...]:
-    """As many as there can be of `count`, all of one length, so that none begins another."""
+def make_labels(count: int, of: str) -> tuple[str, ...]:
+    """As many labels as there can be of `count`, all of one length, so that none begins another."""
     if not of:
         return ()
     length = 1
@@ -39,38 +39,42 @@ def labels(count: int, of: str) -> tuple[str, ...]:
     return tuple("".join(one) for one in islice(product(of, repeat=length), count))
 
 
-class Place(NamedTuple):
-    """widget: what is clicked. at: cell of the widget. seen: cell of the screen."""
+class ClickPlace(NamedTuple):
+    """Holds a place to click. widget: what is clicked. at: cell of the widget. seen: cell of the
+    screen."""
 
     widget: Widget
     at: Offset
     seen: Offset
 
 
-def find_places(screen: Screen[object]) -> tuple[Place, ...]:
-    """What can be clicked and is in sight, from the top left to the bottom right."""
+def find_click_places(screen: Screen[object]) -> tuple[ClickPlace, ...]:
+    """Places in sight that can be clicked, from the top left to the bottom right."""
     found = (
-        Place(widget, at, widget.content_region.offset + at) for widget, at in _clickable(screen)
+        ClickPlace(widget, at, widget.content_region.offset + at)
+        for widget, at in _iterate_clickable(screen)
     )
-    seen = [one for one in found if screen.region.contains_point(one.seen) and _on_top(screen, one)]
+    seen = [
+        one for one in found if screen.region.contains_point(one.seen) and _is_on_top(screen, one)
+    ]
     return tuple(sorted(seen, key=lambda one: (one.seen.y, one.seen.x)))
 
 
-def _clickable(screen: Screen[object]) -> Iterator[tuple[Widget, Offset]]:
+def _iterate_clickable(screen: Screen[object]) -> Iterator[tuple[Widget, Offset]]:
     for widget in screen.query(Widget):
         if isinstance(widget, Button | Input):
             yield widget, Offset(0, 0)
         elif isinstance(widget, Panel | Canvas):
-            for x, y in widget.places():
+            for x, y in widget.list_click_places():
                 yield widget, Offset(x, y)
 
 
-def _on_top(screen: Screen[object], place: Place) -> bool:
+def _is_on_top(screen: Screen[object], place: ClickPlace) -> bool:
     return bool(place.widget.region.area) and screen.get_widget_at(*place.seen)[0] is place.widget
 
 
-def press(place: Place) -> None:
-    """As a click there would."""
+def click_place(place: ClickPlace) -> None:
+    """Act as a click there would."""
     if isinstance(place.widget, Button):
         place.widget.press()
     elif isinstance(place.widget, Input):
@@ -93,21 +97,23 @@ def press(place: Place) -> None:
         )
 
 
-class JumpScreen(ModalScreen[Place | None]):
-    """Any key that goes on with no label ends it."""
+class JumpScreen(ModalScreen[ClickPlace | None]):
+    """Shows letters; any key that begins no label ends it."""
 
-    def __init__(self, places: tuple[Place, ...], labels: tuple[str, ...]) -> None:
+    def __init__(self, places: tuple[ClickPlace, ...], labels: tuple[str, ...]) -> None:
         super().__init__()
         self.labelled = dict(zip(labels, places, strict=False))
         self.typed = ""
 
     def compose(self) -> ComposeResult:
+        """Lay out the labels."""
         for label, place in self.labelled.items():
             shown = Static(label.upper(), classes="jump-label", markup=False, name=label)
             shown.styles.offset = place.seen
             yield shown
 
     def on_key(self, event: events.Key) -> None:
+        """Click the place whose label was typed."""
         event.stop()
         event.prevent_default()
         self.typed += (event.character or event.key).lower()
@@ -120,5 +126,6 @@ class JumpScreen(ModalScreen[Place | None]):
                 shown.display = bool(shown.name and shown.name.startswith(self.typed))
 
     def on_click(self, event: events.Click) -> None:
+        """End it."""
         event.stop()
         self.dismiss(None)

@@ -8,9 +8,9 @@ from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.locale import _
 
 
-class GoneScreen(ChoiceDialog):
-    """Dismissed with "start", "attach", or None: go on looking at the last values. No line is
-    marked at first: Enter alone does nothing here."""
+class WorkerLostScreen(ChoiceDialog):
+    """Asks what to do. Dismissed with "start", "attach", or None: go on looking at the last values.
+    No line is marked at first: Enter alone does nothing here."""
 
     def __init__(self, why: str, can_start: bool, can_attach: bool) -> None:
         offered = (
@@ -26,7 +26,7 @@ class GoneScreen(ChoiceDialog):
         )
         self.add_class("gone")
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         yield Static(
             _(
                 "No order reaches the machine from here. Drives stop by themselves after "
@@ -36,9 +36,9 @@ class GoneScreen(ChoiceDialog):
             classes="dialog-text",
             markup=False,
         )
-        yield from super().body()
+        yield from super().compose_body()
 
-    def buttons(self) -> ComposeResult:
+    def compose_buttons(self) -> ComposeResult:
         if self.choices:
             yield Button(f"{_('Enter')}  {_('do it')}", id="yes", classes="dialog-button")
         yield Button(f"Esc  {_('look at the last values')}", id="cancel", classes="dialog-button")

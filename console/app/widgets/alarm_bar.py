@@ -6,17 +6,24 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from topdress.console.app.view import AlarmLine, AlarmsView
-from topdress.console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, wrapped
+from topdress.console.app.widgets.panel import (
+    Panel,
+    TextPart,
+    choose_fullest,
+    fit_width,
+    make_line,
+    wrap_text,
+)
 from topdress.console.locale import _
 from topdress.control.orders import Severity
 
-LEAST_BIG = 7  # rows: from here on a fault is written out
+LEAST_FAULT_ROWS = 7  # rows: from here on a fault is written out
 
 
-def _styles(alarm: AlarmLine) -> tuple[str, str]:
-    """Of the word, and of the rest of the row. The whole row is in colour only while somebody
-    still has to look; the word alone stays so while the cause is there, and is black where it
-    is gone."""
+def _choose_styles(alarm: AlarmLine) -> tuple[str, str]:
+    """Styles of the word, and of the rest of the row. The whole row is in colour only while
+    somebody still has to look; the word alone stays so while the cause is there, and is black where
+    it is gone."""
     name = "red" if alarm.severity is Severity.RED else "amber"
     colour = f"$on-alarm-{name} on $alarm-{name}"
     if alarm.gone:
@@ -24,61 +31,68 @@ def _styles(alarm: AlarmLine) -> tuple[str, str]:
     return f"bold {colour}", "bold" if alarm.acknowledged else colour
 
 
-def _cells(parts: list[tuple[str, str]]) -> int:
+def _count_cells(parts: list[tuple[str, str]]) -> int:
     return sum(cell_len(text) for text, _style in parts)
 
 
 class AlarmBar(Panel[AlarmsView]):
-    """The worst alarm is written out (what it is; what to do), the next ones follow as far as
+    """Shows the alarms. The worst is written out (text; remedy), the next ones follow as far as
     there is room for all of a row. A fault has a form of its own where the page gives it the
     rows."""
 
-    def lines(self, view: AlarmsView, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: AlarmsView, width: int, height: int) -> list[Content]:
         if not view.lines:
             style = "bold $background on $foreground" if view.urgent else "$muted"
             return [
-                Content.assemble((fit(f"   {row}", width), style))
-                for row in _calm(view, width)[:height]
+                Content.assemble((fit_width(f"   {row}", width), style))
+                for row in _wrap_calm(view, width)[:height]
             ]
-        if view.fault and height >= LEAST_BIG:
-            return self._fault(view, width, height)
-        return _rows(view.lines, width, height)
+        if view.fault and height >= LEAST_FAULT_ROWS:
+            return self._draw_fault(view, width, height)
+        return _draw_alarms(view.lines, width, height)
 
-    def _fault(self, view: AlarmsView, width: int, height: int) -> list[Content]:
-        """What is wrong, where, since when, and what to do about it, step by step; the other
-        alarms below."""
+    def _draw_fault(self, view: AlarmsView, width: int, height: int) -> list[Content]:
+        """The fault, its place and time, and the remedy, step by step; the other alarms below."""
         alarm = next((one for one in view.lines if one.id == view.fault), view.lines[0])
         colour = "$on-alarm-red on $alarm-red"
 
-        def band(text: str, end: str = "") -> Content:
-            return line(
-                (fit(f"  {text}", width - cell_len(end)), f"bold {colour}"), (end, f"bold {colour}")
+        def draw_band(text: str, end: str = "") -> Content:
+            return make_line(
+                (fit_width(f"  {text}", width - cell_len(end)), f"bold {colour}"),
+                (end, f"bold {colour}"),
             )
 
-        since = f"{_since(alarm)}  "
+        since = f"{_format_since(alarm)}  "
         steps = [alarm.todo] if alarm.todo else []
         if not alarm.acknowledged:
             steps.append(_("A: acknowledge the alarm."))
         steps.append(_("R: make the machine ready; it stays in fault while the cause is there."))
         rows = [
-            band(""),
-            band(f"{alarm.symbol}  {_('FAULT')}   {alarm.place}", since),
-            *(band(row) for row in wrapped(alarm.text, width - 3)),
-            band(""),
+            draw_band(""),
+            draw_band(f"{alarm.symbol}  {_('FAULT')}   {alarm.place}", since),
+            *(draw_band(row) for row in wrap_text(alarm.text, width - 3)),
+            draw_band(""),
         ]
-        rows.append(line((fit(f"  {alarm.gone or _('The cause is still there.')}", width), "bold")))
+        rows.append(
+            make_line(
+                (fit_width(f"  {alarm.gone or _('The cause is still there.')}", width), "bold")
+            )
+        )
         for number, step in enumerate(steps, 1):
-            for index, text in enumerate(wrapped(step, max(10, width - 8))):
-                lead: Part = (f"   {number}  " if not index else "      ", "bold $primary")
-                rows.append(line(lead, (text, "bold")))
+            for index, text in enumerate(wrap_text(step, max(10, width - 8))):
+                lead: TextPart = (f"   {number}  " if not index else "      ", "bold $primary")
+                rows.append(make_line(lead, (text, "bold")))
         others = tuple(one for one in view.lines if one is not alarm)
         room = height - len(rows)
-        return rows[:height] + (_rows(others, width, room)[:room] if others and room > 0 else [])
+        return rows[:height] + (
+            _draw_alarms(others, width, room)[:room] if others and room > 0 else []
+        )
 
-    def places(self) -> tuple[tuple[int, int], ...]:
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
         return ((0, 0),) if self.view.lines else ()
 
     async def on_click(self, event: events.Click) -> None:
+        """Acknowledge."""
         event.stop()
         await self.run_action("app.do('acknowledge')")
 
@@ -86,15 +100,15 @@ class AlarmBar(Panel[AlarmsView]):
 def count_rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
     """Rows in which the worst alarm is written out; with the others counted behind it."""
     if not view.lines:
-        return len(_calm(view, width))
+        return len(_wrap_calm(view, width))
     first = view.lines[0]
-    return len(_written(first, width, todo)) + (len(view.lines) > 1)
+    return len(_draw_written_out(first, width, todo)) + (len(view.lines) > 1)
 
 
-def _calm(view: AlarmsView, width: int) -> list[str]:
-    """Whole parts to a row; what is urgent is wrapped."""
+def _wrap_calm(view: AlarmsView, width: int) -> list[str]:
+    """Lays out calm parts without breaking one across rows; urgent ones wrap."""
     if view.urgent:
-        return wrapped(view.calm, max(10, width - 6))
+        return wrap_text(view.calm, max(10, width - 6))
     rows: list[str] = []
     for part in (view.calm, *view.about):
         if rows and cell_len(f"{rows[-1]}   {part}") <= width - 3:
@@ -104,83 +118,83 @@ def _calm(view: AlarmsView, width: int) -> list[str]:
     return rows
 
 
-def _rows(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
-    """The worst one written out, the next ones as far as there is room for whole rows; the rest
+def _draw_alarms(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
+    """The worst alarm written out, the next ones as far as there is room for whole rows; the rest
     is counted."""
-    rows = _written(alarms[0], width, height > 1)[: max(1, height)]
+    rows = _draw_written_out(alarms[0], width, height > 1)[: max(1, height)]
     for index, alarm in enumerate(alarms[1:], 1):
         left, room = len(alarms) - index, height - len(rows)
-        text = _written(alarm, width, False)
+        text = _draw_written_out(alarm, width, False)
         if len(text) + (left > 1) <= room:
             rows += text
             continue
         more = f" {_('+{count} more').format(count=left - 1)} " if left > 1 else ""
-        one = _one_row(alarm, width, more)
+        one = _draw_one_row(alarm, width, more)
         if room > 0:
             rows.append(
                 one
-                or line(
+                or make_line(
                     (
                         f" {_('+{count} more').format(count=left)}  {_('! shows all')} ",
                         "bold reverse",
                     )
                 )
             )
-        elif len(_written(alarms[0], width, False)) == 1:
+        elif len(_draw_written_out(alarms[0], width, False)) == 1:
             rows[0] = (
-                _one_row(alarms[0], width, f" {_('+{count} more').format(count=left)} ") or rows[0]
+                _draw_one_row(alarms[0], width, f" {_('+{count} more').format(count=left)} ")
+                or rows[0]
             )
         break
     return rows
 
 
-def _one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
-    """Word, text and when in one row, the last only where there is room; None where even the
-    text has none."""
-    word, style = _styles(alarm)
-    left = [(f" {alarm.symbol} {alarm.word} ", word), (f" {_placed(alarm)} ", style)]
+def _draw_one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
+    """Word, text and time in one row, the last only where there is room; None where even the text
+    has none."""
+    word, style = _choose_styles(alarm)
+    left = [(f" {alarm.symbol} {alarm.word} ", word), (f" {_format_with_place(alarm)} ", style)]
     rest = [(more, "bold reverse")] if more else []
-    spare = width - _cells(left + rest)
+    spare = width - _count_cells(left + rest)
     if spare < 0:
         return None
-    when = choose_fullest((*(f" {form} " for form in _when(alarm)), ""), spare)
-    return line(*left, (" " * (spare - cell_len(when)), style), (when, style), *rest)
+    when = choose_fullest((*(f" {form} " for form in _list_time_forms(alarm)), ""), spare)
+    return make_line(*left, (" " * (spare - cell_len(when)), style), (when, style), *rest)
 
 
-def _written(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
-    """As many rows as the text takes, then those of what is to be done, with who has to look at
-    the end."""
-    word, style = _styles(alarm)
+def _draw_written_out(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
+    """As many rows as the text takes, then those of the remedy, with who has to look at the end."""
+    word, style = _choose_styles(alarm)
     bold = style if style.startswith("bold") else f"bold {style}"
-    first = _one_row(alarm, width, "")
+    first = _draw_one_row(alarm, width, "")
     rows = [first] if first is not None else []
     if first is None:
         lead = f" {alarm.symbol} {alarm.word} "
-        texts = wrapped(_placed(alarm), width - cell_len(lead) - 2)
+        texts = wrap_text(_format_with_place(alarm), width - cell_len(lead) - 2)
         rows = [
-            line(
+            make_line(
                 (lead if not k else " " * cell_len(lead), word),
-                (fit(f" {text}", width - cell_len(lead)), style),
+                (fit_width(f" {text}", width - cell_len(lead)), style),
             )
             for k, text in enumerate(texts)
         ]
     if not todo:
         return rows
-    hint = f" {_acknowledging(alarm)} " if _acknowledging(alarm) else ""
-    steps = wrapped(alarm.todo, width - 4) if alarm.todo else []
+    hint = f" {_format_acknowledging(alarm)} " if _format_acknowledging(alarm) else ""
+    steps = wrap_text(alarm.todo, width - 4) if alarm.todo else []
     if steps and cell_len(steps[-1]) + 3 + cell_len(hint) > width:
-        steps = wrapped(alarm.todo, width - 4 - cell_len(hint))
+        steps = wrap_text(alarm.todo, width - 4 - cell_len(hint))
     for k, text in enumerate(steps or ([""] if hint else [])):
         end = hint if k >= len(steps) - 1 else ""
-        rows.append(line((fit(f"   {text}", width - cell_len(end)), style), (end, bold)))
+        rows.append(make_line((fit_width(f"   {text}", width - cell_len(end)), style), (end, bold)))
     return rows
 
 
-def _placed(alarm: AlarmLine) -> str:
+def _format_with_place(alarm: AlarmLine) -> str:
     return f"{alarm.place}: {alarm.text}" if alarm.place else alarm.text
 
 
-def _since(alarm: AlarmLine) -> str:
+def _format_since(alarm: AlarmLine) -> str:
     """A time of day where it is known, else for how long."""
     return (
         f"{alarm.since} ({alarm.lasted})"
@@ -189,21 +203,21 @@ def _since(alarm: AlarmLine) -> str:
     )
 
 
-def _when(alarm: AlarmLine) -> tuple[str, ...]:
+def _list_time_forms(alarm: AlarmLine) -> tuple[str, ...]:
     """Since when it stands, or since when its cause is gone; the fullest form first."""
     seen = f"{_('acknowledged')}  " if alarm.acknowledged else ""
     if alarm.gone:
         return f"{seen}{alarm.gone}", alarm.gone
     return (
-        f"{seen}{_since(alarm)}",
+        f"{seen}{_format_since(alarm)}",
         *((f"{seen}{alarm.since}",) if alarm.since else ()),
-        _since(alarm),
+        _format_since(alarm),
         alarm.since,
     )
 
 
-def _acknowledging(alarm: AlarmLine) -> str:
-    """Whether somebody must, or has; amber alarms need nobody."""
+def _format_acknowledging(alarm: AlarmLine) -> str:
+    """Whether somebody must acknowledge, or has; amber alarms need nobody."""
     if alarm.severity is not Severity.RED:
         return ""
     return _("acknowledged") if alarm.acknowledged else _("A: acknowledge")

@@ -8,28 +8,33 @@ from typing import TypeVar
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-from topdress.console.app.widgets.panel import Drawn
+from topdress.console.app.widgets.panel import DrawnWidget
 
-V = TypeVar("V")
+View = TypeVar("View")
 
 
-class Canvas(Drawn[V, Strip]):
-    def places(self) -> tuple[tuple[int, int], ...]:
-        """Column and row of everything in it that has one place to be clicked at."""
+class Canvas(DrawnWidget[View, Strip]):
+    """Draws strips of cells."""
+
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
+        """Column and row of each thing that can be clicked."""
         return ()
 
     def notify_style_update(self) -> None:
+        """Draw anew."""
         super().notify_style_update()
         self._drawn_for = None
 
     def render_line(self, y: int) -> Strip:
-        rows = self.drawn()
+        """One row, drawn before."""
+        rows = self.find_drawn_rows()
         return rows[y] if y < len(rows) else Strip.blank(self.content_size.width, self.rich_style)
 
-    def style(self, name: str) -> Style:
+    def find_style(self, name: str) -> Style:
+        """The style of a component."""
         return self.get_component_rich_style(name)
 
-    def text_strip(self, width: int, *parts: tuple[str, Style]) -> Strip:
+    def make_text_strip(self, width: int, *parts: tuple[str, Style]) -> Strip:
         """A row of texts, cut or filled to `width`."""
         return Strip([Segment(text, style) for text, style in parts]).adjust_cell_length(
             width, self.rich_style

@@ -9,12 +9,12 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-from topdress.console.app.widgets.panel import Panel, Part, line
+from topdress.console.app.widgets.panel import Panel, TextPart, make_line
 
 
 class Chip(NamedTuple):
-    """action: its id. on: can be done now. lead: the next thing to do. held: runs while the
-    mouse button is down."""
+    """Holds one key with its word. action: its id. on: can be done now. lead: the next thing to do.
+    held: runs while the mouse button is down."""
 
     action: str
     key: str
@@ -24,12 +24,12 @@ class Chip(NamedTuple):
     held: bool = False
 
 
-def placed(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, int], ...]:
+def place_chips(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, int], ...]:
     """Each chip with its row, its first cell and its width; a chip that does not fit begins the
     next row."""
     found, row, start = [], 0, 0
     for chip in chips:
-        cells = cell_len(text_of(chip))
+        cells = cell_len(format_chip(chip))
         if start and start + cells > width:
             row, start = row + 1, 0
         found.append((chip, row, start, cells))
@@ -37,9 +37,9 @@ def placed(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, i
     return tuple(found)
 
 
-def text_of(chip: Chip) -> str:
-    """` Y make ready `, `>Y make ready ` where it is next, `(Y make ready)` where it is not
-    possible now."""
+def format_chip(chip: Chip) -> str:
+    """The chip as ` Y make ready `, `>Y make ready ` where it is next, `(Y make ready)` where it is
+    not possible now."""
     first, last = ("(", ")") if not chip.on else (">", " ") if chip.lead else (" ", " ")
     return f"{first}{chip.key} {chip.label}{last}"
 
@@ -47,13 +47,15 @@ def text_of(chip: Chip) -> str:
 LARGE_ROWS = 3
 
 
-def _style(chip: Chip) -> str:
+def _choose_chip_style(chip: Chip) -> str:
     if not chip.on:
         return "$stale on $keybar"
     return "bold $background on $primary" if chip.lead else "$on-keybar on $keybar"
 
 
 class Chips(Panel[tuple[Chip, ...]]):
+    """Shows chips; a click does the action."""
+
     class Held(Message):
         """The mouse button went down on a chip that runs while held, or came up, or left it."""
 
@@ -75,55 +77,58 @@ class Chips(Panel[tuple[Chip, ...]]):
         super().__init__(view, id=id, classes=classes)
         self.large = large
 
-    def _tall(self, height: int) -> bool:
+    def _is_tall(self, height: int) -> bool:
         return self.large and height >= LARGE_ROWS
 
-    def lines(self, view: tuple[Chip, ...], width: int, height: int) -> list[Content]:
-        if self._tall(height):
-            return self._large(view, width)
-        rows: list[list[Part]] = [[] for _row in range(height)]
-        for chip, row, _start, _cells in placed(view, width):
+    def draw_rows(self, view: tuple[Chip, ...], width: int, height: int) -> list[Content]:
+        if self._is_tall(height):
+            return self._draw_large(view, width)
+        rows: list[list[TextPart]] = [[] for _row in range(height)]
+        for chip, row, _start, _cells in place_chips(view, width):
             if row < height:
-                rows[row] += [(text_of(chip), _style(chip)), " "]
-        return [line(*row) for row in rows]
+                rows[row] += [(format_chip(chip), _choose_chip_style(chip)), " "]
+        return [make_line(*row) for row in rows]
 
     @staticmethod
-    def _large(view: tuple[Chip, ...], width: int) -> list[Content]:
-        blank: list[Part] = []
-        words: list[Part] = []
-        for chip, row, _start, cells in placed(view, width):
+    def _draw_large(view: tuple[Chip, ...], width: int) -> list[Content]:
+        blank: list[TextPart] = []
+        words: list[TextPart] = []
+        for chip, row, _start, cells in place_chips(view, width):
             if row == 0:
-                blank += [(" " * cells, _style(chip)), " "]
-                words += [(text_of(chip), _style(chip)), " "]
-        return [line(*blank), line(*words), line(*blank)]
+                blank += [(" " * cells, _choose_chip_style(chip)), " "]
+                words += [(format_chip(chip), _choose_chip_style(chip)), " "]
+        return [make_line(*blank), make_line(*words), make_line(*blank)]
 
-    def at(self, x: int, y: int) -> Chip | None:
-        y = 0 if self._tall(self.content_size.height) else y
+    def find_chip(self, x: int, y: int) -> Chip | None:
+        """The chip at a cell."""
+        y = 0 if self._is_tall(self.content_size.height) else y
         return next(
             (
                 chip
-                for chip, row, start, cells in placed(self.view, self.content_size.width)
+                for chip, row, start, cells in place_chips(self.view, self.content_size.width)
                 if row == y and start <= x < start + cells
             ),
             None,
         )
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        """None that runs only while it is held down."""
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
+        """Cells of chips, but for those that run only while they are held down."""
         return tuple(
             (start, row)
-            for chip, row, start, _cells in placed(self.view, self.content_size.width)
+            for chip, row, start, _cells in place_chips(self.view, self.content_size.width)
             if not chip.held and row < self.content_size.height
         )
 
     async def on_click(self, event: events.Click) -> None:
+        """Do the chip's action."""
         event.stop()
-        chip = self.at(event.x, event.y)
+        chip = self.find_chip(event.x, event.y)
         if chip is not None and not chip.held:
             await self.run_action(f"app.do('{chip.action}')")
 
     def on_mouse_down(self, event: events.MouseDown) -> None:
-        chip = self.at(event.x, event.y)
+        """Begin a held chip."""
+        chip = self.find_chip(event.x, event.y)
         if chip is not None and chip.held:
             event.stop()
             self._held = chip.action
@@ -131,17 +136,20 @@ class Chips(Panel[tuple[Chip, ...]]):
             self.post_message(self.Held(chip.action, True))
 
     def on_mouse_move(self, event: events.MouseMove) -> None:
-        chip = self.at(event.x, event.y)
+        """End a held chip that the mouse leaves."""
+        chip = self.find_chip(event.x, event.y)
         if self._held and (chip is None or chip.action != self._held):
-            self._release()
+            self._release_chip()
 
     def on_mouse_up(self, event: events.MouseUp) -> None:
-        self._release()
+        """End a held chip."""
+        self._release_chip()
 
     def on_mouse_release(self, event: events.MouseRelease) -> None:
-        self._release()
+        """End a held chip."""
+        self._release_chip()
 
-    def _release(self) -> None:
+    def _release_chip(self) -> None:
         if self._held:
             held, self._held = self._held, ""
             self.release_mouse()

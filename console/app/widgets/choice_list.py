@@ -14,7 +14,13 @@ from textual.geometry import Size
 from textual.message import Message
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.map_ink import draw_small_map
-from topdress.console.app.widgets.panel import PickList, fit, line, right, wrapped
+from topdress.console.app.widgets.panel import (
+    PickList,
+    align_right,
+    fit_width,
+    make_line,
+    wrap_text,
+)
 from topdress.console.locale import _
 
 # columns and rows of a field's picture, and blanks between it and a label
@@ -22,8 +28,8 @@ THUMB, THUMB_GAP = (9, 4), 2
 
 
 class Choice(NamedTuple):
-    """why: why it cannot be taken now, and how it could be; empty where it can. A label may
-    have several lines. picture: drawn next to it, small."""
+    """Holds one line. why: why it cannot be taken now, and how it could be; empty where it can. A
+    label may have several lines. picture: drawn next to it, small."""
 
     value: str
     label: str
@@ -31,8 +37,8 @@ class Choice(NamedTuple):
     picture: FieldPicture | None = None
 
 
-class _Row(NamedTuple):
-    """choice: its number. drawn: a row of its picture, between head and text."""
+class _ChoiceRow(NamedTuple):
+    """Holds one row. choice: its number. drawn: a row of its picture, between head and text."""
 
     choice: int
     head: str
@@ -41,8 +47,8 @@ class _Row(NamedTuple):
 
 
 class ChoicesView(NamedTuple):
-    """at: which is marked, -1: none yet. now: the value in force. wrong: what was typed and is
-    no number of a line."""
+    """Holds a list. at: which is marked, -1: none yet. now: the value in force. wrong: the typed
+    text that is no number of a line."""
 
     choices: tuple[Choice, ...]
     at: int
@@ -51,7 +57,7 @@ class ChoicesView(NamedTuple):
 
 
 class ChoiceList(PickList[ChoicesView]):
-    """Off lines, which cannot be taken, are muted."""
+    """Shows the list; lines that cannot be taken are muted."""
 
     def __init__(self, view: ChoicesView, *, id: str | None = None) -> None:
         super().__init__(view, id=id)
@@ -63,13 +69,14 @@ class ChoiceList(PickList[ChoicesView]):
             self.lines = lines
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        return len(self._rows(self.view, width)) + bool(self.view.wrong)
+        """Rows of the whole list."""
+        return len(self._make_rows(self.view, width)) + bool(self.view.wrong)
 
-    def lines(self, view: ChoicesView, width: int, height: int) -> list[Content]:
-        rows, first, room = self._window(view, width, height)
+    def draw_rows(self, view: ChoicesView, width: int, height: int) -> list[Content]:
+        rows, first, room = self._find_window(view, width, height)
         scrolls = room < len(rows)
         shown = []
-        bar = _bar(first, room, len(rows)) if scrolls else ()
+        bar = _draw_scroll_bar(first, room, len(rows)) if scrolls else ()
         for place, (index, head, drawn, text) in enumerate(rows[first : first + room]):
             style = (
                 "bold $on-select on $select"
@@ -80,13 +87,13 @@ class ChoiceList(PickList[ChoicesView]):
             )
             on_mark = index == view.at
             shown.append(
-                line(
+                make_line(
                     (head, style),
                     *(
                         (cell, style if not own or (on_mark and " on " not in own) else own)
                         for cell, own in drawn
                     ),
-                    (fit(text, max(0, width - scrolls - cell_len(head) - len(drawn))), style),
+                    (fit_width(text, max(0, width - scrolls - cell_len(head) - len(drawn))), style),
                     (bar[place], "$muted") if scrolls else "",
                 )
             )
@@ -94,20 +101,24 @@ class ChoiceList(PickList[ChoicesView]):
             said = _("no line {typed} here: 1 to {count}").format(
                 typed=view.wrong, count=len(view.choices)
             )
-            shown.append(line((fit(f" ! {said}", width), "bold $on-alarm-red on $alarm-red")))
+            shown.append(
+                make_line((fit_width(f" ! {said}", width), "bold $on-alarm-red on $alarm-red"))
+            )
         elif scrolls:
             at = "--" if view.at < 0 else f"{view.at + 1}"
             shown.append(
-                line(
+                make_line(
                     (
-                        right(_("{at} of {count}").format(at=at, count=len(view.choices)), width),
+                        align_right(
+                            _("{at} of {count}").format(at=at, count=len(view.choices)), width
+                        ),
                         "$muted",
                     )
                 )
             )
         return shown
 
-    def _rows(self, view: ChoicesView, width: int) -> list[_Row]:
+    def _make_rows(self, view: ChoicesView, width: int) -> list[_ChoiceRow]:
         """Every row of the whole list."""
         digits = len(str(len(view.choices)))
         indent = 4 + digits
@@ -120,10 +131,10 @@ class ChoiceList(PickList[ChoicesView]):
             now = f"  ({_('now')})" if choice.value == view.now else ""
             label = f"({choice.label}: {choice.why})" if choice.why else f"{choice.label}{now}"
             head = f"{'>' if index == view.at else ' '} {index + 1:>{digits}}  "
-            texts = [row for text in label.split("\n") for row in wrapped(text, room)]
-            for drawn, text in zip_longest(self._thumb(choice.picture), texts):
+            texts = [row for text in label.split("\n") for row in wrap_text(text, room)]
+            for drawn, text in zip_longest(self._draw_thumb(choice.picture), texts):
                 found.append(
-                    _Row(
+                    _ChoiceRow(
                         index,
                         head,
                         blank if drawn is None else [*drawn, *blank[THUMB[0] :]],
@@ -133,35 +144,40 @@ class ChoiceList(PickList[ChoicesView]):
                 head = " " * indent
         return found
 
-    def _thumb(self, picture: FieldPicture | None) -> list[list[tuple[str, str]]]:
+    def _draw_thumb(self, picture: FieldPicture | None) -> list[list[tuple[str, str]]]:
         key = picture, self.app.theme
         if key not in self._thumbs:
             self._thumbs[key] = draw_small_map(self, picture, *THUMB)
         return self._thumbs[key]
 
-    def _window(self, view: ChoicesView, width: int, height: int) -> tuple[list[_Row], int, int]:
-        """All rows, the first that is shown, and how many are: the marked one is among them
-        with all its lines."""
-        rows = self._rows(view, width)
+    def _find_window(
+        self, view: ChoicesView, width: int, height: int
+    ) -> tuple[list[_ChoiceRow], int, int]:
+        """All rows, the first that is shown, and how many are: the marked one is among them with
+        all its lines."""
+        rows = self._make_rows(view, width)
         room = height if len(rows) + bool(view.wrong) <= height else height - 1
         marked = [row for row, (index, *_rest) in enumerate(rows) if index == max(0, view.at)]
         middle = (marked[0] + marked[-1]) // 2 if marked else 0
         return rows, max(0, min(middle - room // 2, len(rows) - room)), room
 
-    def things(self) -> Sequence[int | None]:
-        rows, first, room = self._window(self.view, *self.content_size)
+    def list_row_items(self) -> Sequence[int | None]:
+        """Number of the line of each row."""
+        rows, first, room = self._find_window(self.view, *self.content_size)
         return [row.choice for row in rows[first : first + room]]
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
+        """Scroll down."""
         event.stop()
         self.post_message(self.Wheeled(1))
 
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
+        """Scroll up."""
         event.stop()
         self.post_message(self.Wheeled(-1))
 
 
-def _bar(first: int, room: int, count: int) -> tuple[str, ...]:
+def _draw_scroll_bar(first: int, room: int, count: int) -> tuple[str, ...]:
     """A scroll bar of `room` cells: which part of `count` rows is shown."""
     length = max(1, room * room // count)
     top = round((room - length) * first / max(1, count - room))

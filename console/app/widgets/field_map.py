@@ -10,15 +10,17 @@ from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-from topdress.console.app.camera import Pixels
+from topdress.console.app.camera import PixelGrid
 from topdress.console.app.map_image import Codes
-from topdress.console.app.map_ink import MapInk, MapView, codes
+from topdress.console.app.map_ink import MapInk, MapView, make_cell_codes
 from topdress.console.app.terminal import has_few_colours
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.locale import _
 
 
 class FieldMap(Canvas[MapView]):
+    """Shows a map that is alive."""
+
     COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
 
     def __init__(self, view: MapView, *, id: str | None = None, classes: str | None = None) -> None:
@@ -30,24 +32,24 @@ class FieldMap(Canvas[MapView]):
         self._dressed_for: object = None
         self.rows_drawn = 0
 
-    def pixels(self) -> Pixels:
-        """What is seen at the widget's size."""
+    def make_grid(self) -> PixelGrid:
+        """The ground that is seen at the widget's size."""
         width, height = self.content_size
-        return self.view.camera.pixels(width, 2 * height)
+        return self.view.camera.make_grid(width, 2 * height)
 
-    def _changed(self) -> list[int]:
-        return self._bring(*self.content_size) if self._drawn else []
+    def _find_changed_rows(self) -> list[int]:
+        return self._update_strips(*self.content_size) if self._drawn else []
 
-    def lines(self, view: MapView, width: int, height: int) -> list[Strip]:
+    def draw_rows(self, view: MapView, width: int, height: int) -> list[Strip]:
         self._codes, self._drawn = None, []
         if width > 0 and height > 0:
-            self._bring(width, height)
+            self._update_strips(width, height)
         return self._drawn
 
-    def _bring(self, width: int, height: int) -> list[int]:
-        """Strips of the rows whose codes are other than before; their numbers."""
-        self._dress()
-        found = codes(self.view, self.pixels())
+    def _update_strips(self, width: int, height: int) -> list[int]:
+        """Make strips of the rows whose codes are other than before; returns their numbers."""
+        self._update_ink()
+        found = make_cell_codes(self.view, self.make_grid())
         old = self._codes
         fresh = old is None or old.shape != found.shape or len(self._drawn) != height
         changed = (
@@ -58,7 +60,7 @@ class FieldMap(Canvas[MapView]):
         if fresh:
             self._drawn = [Strip.blank(width)] * height
         for row in changed:
-            self._drawn[row] = self._strip(found[row], width)
+            self._drawn[row] = self._make_strip(found[row], width)
         self._codes = found
         self.rows_drawn += len(changed)
         view = self.view
@@ -67,26 +69,26 @@ class FieldMap(Canvas[MapView]):
             and view.worked.box is None
             and (view.picture is None or view.picture.box is None)
         ):
-            self._drawn[height // 2] = self.text_strip(
-                width, (f" {_('no position yet')}", self.style("map--muted"))
+            self._drawn[height // 2] = self.make_text_strip(
+                width, (f" {_('no position yet')}", self.find_style("map--muted"))
             )
             changed = list(range(height))
         return changed
 
-    def _strip(self, row: npt.NDArray[np.int32], width: int) -> Strip:
+    def _make_strip(self, row: npt.NDArray[np.int32], width: int) -> Strip:
         begins = np.concatenate(([0], np.flatnonzero(np.diff(row)) + 1, [width]))
         segments = []
         for begin, end in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True):
             code = int(row[begin])
             one = self._segments.get(code)
             if one is None:
-                one = self._segments[code] = self._segment(code)
+                one = self._segments[code] = self._make_segment(code)
             segments.append(
                 one if end - begin == 1 else Segment(one.text * (end - begin), one.style)
             )
         return Strip(segments, width)
 
-    def _dress(self) -> None:
+    def _update_ink(self) -> None:
         """Forget segments that were made for other colours."""
         laid = self.view.laid.scale if self.view.laid is not None else None
         wanted = (
@@ -102,8 +104,8 @@ class FieldMap(Canvas[MapView]):
             self._codes = None
             self._ink = MapInk(self, self.view.scale, laid, self.view.stale)
 
-    def _segment(self, code: int) -> Segment:
-        text, fore, back = self._ink.cell(code)
+    def _make_segment(self, code: int) -> Segment:
+        text, fore, back = self._ink.draw_cell(code)
         return Segment(
             text,
             self.rich_style

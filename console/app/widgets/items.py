@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.view import Item
-from topdress.console.app.widgets.panel import Panel, Part, choose_fullest, fit, line
+from topdress.console.app.view import ItemView
+from topdress.console.app.widgets.panel import Panel, TextPart, choose_fullest, fit_width, make_line
 
-APART = "  "  # between the parts of a value
+PART_GAP = "  "  # between the parts of a value
 
 
-class Items(Panel[tuple[Item, ...]]):
-    def lines(self, view: tuple[Item, ...], width: int, height: int) -> list[Content]:
+class Items(Panel[tuple[ItemView, ...]]):
+    """Shows labels and values."""
+
+    def draw_rows(self, view: tuple[ItemView, ...], width: int, height: int) -> list[Content]:
         columns = 1 if len(view) <= height else 2
         each = width // columns
         count = -(-len(view) // columns)
@@ -22,13 +24,13 @@ class Items(Panel[tuple[Item, ...]]):
         rows, left = [], height - count
         for row in range(count):
             cells = [
-                _cell(item, each, label_width, left)
+                _draw_item(item, each, label_width, left)
                 for item, label_width in zip(view[row::count], label_widths, strict=False)
             ]
             high = max(len(cell) for cell in cells)
             left -= high - 1
             rows += [
-                line(
+                make_line(
                     *(
                         part
                         for cell in cells
@@ -40,21 +42,21 @@ class Items(Panel[tuple[Item, ...]]):
         return rows
 
 
-def _cell(item: Item, width: int, label_width: int, more: int) -> list[list[Part]]:
-    """Rows of label and value. A value that has no room moves together, then its parts take
-    rows of their own, `more` at most."""
+def _draw_item(item: ItemView, width: int, label_width: int, more: int) -> list[list[TextPart]]:
+    """Rows of label and value. A value that has no room moves together, then its parts take rows of
+    their own, `more` at most."""
     style = "$stale" if item.value.stale else "bold"
     room = width - label_width - 1
-    text = choose_fullest((item.value.text, item.value.text.replace(APART, " ")), room)
+    text = choose_fullest((item.value.text, item.value.text.replace(PART_GAP, " ")), room)
     texts = [text]
     if cell_len(text) > room:
-        parts = item.value.text.split(APART)
+        parts = item.value.text.split(PART_GAP)
         whole = len(parts) - max(0, len(parts) - 1 - more)
-        texts = [*parts[: whole - 1], APART.join(parts[whole - 1 :])]
+        texts = [*parts[: whole - 1], PART_GAP.join(parts[whole - 1 :])]
     return [
         [
-            (fit(f" {item.label if not number else ''}", label_width), "$muted"),
-            (fit(f" {one}", width - label_width), style),
+            (fit_width(f" {item.label if not number else ''}", label_width), "$muted"),
+            (fit_width(f" {one}", width - label_width), style),
         ]
         for number, one in enumerate(texts)
     ]

@@ -9,11 +9,13 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from topdress.console.app.action import Action
-from topdress.console.app.widgets.panel import Panel, fit, line
+from topdress.console.app.widgets.panel import Panel, fit_width, make_line
 from topdress.console.locale import _
 
 
 class KeysView(NamedTuple):
+    """Holds the key bar."""
+
     actions: tuple[Action, ...]
     locked: bool
     notice: str
@@ -22,17 +24,17 @@ class KeysView(NamedTuple):
 
 
 # in their places also next to a notice and under a dialog
-URGENT = ("hold", "stop")
+URGENT_ACTIONS = ("hold", "stop")
 # with the last two everything else can be reached by mouse at any width
-ALWAYS = (*URGENT, "pages", "palette")
+ALWAYS_SHOWN = (*URGENT_ACTIONS, "pages", "palette")
 
 
-def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
+def place_actions(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
     """Actions that fit, the important ones first, each with its first cell and its width."""
     ordered = sorted((a for a in actions if a.bar), key=lambda a: a.bar)
     cells = {action.id: cell_len(f" {action.shown} {_(action.label)} ") for action in ordered}
-    always = [name for name in ALWAYS if name in cells]
-    while len(always) > len(URGENT) and sum(cells[name] for name in always) > width:
+    always = [name for name in ALWAYS_SHOWN if name in cells]
+    while len(always) > len(URGENT_ACTIONS) and sum(cells[name] for name in always) > width:
         # the palette leads to the pages too
         always.remove(always[-2] if always[-1] == "palette" else always[-1])
     room = width - sum(cells[name] for name in always)
@@ -48,16 +50,20 @@ def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int
     return tuple(placed)
 
 
-def _why(view: KeysView) -> str:
+def _format_why_none(view: KeysView) -> str:
     return f" {view.why_none}  " if view.why_none else ""
 
 
 class KeyBar(Panel[KeysView]):
-    def lines(self, view: KeysView, width: int, height: int) -> list[Content]:
-        placed = self._placed(view, width)
+    """Shows the keys."""
+
+    def draw_rows(self, view: KeysView, width: int, height: int) -> list[Content]:
+        placed = self._place_keys(view, width)
         parts: list[tuple[str, str]] = []
         if placed and placed[0][1]:
-            parts.append((fit(_why(view), placed[0][1]), "bold $on-keybar on $keybar"))
+            parts.append(
+                (fit_width(_format_why_none(view), placed[0][1]), "bold $on-keybar on $keybar")
+            )
         for action, _start, _cells in placed:
             off = action.id in view.off or (view.locked and not action.locked)
             first, last = ("(", ")") if off else (" ", " ")
@@ -70,48 +76,58 @@ class KeyBar(Panel[KeysView]):
         # else it has rows of its own above
         said = view.notice and cell_len(view.notice) < left
         rest = (
-            (fit(f" {view.notice}", left), "bold reverse") if said else (" " * left, "on $keybar")
+            (fit_width(f" {view.notice}", left), "bold reverse")
+            if said
+            else (" " * left, "on $keybar")
         )
-        air = line(*((" " * cell_len(text), style) for text, style in (*parts, rest)))
+        air = make_line(*((" " * cell_len(text), style) for text, style in (*parts, rest)))
         # a finger is wider than a row of letters
-        return [*[air] * (height - 1), line(*parts, rest)]
+        return [*[air] * (height - 1), make_line(*parts, rest)]
 
     @staticmethod
-    def _placed(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:
-        """Next to a notice only hold and STOP, where they always are: first. Why they are not
-        there comes first too."""
+    def _place_keys(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:
+        """Next to a notice only hold and STOP, where they always are: first. The reason for their
+        absence comes first too."""
         if view.notice:
-            return tuple(one for one in laid_out(view.actions, width) if one[0].id in URGENT)
-        kept = laid_out(tuple(action for action in view.actions if action.id in ALWAYS), width)
-        start = min(cell_len(_why(view)), width - sum(cells for _action, _start, cells in kept))
+            return tuple(
+                one for one in place_actions(view.actions, width) if one[0].id in URGENT_ACTIONS
+            )
+        kept = place_actions(
+            tuple(action for action in view.actions if action.id in ALWAYS_SHOWN), width
+        )
+        start = min(
+            cell_len(_format_why_none(view)), width - sum(cells for _action, _start, cells in kept)
+        )
         return tuple(
             (action, start + at, cells)
-            for action, at, cells in laid_out(view.actions, width - start)
+            for action, at, cells in place_actions(view.actions, width - start)
         )
 
-    def room_for_notice(self, actions: tuple[Action, ...]) -> int:
+    def count_notice_cells(self, actions: tuple[Action, ...]) -> int:
         """Cells next to hold and STOP."""
         width = self.content_size.width
-        urgent = [one for one in laid_out(actions, width) if one[0].id in URGENT]
+        urgent = [one for one in place_actions(actions, width) if one[0].id in URGENT_ACTIONS]
         return width - sum(cells for _action, _start, cells in urgent)
 
-    def action_at(self, x: int) -> str:
+    def find_action(self, x: int) -> str:
         """The action at a column of the content; "" where there is none."""
-        for action, start, cells in self._placed(self.view, self.content_size.width):
+        for action, start, cells in self._place_keys(self.view, self.content_size.width):
             if start <= x < start + cells:
                 return action.id
         return ""
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        """All but hold and STOP, which have their keys at any time and are never covered."""
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
+        """All actions but hold and STOP, which have their keys at any time and are never
+        covered."""
         return tuple(
             (start, 0)
-            for action, start, _cells in self._placed(self.view, self.content_size.width)
-            if action.id not in URGENT
+            for action, start, _cells in self._place_keys(self.view, self.content_size.width)
+            if action.id not in URGENT_ACTIONS
         )
 
     async def on_click(self, event: events.Click) -> None:
+        """Do the action."""
         event.stop()
-        name = self.action_at(event.x)
+        name = self.find_action(event.x)
         if name:
             await self.run_action(f"app.do('{name}')")

@@ -9,8 +9,14 @@ from rich.color import Color
 from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
-from topdress.console.app.layers import RATES, LayerScale, MapLayer
-from topdress.console.app.map_ink import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, find_rgb, mixed
+from topdress.console.app.layers import RATE_LAYERS, LayerScale, MapLayer
+from topdress.console.app.map_ink import (
+    LEVELS_DONE,
+    LEVELS_ERROR,
+    LEVELS_PLAN,
+    find_rgb,
+    mix_colours,
+)
 from topdress.console.app.terminal import has_few_colours
 from topdress.console.app.units import Unit
 from topdress.console.app.widgets.canvas import Canvas
@@ -21,7 +27,8 @@ _LEAST_CELLS, _MOST_CELLS = 6, 32
 
 
 class LegendView(NamedTuple):
-    """metres: of a pixel; distance: unit of the scale bar; planned: planned ground is seen too."""
+    """Holds the legend. metres: of a pixel; distance: unit of the scale bar; planned: planned
+    ground is seen too."""
 
     scale: LayerScale
     metres: float
@@ -39,24 +46,26 @@ def draw_colour_ramp(
         return [(levels, base)]
     ground = find_rgb(base.bgcolor, (0, 0, 0))
     colours = [
-        Color.from_rgb(*mixed(scale.colour(step / (cells - 1)), ground, share))
+        Color.from_rgb(*mix_colours(scale.find_colour(step / (cells - 1)), ground, share))
         for step in range(cells)
     ]
     return [("█", base + Style(color=colour, bgcolor=colour)) for colour in colours]
 
 
 class MapLegend(Canvas[LegendView]):
+    """Shows the map's colours and scale."""
+
     COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
 
-    def lines(self, view: LegendView, width: int, height: int) -> list[Strip]:
+    def draw_rows(self, view: LegendView, width: int, height: int) -> list[Strip]:
         if width < 16:
             return []
-        muted = self.style("map--muted")
+        muted = self.find_style("map--muted")
         scale = view.scale
-        low, high = f" {scale.text(scale.low)} ", f" {scale.text(scale.high)}"
+        low, high = f" {scale.format_value(scale.low)} ", f" {scale.format_value(scale.high)}"
         unit = f" {scale.unit}" if scale.unit else ""
-        bar = f" {view.distance.full(_BAR_CELLS * view.metres)}"
-        planned = f"  {_('faint: planned')}" if view.planned and scale.layer in RATES else ""
+        bar = f" {view.distance.format_with_name(_BAR_CELLS * view.metres)}"
+        planned = f"  {_('faint: planned')}" if view.planned and scale.layer in RATE_LAYERS else ""
         if has_few_colours(self.app):
             planned = f" {LEVELS_PLAN} {_('planned')}" if planned else ""
         room = width - _BAR_CELLS - 2 - sum(cell_len(text) for text in (low, high, bar))
@@ -68,7 +77,7 @@ class MapLegend(Canvas[LegendView]):
             self, scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))), levels
         )
         return [
-            self.text_strip(
+            self.make_text_strip(
                 width,
                 (low, muted),
                 *ramp,

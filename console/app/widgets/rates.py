@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.digits import ROWS, draw, largest
-from topdress.console.app.view import ERROR_SPAN, RatesView, Tile
+from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
+from topdress.console.app.view import ERROR_SPAN, RatesView, TileView
 from topdress.console.app.widgets.panel import (
     Panel,
-    Part,
+    TextPart,
     choose_fullest,
-    fit,
-    line,
-    solid,
-    wrapped,
+    fit_width,
+    make_line,
+    make_solid_parts,
+    wrap_text,
 )
 from topdress.console.locale import _
 
@@ -24,50 +24,58 @@ from topdress.console.locale import _
 # The machine's numbers where the terminal is too small for a page: rates first, the rest as far
 # as there is room.
 class SmallView(NamedTuple):
-    """page: which one is open, where it shows something else than these numbers."""
+    """Holds the numbers of a small terminal. page: which one is open, where it shows something else
+    than these numbers."""
 
     rates: RatesView
-    tiles: tuple[Tile, ...]
+    tiles: tuple[TileView, ...]
     hint: str
     page: str = ""
 
 
-class Small(Panel[SmallView]):
-    def lines(self, view: SmallView, width: int, height: int) -> list[Content]:
-        """A page that is not seen says at the top that it is open, and what would show it."""
+class SmallPanel(Panel[SmallView]):
+    """Shows the rates first, the rest as far as there is room."""
+
+    def draw_rows(self, view: SmallView, width: int, height: int) -> list[Content]:
+        """The rows; a page that is not seen says at the top that it is open, and what would show
+        it."""
         if view.page:
-            said = line((fit(f" {view.page}: {view.hint}", width), "bold reverse"))
-            return [said, *self.lines(view._replace(page="", hint=""), width, height - 1)]
+            said = make_line((fit_width(f" {view.page}: {view.hint}", width), "bold reverse"))
+            return [said, *self.draw_rows(view._replace(page="", hint=""), width, height - 1)]
         rates, half = view.rates, width // 2
         error = f"  {rates.error.text}" if rates.error.text != "--" else ""
         rows = [
-            line(
-                (fit(f" {_('target')} {rates.unit}", half), "bold $target"),
-                (fit(f" {_('applied')}{error}", width - half), "bold $applied"),
+            make_line(
+                (fit_width(f" {_('target')} {rates.unit}", half), "bold $target"),
+                (fit_width(f" {_('applied')}{error}", width - half), "bold $applied"),
             )
         ]
         shown = (rates.target, "$target"), (rates.applied, "$applied")
-        if height >= 2 + ROWS[1]:
-            scale = largest((rates.target.text, rates.applied.text), half, height - 3)
+        if height >= 2 + ROWS_AT_SCALE[1]:
+            scale = find_largest_scale((rates.target.text, rates.applied.text), half, height - 3)
             drawn = [
-                (draw(one.text, scale), "$stale" if one.stale else colour) for one, colour in shown
+                (draw_digits(one.text, scale), "$stale" if one.stale else colour)
+                for one, colour in shown
             ]
             rows += [
-                line(
+                make_line(
                     *(
                         part
                         for (numeral, colour) in drawn
-                        for part in (" ", *solid(fit(numeral[row], half - 1), colour))
+                        for part in (
+                            " ",
+                            *make_solid_parts(fit_width(numeral[row], half - 1), colour),
+                        )
                     )
                 )
-                for row in range(ROWS[scale])
+                for row in range(ROWS_AT_SCALE[scale])
             ]
         else:
             rows.append(
-                line(
+                make_line(
                     *(
                         (
-                            fit(f" {one.text}", half),
+                            fit_width(f" {one.text}", half),
                             "bold $stale" if one.stale else f"bold {colour}",
                         )
                         for one, colour in shown
@@ -76,16 +84,16 @@ class Small(Panel[SmallView]):
             )
         if rates.notes:
             rows += [
-                line((fit(f" {row}", width), "bold $on-alarm-amber on $alarm-amber"))
-                for row in wrapped(", ".join(rates.notes), width - 2)[:2]
+                make_line((fit_width(f" {row}", width), "bold $on-alarm-amber on $alarm-amber"))
+                for row in wrap_text(", ".join(rates.notes), width - 2)[:2]
             ]
         each = (width - 1) // 2
         for left in range(0, len(view.tiles), 2):
             rows.append(
-                line(
+                make_line(
                     *(
                         (
-                            fit(
+                            fit_width(
                                 choose_fullest(
                                     (
                                         f" {tile.label} {tile.value.text} {tile.unit}  "
@@ -106,45 +114,53 @@ class Small(Panel[SmallView]):
                     )
                 )
             )
-        return [*rows, line((fit(f" {view.hint}", width), "$muted"))]
+        return [*rows, make_line((fit_width(f" {view.hint}", width), "$muted"))]
 
 
 # Target and applied rate, to be read from the seat, where a page shows something else: stacked,
 # or in a strip.
 class SeatRates(Panel[RatesView]):
-    """A strip of 4 rows, or 12 rows where there is the height."""
+    """Shows the rates in a strip of 4 rows, or 12 rows where there is the height."""
 
-    def lines(self, view: RatesView, width: int, height: int) -> list[Content]:
-        stacked = height >= 2 * (1 + ROWS[2])
+    def draw_rows(self, view: RatesView, width: int, height: int) -> list[Content]:
+        stacked = height >= 2 * (1 + ROWS_AT_SCALE[2])
         each = width if stacked else width // 2
-        scale = largest(
+        scale = find_largest_scale(
             (view.target.text, view.applied.text), each, height // 2 - 1 if stacked else height - 1
         )
         error = f"  {view.error.text}" if view.error.text != "--" else ""
         loud = view.level and not view.error.stale
         level = f"bold $on-alarm-{view.level} on $alarm-{view.level}" if loud else "$muted"
-        parts: list[list[list[Part]]] = []
+        parts: list[list[list[TextPart]]] = []
         for shown, label, colour, end in (
             (view.target, _("target"), "$target", ""),
             (view.applied, _("applied"), "$applied", error),
         ):
             name = f" {label} {view.unit}"
-            head: list[Part] = [(fit(name, each - len(end)), f"bold {colour}"), (end, level)]
-            body: list[list[Part]] = [
-                [" ", *solid(fit(row, each - 1), "$stale" if shown.stale else colour)]
-                for row in draw(shown.text, scale)
+            head: list[TextPart] = [
+                (fit_width(name, each - len(end)), f"bold {colour}"),
+                (end, level),
+            ]
+            body: list[list[TextPart]] = [
+                [
+                    " ",
+                    *make_solid_parts(
+                        fit_width(row, each - 1), "$stale" if shown.stale else colour
+                    ),
+                ]
+                for row in draw_digits(shown.text, scale)
             ]
             parts.append([head, *body])
         if stacked:
-            return [line(*row) for part in parts for row in part]
-        return [line(*left, *right) for left, right in zip(*parts, strict=True)]
+            return [make_line(*row) for part in parts for row in part]
+        return [make_line(*left, *right) for left, right in zip(*parts, strict=True)]
 
 
-_LEVELS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
-_MARKS = {"": " ", "amber": "!", "red": "✖"}
+_LEVEL_COLOURS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
+_LEVEL_MARKS = {"": " ", "amber": "!", "red": "✖"}
 
 
-def fewer(notes: Sequence[str]) -> tuple[str, ...]:
+def list_shorter_notes(notes: Sequence[str]) -> tuple[str, ...]:
     """All reasons; then without the last ones, which are counted."""
     return tuple(
         ", ".join(notes[:kept]) + (f"  +{len(notes) - kept}" if kept < len(notes) else "")
@@ -152,11 +168,11 @@ def fewer(notes: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-class Rates(Panel[RatesView]):
-    """Labels, numerals as large as the room allows (7 rows in all at 5 rows each), the error
+class RatesPanel(Panel[RatesView]):
+    """Shows labels, numerals as large as the room allows (7 rows in all at 5 rows each), the error
     bar."""
 
-    def lines(self, view: RatesView, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: RatesView, width: int, height: int) -> list[Content]:
         half = width // 2
         nudge = f" {_('nudge')} {view.nudge} " if view.nudge else ""
         label = f" {_('target')} "
@@ -166,7 +182,7 @@ class Rates(Panel[RatesView]):
         low = cell_len(note) > room  # a row of its own then
         note = "" if low else note
         rows = [
-            line(
+            make_line(
                 (label, "bold $target"),
                 (f"{view.unit}  ", "$muted"),
                 (nudge, "bold reverse"),
@@ -176,50 +192,57 @@ class Rates(Panel[RatesView]):
                 (note, "bold $on-alarm-amber on $alarm-amber"),
             )
         ]
-        scale = largest((view.target.text, view.applied.text), half, height - 2)
-        target, applied = draw(view.target.text, scale), draw(view.applied.text, scale)
+        scale = find_largest_scale((view.target.text, view.applied.text), half, height - 2)
+        target, applied = (
+            draw_digits(view.target.text, scale),
+            draw_digits(view.applied.text, scale),
+        )
         target_style = "$stale" if view.target.stale else "$target"
         applied_style = "$stale" if view.applied.stale else "$applied"
         rows += [
-            line(
+            make_line(
                 " ",
-                *solid(fit(a, half - 1), target_style),
+                *make_solid_parts(fit_width(a, half - 1), target_style),
                 " ",
-                *solid(fit(b, width - half - 1), applied_style),
+                *make_solid_parts(fit_width(b, width - half - 1), applied_style),
             )
             for a, b in zip(target, applied, strict=True)
         ]
-        if height > ROWS[scale] + 2:
-            rows.append(self._note(view, width) if low else line(""))
+        if height > ROWS_AT_SCALE[scale] + 2:
+            rows.append(self._draw_note(view, width) if low else make_line(""))
             low = False
-        rows.append(self._note(view, width, error=True) if low else self._bar(view, width))
+        rows.append(
+            self._draw_note(view, width, error=True) if low else self._draw_error_bar(view, width)
+        )
         return rows
 
     @staticmethod
-    def _note(view: RatesView, width: int, error: bool = False) -> Content:
-        """Why the rate is another one, in a row of its own; with `error` in the place of the
-        bar, whose value stays."""
+    def _draw_note(view: RatesView, width: int, error: bool = False) -> Content:
+        """The reason for another rate, in a row of its own; with `error` in the place of the bar,
+        whose value stays."""
         end = f"  {_('error')} {view.error.text} " if error and view.error.text != "--" else ""
-        note = choose_fullest((f" {note} " for note in fewer(view.notes)), width - cell_len(end))
-        note = fit(note, min(cell_len(note), width - cell_len(end)))
-        return line(
+        note = choose_fullest(
+            (f" {note} " for note in list_shorter_notes(view.notes)), width - cell_len(end)
+        )
+        note = fit_width(note, min(cell_len(note), width - cell_len(end)))
+        return make_line(
             (note, "bold $on-alarm-amber on $alarm-amber"),
             " " * (width - cell_len(note) - cell_len(end)),
             (end, "bold"),
         )
 
     @staticmethod
-    def _bar(view: RatesView, width: int) -> Content:
-        """`error  -30 % [      |###     ] +30 %   +12 % !`: filled from the middle, sign and
-        size in one look."""
-        style = "$stale" if view.error.stale else _LEVELS[view.level]
+    def _draw_error_bar(view: RatesView, width: int) -> Content:
+        """The bar `error  -30 % [      |###     ] +30 %   +12 % !`: filled from the middle, sign
+        and size in one look."""
+        style = "$stale" if view.error.stale else _LEVEL_COLOURS[view.level]
         chip = (
             f"bold $on-alarm-{view.level} on $alarm-{view.level}"
             if view.level and not view.error.stale
             else (f"bold {style}")
         )
         label = f" {_('error')} "
-        value = f"{_MARKS[view.level]}{view.error.text:>6} "
+        value = f"{_LEVEL_MARKS[view.level]}{view.error.text:>6} "
         low, high = f"-{ERROR_SPAN:.0%} ", f" +{ERROR_SPAN:.0%}"
         room = width - sum(cell_len(part) for part in (label, " ", value, low, high))
         arm = max(2, (room - 1) // 2)
@@ -227,12 +250,12 @@ class Rates(Panel[RatesView]):
         filled = min(arm, round(abs(share) * arm))
         left = " " * (arm - filled) + "█" * filled if share < 0 else " " * arm
         right = "█" * filled + " " * (arm - filled) if share > 0 else " " * arm
-        return line(
+        return make_line(
             (label, "$muted"),
             (low, "$muted"),
-            *solid(left, style, "$track"),
+            *make_solid_parts(left, style, "$track"),
             ("┃", "bold on $track"),
-            *solid(right, style, "$track"),
+            *make_solid_parts(right, style, "$track"),
             (high, "$muted"),
             " ",
             (value, chip),

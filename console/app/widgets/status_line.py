@@ -12,13 +12,13 @@ from topdress.console.app.action import Action
 from topdress.console.app.view import StatusView
 from topdress.console.app.widgets.panel import (
     Panel,
-    Part,
-    at_cell,
-    fit,
-    in_row,
-    line,
-    spread,
-    wrapped,
+    TextPart,
+    find_at_cell,
+    fit_width,
+    make_line,
+    place_in_row,
+    spread_parts,
+    wrap_text,
 )
 from topdress.console.locale import _
 
@@ -26,49 +26,56 @@ from topdress.console.locale import _
 # Rows under the alarms: what the guided tour asks for, and how to skip or end it. The last row
 # is clickable.
 class TourView(NamedTuple):
+    """Holds a step of the tour."""
+
     number: int
     of: int
     text: str
 
 
-def ends(width: int) -> tuple[tuple[str, str, int], ...]:
-    """What can be clicked: action id, text, first cell."""
+def place_tour_keys(width: int) -> tuple[tuple[str, str, int], ...]:
+    """The keys that can be clicked: action id, text, first cell."""
     texts = ("tour_next", f" ^N {_('next')} "), ("tour_end", f" ^E {_('end the tour')} ")
-    return in_row(texts, width - sum(cell_len(text) for _action, text in texts))
+    return place_in_row(texts, width - sum(cell_len(text) for _action, text in texts))
 
 
-def rows_of(text: str, width: int) -> int:
+def count_tour_rows(text: str, width: int) -> int:
     """Rows that the bar needs."""
-    return max(1, len(wrapped(text, width - 2))) + 1
+    return max(1, len(wrap_text(text, width - 2))) + 1
 
 
 class TourBar(Panel[TourView | None]):
-    def lines(self, view: TourView | None, width: int, height: int) -> list[Content]:
+    """Shows a step of the tour."""
+
+    def draw_rows(self, view: TourView | None, width: int, height: int) -> list[Content]:
         if view is None:
             return []
-        (_skip_id, skip, start), (_end_id, end, _start) = ends(width)
+        (_skip_id, skip, start), (_end_id, end, _start) = place_tour_keys(width)
         style = "$background on $primary"
-        lead = fit(f" {_('guided tour')} {view.number}/{view.of}", start)
+        lead = fit_width(f" {_('guided tour')} {view.number}/{view.of}", start)
         return [
             *(
-                line((fit(f" {row}", width), f"bold {style}"))
-                for row in wrapped(view.text, width - 2)
+                make_line((fit_width(f" {row}", width), f"bold {style}"))
+                for row in wrap_text(view.text, width - 2)
             ),
-            line((lead, style), (skip, "bold reverse"), (end, "bold reverse")),
+            make_line((lead, style), (skip, "bold reverse"), (end, "bold reverse")),
         ]
 
-    def places(self) -> tuple[tuple[int, int], ...]:
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
         last = self.content_size.height - 1
         return (
-            tuple((start, last) for _action, _text, start in ends(self.content_size.width))
+            tuple(
+                (start, last) for _action, _text, start in place_tour_keys(self.content_size.width)
+            )
             if self.view
             else ()
         )
 
     async def on_click(self, event: events.Click) -> None:
+        """Skip or end the tour."""
         event.stop()
         action = (
-            at_cell(ends(self.content_size.width), event.x)
+            find_at_cell(place_tour_keys(self.content_size.width), event.x)
             if event.y == self.content_size.height - 1
             else None
         )
@@ -78,38 +85,43 @@ class TourBar(Panel[TourView | None]):
 
 # The row of pages with their F-keys, clickable; the one that is open stands out.
 class PagesView(NamedTuple):
-    """actions: those that open a page; where: the page that is open."""
+    """Holds the pages. actions: those that open a page; where: the page that is open."""
 
     actions: tuple[Action, ...]
     where: str
 
 
 class PageBar(Panel[PagesView]):
-    def lines(self, view: PagesView, width: int, height: int) -> list[Content]:
-        parts: list[Part] = [
-            (text, "bold reverse" if name == f"{view.where}_screen" else "$muted")
-            for name, text, _start in self._row(width)
-        ]
-        return [line(*parts)]
+    """Shows the pages with their keys."""
 
-    def _row(self, width: int) -> tuple[tuple[str, str, int], ...]:
+    def draw_rows(self, view: PagesView, width: int, height: int) -> list[Content]:
+        parts: list[TextPart] = [
+            (text, "bold reverse" if name == f"{view.where}_screen" else "$muted")
+            for name, text, _start in self._place_pages(width)
+        ]
+        return [make_line(*parts)]
+
+    def _place_pages(self, width: int) -> tuple[tuple[str, str, int], ...]:
         """Ids of the actions that fit."""
-        row = in_row(
+        row = place_in_row(
             (action.id, f" {action.shown} {_(action.label)} ") for action in self.view.actions
         )
         return tuple(one for one in row if one[2] + cell_len(one[1]) <= width)
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        return tuple((start, 0) for _name, _text, start in self._row(self.content_size.width))
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
+        return tuple(
+            (start, 0) for _name, _text, start in self._place_pages(self.content_size.width)
+        )
 
     async def on_click(self, event: events.Click) -> None:
+        """Turn to the page."""
         event.stop()
-        name = at_cell(self._row(self.content_size.width), event.x)
+        name = find_at_cell(self._place_pages(self.content_size.width), event.x)
         if name is not None:
             await self.run_action(f"app.do('{name}')")
 
 
-GIVES_WAY: tuple[Callable[[StatusView], StatusView], ...] = (
+SHORTENINGS: tuple[Callable[[StatusView], StatusView], ...] = (
     lambda view: view._replace(elapsed=""),
     lambda view: view._replace(clock=""),
     lambda view: view._replace(strategy=""),
@@ -117,17 +129,17 @@ GIVES_WAY: tuple[Callable[[StatusView], StatusView], ...] = (
 )
 
 
-def with_room(view: StatusView, width: int) -> StatusView:
-    """What has room next to state and marks: whole words go, none is cut."""
-    for without in GIVES_WAY:
-        if _cells(view) <= width:
+def fit_status(view: StatusView, width: int) -> StatusView:
+    """The parts that have room next to state and marks: whole words are dropped, none is cut."""
+    for without in SHORTENINGS:
+        if _count_status_cells(view) <= width:
             break
         view = without(view)
     return view
 
 
-def _cells(view: StatusView) -> int:
-    """Of one row, blanks between its parts included."""
+def _count_status_cells(view: StatusView) -> int:
+    """Cells of one row, blanks between its parts included."""
     chips = (view.lead, f"{view.symbol} {view.word}", view.silent, *view.marks)
     time = "  ".join(text for text in (view.elapsed, view.clock) if text)
     return (
@@ -138,12 +150,13 @@ def _cells(view: StatusView) -> int:
 
 
 class StatusLine(Panel[StatusView]):
-    """One row; three where the page gives it so many: the state is read from outside the cab."""
+    """Shows one row; three where the page gives it so many: the state is read from outside the
+    cab."""
 
-    def lines(self, view: StatusView, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: StatusView, width: int, height: int) -> list[Content]:
         state = view.state if view.state else "off"
-        view = with_room(view, width)
-        left: list[Part] = [(f" {view.lead} ", "bold reverse"), " "] if view.lead else []
+        view = fit_status(view, width)
+        left: list[TextPart] = [(f" {view.lead} ", "bold reverse"), " "] if view.lead else []
         chip = (
             f"bold $on-state-{state} on $state-{state}"
             if not view.silent
@@ -153,7 +166,7 @@ class StatusLine(Panel[StatusView]):
         for word in (view.strategy, view.source):
             if word:
                 left += [(f" {word} ", "$stale" if view.silent else "")]
-        end: list[Part] = []
+        end: list[TextPart] = []
         if view.silent:
             end += [(f" {view.silent} ", "bold $on-alarm-red on $alarm-red"), " "]
         for mark in view.marks:
@@ -161,13 +174,13 @@ class StatusLine(Panel[StatusView]):
         time = "  ".join(text for text in (view.elapsed, view.clock) if text)
         end += [(f"{time} ", "bold" if not view.silent else "$stale")] if time else []
         if height < 3:
-            return [spread(left, end, width)]
+            return [spread_parts(left, end, width)]
         word = "  ".join(view.word) if view.word.isascii() else view.word
         chip_text = f"     {view.symbol}   {word}     "
         blank = " " * cell_len(chip_text)
         at = 2 if view.lead else 0
         return [
-            line((blank, chip)),
-            spread([(chip_text, chip), " ", *left[:at], *left[at + 2 :]], end, width),
-            line((blank, chip)),
+            make_line((blank, chip)),
+            spread_parts([(chip_text, chip), " ", *left[:at], *left[at + 2 :]], end, width),
+            make_line((blank, chip)),
         ]

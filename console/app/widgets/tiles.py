@@ -9,17 +9,25 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from textual.content import Content
 from textual.strip import Strip
-from topdress.console.app.braille import BLANK, trace
-from topdress.console.app.digits import ROWS, draw, largest
-from topdress.console.app.view import Head, HeadsView, Tile
+from topdress.console.app.braille import BLANK_CODE, trace_values
+from topdress.console.app.digits import ROWS_AT_SCALE, draw_digits, find_largest_scale
+from topdress.console.app.view import HeadsView, HeadView, TileView
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, solid, spread
+from topdress.console.app.widgets.panel import (
+    Panel,
+    TextPart,
+    choose_fullest,
+    fit_width,
+    make_line,
+    make_solid_parts,
+    spread_parts,
+)
 from topdress.console.locale import _
 
 
 # The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision
 # used.
-def bar(share: float, width: int) -> tuple[str, str]:
+def draw_share_bar(share: float, width: int) -> tuple[str, str]:
     """The filled and the empty part of a bar of `width` cells: half as high as its row, so that
     bars stay apart."""
     full = round(max(0.0, min(1.0, share)) * width)
@@ -27,12 +35,12 @@ def bar(share: float, width: int) -> tuple[str, str]:
 
 
 class HeadsPanel(Panel[HeadsView]):
-    """A heading and three rows of two heads."""
+    """Shows a heading and three rows of two heads."""
 
-    def lines(self, view: HeadsView, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: HeadsView, width: int, height: int) -> list[Content]:
         style = "$stale" if view.fused.stale else "bold"
         rows = [
-            spread(
+            spread_parts(
                 [(" NDVI ", "bold"), (view.fused.text, style)],
                 [(f"{view.valid} ", "$muted")],
                 width,
@@ -41,29 +49,29 @@ class HeadsPanel(Panel[HeadsView]):
         half = width // 2
         count = (len(view.heads) + 1) // 2
         for row in range(count):
-            parts: list[Part] = []
+            parts: list[TextPart] = []
             for head in (
                 (view.heads[row], view.heads[row + count])
                 if row + count < len(view.heads)
                 else (view.heads[row],)
             ):
-                parts += self._head(head, half, view.fused.stale)
-            rows.append(line(*parts))
+                parts += self._draw_head(head, half, view.fused.stale)
+            rows.append(make_line(*parts))
         return rows
 
     @staticmethod
-    def _head(head: Head, width: int, stale: bool) -> list[Part]:
+    def _draw_head(head: HeadView, width: int, stale: bool) -> list[TextPart]:
         room = width - 11
         if head.dropped:
             word = f" ✖ {_('dropped')} "
             return [
                 (f" {head.number} ", "bold $on-alarm-amber on $alarm-amber"),
                 " ",
-                (fit(word, room), "$on-alarm-amber on $alarm-amber"),
+                (fit_width(word, room), "$on-alarm-amber on $alarm-amber"),
                 (f" {head.value:>5} ", "$stale"),
             ]
         style = "$stale" if stale else "$target"
-        full, rest = bar(head.share or 0.0, room)
+        full, rest = draw_share_bar(head.share or 0.0, room)
         return [
             (f" {head.number} ", "bold"),
             " ",
@@ -75,26 +83,30 @@ class HeadsPanel(Panel[HeadsView]):
 
 # How the values of the tiles ran over the last minutes: a small graph under each tile, where
 # the terminal is large. of the tiles, in their order
-CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")
+GRAPH_CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")
 # of the largest value: less than that is shown as a flat line, not as a mountain
-LEAST_SHARE = 0.05
+LEAST_RANGE_SHARE = 0.05
 
 # (share of the time, share of the height); None breaks the line
-Graph = tuple[tuple[float, float | None], ...]
+GraphPoints = tuple[tuple[float, float | None], ...]
 
 
 class GraphsView(NamedTuple):
-    graphs: tuple[Graph, ...]
+    """Holds the graphs under the tiles."""
+
+    graphs: tuple[GraphPoints, ...]
     stale: bool = False
 
 
-def graph(times_s: Sequence[float], values: Sequence[float], from_s: float, span_s: float) -> Graph:
+def make_graph(
+    times_s: Sequence[float], values: Sequence[float], from_s: float, span_s: float
+) -> GraphPoints:
     """Values, NaN where unknown, on a scale of their own."""
     known = [value for value in values if value == value]
     if not known:
         return ()
     low, high = min(known), max(known)
-    least = LEAST_SHARE * max(abs(low), abs(high)) or 1.0
+    least = LEAST_RANGE_SHARE * max(abs(low), abs(high)) or 1.0
     if high - low < least:
         low, high = 0.5 * (low + high) - 0.5 * least, 0.5 * (low + high) + 0.5 * least
     return tuple(
@@ -107,18 +119,20 @@ def graph(times_s: Sequence[float], values: Sequence[float], from_s: float, span
 
 
 class TileGraphs(Canvas[GraphsView]):
+    """Shows the last minutes of each tile."""
+
     COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--applied", "trend--stale"}
 
-    def lines(self, view: GraphsView, width: int, height: int) -> list[Strip]:
-        each = width // len(CHANNELS)
-        style = self.style("trend--stale" if view.stale else "trend--applied")
-        dots = [trace(one, each - 2, height) for one in view.graphs]
+    def draw_rows(self, view: GraphsView, width: int, height: int) -> list[Strip]:
+        each = width // len(GRAPH_CHANNELS)
+        style = self.find_style("trend--stale" if view.stale else "trend--applied")
+        dots = [trace_values(one, each - 2, height) for one in view.graphs]
         rows = []
         for row in range(height):
             segments: list[Segment] = []
             for cells in dots:
                 drawn = "".join(
-                    chr(BLANK | cells[place]) if (place := (column, row)) in cells else " "
+                    chr(BLANK_CODE | cells[place]) if (place := (column, row)) in cells else " "
                     for column in range(each - 2)
                 )
                 segments += [
@@ -130,32 +144,34 @@ class TileGraphs(Canvas[GraphsView]):
         return rows
 
 
-class Tiles(Panel[tuple[Tile, ...]]):
-    """All tiles side by side at equal width: 5 rows, 7 where the numerals have the room."""
+class TilesPanel(Panel[tuple[TileView, ...]]):
+    """Shows all tiles side by side at equal width: 5 rows, 7 where the numerals have the room."""
 
-    def lines(self, view: tuple[Tile, ...], width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: tuple[TileView, ...], width: int, height: int) -> list[Content]:
         each = width // max(1, len(view))
-        scale = largest((tile.value.text for tile in view), each, height - 2)
-        rows: list[list[Part]] = [[] for _row in range(ROWS[scale] + 2)]
+        scale = find_largest_scale((tile.value.text for tile in view), each, height - 2)
+        rows: list[list[TextPart]] = [[] for _row in range(ROWS_AT_SCALE[scale] + 2)]
         for tile in view:
             style = "$stale" if tile.value.stale else "$foreground"
             unit_room = each - cell_len(tile.label) - 2
-            rows[0] += [(f" {tile.label} ", "bold"), (fit(tile.unit, unit_room), "$muted")]
-            for index, text in enumerate(_drawn(tile.value.text, scale, each - 1)):
-                rows[1 + index] += [" ", *solid(fit(text, each - 1), style)]
+            rows[0] += [(f" {tile.label} ", "bold"), (fit_width(tile.unit, unit_room), "$muted")]
+            for index, text in enumerate(_draw_large_number(tile.value.text, scale, each - 1)):
+                rows[1 + index] += [" ", *make_solid_parts(fit_width(text, each - 1), style)]
             mark = "! " if tile.level else ""
             under = "bold $on-alarm-amber on $alarm-amber" if tile.level else "$muted"
-            text = fit(
+            text = fit_width(
                 choose_fullest((mark + tile.below, mark + tile.below_short), each - 2), each - 2
             )
             rows[-1] += [" ", (text, under), " "]
-        return [line(*row) for row in rows]
+        return [make_line(*row) for row in rows]
 
 
-def _drawn(text: str, scale: int, width: int) -> tuple[str, ...]:
-    """Large numerals; plain ones in the middle row where they have no room: a number that is
-    cut is another number."""
-    drawn = draw(text, scale)
+def _draw_large_number(text: str, scale: int, width: int) -> tuple[str, ...]:
+    """Large numerals; plain ones in the middle row where they have no room: a number that is cut is
+    another number."""
+    drawn = draw_digits(text, scale)
     if len(drawn[0]) <= width:
         return drawn
-    return tuple(text if row == ROWS[scale] // 2 else "" for row in range(ROWS[scale]))
+    return tuple(
+        text if row == ROWS_AT_SCALE[scale] // 2 else "" for row in range(ROWS_AT_SCALE[scale])
+    )

@@ -11,21 +11,21 @@ from rich.style import Style
 from textual import events
 from textual.message import Message
 from textual.strip import Strip
-from topdress.console.app.braille import BITS, BLANK, Dots, trace
-from topdress.console.app.history import TREND_SPAN_S, Point
+from topdress.console.app.braille import BLANK_CODE, CELL_BITS, CellDots, trace_values
+from topdress.console.app.history import TREND_SPAN_S, TrendPoint
 from topdress.console.app.units import Unit
-from topdress.console.app.view import duration
+from topdress.console.app.view import format_duration
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import right
+from topdress.console.app.widgets.panel import align_right
 from topdress.console.locale import _
 from topdress.console.scale import round_calm_ends
 
-_AXIS = 6
+_AXIS_CELLS = 6
 
 
 class CursorReading(NamedTuple):
-    """What the cursor reads: its time of the run, s, and in words; the values that were in
-    force then."""
+    """Holds the reading of the cursor: its time of the run, s, and in words; the values that were
+    in force then."""
 
     time_s: float
     time: str
@@ -34,19 +34,23 @@ class CursorReading(NamedTuple):
 
 
 class TrendView(NamedTuple):
-    points: tuple[Point, ...]
+    """Holds the trend."""
+
+    points: tuple[TrendPoint, ...]
     unit: Unit
     stale: bool = False
     span_s: float = TREND_SPAN_S
     read: CursorReading | None = None
 
 
-def columns_of(width: int) -> int:
+def count_plot_columns(width: int) -> int:
     """Cells of the plot itself."""
-    return width - _AXIS - 1
+    return width - _AXIS_CELLS - 1
 
 
 class Trend(Canvas[TrendView]):
+    """Shows target and applied rate over time."""
+
     COMPONENT_CLASSES: ClassVar[set[str]] = {
         "trend--target",
         "trend--applied",
@@ -69,21 +73,22 @@ class Trend(Canvas[TrendView]):
         """The title was clicked: the cursor goes."""
 
     def on_click(self, event: events.Click) -> None:
+        """Report where the plot was clicked."""
         event.stop()
-        columns = columns_of(self.content_size.width)
+        columns = count_plot_columns(self.content_size.width)
         if event.y == 0:
             self.post_message(self.Left())
-        elif _AXIS <= event.x < _AXIS + columns:
-            self.post_message(self.Pointed((2 * (event.x - _AXIS) + 0.5) / (2 * columns - 1)))
+        elif _AXIS_CELLS <= event.x < _AXIS_CELLS + columns:
+            self.post_message(self.Pointed((2 * (event.x - _AXIS_CELLS) + 0.5) / (2 * columns - 1)))
 
-    def lines(self, view: TrendView, width: int, height: int) -> list[Strip]:
-        plot_rows, plot_columns = height - 2, columns_of(width)
+    def draw_rows(self, view: TrendView, width: int, height: int) -> list[Strip]:
+        plot_rows, plot_columns = height - 2, count_plot_columns(width)
         if plot_rows < 2 or plot_columns < 10:
             return []
-        muted, plain = self.style("trend--muted"), self.rich_style
-        target_style = self.style("trend--stale" if view.stale else "trend--target")
-        applied_style = self.style("trend--stale" if view.stale else "trend--applied")
-        band_style = self.style("trend--stale-band" if view.stale else "trend--band")
+        muted, plain = self.find_style("trend--muted"), self.rich_style
+        target_style = self.find_style("trend--stale" if view.stale else "trend--target")
+        applied_style = self.find_style("trend--stale" if view.stale else "trend--applied")
+        band_style = self.find_style("trend--stale-band" if view.stale else "trend--band")
         on_band = target_style + Style(bgcolor=band_style.bgcolor)
         unit = view.unit
         low, high = round_calm_ends(
@@ -91,7 +96,7 @@ class Trend(Canvas[TrendView]):
         )
         now_s = view.points[-1].time_s if view.points else 0.0
 
-        def line(of: int) -> list[tuple[float, float | None]]:
+        def make_plot_line(of: int) -> list[tuple[float, float | None]]:
             return [
                 (
                     1 - (now_s - point.time_s) / view.span_s,
@@ -102,25 +107,25 @@ class Trend(Canvas[TrendView]):
                 for point in view.points
             ]
 
-        targets = trace(line(1), plot_columns, plot_rows)
-        applieds = trace(line(2), plot_columns, plot_rows)
+        targets = trace_values(make_plot_line(1), plot_columns, plot_rows)
+        applieds = trace_values(make_plot_line(2), plot_columns, plot_rows)
         read, cursor = view.read, None
         if read is not None:
             cursor = round((1 - (now_s - read.time_s) / view.span_s) * (plot_columns - 1))
         at = (
             ()
             if read is None
-            else (("   ", muted), (f" {read.time} ", self.style("trend--cursor")))
+            else (("   ", muted), (f" {read.time} ", self.find_style("trend--cursor")))
         )
         rows = [
-            self.text_strip(
+            self.make_text_strip(
                 width,
-                (f" {_('trend')} ", self.style("trend--title")),
+                (f" {_('trend')} ", self.find_style("trend--title")),
                 (f"{unit.name}   ", muted),
                 ("▄▄▄", on_band),
-                (f" {_('target')}{_after(read and read.target)}   ", target_style),
+                (f" {_('target')}{_format_after_name(read and read.target)}   ", target_style),
                 ("⠤⠤⠤ ", applied_style),
-                (f"{_('applied')}{_after(read and read.applied)}", applied_style),
+                (f"{_('applied')}{_format_after_name(read and read.applied)}", applied_style),
                 *at,
             )
         ]
@@ -128,55 +133,60 @@ class Trend(Canvas[TrendView]):
         if plot_rows >= 5:
             labels[(plot_rows - 1) // 2] = f"{(low + high) / 2:.0f}"
         for row in range(plot_rows):
-            segments = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
-            cells = list(self._cells(row, plot_columns, targets, applieds, on_band, applied_style))
+            segments = [Segment(align_right(labels.get(row, ""), _AXIS_CELLS - 1) + " ", muted)]
+            cells = list(
+                self._iterate_cells(row, plot_columns, targets, applieds, on_band, applied_style)
+            )
             if cursor is not None and 0 <= cursor < plot_columns:
                 cells[cursor] = Segment(
                     "│" if cells[cursor].text == " " else cells[cursor].text,
-                    self.style("trend--cursor"),
+                    self.find_style("trend--cursor"),
                 )
             segments += cells
             rows.append(Strip(segments).adjust_cell_length(width, plain))
-        start = f"-{duration(view.span_s)}"
-        middle = f"-{duration(view.span_s / 2)}"
+        start = f"-{format_duration(view.span_s)}"
+        middle = f"-{format_duration(view.span_s / 2)}"
         now = _("now")
         gap = plot_columns // 2 - len(start) - len(middle) // 2
-        rest = right(now, plot_columns - len(start) - gap - len(middle))
+        rest = align_right(now, plot_columns - len(start) - gap - len(middle))
         rows.append(
-            self.text_strip(width, (" " * _AXIS + start + " " * gap + middle + rest, muted))
+            self.make_text_strip(
+                width, (" " * _AXIS_CELLS + start + " " * gap + middle + rest, muted)
+            )
         )
         return rows
 
-    def _cells(
+    def _iterate_cells(
         self,
         row: int,
         columns: int,
-        targets: Dots,
-        applieds: Dots,
+        targets: CellDots,
+        applieds: CellDots,
         target_style: Style,
         applied_style: Style,
     ) -> Iterator[Segment]:
-        """Cells that the target passes are tinted, and solid where the applied rate, in dots,
-        does not lie over it: the two are told apart without colour too."""
+        """Cells of one row. Those that the target passes are tinted, and solid where the applied
+        rate, in dots, does not lie over it: both can be separated without colour too."""
         tinted = applied_style + Style(bgcolor=target_style.bgcolor)
         for column in range(columns):
             target, applied = targets.get((column, row), 0), applieds.get((column, row), 0)
             if applied:
-                yield Segment(chr(BLANK | applied), tinted if target else applied_style)
+                yield Segment(chr(BLANK_CODE | applied), tinted if target else applied_style)
             else:
                 yield Segment(
-                    _solid(target) if target else " ", target_style if target else applied_style
+                    _draw_solid_half(target) if target else " ",
+                    target_style if target else applied_style,
                 )
 
 
-def _solid(dots: int) -> str:
-    """The half of a cell that these dots lie in; both halves of one that they pass through."""
+def _draw_solid_half(dots: int) -> str:
+    """The half of a cell in which these dots lie; both halves of one that they pass through."""
     upper, lower = (
-        dots & sum(left | right for left, right in half) for half in (BITS[:2], BITS[2:])
+        dots & sum(left | right for left, right in half) for half in (CELL_BITS[:2], CELL_BITS[2:])
     )
     return "█" if upper and lower else "▀" if upper else "▄"
 
 
-def _after(value: str | None) -> str:
+def _format_after_name(value: str | None) -> str:
     """A value behind its name; nothing where none is read."""
     return "" if value is None else f" {value}"

@@ -8,19 +8,19 @@ from math import cos, sin
 from typing import Any
 
 from topdress.console.app.pages.diagnosis.service import (
-    IMPORT,
+    IMPORT_KIND,
     Adoption,
     AdoptionOffer,
+    CauseCurves,
     ComparedRow,
     ComparedShown,
     DiagnosisSource,
     DiagnosisView,
-    Drawn,
-    Export,
+    ExportKind,
     OpenQuestions,
     ResidualCurve,
-    Stop,
-    Tell,
+    StopSignal,
+    TellProgress,
     WorkStopped,
 )
 from topdress.control.diagnosis.result import (
@@ -75,7 +75,7 @@ _SAG = Cause(
     CATALOGUE["shaft.voltage_sag"].effect.advice,
     FieldCost(-2.4, None),
 )
-_SAG_DRAWN = Drawn(
+_SAG_DRAWN = CauseCurves(
     ResidualCurve(
         "shaft",
         "r/min",
@@ -106,7 +106,7 @@ _FILL = Cause(
     "Work at a larger opening and a lower shaft speed.",
     FieldCost(-6.1, None),
 )
-_FILL_DRAWN = Drawn(
+_FILL_DRAWN = CauseCurves(
     ResidualCurve(
         "flow",
         "g/s",
@@ -253,13 +253,13 @@ class MadeUpDiagnosis:
         return SOURCES[1]._replace(
             path=path,
             name=path.rsplit("/", 1)[-1],
-            kind=IMPORT if path.endswith(".xlsx") else "run",
+            kind=IMPORT_KIND if path.endswith(".xlsx") else "run",
         )
 
     def is_installed(self) -> bool:
         return self.installed
 
-    def install_extra(self, tell: Tell, stop: Stop) -> None:
+    def install_extra(self, tell: TellProgress, stop: StopSignal) -> None:
         self.asked.append("install")
         self._work(tell, stop)
         self.installed = True
@@ -268,19 +268,21 @@ class MadeUpDiagnosis:
         return ("bench", "huanghai")
 
     def run_diagnosis(
-        self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
+        self, source: DiagnosisSource, machine: str | None, tell: TellProgress, stop: StopSignal
     ) -> DiagnosisView:
         self.asked.append(f"diagnose {source.name} {machine}")
         self._work(tell, stop)
         return self.found
 
-    def drive_separating_run(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
+    def drive_separating_run(
+        self, found: DiagnosisView, tell: TellProgress, stop: StopSignal
+    ) -> DiagnosisView:
         self.asked.append(f"drive {found.drives}")
         self._work(tell, stop)
         return sample_found("named")
 
     def compare_machines(
-        self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
+        self, machine: str, source: DiagnosisSource, tell: TellProgress, stop: StopSignal
     ) -> ComparedShown:
         self.asked.append(f"compare {machine} {source.name}")
         self._work(tell, stop)
@@ -293,7 +295,7 @@ class MadeUpDiagnosis:
             "/data/reports/compared.html",
         )
 
-    def _work(self, tell: Tell, stop: Stop) -> None:
+    def _work(self, tell: TellProgress, stop: StopSignal) -> None:
         tell(0.5, "metering")
         if stop.is_set():
             raise WorkStopped
@@ -319,7 +321,7 @@ class MadeUpDiagnosis:
         self.asked.append(f"take back {machine}")
         return "/data/machines/bench-2026-03-19.yaml"
 
-    def export_result(self, found: DiagnosisView, what: Export) -> str:
+    def export_result(self, found: DiagnosisView, what: ExportKind) -> str:
         self.asked.append(f"export {what}")
         return "/data/reports/20260317-134500-diagnosis.html"
 

@@ -9,19 +9,19 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.field_picture import FieldPicture, PlannedRates
 from topdress.console.app.pages.job.service import (
-    Cancelled,
-    Facts,
-    File,
+    FileChoice,
+    IsCancelled,
     JobCard,
+    JobFacts,
     JobNames,
+    JobOffer,
     MapFile,
     MapPreview,
     MapReading,
-    Offer,
     Progress,
-    Recent,
+    RecentSet,
 )
 from topdress.console.app.source import FrameSource
 from topdress.control.agronomy.strips import StripValue
@@ -56,7 +56,7 @@ def facts_of(
     job: Mapping[str, object] = {},
     machine: Mapping[str, object] = {},
     **others: Any,
-) -> Facts:
+) -> JobFacts:
     """Of a made-up job; what is other in its files, and of what stands next to them."""
     of_crop, of_job = (
         DURUM.model_copy(update=OF_CROP | crop),
@@ -69,7 +69,7 @@ def facts_of(
         rule=make_rule(of_crop, of_job, 82),
         machine=NOMINAL.machine.model_copy(update=OF_MACHINE | machine),
     )
-    return Facts(
+    return JobFacts(
         setup,
         **{
             "job_file": "jobs/division-2.yaml",
@@ -77,14 +77,17 @@ def facts_of(
             "machine_file": "machines/huanghai-0318.yaml",
             "field": "division 2",
             "field_ha": 8.64,
-            "jobs": (File("jobs/division-2.yaml", "division-2"), File("jobs/demo.yaml", "demo")),
+            "jobs": (
+                FileChoice("jobs/division-2.yaml", "division-2"),
+                FileChoice("jobs/demo.yaml", "demo"),
+            ),
             "crops": (
-                File("crops/winter_wheat.yaml", "winter_wheat"),
-                File("crops/durum.yaml", "durum"),
+                FileChoice("crops/winter_wheat.yaml", "winter_wheat"),
+                FileChoice("crops/durum.yaml", "durum"),
             ),
             "machines": (
-                File("machines/huanghai-0318.yaml", "huanghai-0318"),
-                File("machines/bench.yaml", "bench"),
+                FileChoice("machines/huanghai-0318.yaml", "huanghai-0318"),
+                FileChoice("machines/bench.yaml", "bench"),
             ),
         }
         | others,
@@ -92,7 +95,7 @@ def facts_of(
 
 
 FACTS = facts_of()
-CUT_OFF = Offer(
+CUT_OFF = JobOffer(
     "run.resume.json",
     "2026-03-18T06:18:00+00:00",
     "2026-03-18T07:02:00+00:00",
@@ -109,7 +112,7 @@ MAPS = (
 
 RING = ((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0))
 RECENT = (
-    Recent(
+    RecentSet(
         ("jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml"),
         "Second dressing",
         "North 40",
@@ -125,14 +128,14 @@ RECENT = (
             FieldPicture("", (RING,)),
         ),
     ),
-    Recent(
+    RecentSet(
         ("jobs/division-2.yaml", "machines/huanghai.yaml"),
         "Huanghai, 23 February",
         "Huanghai, division 2",
         "Six-outlet fluted-roller applicator",
         "2026-03-14T06:30:00Z",
     ),
-    Recent(("jobs/river.yaml",), "River field", "River field"),
+    RecentSet(("jobs/river.yaml",), "River field", "River field"),
 )
 
 
@@ -140,13 +143,13 @@ class SampleJobService:
     """Keeps what was asked of it in `asked`. `trouble`: what every answer fails with;
     `cut_off`: what is offered."""
 
-    def __init__(self, facts: Facts = FACTS, cut_off: Offer | None = None) -> None:
+    def __init__(self, facts: JobFacts = FACTS, cut_off: JobOffer | None = None) -> None:
         self.known, self.cut_off = facts, cut_off
         self.asked: list[tuple[str, ...]] = []
         self.trouble = ""
         self.next: FrameSource | None = None
 
-    def find_facts(self) -> Facts:
+    def find_facts(self) -> JobFacts:
         self._fail()
         return self.known
 
@@ -157,10 +160,10 @@ class SampleJobService:
         self.asked.append(("take", kind, value))
         self._fail()
 
-    def list_recent(self) -> tuple[Recent, ...]:
+    def list_recent(self) -> tuple[RecentSet, ...]:
         return RECENT
 
-    def choose_recent(self, recent: Recent) -> None:
+    def choose_recent(self, recent: RecentSet) -> None:
         self.asked.append(("recent", *recent.files))
         self._fail()
 
@@ -198,7 +201,7 @@ class SampleJobService:
             (((0.0, 0.0), (120.0, 0.0), (120.0, 100.0), (0.0, 100.0)),),
             1.2,
             2.4,
-            Planned(0.0, 0.0, 10.0, rates),
+            PlannedRates(0.0, 0.0, 10.0, rates),
         )
         return MapPreview(
             path,
@@ -229,7 +232,7 @@ class SampleJobService:
         self._fail()
         return "jobs/division-2-who.yaml"
 
-    def list_job_cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+    def list_job_cards(self) -> tuple[tuple[FileChoice, JobCard | None], ...]:
         known = {
             "division-2": JobCard(
                 "Topdressing winter wheat, division 2",
@@ -247,26 +250,26 @@ class SampleJobService:
         return self._source("restart anew" if anew else "restart")
 
     def export_as_applied(
-        self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
+        self, log_path: str, ending: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
         self.asked.append(("export", log_path, ending))
         self._fail()
         return (f"run-applied{ending}",)
 
     def write_reports(
-        self, log_path: str, progress: Progress, cancelled: Cancelled
+        self, log_path: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
         self.asked.append(("report", log_path))
         self._fail()
         return ("run-report.html",)
 
-    def find_offer(self) -> Offer | None:
+    def find_offer(self) -> JobOffer | None:
         return self.cut_off
 
-    async def resume_job(self, offer: Offer) -> FrameSource:
+    async def resume_job(self, offer: JobOffer) -> FrameSource:
         return self._source("resume")
 
-    async def start_anew(self, offer: Offer) -> FrameSource:
+    async def start_anew(self, offer: JobOffer) -> FrameSource:
         return self._source("anew")
 
     def _source(self, asked: str) -> FrameSource:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from topdress.console.app.pages.calibrate.catch import Turned
+from topdress.console.app.pages.calibrate.catch import ShaftTurns
 from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
-from topdress.console.app.pages.calibrate.heads_calibration import CHECK_S, HeadsCalibration
+from topdress.console.app.pages.calibrate.heads_calibration import (
+    CHECK_DURATION_S,
+    HeadsCalibration,
+)
 from topdress.console.app.pages.calibrate.page import CalibrateScreen
 from topdress.console.app.pages.calibrate.wheel import WheelDrive
 from topdress.console.app.pages.calibrate.wheel_calibration import WheelCalibration
@@ -39,15 +42,15 @@ def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
         calibration.test.points = list(POINTS)
         if kind == "running":
             calibration.test.points.pop()
-            calibration.test.set(90.0, 50.0)
+            calibration.test.change_setting(90.0, 50.0)
             calibration.test.phase, calibration.test.turned = (
                 "weigh",
-                Turned(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0),
+                ShaftTurns(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0),
             )
             row = frame.row._replace(state="calibrating", shaft_rpm=89.8, opening_mm=50.0)
             return replace(frame, row=row, bench=BenchRun(90.0, 50.0, 12.6, 107.4))
         assert page.service is not None
-        calibration.take(page.service.fit_catch(POINTS))
+        calibration.take_result(page.service.fit_catch(POINTS))
     elif isinstance(calibration, HeadsCalibration):
         _check_heads(calibration, frame)
     elif isinstance(calibration, WheelCalibration):
@@ -66,12 +69,12 @@ def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
 
 def _check_heads(calibration: HeadsCalibration, frame: Frame) -> None:
     """One head 0.05 low, one silent for most of the time."""
-    calibration.check.start(0.0)
-    for index in range(int(CHECK_S / 0.2) + 1):
+    calibration.check.start_check(0.0)
+    for index in range(int(CHECK_DURATION_S / 0.2) + 1):
         wave = 0.55 + 0.02 * ((index * 7) % 11 - 5) / 5
         heads: list[float | None] = [
             wave + 0.006 * ((index * (3 + n)) % 7 - 3) / 3 for n in range(6)
         ]
         heads[4] = (heads[4] or 0.0) - 0.05
         heads[2] = heads[2] if index < 20 else None
-        calibration.check.see(0.2 * index, heads)
+        calibration.check.add_frame(0.2 * index, heads)

@@ -8,8 +8,8 @@ from math import cos, floor, sin
 from random import Random
 
 import numpy as np
-from topdress.console.app.coverage_raster import Spot, Worked
-from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.coverage_raster import Spot, WorkedGround
+from topdress.console.app.field_picture import FieldPicture, PlannedRates
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.overlay_file import LaidFile
 from topdress.console.app.pages.replay.service import LogFile
@@ -181,7 +181,7 @@ def sample_field() -> FieldPicture:
         (corners,),
         area_m2 / 10_000.0,
         _WIDTH_M,
-        Planned(-4.0, -7.0, 3.0, np.array(rates, dtype=np.float32)),
+        PlannedRates(-4.0, -7.0, 3.0, np.array(rates, dtype=np.float32)),
     )
 
 
@@ -198,9 +198,9 @@ class SampleLayers:
     def make_overlay(self, path: str, frame: Frame) -> LaidFile:
         if not path.endswith("autumn.geojson"):
             raise ValueError("zones.geojson: shapes of type Polygon: allowed Point")
-        worked = Worked(6.0)
+        worked = WorkedGround(6.0)
         for lap in range(11):
-            worked.add(
+            worked.add_spots(
                 [
                     Spot(
                         60.0 * along,

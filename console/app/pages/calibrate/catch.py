@@ -15,27 +15,29 @@ from typing import Literal, NamedTuple
 # below this the shaft stands: the lag paper starts its clock here
 TURNING_RPM = 2.0
 # flutes and tubes are full and the gate stands still after that
-SETTLE_S = 5.0
-WEIGH_S = 30.0  # advised
+SETTLING_S = 5.0
+ADVISED_WEIGH_S = 30.0  # advised
 LEAST_REVOLUTIONS = 3.0  # fewer revolutions make no point
-LEAST_POINTS = 3
+LEAST_CATCHES = 3
 # frames farther apart: nothing is counted between them
-GAP_S = 1.0
+LONGEST_STEP_S = 1.0
 RESTING_READINGS = 15  # of the hopper scale, five a second
 # four s.d. (0.15 kg) of one reading of a hopper scale: it says that much wrong of a catch
-SCALE_OFF_KG = 0.6
+SCALE_ERROR_KG = 0.6
 # and its gain a few percent: farther off than this, one of the two is wrong
-SCALE_SHARE = 0.25
+SCALE_ERROR_SHARE = 0.25
 # products differ by less in grams a turn; a lost decimal sign makes 10 at least
 MODEL_FACTOR = 3.0
 
-Phase = Literal["settle", "weigh"]
+CatchPhase = Literal["settle", "weigh"]
 
 
 class CatchPoint(NamedTuple):
-    """One weighed catch, all outlets together. shaft_rpm, opening_mm: means over the
-    revolutions, so that ramps hardly count; duration_s: such that shaft_rpm x duration_s are
-    the revolutions."""
+    """Holds one weighed catch, all outlets together.
+
+    shaft_rpm, opening_mm: means over the revolutions, so that ramps hardly count; duration_s: such
+    that shaft_rpm x duration_s are the revolutions.
+    """
 
     shaft_rpm: float
     opening_mm: float
@@ -44,15 +46,17 @@ class CatchPoint(NamedTuple):
 
     @property
     def revolutions(self) -> float:
+        """Revolutions of the shaft."""
         return self.shaft_rpm * self.duration_s / 60.0
 
     @property
     def grams_per_revolution(self) -> float:
+        """Mass of a revolution, g."""
         return 1000.0 * self.mass_kg / self.revolutions
 
 
-class Turned(NamedTuple):
-    """What the shaft did in one phase."""
+class ShaftTurns(NamedTuple):
+    """Holds the shaft's turns in one phase."""
 
     seconds: float = 0.0
     revolutions: float = 0.0
@@ -60,10 +64,10 @@ class Turned(NamedTuple):
     shaft_rpm_rev: float = 0.0
     opening_mm_rev: float = 0.0
 
-    def after(self, dt_s: float, shaft_rpm: float, opening_mm: float) -> Turned:
-        """shaft_rpm, opening_mm: means over dt_s."""
+    def add_interval(self, dt_s: float, shaft_rpm: float, opening_mm: float) -> ShaftTurns:
+        """The turns with an interval more. shaft_rpm, opening_mm: means over dt_s."""
         turned = shaft_rpm * dt_s / 60.0
-        return Turned(
+        return ShaftTurns(
             self.seconds + dt_s,
             self.revolutions + turned,
             self.shaft_rpm_rev + shaft_rpm * turned,
@@ -71,57 +75,62 @@ class Turned(NamedTuple):
         )
 
 
-class _Sample(NamedTuple):
+class _CatchSample(NamedTuple):
     time_s: float
     shaft_rpm: float
     opening_mm: float
 
 
 class CatchRun:
-    """What the operator has set, run and weighed so far."""
+    """Records settings, runs and weighed catches so far."""
 
     def __init__(self, shaft_rpm: float, opening_mm: float) -> None:
         self.shaft_rpm, self.opening_mm = shaft_rpm, opening_mm
-        self.phase: Phase = "settle"
-        self.turned = Turned()
+        self.phase: CatchPhase = "settle"
+        self.turned = ShaftTurns()
         self.points: list[CatchPoint] = []
-        self._last: _Sample | None = None
+        self._last: _CatchSample | None = None
         self._resting_kg: deque[float] = deque(maxlen=RESTING_READINGS)
         self._before_kg: float | None = None
 
-    def set(self, shaft_rpm: float | None = None, opening_mm: float | None = None) -> None:
-        """Another setting has to settle first; what was caught and not weighed is forgotten."""
+    def change_setting(
+        self, shaft_rpm: float | None = None, opening_mm: float | None = None
+    ) -> None:
+        """Take another setting, which has to settle first; a catch that is not weighed is
+        forgotten."""
         shaft_rpm = self.shaft_rpm if shaft_rpm is None else shaft_rpm
         opening_mm = self.opening_mm if opening_mm is None else opening_mm
         if (shaft_rpm, opening_mm) != (self.shaft_rpm, self.opening_mm):
             self.shaft_rpm, self.opening_mm = shaft_rpm, opening_mm
-            self.again()
+            self.settle_again()
 
-    def again(self) -> None:
+    def settle_again(self) -> None:
         """Settle anew; the points stay."""
-        self.phase, self.turned, self._before_kg = "settle", Turned(), None
+        self.phase, self.turned, self._before_kg = "settle", ShaftTurns(), None
 
     @property
     def can_weigh(self) -> bool:
+        """Whether enough is caught to be weighed."""
         return self.phase == "weigh" and self.turned.revolutions >= LEAST_REVOLUTIONS
 
     @property
-    def scale_says_kg(self) -> float | None:
-        """What the hopper scale lost in the catch: a hint along with the weighed mass, with the
+    def scale_loss_kg(self) -> float | None:
+        """Loss of the hopper scale in the catch, kg: a hint along with the weighed mass, with the
         scale's own noise."""
         if self._before_kg is None or len(self._resting_kg) < RESTING_READINGS // 3:
             return None
         return self._before_kg - fmean(self._resting_kg)
 
-    def scale_doubts(self, mass_kg: float) -> bool:
-        """The hopper scale lost quite another mass than this."""
-        says = self.scale_says_kg
+    def is_against_scale(self, mass_kg: float) -> bool:
+        """Whether the hopper scale lost quite another mass than this."""
+        says = self.scale_loss_kg
         return says is not None and abs(mass_kg - says) > max(
-            SCALE_OFF_KG, SCALE_SHARE * max(says, mass_kg)
+            SCALE_ERROR_KG, SCALE_ERROR_SHARE * max(says, mass_kg)
         )
 
-    def expected_kg(self, of: Callable[[float, float, float], float]) -> float:
-        """of: `CalibrateService.expected_kg`; asked for what turned in this catch."""
+    def predict_kg(self, of: Callable[[float, float, float], float]) -> float:
+        """Mass that the model expects for the turns of this catch, kg. of:
+        `CalibrateService.expected_kg`."""
         turned = self.turned
         return of(
             turned.shaft_rpm_rev / turned.revolutions,
@@ -129,8 +138,9 @@ class CatchRun:
             turned.revolutions,
         )
 
-    def weighed(self, mass_kg: float) -> None:
-        """The caught mass makes a point; the same setting may be caught again without settling."""
+    def add_weighed(self, mass_kg: float) -> None:
+        """Make a point of the caught mass; the same setting may be caught again without
+        settling."""
         turned = self.turned
         shaft_rpm = turned.shaft_rpm_rev / turned.revolutions
         self.points.append(
@@ -141,19 +151,19 @@ class CatchRun:
                 mass_kg,
             )
         )
-        self.turned, self._before_kg = Turned(), None
+        self.turned, self._before_kg = ShaftTurns(), None
 
-    def undo(self) -> None:
-        """The last point goes."""
+    def undo_point(self) -> None:
+        """Drop the last point."""
         if self.points:
             self.points.pop()
 
-    def pause(self) -> None:
-        """The machine does other things: what the shaft turns now is no catch."""
+    def pause_counting(self) -> None:
+        """Stop counting: the machine does other things, so its turns are no catch."""
         self._last = None
         self._resting_kg.clear()
 
-    def see(
+    def add_frame(
         self,
         time_s: float,
         shaft_rpm: float | None,
@@ -161,11 +171,13 @@ class CatchRun:
         hopper_kg: float | None,
         running: bool,
     ) -> None:
-        """One frame. running: a run is going on; the shaft is counted until it stands again."""
+        """Count a frame. running: a run is going on; the shaft is counted until it stands again."""
         now = (
             None
             if shaft_rpm is None
-            else _Sample(time_s, shaft_rpm, self.opening_mm if opening_mm is None else opening_mm)
+            else _CatchSample(
+                time_s, shaft_rpm, self.opening_mm if opening_mm is None else opening_mm
+            )
         )
         last, self._last = self._last, now
         turning = now is not None and now.shaft_rpm > TURNING_RPM
@@ -175,11 +187,11 @@ class CatchRun:
             self._resting_kg.clear()
         elif hopper_kg is not None:
             self._resting_kg.append(hopper_kg)
-        if last is None or now is None or not 0.0 < now.time_s - last.time_s <= GAP_S:
+        if last is None or now is None or not 0.0 < now.time_s - last.time_s <= LONGEST_STEP_S:
             return
         mean_rpm = 0.5 * (max(0.0, now.shaft_rpm) + max(0.0, last.shaft_rpm))
         if mean_rpm > TURNING_RPM:
             mean_mm = 0.5 * (now.opening_mm + last.opening_mm)
-            self.turned = self.turned.after(now.time_s - last.time_s, mean_rpm, mean_mm)
-        elif not running and self.phase == "settle" and self.turned.seconds >= SETTLE_S:
-            self.phase, self.turned, self._before_kg = "weigh", Turned(), None
+            self.turned = self.turned.add_interval(now.time_s - last.time_s, mean_rpm, mean_mm)
+        elif not running and self.phase == "settle" and self.turned.seconds >= SETTLING_S:
+            self.phase, self.turned, self._before_kg = "weigh", ShaftTurns(), None

@@ -7,18 +7,28 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, make_curve
+from topdress.console.app.pages.calibrate.calibration import (
+    FrameSeen,
+    HeldRun,
+    KeyAction,
+    make_curve,
+)
 from topdress.console.app.pages.calibrate.catch import (
-    LEAST_POINTS,
+    ADVISED_WEIGH_S,
+    LEAST_CATCHES,
     MODEL_FACTOR,
-    SETTLE_S,
-    WEIGH_S,
+    SETTLING_S,
     CatchRun,
 )
 from topdress.console.app.pages.calibrate.curve import CurveView
 from topdress.console.app.pages.calibrate.guide import GuideStep
-from topdress.console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
-from topdress.console.app.typed_number import in_words, inside
+from topdress.console.app.pages.calibrate.progress_rows import (
+    BarRow,
+    CellsRow,
+    LineRow,
+    ProgressRow,
+)
+from topdress.console.app.typed_number import format_with_unit, round_inwards
 from topdress.console.app.view import STALE_S
 from topdress.console.app.widgets.chips import Chip
 from topdress.console.locale import N_, _
@@ -27,25 +37,27 @@ from topdress.control.orders import Do, Order
 if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
-SPEEDS_APART_RPM = 1.0  # closer settings are one setting
-OPENINGS_APART_MM = 0.5
+SPEED_STEP_RPM = 1.0  # closer settings are one setting
+OPENING_STEP_MM = 0.5
 # let go of, a run is over at once, and the shaft stands a little later
 BENCH_STATES = ("calibrating", "ready")
 
 
 class CatchCalibration(HeldRun):
+    """Guides through the catch test."""
+
     kind, name, heading = "catch", N_("catch test"), N_("Catch test: how much flows per turn")
 
     def __init__(self, page: CalibrateScreen) -> None:
         super().__init__(
             page,
             {
-                "cal_shaft": self._standing(self._ask_shaft),
-                "cal_opening": self._standing(self._ask_opening),
-                "cal_weigh": self._standing(self._ask_mass),
-                "cal_again": self._standing(lambda: self.test.again()),
-                "cal_undo": lambda _seen: self._undo(),
-                "cal_fit": lambda _seen: self._fit(),
+                "cal_shaft": self._refuse_while_turning(self._ask_shaft_rpm),
+                "cal_opening": self._refuse_while_turning(self._ask_opening_mm),
+                "cal_weigh": self._refuse_while_turning(self._ask_weighed_mass),
+                "cal_again": self._refuse_while_turning(lambda: self.test.settle_again()),
+                "cal_undo": lambda _seen: self._undo_point(),
+                "cal_fit": lambda _seen: self._fit_flow_model(),
             },
         )
         service = page.service
@@ -53,43 +65,43 @@ class CatchCalibration(HeldRun):
             service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0
         )
 
-    def see(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameSeen) -> None:
         frame = seen.frame
         if frame is None:
             return
         if frame.row.state not in BENCH_STATES:
-            self.test.pause()
+            self.test.pause_counting()
         else:
-            self.test.see(
+            self.test.add_frame(
                 frame.row.time_s,
                 frame.row.shaft_rpm,
                 frame.row.opening_mm,
                 frame.row.hopper_kg,
-                seen.calibrating,
+                seen.is_calibrating,
             )
 
-    def settings(self) -> Sequence[Order]:
+    def list_set_points(self) -> Sequence[Order]:
         return (
             Order(Do.CALIBRATE_OPENING, self.test.opening_mm),
             Order(Do.CALIBRATE_SHAFT, self.test.shaft_rpm),
         )
 
-    def step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameSeen) -> int:
         test = self.test
         if self.fitted is not None or (
-            len(test.points) >= LEAST_POINTS
+            len(test.points) >= LEAST_CATCHES
             and test.turned.revolutions == 0.0
-            and not seen.calibrating
+            and not seen.is_calibrating
         ):
             return 4
-        if not seen.ready:
+        if not seen.is_ready:
             return 0
         if test.phase == "settle":
             return 1
-        return 3 if test.can_weigh and not seen.calibrating else 2
+        return 3 if test.can_weigh and not seen.is_calibrating else 2
 
-    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
-        rest = max(0, LEAST_POINTS - len(self.test.points))
+    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+        rest = max(0, LEAST_CATCHES - len(self.test.points))
         return (
             GuideStep(
                 _("make ready"),
@@ -98,7 +110,7 @@ class CatchCalibration(HeldRun):
             GuideStep(
                 _("settle"),
                 _("Enough: let go of I.")
-                if self.test.turned.seconds >= SETTLE_S
+                if self.test.turned.seconds >= SETTLING_S
                 else _(
                     "A vessel under the outlets. Hold I until the bar is full; what fell is "
                     "put back."
@@ -107,11 +119,11 @@ class CatchCalibration(HeldRun):
             GuideStep(
                 _("catch"),
                 _("Enough: let go of I.")
-                if self.test.turned.seconds >= WEIGH_S
+                if self.test.turned.seconds >= ADVISED_WEIGH_S
                 else _(
                     "Empty vessels of known weight under all outlets. Hold I for about "
                     "{seconds} s, then let go."
-                ).format(seconds=f"{WEIGH_S:.0f}"),
+                ).format(seconds=f"{ADVISED_WEIGH_S:.0f}"),
             ),
             GuideStep(
                 _("weigh"),
@@ -127,52 +139,54 @@ class CatchCalibration(HeldRun):
             ),
         )
 
-    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
+    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
         test, row = self.test, seen.frame.row if seen.frame else None
         old = seen.age_s > STALE_S or row is None
         shaft = "--" if row is None or row.shaft_rpm is None else f"{row.shaft_rpm:.1f}"
         opening = "--" if row is None or row.opening_mm is None else f"{row.opening_mm:.1f}"
         settling = test.phase == "settle"
         seconds, turns = test.turned.seconds, test.turned.revolutions
-        settled = 1.0 if not settling else seconds / SETTLE_S
+        settled = 1.0 if not settling else seconds / SETTLING_S
         caught_s, caught_turns = (0.0, 0.0) if settling else (seconds, turns)
         caught = f"{caught_s:4.1f} s {caught_turns:6.1f} {_('turns')}"
-        bars: list[Row] = [
-            Line(_("setting"), f"{test.shaft_rpm:g} r/min   {test.opening_mm:g} mm"),
-            Line(_("measured"), f"{shaft} r/min   {opening} mm", "stale" if old else ""),
-            Bar(
+        bars: list[ProgressRow] = [
+            LineRow(_("setting"), f"{test.shaft_rpm:g} r/min   {test.opening_mm:g} mm"),
+            LineRow(_("measured"), f"{shaft} r/min   {opening} mm", "stale" if old else ""),
+            BarRow(
                 _("settle"),
                 round(settled, 2),
-                f"{min(seconds if settling else SETTLE_S, 99.0):4.1f} s",
-                "lead" if settling and seen.calibrating else "",
+                f"{min(seconds if settling else SETTLING_S, 99.0):4.1f} s",
+                "lead" if settling and seen.is_calibrating else "",
             ),
-            Bar(
+            BarRow(
                 _("catch"),
-                round(min(1.0, caught_s / WEIGH_S), 2),
+                round(min(1.0, caught_s / ADVISED_WEIGH_S), 2),
                 caught,
-                "lead" if not settling and seen.calibrating else "",
+                "lead" if not settling and seen.is_calibrating else "",
             ),
         ]
-        says = test.scale_says_kg
+        says = test.scale_loss_kg
         mass = self.page.app.units.mass._replace(decimals=1)
         bars.append(
-            Line(
+            LineRow(
                 _("hopper scale"),
-                "--" if says is None else _("about {mass} less").format(mass=mass.full(says)),
+                "--"
+                if says is None
+                else _("about {mass} less").format(mass=mass.format_with_name(says)),
             )
         )
         kilograms = self.page.app.units.mass._replace(decimals=3)
         bars.append(
-            Cells(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True)
+            CellsRow(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True)
         )
         bars += [
-            Cells(
+            CellsRow(
                 (
                     f"{one.shaft_rpm:.1f}",
                     f"{one.opening_mm:.1f}",
                     f"{one.duration_s:.1f}",
                     f"{one.revolutions:.1f}",
-                    kilograms.text(one.mass_kg),
+                    kilograms.format_value(one.mass_kg),
                     f"{one.grams_per_revolution:.1f}",
                 )
             )
@@ -180,13 +194,13 @@ class CatchCalibration(HeldRun):
         ]
         return tuple(bars)
 
-    def curve(self) -> CurveView:
+    def make_curve(self) -> CurveView:
         points = self.test.points
         speeds = [one.shaft_rpm for one in points]
         openings = [one.opening_mm for one in points]
         by_speed = bool(points) and (
-            max(openings) - min(openings) < OPENINGS_APART_MM
-            and max(speeds) - min(speeds) > SPEEDS_APART_RPM
+            max(openings) - min(openings) < OPENING_STEP_MM
+            and max(speeds) - min(speeds) > SPEED_STEP_RPM
         )
         across = speeds if by_speed else openings
         return make_curve(
@@ -196,14 +210,16 @@ class CatchCalibration(HeldRun):
             "g per turn",
         )
 
-    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
-        test, step, free = self.test, self.step(seen), not seen.calibrating
-        enough = len(test.points) >= LEAST_POINTS
+    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+        test, step, free = self.test, self.find_step(seen), not seen.is_calibrating
+        enough = len(test.points) >= LEAST_CATCHES
         return (
-            Chip("cal_ready", "R", _("make ready"), not seen.ready, lead=step == 0),
+            Chip("cal_ready", "R", _("make ready"), not seen.is_ready, lead=step == 0),
             Chip("cal_shaft", "Q1", _("shaft speed"), free),
             Chip("cal_opening", "Q2", _("opening"), free),
-            Chip("cal_run", "I", _("run while held"), seen.ready, lead=step in (1, 2), held=True),
+            Chip(
+                "cal_run", "I", _("run while held"), seen.is_ready, lead=step in (1, 2), held=True
+            ),
             Chip("cal_again", "Q4", _("settle again"), free and test.phase == "weigh"),
             Chip("cal_weigh", "Q3", _("weighed"), free and test.can_weigh, lead=step == 3),
             Chip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
@@ -214,95 +230,96 @@ class CatchCalibration(HeldRun):
                 enough and not self.page.busy,
                 lead=step == 4 and self.fitted is None and enough,
             ),
-            self.save_chip(),
+            self.make_save_chip(),
         )
 
-    def _standing(self, do: Callable[[], object]) -> Deed:
-        """Refused while the shaft turns."""
+    def _refuse_while_turning(self, do: Callable[[], object]) -> KeyAction:
+        """The action, refused while the shaft turns."""
 
-        def run(seen: FrameSeen) -> None:
-            if seen.calibrating:
-                self.page.app.notice(_("let go first: the shaft turns"))
+        def run_if_standing(seen: FrameSeen) -> None:
+            if seen.is_calibrating:
+                self.page.app.show_notice(_("let go first: the shaft turns"))
             else:
                 do()
 
-        return run
+        return run_if_standing
 
-    def _ask_shaft(self) -> None:
-        self.page.ask(
+    def _ask_shaft_rpm(self) -> None:
+        self.page.ask_question(
             NumberDialog(
                 _("Shaft speed"),
                 "r/min",
                 *self.page.served.shaft_rpm,
                 _("The shaft turns only while I is held."),
             ),
-            lambda shaft_rpm: self.test.set(shaft_rpm=shaft_rpm),
+            lambda shaft_rpm: self.test.change_setting(shaft_rpm=shaft_rpm),
         )
 
-    def _ask_opening(self) -> None:
-        self.page.ask(
+    def _ask_opening_mm(self) -> None:
+        self.page.ask_question(
             NumberDialog(_("Opening"), "mm", *self.page.served.opening_mm),
-            lambda opening_mm: self.test.set(opening_mm=opening_mm),
+            lambda opening_mm: self.test.change_setting(opening_mm=opening_mm),
         )
 
-    def _undo(self) -> None:
-        self.test.undo()
-        self.forget()
+    def _undo_point(self) -> None:
+        self.test.undo_point()
+        self.forget_result()
 
-    def _ask_mass(self) -> None:
+    def _ask_weighed_mass(self) -> None:
         if not self.test.can_weigh:
-            self.page.app.notice(_("nothing is caught yet: hold I first"))
+            self.page.app.show_notice(_("nothing is caught yet: hold I first"))
             return
         unit = self.page.app.units.mass
         text = _("{turns} turns in {seconds} s").format(
             turns=f"{self.test.turned.revolutions:.1f}", seconds=f"{self.test.turned.seconds:.1f}"
         )
-        low, high = inside(unit, 0.001, self.page.served.most_kg, 3)
-        self.page.ask(
+        low, high = round_inwards(unit, 0.001, self.page.served.most_kg, 3)
+        self.page.ask_question(
             NumberDialog(
                 _("Weighed, all outlets together"),
                 unit.name,
                 low,
                 high,
                 text,
-                unit.to_si,
-                doubt=self._doubt,
+                unit.convert_to_si,
+                doubt=self._explain_doubt,
             ),
-            self._weighed,
+            self._add_weighed,
         )
 
-    def _doubt(self, mass_kg: float) -> str:
-        """What speaks against a weighed mass: the hopper scale; where it says nothing, what the
-        machine's model has."""
+    def _explain_doubt(self, mass_kg: float) -> str:
+        """The objection to a weighed mass: the hopper scale's; without one, the machine model's."""
         mass = self.page.app.units.mass._replace(decimals=2)
-        if self.test.scale_says_kg is not None:
+        if self.test.scale_loss_kg is not None:
             return (
                 _("The hopper scale lost about {mass}.").format(
-                    mass=mass.full(self.test.scale_says_kg)
+                    mass=mass.format_with_name(self.test.scale_loss_kg)
                 )
-                if self.test.scale_doubts(mass_kg)
+                if self.test.is_against_scale(mass_kg)
                 else ""
             )
-        expected_kg = self.test.expected_kg(self.page.served.expected_kg)
+        expected_kg = self.test.predict_kg(self.page.served.expected_kg)
         if expected_kg <= 0.0 or 1.0 / MODEL_FACTOR <= mass_kg / expected_kg <= MODEL_FACTOR:
             return ""
         return _("By the machine file it would be about {mass}.").format(
-            mass=mass.full(expected_kg)
+            mass=mass.format_with_name(expected_kg)
         )
 
-    def _weighed(self, mass_kg: float) -> None:
+    def _add_weighed(self, mass_kg: float) -> None:
         if self.test.can_weigh:
-            self.test.weighed(mass_kg)
-            self.forget()
-            self.page.app.notice(
-                _("weighed: {mass}").format(mass=in_words(self.page.app.units.mass, mass_kg))
+            self.test.add_weighed(mass_kg)
+            self.forget_result()
+            self.page.app.show_notice(
+                _("weighed: {mass}").format(
+                    mass=format_with_unit(self.page.app.units.mass, mass_kg)
+                )
             )
 
-    def _fit(self) -> None:
+    def _fit_flow_model(self) -> None:
         service, points = self.page.served, tuple(self.test.points)
-        if len(points) < LEAST_POINTS:
-            self.page.app.notice(
-                _("{have} of {count} catches done").format(count=LEAST_POINTS, have=len(points))
+        if len(points) < LEAST_CATCHES:
+            self.page.app.show_notice(
+                _("{have} of {count} catches done").format(count=LEAST_CATCHES, have=len(points))
             )
         else:
-            self.page.compute(lambda: service.fit_catch(points), self.take)
+            self.page.compute_in_thread(lambda: service.fit_catch(points), self.take_result)

@@ -15,17 +15,17 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-from topdress.console.app.braille import BITS, BLANK
+from topdress.console.app.braille import BLANK_CODE, CELL_BITS
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import fit, right
+from topdress.console.app.widgets.panel import align_right, fit_width
 from topdress.console.locale import _
 
-_AXIS = 8
+_AXIS_CELLS = 8
 
 
 class CurveView(NamedTuple):
-    """points: (x, y). line: (x, y, low, high), by x. x_name, y_name: what and unit, in the
-    language in use."""
+    """Holds a curve. points: (x, y). line: (x, y, low, high), by x. x_name, y_name: quantity and
+    unit, in the language in use."""
 
     x_name: str
     y_name: str
@@ -33,8 +33,8 @@ class CurveView(NamedTuple):
     line: tuple[tuple[float, float, float, float], ...] = ()
 
 
-def ends(values: list[float], least: float) -> tuple[float, float]:
-    """Round ends that hold all values with some air; `least` apart or more."""
+def round_ends(values: list[float], least: float) -> tuple[float, float]:
+    """Round ends that contain all values with some margin; `least` apart or more."""
     low, high = min(values), max(values)
     if high - low < least:
         middle = 0.5 * (low + high)
@@ -43,7 +43,9 @@ def ends(values: list[float], least: float) -> tuple[float, float]:
     return floor(low / step - 0.05) * step, ceil(high / step + 0.05) * step
 
 
-class Curve(Canvas[CurveView]):
+class CurvePlot(Canvas[CurveView]):
+    """Plots points and line."""
+
     COMPONENT_CLASSES: ClassVar[set[str]] = {
         "curve--point",
         "curve--line",
@@ -52,15 +54,15 @@ class Curve(Canvas[CurveView]):
         "curve--title",
     }
 
-    def lines(self, view: CurveView, width: int, height: int) -> list[Strip]:
-        rows, columns = height - 2, width - _AXIS - 1
+    def draw_rows(self, view: CurveView, width: int, height: int) -> list[Strip]:
+        rows, columns = height - 2, width - _AXIS_CELLS - 1
         if rows < 2 or columns < 10:
             return []
-        muted, title = self.style("curve--muted"), self.style("curve--title")
+        muted, title = self.find_style("curve--muted"), self.find_style("curve--title")
         point, drawn, band = (
-            self.style("curve--point"),
-            self.style("curve--line"),
-            self.style("curve--band"),
+            self.find_style("curve--point"),
+            self.find_style("curve--line"),
+            self.find_style("curve--band"),
         )
         head = [(f" {view.y_name}  ", title), ("o ", point), (_("measured"), muted)]
         if view.line:
@@ -72,40 +74,42 @@ class Curve(Canvas[CurveView]):
             ]
         while sum(cell_len(text) for text, _style in head) > width and len(head) > 3:
             head = head[:-2]  # the last of what is explained goes first, whole
-        strips = [self.text_strip(width, *head)]
+        strips = [self.make_text_strip(width, *head)]
         ys = [y for _x, y in view.points] + [value for one in view.line for value in one[1:]]
         if not ys:
-            blank = self.text_strip(
-                width, (right(_("no points yet"), _AXIS + columns // 2 + 6), muted)
+            blank = self.make_text_strip(
+                width, (align_right(_("no points yet"), _AXIS_CELLS + columns // 2 + 6), muted)
             )
             return [*strips, *([Strip.blank(width, self.rich_style)] * (rows // 2)), blank]
         xs = [x for x, _y in view.points] + [one[0] for one in view.line]
         across, up = (
-            ends(xs, max(1.0, 0.1 * abs(max(xs)))),
-            ends(ys, max(0.001, 0.02 * abs(max(ys)))),
+            round_ends(xs, max(1.0, 0.1 * abs(max(xs)))),
+            round_ends(ys, max(0.001, 0.02 * abs(max(ys)))),
         )
 
-        def dot(x: float, y: float) -> tuple[int, int]:
+        def find_dot(x: float, y: float) -> tuple[int, int]:
             return (
                 round((x - across[0]) / (across[1] - across[0]) * (2 * columns - 1)),
                 round((1.0 - (y - up[0]) / (up[1] - up[0])) * (4 * rows - 1)),
             )
 
-        line = _joined([dot(x, y) for x, y, _low, _high in view.line])
+        line = _join_places([find_dot(x, y) for x, y, _low, _high in view.line])
         edges = {
             place
             for edge in (2, 3)
-            for place in _joined([dot(one[0], one[edge]) for one in view.line])
+            for place in _join_places([find_dot(one[0], one[edge]) for one in view.line])
             if place[0] % 4 == 0
         }
-        marks = {(x // 2, y // 4) for x, y in (dot(*one) for one in view.points)}
-        labels = {0: _number(up[1], up), rows - 1: _number(up[0], up)}
+        marks = {(x // 2, y // 4) for x, y in (find_dot(*one) for one in view.points)}
+        labels = {0: _format_axis_number(up[1], up), rows - 1: _format_axis_number(up[0], up)}
         if rows >= 5:
-            labels[rows // 2] = _number(up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up)
+            labels[rows // 2] = _format_axis_number(
+                up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up
+            )
         for row in range(rows):
-            cells = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
+            cells = [Segment(align_right(labels.get(row, ""), _AXIS_CELLS - 1) + " ", muted)]
             cells += [
-                _cell(
+                _draw_cell(
                     column,
                     row,
                     marks=marks,
@@ -119,15 +123,17 @@ class Curve(Canvas[CurveView]):
                 for column in range(columns)
             ]
             strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
-        first, last = _number(across[0], across), _number(across[1], across)
-        middle = fit(f" {view.x_name}", max(0, columns - len(first) - len(last)))
+        first, last = _format_axis_number(across[0], across), _format_axis_number(across[1], across)
+        middle = fit_width(f" {view.x_name}", max(0, columns - len(first) - len(last)))
         strips.append(
-            self.text_strip(width, (" " * _AXIS + first, muted), (middle, title), (last, muted))
+            self.make_text_strip(
+                width, (" " * _AXIS_CELLS + first, muted), (middle, title), (last, muted)
+            )
         )
         return strips
 
 
-def _joined(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
+def _join_places(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
     """Every dot on straight lines from place to place."""
     found = set(places)
     for (x0, y0), (x1, y1) in pairwise(places):
@@ -139,7 +145,7 @@ def _joined(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
     return found
 
 
-def _cell(
+def _draw_cell(
     column: int,
     row: int,
     *,
@@ -154,16 +160,16 @@ def _cell(
         return Segment("o", point)
     for places, style in ((line, drawn), (edges, band)):
         bits = sum(
-            BITS[y][x]
+            CELL_BITS[y][x]
             for y in range(4)
             for x in range(2)
             if (2 * column + x, 4 * row + y) in places
         )
         if bits:
-            return Segment(chr(BLANK | bits), style)
+            return Segment(chr(BLANK_CODE | bits), style)
     return None
 
 
-def _number(value: float, span: tuple[float, float]) -> str:
+def _format_axis_number(value: float, span: tuple[float, float]) -> str:
     decimals = max(0, min(4, 1 - floor(log10(span[1] - span[0]))))
     return f"{value:.{decimals}f}"

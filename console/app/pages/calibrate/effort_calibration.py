@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from topdress.console.app.pages.calibrate.guide import GuideStep
-from topdress.console.app.pages.calibrate.progress_rows import Line, Row
+from topdress.console.app.pages.calibrate.progress_rows import LineRow, ProgressRow
 from topdress.console.app.widgets.chips import Chip
 from topdress.console.locale import N_, _
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 
 class EffortCalibration(Calibration):
+    """Guides through the reference of effort."""
+
     kind, name, heading = (
         "effort",
         N_("effort"),
@@ -24,12 +26,12 @@ class EffortCalibration(Calibration):
     )
 
     def __init__(self, page: CalibrateScreen) -> None:
-        super().__init__(page, {"cal_fit": self._fit})
+        super().__init__(page, {"cal_fit": self._fit_effort})
 
-    def step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameSeen) -> int:
         return 0 if self.fitted is None else 1
 
-    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         return (
             GuideStep(
                 _("work"),
@@ -49,14 +51,14 @@ class EffortCalibration(Calibration):
             ),
         )
 
-    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
+    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
         if seen.frame is None:
             return ()
         row = seen.frame.row
         return (
-            Line(_("log"), PurePath(seen.frame.log_path).name),
+            LineRow(_("log"), PurePath(seen.frame.log_path).name),
             *(
-                Line(_(word), "--" if value is None else f"{value:.3g}")
+                LineRow(_(word), "--" if value is None else f"{value:.3g}")
                 for word, value in (
                     (N_("effort of the shaft"), row.shaft_effort),
                     (N_("effort of the gate"), row.gate_effort),
@@ -64,15 +66,15 @@ class EffortCalibration(Calibration):
             ),
         )
 
-    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         on = seen.frame is not None and bool(seen.frame.log_path) and not self.page.busy
         return Chip(
             "cal_fit", "Q5", _("fit"), on, lead=on and self.fitted is None
-        ), self.save_chip()
+        ), self.make_save_chip()
 
-    def _fit(self, seen: FrameSeen) -> None:
+    def _fit_effort(self, seen: FrameSeen) -> None:
         service, path = self.page.served, "" if seen.frame is None else seen.frame.log_path
         if path:
-            self.page.compute(lambda: service.fit_effort(path), self.take)
+            self.page.compute_in_thread(lambda: service.fit_effort(path), self.take_result)
         else:
-            self.page.app.notice(_("nothing is recorded yet"))
+            self.page.app.show_notice(_("nothing is recorded yet"))

@@ -6,20 +6,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit, line, wrapped
+from topdress.console.app.widgets.panel import Panel, fit_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
 class GuideStep(NamedTuple):
-    """title: a few words; text: what to do, shown while it is the one to do."""
+    """Holds a step. title: a few words; text: the instruction, shown while it is the one to do."""
 
     title: str
     text: str
 
 
 class GuideView(NamedTuple):
-    """now: the step to do. said: why something is not possible now, in words. found: lines of
-    the result."""
+    """Holds a guide. now: the step to do. said: why something is not possible now, in words. found:
+    lines of the result."""
 
     title: str
     steps: tuple[GuideStep, ...]
@@ -28,28 +28,32 @@ class GuideView(NamedTuple):
     found: tuple[str, ...] = ()
 
 
-class Guide(Panel[GuideView]):
-    def lines(self, view: GuideView, width: int, height: int) -> list[Content]:
+class GuidePanel(Panel[GuideView]):
+    """Shows the guide."""
+
+    def draw_rows(self, view: GuideView, width: int, height: int) -> list[Content]:
         tail: list[Content] = []
         if view.said:
             tail += [
-                line(
+                make_line(
                     (
-                        fit(f" ! {row}" if not index else f"   {row}", width),
+                        fit_width(f" ! {row}" if not index else f"   {row}", width),
                         "bold $on-alarm-amber on $alarm-amber",
                     )
                 )
-                for index, row in enumerate(wrapped(view.said, width - 4))
+                for index, row in enumerate(wrap_text(view.said, width - 4))
             ]
         if view.found:
-            tail.append(line((f" {_('found')}", "bold $primary")))
+            tail.append(make_line((f" {_('found')}", "bold $primary")))
             tail += [
-                line((f" {row}", "bold")) for one in view.found for row in wrapped(one, width - 2)
+                make_line((f" {row}", "bold"))
+                for one in view.found
+                for row in wrap_text(one, width - 2)
             ]
-        rows = [line((f" {row}", "bold $primary")) for row in wrapped(view.title, width - 1)]
+        rows = [make_line((f" {row}", "bold $primary")) for row in wrap_text(view.title, width - 1)]
         room = height - len(tail) - len(rows)
-        rows += self._steps(view.steps, view.now, width, room)
-        rows += [line("")] * max(0, min(1, height - len(rows) - len(tail)))
+        rows += self._draw_steps(view.steps, view.now, width, room)
+        rows += [make_line("")] * max(0, min(1, height - len(rows) - len(tail)))
         return (
             (rows + tail)
             if len(rows) + len(tail) <= height
@@ -57,10 +61,11 @@ class Guide(Panel[GuideView]):
         )
 
     @staticmethod
-    def _steps(steps: tuple[GuideStep, ...], now: int, width: int, room: int) -> list[Content]:
-        """Titles of all steps, the text of the one to do; done ones go first where rows are few."""
+    def _draw_steps(steps: tuple[GuideStep, ...], now: int, width: int, room: int) -> list[Content]:
+        """Titles of all steps, the text of the one to do; done ones are dropped first where rows
+        are few."""
         texts = [
-            wrapped(step.text, width - 5) if index == now else []
+            wrap_text(step.text, width - 5) if index == now else []
             for index, step in enumerate(steps)
         ]
         spare = room - len(steps) - sum(map(len, texts))
@@ -71,12 +76,12 @@ class Guide(Panel[GuideView]):
                 continue
             mark = "✔" if index < now else "▸" if index == now else " "
             rows.append(
-                line(
+                make_line(
                     (
-                        fit(f" {mark} {index + 1} {step.title}", width),
+                        fit_width(f" {mark} {index + 1} {step.title}", width),
                         "bold" if index == now else "$muted",
                     )
                 )
             )
-            rows += [line((f"     {text}", "")) for text in texts[index]]
+            rows += [make_line((f"     {text}", "")) for text in texts[index]]
         return rows

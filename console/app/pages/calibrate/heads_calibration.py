@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from topdress.console.app.pages.calibrate.guide import GuideStep
-from topdress.console.app.pages.calibrate.progress_rows import Bar, Level, Line, Middle, Row
+from topdress.console.app.pages.calibrate.progress_rows import (
+    BarRow,
+    LineRow,
+    MiddleRow,
+    ProgressRow,
+    RowLevel,
+)
 from topdress.console.app.widgets.chips import Chip
 from topdress.console.locale import N_, _
 
@@ -18,7 +24,7 @@ if TYPE_CHECKING:
 
 
 # The heads check: every canopy head against the median of all, over 30 s of driving.
-CHECK_S = 30.0
+CHECK_DURATION_S = 30.0
 # of the median: published fouling is 2 to 10 %, heads agree to 0.1 % when clean
 FOULED_SHARE = 0.04
 # spread (1 s.d.) about the median; a good head has 0.01, the crop itself about as much
@@ -28,20 +34,23 @@ LEAST_HEADS = 3
 LEAST_SAMPLES = 25
 SILENT_SHARE = 0.5  # of the samples
 
-Verdict = Literal["", "good", "fouled", "unsteady", "silent"]
+HeadVerdict = Literal["", "good", "fouled", "unsteady", "silent"]
 
 
 class HeadFound(NamedTuple):
-    """One head. offset, spread: NDVI against the median of all; None where it said too little."""
+    """Holds the findings on one head. offset, spread: NDVI against the median of all; None with too
+    few readings."""
 
     number: int
     ndvi: float | None
     offset: float | None
     spread: float | None
-    verdict: Verdict
+    verdict: HeadVerdict
 
 
 class HeadsCheck:
+    """Compares each head with the median of all for `CHECK_DURATION_S`."""
+
     def __init__(self) -> None:
         self.started_s: float | None = None
         self.seconds = 0.0
@@ -50,21 +59,24 @@ class HeadsCheck:
         self._last: tuple[float | None, ...] = ()
 
     @property
-    def running(self) -> bool:
-        return self.started_s is not None and self.seconds < CHECK_S
+    def is_running(self) -> bool:
+        """Whether it runs."""
+        return self.started_s is not None and self.seconds < CHECK_DURATION_S
 
     @property
-    def done(self) -> bool:
-        return self.started_s is not None and self.seconds >= CHECK_S
+    def is_done(self) -> bool:
+        """Whether the time is over."""
+        return self.started_s is not None and self.seconds >= CHECK_DURATION_S
 
-    def start(self, time_s: float) -> None:
+    def start_check(self, time_s: float) -> None:
+        """Start at a time of the run, s."""
         self.started_s, self.seconds = time_s, 0.0
         self._apart, self._medians = [], []
 
-    def see(self, time_s: float, ndvi: Sequence[float | None]) -> None:
-        """One frame: NDVI of every head, left to right; None: silent."""
+    def add_frame(self, time_s: float, ndvi: Sequence[float | None]) -> None:
+        """Add a frame: NDVI of every head, left to right; None: silent."""
         self._last = tuple(ndvi)
-        if not self.running or self.started_s is None:
+        if not self.is_running or self.started_s is None:
             return
         self.seconds = max(0.0, time_s - self.started_s)
         while len(self._apart) < len(ndvi):
@@ -78,21 +90,23 @@ class HeadsCheck:
             if value is not None:
                 apart.append(value - middle)
 
-    def found(self) -> tuple[HeadFound, ...]:
-        """What is known of each head so far; verdicts only once the time is over."""
-        return tuple(self._head(index) for index in range(len(self._last)))
+    def list_heads(self) -> tuple[HeadFound, ...]:
+        """Findings on each head so far; verdicts only once the time is over."""
+        return tuple(self._judge_head(index) for index in range(len(self._last)))
 
-    def _head(self, index: int) -> HeadFound:
+    def _judge_head(self, index: int) -> HeadFound:
         now = self._last[index]
         apart = self._apart[index] if index < len(self._apart) else []
         if len(apart) < 2:
-            return HeadFound(index + 1, now, None, None, "silent" if self.done else "")
+            return HeadFound(index + 1, now, None, None, "silent" if self.is_done else "")
         offset = fmean(apart)
         spread = sqrt(fmean((value - offset) ** 2 for value in apart))
-        return HeadFound(index + 1, now, offset, spread, self._verdict(len(apart), offset, spread))
+        return HeadFound(
+            index + 1, now, offset, spread, self._choose_verdict(len(apart), offset, spread)
+        )
 
-    def _verdict(self, count: int, offset: float, spread: float) -> Verdict:
-        if not self.done:
+    def _choose_verdict(self, count: int, offset: float, spread: float) -> HeadVerdict:
+        if not self.is_done:
             return ""
         if count < max(LEAST_SAMPLES, SILENT_SHARE * len(self._medians)):
             return "silent"
@@ -102,20 +116,20 @@ class HeadsCheck:
         return "fouled" if abs(offset) - certain > FOULED_SHARE * fmean(self._medians) else "good"
 
 
-FULL_NDVI = 0.10  # the bars' ends
-VERDICTS = {
+BAR_END_NDVI = 0.10  # the bars' ends
+VERDICT_WORDS = {
     "": "",
     "good": N_("good"),
     "fouled": N_("! FOULED"),
     "unsteady": N_("! UNSTEADY"),
     "silent": N_("✖ SILENT"),
 }
-ADVICE = {
+ADVICE_TEXTS = {
     "fouled": N_("head {head}: clean it"),
     "unsteady": N_("head {head}: look at its mount and cable"),
     "silent": N_("head {head}: look at its plug and power"),
 }
-LEVELS: dict[str, Level] = {
+VERDICT_LEVELS: dict[str, RowLevel] = {
     "": "",
     "good": "",
     "fouled": "amber",
@@ -125,13 +139,15 @@ LEVELS: dict[str, Level] = {
 
 
 class HeadsCalibration(Calibration):
+    """Guides through the heads check."""
+
     kind, name, heading = "heads", N_("heads check"), N_("Heads check: do all six see the same?")
 
     def __init__(self, page: CalibrateScreen) -> None:
-        super().__init__(page, {"cal_begin": self._begin})
+        super().__init__(page, {"cal_begin": self._begin_check})
         self.check = HeadsCheck()
 
-    def see(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameSeen) -> None:
         frame = seen.frame
         if frame is not None:
             row = frame.row
@@ -143,19 +159,20 @@ class HeadsCalibration(Calibration):
                 row.ndvi_5,
                 row.ndvi_6,
             )
-            self.check.see(frame.row.time_s, ndvi)
+            self.check.add_frame(frame.row.time_s, ndvi)
 
-    def step(self, seen: FrameSeen) -> int:
-        return 0 if self.check.started_s is None else 1 if self.check.running else 2
+    def find_step(self, seen: FrameSeen) -> int:
+        return 0 if self.check.started_s is None else 1 if self.check.is_running else 2
 
-    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         return (
             GuideStep(
                 _("drive"),
                 _("Drive over even crop at working speed, heads at their usual height. B begins."),
             ),
             GuideStep(
-                _("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")
+                _("measure"),
+                _("Drive on for {seconds} s.").format(seconds=f"{CHECK_DURATION_S:.0f}"),
             ),
             GuideStep(
                 _("act"),
@@ -167,48 +184,50 @@ class HeadsCalibration(Calibration):
             ),
         )
 
-    def found(self) -> tuple[str, ...]:
-        if not self.check.done:
+    def describe_result(self) -> tuple[str, ...]:
+        if not self.check.is_done:
             return ()
         advice = tuple(
-            _(ADVICE[one.verdict]).format(head=one.number)
-            for one in self.check.found()
-            if one.verdict in ADVICE
+            _(ADVICE_TEXTS[one.verdict]).format(head=one.number)
+            for one in self.check.list_heads()
+            if one.verdict in ADVICE_TEXTS
         )
         return advice or (_("all heads agree"),)
 
-    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
+    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
         check = self.check
-        seconds = min(check.seconds, CHECK_S)
-        rows: list[Row] = [
-            Bar(
+        seconds = min(check.seconds, CHECK_DURATION_S)
+        rows: list[ProgressRow] = [
+            BarRow(
                 _("time"),
-                round(seconds / CHECK_S, 2),
+                round(seconds / CHECK_DURATION_S, 2),
                 f"{seconds:4.1f} s",
-                "lead" if check.running else "",
+                "lead" if check.is_running else "",
             ),
-            Line(_("head"), _("NDVI against the median of all: offset, spread")),
+            LineRow(_("head"), _("NDVI against the median of all: offset, spread")),
         ]
-        for one in check.found():
+        for one in check.list_heads():
             offset = "--" if one.offset is None else f"{one.offset:+.3f}"
             spread = "--" if one.spread is None else f"{one.spread:.3f}"
             ndvi = "--" if one.ndvi is None else f"{one.ndvi:.2f}"
-            share = None if one.offset is None else round(one.offset / FULL_NDVI, 2)
-            verdict = _(VERDICTS[one.verdict])
+            share = None if one.offset is None else round(one.offset / BAR_END_NDVI, 2)
+            verdict = _(VERDICT_WORDS[one.verdict])
             rows.append(
-                Middle(
+                MiddleRow(
                     f"{one.number}  {ndvi}",
                     share,
                     f"{offset:>6} {spread:>6} {verdict}".rstrip(),
-                    LEVELS[one.verdict],
+                    VERDICT_LEVELS[one.verdict],
                 )
             )
         return tuple(rows)
 
-    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         label = _("begin again") if self.check.started_s is not None else _("begin")
-        return (Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.running),)
+        return (
+            Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.is_running),
+        )
 
-    def _begin(self, seen: FrameSeen) -> None:
+    def _begin_check(self, seen: FrameSeen) -> None:
         if seen.frame is not None:
-            self.check.start(seen.frame.row.time_s)
+            self.check.start_check(seen.frame.row.time_s)

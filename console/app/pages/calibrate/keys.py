@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from topdress.console.app.action import CALIBRATE, Action, on
+from topdress.console.app.action import CALIBRATE, Action, set_page
 from topdress.console.locale import N_
 from topdress.control.orders import Do
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 
-def deed(name: str) -> Callable[[CalibrateScreen], None]:
-    """What the open calibration has for this action."""
-    return lambda page: page.do(name)
+def make_page_action(name: str) -> Callable[[CalibrateScreen], None]:
+    """The open calibration's function for this action."""
+    return lambda page: page.do_action(name)
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     CALIBRATE,
     Action(
         "cal_run",
@@ -26,7 +26,7 @@ ACTIONS = on(
         "I",
         N_("run while held"),
         N_("Shaft and gate run while the key or the mouse button is down; letting go stops them."),
-        lambda page: page.hold_key(),
+        lambda page: page.press_hold_key(),
         bar=3,
         needs_machine=True,
     ),
@@ -36,7 +36,7 @@ ACTIONS = on(
         ">",
         N_("next calibration"),
         N_("To the calibration on the right."),
-        lambda page: page.turn(page.at + 1),
+        lambda page: page.choose_calibration(page.at + 1),
         bar=8,
     ),
     Action(
@@ -45,7 +45,7 @@ ACTIONS = on(
         "<",
         N_("previous calibration"),
         N_("To the calibration on the left."),
-        lambda page: page.turn(page.at - 1),
+        lambda page: page.choose_calibration(page.at - 1),
     ),
     Action(
         "cal_ready",
@@ -53,7 +53,7 @@ ACTIONS = on(
         "R",
         N_("ready"),
         N_("Makes the machine ready to calibrate: nothing turns."),
-        lambda page: page.app.give(Do.READY),
+        lambda page: page.app.give_order(Do.READY),
         needs_machine=True,
     ),
     Action(
@@ -62,7 +62,7 @@ ACTIONS = on(
         "Q1",
         N_("shaft speed"),
         N_("Catch test: type the shaft speed; the allowed range is shown."),
-        deed("cal_shaft"),
+        make_page_action("cal_shaft"),
         asks="number",
     ),
     Action(
@@ -71,7 +71,7 @@ ACTIONS = on(
         "Q2",
         N_("opening"),
         N_("Catch test: type the opening; the allowed range is shown."),
-        deed("cal_opening"),
+        make_page_action("cal_opening"),
         asks="number",
     ),
     Action(
@@ -80,7 +80,7 @@ ACTIONS = on(
         "Q4",
         N_("settle again"),
         N_("Catch test: forget what was caught and settle anew."),
-        deed("cal_again"),
+        make_page_action("cal_again"),
     ),
     Action(
         "cal_weigh",
@@ -88,7 +88,7 @@ ACTIONS = on(
         "Q3",
         N_("weighed"),
         N_("Catch test: type what all outlets together gave."),
-        deed("cal_weigh"),
+        make_page_action("cal_weigh"),
         asks="number",
     ),
     Action(
@@ -97,7 +97,7 @@ ACTIONS = on(
         "Bksp",
         N_("drop last point"),
         N_("Catch test: takes the last point out."),
-        deed("cal_undo"),
+        make_page_action("cal_undo"),
     ),
     Action(
         "cal_begin",
@@ -105,7 +105,7 @@ ACTIONS = on(
         "B",
         N_("begin / end"),
         N_("Lag, heads, wheel: begins or ends the measuring."),
-        deed("cal_begin"),
+        make_page_action("cal_begin"),
         needs_machine=True,
     ),
     Action(
@@ -114,7 +114,7 @@ ACTIONS = on(
         "J",
         N_("bench table"),
         N_("Lag: takes a table that was measured before."),
-        deed("cal_table"),
+        make_page_action("cal_table"),
     ),
     Action(
         "cal_fit",
@@ -122,7 +122,7 @@ ACTIONS = on(
         "Q5",
         N_("fit"),
         N_("Computes the machine's numbers from what was measured."),
-        deed("cal_fit"),
+        make_page_action("cal_fit"),
     ),
     Action(
         "cal_save",
@@ -130,7 +130,7 @@ ACTIONS = on(
         "E",
         N_("save as new"),
         N_("Writes a new machine file; nothing is overwritten."),
-        lambda page: page.ask_name(),
+        lambda page: page.ask_file_name(),
         asks="text",
     ),
 )

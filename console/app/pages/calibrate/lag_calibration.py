@@ -11,7 +11,12 @@ from topdress.console.app.name_dialog import NameDialog
 from topdress.console.app.pages.calibrate.calibration import FrameSeen, HeldRun, make_curve
 from topdress.console.app.pages.calibrate.curve import CurveView
 from topdress.console.app.pages.calibrate.guide import GuideStep
-from topdress.console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
+from topdress.console.app.pages.calibrate.progress_rows import (
+    BarRow,
+    CellsRow,
+    LineRow,
+    ProgressRow,
+)
 from topdress.console.app.pages.calibrate.service import LagTable
 from topdress.console.app.widgets.chips import Chip
 from topdress.console.frame import LagTestView
@@ -20,65 +25,73 @@ from topdress.console.locale import N_, _
 if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
-RIG = "lag_rig"
-OTHER = "other file"
-ENDED = "ended"  # by hand, before all was measured
-OVER = ("done", ENDED)
-PHASES = {
+RIG_DEVICE = "lag_rig"
+OTHER_FILE = "other file"
+ENDED_PHASE = "ended"  # by hand, before all was measured
+FINAL_PHASES = ("done", ENDED_PHASE)
+PHASE_WORDS = {
     "settling": N_("waiting until everything stands still"),
     "arming": N_("arming the rig"),
     "running": N_("measuring"),
     "done": N_("all measured"),
-    ENDED: N_("ended"),
+    ENDED_PHASE: N_("ended"),
 }
 
 
 class LagCalibration(HeldRun):
+    """Guides through the lag test."""
+
     kind, name, heading = "lag", N_("lag test"), N_("Lag test: from the command to the ground")
 
     def __init__(self, page: CalibrateScreen) -> None:
         super().__init__(
             page,
             {
-                "cal_begin": self._begin,
-                "cal_table": lambda _seen: self._ask_table(),
-                "cal_fit": lambda _seen: self._fit(),
+                "cal_begin": self._begin_or_end,
+                "cal_table": lambda _seen: self._ask_for_table(),
+                "cal_fit": lambda _seen: self._fit_lag_line(),
             },
         )
         self.table: LagTable | None = None
         self.label: str | None = None
         self.test: LagTestView | None = None
 
-    def see(self, seen: FrameSeen) -> None:
-        """What was measured stays, also when the test is ended before all is measured."""
+    def take_frame(self, seen: FrameSeen) -> None:
+        """Take a frame; the measured runs stay, also when the test is ended before all are
+        measured."""
         now = seen.frame.lag_test if seen.frame else None
         if now is not None:
             self.test = now
-        elif self.measuring and self.test is not None:
-            self.test = self.test._replace(phase=ENDED) if self.test.runs else None
+        elif self.is_measuring and self.test is not None:
+            self.test = self.test._replace(phase=ENDED_PHASE) if self.test.runs else None
 
     @staticmethod
     def has_rig(seen: FrameSeen) -> bool:
-        return seen.frame is not None and any(device.name == RIG for device in seen.frame.devices)
+        """Whether the machine has a lag rig."""
+        return seen.frame is not None and any(
+            device.name == RIG_DEVICE for device in seen.frame.devices
+        )
 
     @property
-    def measuring(self) -> bool:
-        return self.test is not None and self.test.phase not in OVER
+    def is_measuring(self) -> bool:
+        """Whether the test goes on."""
+        return self.test is not None and self.test.phase not in FINAL_PHASES
 
     @property
-    def measured(self) -> bool:
+    def has_enough_runs(self) -> bool:
+        """Whether runs at three speeds are measured."""
         return self.test is not None and len({run[0] for run in self.test.runs}) >= 3
 
-    def step(self, seen: FrameSeen) -> int:
-        if self.fitted is not None or (self.table is not None and not self.measuring):
+    def find_step(self, seen: FrameSeen) -> int:
+        if self.fitted is not None or (self.table is not None and not self.is_measuring):
             return 3
         if self.test is None:
             return 0
-        if self.test.phase in OVER:
-            return 3 if self.measured else 0
-        return 1 if not seen.ready else 2
+        if self.test.phase in FINAL_PHASES:
+            return 3 if self.has_enough_runs else 0
+        return 1 if not seen.is_ready else 2
 
-    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         begin = (
             _("B begins the test on the rig. Or J: a bench table measured before.")
             if self.has_rig(seen)
@@ -107,31 +120,31 @@ class LagCalibration(HeldRun):
             ),
         )
 
-    def trouble(self, seen: FrameSeen, said: str) -> str:
-        return super().trouble(seen, said) if self.measuring or said else ""
+    def explain_standstill(self, seen: FrameSeen, said: str) -> str:
+        return super().explain_standstill(seen, said) if self.is_measuring or said else ""
 
-    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
-        rows: list[Row] = []
+    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
+        rows: list[ProgressRow] = []
         test = self.test
         if test is not None:
             rows += [
-                Bar(_("measured"), round(test.progress, 2), f"{100 * test.progress:3.0f} %"),
-                Line(
+                BarRow(_("measured"), round(test.progress, 2), f"{100 * test.progress:3.0f} %"),
+                LineRow(
                     _("rig"),
-                    _(PHASES.get(test.phase, test.phase)),
+                    _(PHASE_WORDS.get(test.phase, test.phase)),
                     "lead" if test.phase == "running" else "",
                 ),
-                Line(
+                LineRow(
                     _("this run"),
                     f"{test.shaft_rpm:g} r/min  #{test.replicate}   "
                     f"{_('left out: {count}').format(count=test.left_out)}",
                 ),
             ]
             if test.said:
-                rows.append(Line(_("trouble"), test.said, "amber"))
-            rows.append(Cells(("r/min", _("response s"), _("drop s"), _("lag s")), heading=True))
+                rows.append(LineRow(_("trouble"), test.said, "amber"))
+            rows.append(CellsRow(("r/min", _("response s"), _("drop s"), _("lag s")), heading=True))
             rows += [
-                Cells(
+                CellsRow(
                     (f"{rpm:g}", f"{response_s:.3f}", f"{drop_s:.3f}", f"{response_s + drop_s:.3f}")
                 )
                 for rpm, response_s, drop_s in test.runs[-6:]
@@ -139,13 +152,13 @@ class LagCalibration(HeldRun):
         if self.table is not None:
             chosen = f"  {self.label}" if self.label else ""
             rows = [
-                Line(_("table"), PurePath(self.table.path).name + chosen),
-                Line(_("rows"), str(self.table.rows)),
+                LineRow(_("table"), PurePath(self.table.path).name + chosen),
+                LineRow(_("rows"), str(self.table.rows)),
                 *rows,
             ]
-        return tuple(rows) or (Line(_("table"), _("none chosen")),)
+        return tuple(rows) or (LineRow(_("table"), _("none chosen")),)
 
-    def curve(self) -> CurveView:
+    def make_curve(self) -> CurveView:
         runs = self.test.runs if self.test is not None else ()
         return make_curve(
             self.fitted,
@@ -154,26 +167,30 @@ class LagCalibration(HeldRun):
             "lag s",
         )
 
-    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
-        step, rig = self.step(seen), self.has_rig(seen)
-        source = self.table is not None or (self.measured and not self.measuring)
+    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+        step, rig = self.find_step(seen), self.has_rig(seen)
+        source = self.table is not None or (self.has_enough_runs and not self.is_measuring)
         return (
             Chip(
                 "cal_begin",
                 "B",
-                _("end the test") if self.measuring else _("begin on the rig"),
+                _("end the test") if self.is_measuring else _("begin on the rig"),
                 rig,
                 lead=step == 0 and rig,
             ),
             Chip(
-                "cal_table", "J", _("bench table"), not seen.calibrating, lead=step == 0 and not rig
+                "cal_table",
+                "J",
+                _("bench table"),
+                not seen.is_calibrating,
+                lead=step == 0 and not rig,
             ),
-            Chip("cal_ready", "R", _("make ready"), not seen.ready and rig, lead=step == 1),
+            Chip("cal_ready", "R", _("make ready"), not seen.is_ready and rig, lead=step == 1),
             Chip(
                 "cal_run",
                 "I",
                 _("run while held"),
-                self.measuring and seen.ready,
+                self.is_measuring and seen.is_ready,
                 lead=step == 2,
                 held=True,
             ),
@@ -184,75 +201,75 @@ class LagCalibration(HeldRun):
                 source and not self.page.busy,
                 lead=step == 3 and source and self.fitted is None,
             ),
-            self.save_chip(),
+            self.make_save_chip(),
         )
 
-    def _begin(self, seen: FrameSeen) -> None:
+    def _begin_or_end(self, seen: FrameSeen) -> None:
         if not self.has_rig(seen):
-            self.page.app.notice(_("no lag rig is in the cab file"))
+            self.page.app.show_notice(_("no lag rig is in the cab file"))
             return
-        begin = not self.measuring
+        begin = not self.is_measuring
         self.page.app.run_worker(
-            self.page.app.asked(lambda source: source.send_lag_test_order(begin)),
+            self.page.app.ask_source(lambda source: source.send_lag_test_order(begin)),
             group="orders",
             exit_on_error=False,
         )
         if begin:
             self.table, self.label = None, None
-            self.forget()
+            self.forget_result()
 
-    def _ask_table(self) -> None:
+    def _ask_for_table(self) -> None:
         service = self.page.served
-        self.page.compute(lambda: tuple(service.lag_tables()), self._offer)
+        self.page.compute_in_thread(lambda: tuple(service.lag_tables()), self._show_tables)
 
-    def _offer(self, tables: tuple[LagTable, ...]) -> None:
+    def _show_tables(self, tables: tuple[LagTable, ...]) -> None:
         choices = [
             Choice(table.path, f"{PurePath(table.path).name}  ({table.rows})") for table in tables
         ]
-        choices.append(Choice(OTHER, _("another file: type its path")))
+        choices.append(Choice(OTHER_FILE, _("another file: type its path")))
 
-        def chosen(path: str) -> None:
-            if path == OTHER:
-                self.page.ask(NameDialog(_("Bench table (CSV)"), ""), self._open)
+        def open_chosen(path: str) -> None:
+            if path == OTHER_FILE:
+                self.page.ask_question(NameDialog(_("Bench table (CSV)"), ""), self._open_table)
             else:
                 self._take_table(next(table for table in tables if table.path == path))
 
         if tables:
-            self.page.ask(ChoiceDialog(_("Which bench table?"), choices, ""), chosen)
+            self.page.ask_question(ChoiceDialog(_("Which bench table?"), choices, ""), open_chosen)
         else:
-            chosen(OTHER)
+            open_chosen(OTHER_FILE)
 
-    def _open(self, path: str) -> None:
+    def _open_table(self, path: str) -> None:
         service = self.page.served
-        self.page.compute(lambda: service.open_lag_table(path), self._take_table)
+        self.page.compute_in_thread(lambda: service.open_lag_table(path), self._take_table)
 
     def _take_table(self, table: LagTable) -> None:
         self.table, self.label = table, None
-        self.forget()
+        self.forget_result()
         if table.labels:
-            self.page.ask(
+            self.page.ask_question(
                 ChoiceDialog(
                     _("Which rows?"), [Choice(label, label) for label in table.labels], ""
                 ),
-                self._label,
+                self._take_label,
             )
         else:
-            self._fit()
+            self._fit_lag_line()
 
-    def _label(self, label: str) -> None:
+    def _take_label(self, label: str) -> None:
         self.label = label
-        self._fit()
+        self._fit_lag_line()
 
-    def _fit(self) -> None:
+    def _fit_lag_line(self) -> None:
         service, table, label = self.page.served, self.table, self.label
         path = (
             table.path
             if table is not None
             else self.test.table_path
-            if self.measured and self.test
+            if self.has_enough_runs and self.test
             else ""
         )
         if not path:
-            self.page.app.notice(_("nothing is measured yet: B on the rig, or J for a table"))
+            self.page.app.show_notice(_("nothing is measured yet: B on the rig, or J for a table"))
         else:
-            self.page.compute(lambda: service.fit_lag(path, label), self.take)
+            self.page.compute_in_thread(lambda: service.fit_lag(path, label), self.take_result)

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 from topdress.console.app.pages.calibrate.catch import CatchPoint
 from topdress.console.app.pages.calibrate.wheel import WheelSample
 
-Number = Literal[
+EstimateName = Literal[
     "grams_per_rev_mm",
     "zero_offset",
     "fill_falloff",
@@ -31,9 +31,10 @@ Number = Literal[
 
 
 class Estimate(NamedTuple):
-    """A fitted number with its 90 % interval, in `unit`. value None: not shown by this test."""
+    """Holds a fitted number with its 90 % interval, in `unit`. value None: not shown by this
+    test."""
 
-    name: Number
+    name: EstimateName
     value: float | None
     low: float | None
     high: float | None
@@ -42,7 +43,7 @@ class Estimate(NamedTuple):
 
 
 class CurvePoint(NamedTuple):
-    """A place of the fitted line; low, high: between them lie 90 % of single measurements."""
+    """Holds a place of the fitted line; low, high: between them lie 90 % of single measurements."""
 
     x: float
     y: float
@@ -51,10 +52,10 @@ class CurvePoint(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """What a calibration found. `source` goes back to `save` as it is.
+    """Holds the result of a calibration. `source` goes back to `save` as it is.
 
-    kind: catch, lag, wheel, effort. x_name, y_name: words of the axes (untranslated), with
-    units. range: of x, where it holds.
+    kind: catch, lag, wheel, effort. x_name, y_name: words of the axes (untranslated), with units.
+    range: of x, where it holds.
     """
 
     kind: str
@@ -70,8 +71,8 @@ class Calibrated(NamedTuple):
 
 
 class LagTable(NamedTuple):
-    """A bench table that can be fitted. labels: the values of its label column, of which one
-    must be chosen."""
+    """Describes a bench table that can be fitted. labels: the values of its label column, of which
+    one must be chosen."""
 
     path: str
     rows: int
@@ -80,13 +81,13 @@ class LagTable(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CalibrateService:
-    """Ranges of the machine in force, and the long work. Errors are one-line ValueErrors or
-    OSErrors.
+    """Holds the ranges of the machine in force, and the long work. Errors are one-line ValueErrors
+    or OSErrors.
 
-    machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set:
-    the machine's own. expected_kg: (mean shaft r/min, mean opening mm, revolutions) -> what the
-    machine's own flow model makes of a catch. save: (what was found, name of the new file) ->
-    its path; it never overwrites.
+    machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set: the
+    machine's own. expected_kg: (mean shaft r/min, mean opening mm, revolutions) -> mass of a catch
+    by the machine's own flow model. save: (result, name of the new file) -> its path; it never
+    overwrites.
     """
 
     machine: str

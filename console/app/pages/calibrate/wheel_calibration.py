@@ -8,8 +8,8 @@ from topdress.console.app import words
 from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from topdress.console.app.pages.calibrate.catch import TURNING_RPM
 from topdress.console.app.pages.calibrate.guide import GuideStep
-from topdress.console.app.pages.calibrate.progress_rows import Bar, Line, Row
-from topdress.console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
+from topdress.console.app.pages.calibrate.progress_rows import BarRow, LineRow, ProgressRow
+from topdress.console.app.pages.calibrate.wheel import LEAST_DRIVE_M, WheelRun, WheelSample
 from topdress.console.app.view import STALE_S
 from topdress.console.app.widgets.chips import Chip
 from topdress.console.locale import N_, _
@@ -17,20 +17,22 @@ from topdress.console.locale import N_, _
 if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
-TROUBLES = {
+TROUBLE_TEXTS = {
     "bent": N_("Not straight: drive again along a line."),
     "broken": N_("Wheel or GNSS fell silent: begin again."),
 }
 
 
 class WheelCalibration(Calibration):
+    """Guides through the wheel's calibration."""
+
     kind, name, heading = "wheel", N_("wheel"), N_("Wheel: its circumference by GNSS")
 
     def __init__(self, page: CalibrateScreen) -> None:
-        super().__init__(page, {"cal_begin": lambda _seen: self._begin()})
+        super().__init__(page, {"cal_begin": lambda _seen: self._begin_or_end()})
         self.run = WheelRun()
 
-    def see(self, seen: FrameSeen) -> None:
+    def take_frame(self, seen: FrameSeen) -> None:
         frame = seen.frame
         if frame is None:
             return
@@ -41,7 +43,7 @@ class WheelCalibration(Calibration):
             and not old
             and None not in (row.lat_deg, row.lon_deg, row.wheel_speed_mps)
         )
-        self.run.see(
+        self.run.add_sample(
             WheelSample(
                 row.time_s,
                 row.lat_deg or 0.0,
@@ -54,13 +56,13 @@ class WheelCalibration(Calibration):
             else None
         )
 
-    def step(self, seen: FrameSeen) -> int:
+    def find_step(self, seen: FrameSeen) -> int:
         if self.run.running:
             return 1
         return 2 if self.fitted is not None else 0
 
-    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
-        enough = self.run.running and self.run.enough
+    def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
+        enough = self.run.running and self.run.is_long_enough
         return (
             GuideStep(
                 _("begin"),
@@ -75,50 +77,54 @@ class WheelCalibration(Calibration):
                 if enough
                 else _(
                     "Drive straight at a steady speed for {length} m or more. Then B ends it."
-                ).format(length=f"{LEAST_M:.0f}"),
+                ).format(length=f"{LEAST_DRIVE_M:.0f}"),
             ),
             GuideStep(_("save"), _("E saves the circumference as a new machine file.")),
         )
 
-    def trouble(self, seen: FrameSeen, said: str) -> str:
+    def explain_standstill(self, seen: FrameSeen, said: str) -> str:
         return (
-            _(TROUBLES[self.run.drive.trouble])
+            _(TROUBLE_TEXTS[self.run.drive.trouble])
             if self.run.drive.trouble
-            else super().trouble(seen, said)
+            else super().explain_standstill(seen, said)
         )
 
-    def found(self) -> tuple[str, ...]:
-        rows = super().found()
+    def describe_result(self) -> tuple[str, ...]:
+        rows = super().describe_result()
         return (
             (*rows, _("a cab file has it too: board, wheel_circumference_m"))
             if self.saved
             else rows
         )
 
-    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
+    def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
         drive, distance = self.run.drive, self.page.app.units.fine_distance
-        rows: list[Row] = [
-            Bar(
+        rows: list[ProgressRow] = [
+            BarRow(
                 _("driven"),
-                round(min(1.0, drive.gnss_m / LEAST_M), 2),
-                distance.full(drive.gnss_m),
+                round(min(1.0, drive.gnss_m / LEAST_DRIVE_M), 2),
+                distance.format_with_name(drive.gnss_m),
                 "lead" if self.run.running else "",
             ),
-            Line(_("by GNSS"), distance.full(drive.gnss_m)),
-            Line(_("by wheel"), distance.full(drive.wheel_m)),
-            Line(
-                _("aside"), distance.full(drive.aside_m), "amber" if drive.trouble == "bent" else ""
+            LineRow(_("by GNSS"), distance.format_with_name(drive.gnss_m)),
+            LineRow(_("by wheel"), distance.format_with_name(drive.wheel_m)),
+            LineRow(
+                _("aside"),
+                distance.format_with_name(drive.aside_m),
+                "amber" if drive.trouble == "bent" else "",
             ),
         ]
         if drive.wheel_m > 1.0:
-            rows.append(Line(_("GNSS / wheel"), f"{drive.gnss_m / drive.wheel_m:.4f}"))
+            rows.append(LineRow(_("GNSS / wheel"), f"{drive.gnss_m / drive.wheel_m:.4f}"))
         fix = seen.frame.row.fix_quality if seen.frame else None
-        rows.append(Line(_("fix"), words.name_fix(fix), "" if fix in (4, 5) else "amber"))
+        rows.append(LineRow(_("fix"), words.name_fix(fix), "" if fix in (4, 5) else "amber"))
         if self.page.service is not None:
-            rows.append(Line(_("machine file"), f"{self.page.service.wheel_circumference_m:.4f} m"))
+            rows.append(
+                LineRow(_("machine file"), f"{self.page.service.wheel_circumference_m:.4f} m")
+            )
         return tuple(rows)
 
-    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
+    def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         label = _("end") if self.run.running else _("begin")
         return (
             Chip(
@@ -126,21 +132,21 @@ class WheelCalibration(Calibration):
                 "B",
                 label,
                 seen.frame is not None,
-                lead=self.step(seen) == 0 or (self.run.enough and self.run.running),
+                lead=self.find_step(seen) == 0 or (self.run.is_long_enough and self.run.running),
             ),
-            self.save_chip(),
+            self.make_save_chip(),
         )
 
-    def _begin(self) -> None:
+    def _begin_or_end(self) -> None:
         if not self.run.running:
-            self.run.start()
-            self.forget()
+            self.run.start_drive()
+            self.forget_result()
             return
-        self.run.stop()
+        self.run.stop_drive()
         service, samples = self.page.service, tuple(self.run.samples)
-        if self.run.enough and service is not None:
-            self.page.compute(lambda: service.fit_wheel(samples), self.take)
-        elif not self.run.enough and not self.run.drive.trouble:
-            self.page.app.notice(
-                _("too short: {length} m or more are needed").format(length=f"{LEAST_M:.0f}")
+        if self.run.is_long_enough and service is not None:
+            self.page.compute_in_thread(lambda: service.fit_wheel(samples), self.take_result)
+        elif not self.run.is_long_enough and not self.run.drive.trouble:
+            self.page.app.show_notice(
+                _("too short: {length} m or more are needed").format(length=f"{LEAST_DRIVE_M:.0f}")
             )

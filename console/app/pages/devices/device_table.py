@@ -8,12 +8,19 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import Part, PickList, choose_fullest, fit, line, right
+from topdress.console.app.widgets.panel import (
+    PickList,
+    TextPart,
+    align_right,
+    choose_fullest,
+    fit_width,
+    make_line,
+)
 from topdress.console.locale import _
 
 
 class ShownDevice(NamedTuple):
-    """level: "", amber, red. Texts as shown."""
+    """Holds one row. level: "", amber, red. Texts as shown."""
 
     name: str
     symbol: str
@@ -30,42 +37,51 @@ class ShownDevice(NamedTuple):
 
 
 class TableView(NamedTuple):
+    """Holds the table."""
+
     lines: tuple[ShownDevice, ...]
     picked: int
 
 
 class DeviceTable(PickList[TableView]):
-    def first_shown(self) -> int:
+    """Shows the devices."""
+
+    def find_first_shown(self) -> int:
         """Index of the device in the row below the heading: the picked one is always in sight."""
         room = max(1, self.content_size.height - 1)
         return max(0, min(self.view.picked - room + 1, len(self.view.lines) - room))
 
-    def lines(self, view: TableView, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: TableView, width: int, height: int) -> list[Content]:
         if not view.lines:
             return [
-                line(
-                    (fit(f"   {_('no device is known: is a machine connected?')}", width), "$muted")
+                make_line(
+                    (
+                        fit_width(f"   {_('no device is known: is a machine connected?')}", width),
+                        "$muted",
+                    )
                 )
             ]
         names = max(10, max(cell_len(one.name) for one in view.lines) + 1)
         states = max(cell_len(one.word) for one in view.lines) + 4
         heads = (
-            (fit(f"   {_('device')}", names + 3), ""),
-            (fit(f" {_('state')}", states), ""),
-            (right(_("Hz"), 6), ""),
-            (right(_("age"), 8), ""),
-            (right(_("accepted"), 10), ""),
-            (right(_("rejected"), 10), ""),
+            (fit_width(f"   {_('device')}", names + 3), ""),
+            (fit_width(f" {_('state')}", states), ""),
+            (align_right(_("Hz"), 6), ""),
+            (align_right(_("age"), 8), ""),
+            (align_right(_("accepted"), 10), ""),
+            (align_right(_("rejected"), 10), ""),
             (f"  {_('protocol, port')}", ""),
         )
-        rows = [line(*((text, "$muted") for text, _style in heads))]
-        first = self.first_shown()
+        rows = [make_line(*((text, "$muted") for text, _style in heads))]
+        first = self.find_first_shown()
         for index, one in enumerate(view.lines[first : first + height - 1], first):
-            rows.append(self._row(one, index == view.picked, names, states, width))
+            rows.append(self._draw_device(one, index == view.picked, names, states, width))
         return rows
 
     @staticmethod
-    def _row(one: ShownDevice, picked: bool, names: int, states: int, width: int) -> Content:
+    def _draw_device(
+        one: ShownDevice, picked: bool, names: int, states: int, width: int
+    ) -> Content:
         plain = "$stale" if one.stale else ""
         chip = f"bold $on-alarm-{one.level} on $alarm-{one.level}" if one.level else "bold"
         name = "bold $on-select on $select" if picked else "bold"
@@ -84,17 +100,17 @@ class DeviceTable(PickList[TableView]):
             ),
             width - used - 2,
         )
-        cells: list[Part] = [
-            (f" {'>' if picked else ' '} {fit(one.name, names)}", name),
-            (fit(f" {one.symbol} {one.word}", states), chip),
-            (right(one.hz, 6), plain),
-            (right(one.age, 8), plain),
-            (right(one.accepted, 10), plain),
-            (right(one.rejected, 10), plain or ("bold" if one.rejected != "0" else "")),
-            (fit(f"  {rest}", width - used), "$muted" if not one.marks else "bold"),
+        cells: list[TextPart] = [
+            (f" {'>' if picked else ' '} {fit_width(one.name, names)}", name),
+            (fit_width(f" {one.symbol} {one.word}", states), chip),
+            (align_right(one.hz, 6), plain),
+            (align_right(one.age, 8), plain),
+            (align_right(one.accepted, 10), plain),
+            (align_right(one.rejected, 10), plain or ("bold" if one.rejected != "0" else "")),
+            (fit_width(f"  {rest}", width - used), "$muted" if not one.marks else "bold"),
         ]
-        return line(*cells)
+        return make_line(*cells)
 
-    def things(self) -> Sequence[int | None]:
-        first, room = self.first_shown(), max(1, self.content_size.height - 1)
+    def list_row_items(self) -> Sequence[int | None]:
+        first, room = self.find_first_shown(), max(1, self.content_size.height - 1)
         return [None, *range(first, min(first + room, len(self.view.lines)))]

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 from topdress.console.app.pages.devices.device_table import ShownDevice
 from topdress.console.app.pages.devices.rows import DeviceRow, RowsView
-from topdress.console.app.view import STALE_S, duration
+from topdress.console.app.view import STALE_S, format_duration
 from topdress.console.frame import DeviceView
 from topdress.console.locale import N_, _
 from topdress.control.readings import EffortFinding
 
-SLOW_AGE_S = 99.95  # above, an age is shown as minutes
-BAR = 20  # cells of the bar of effort
+LONG_AGE_S = 99.95  # above, an age is shown as minutes
+EFFORT_BAR_CELLS = 20  # cells of the bar of effort
 
-REJECTED = {
+REJECTION_NAMES = {
     "garbage": N_("bytes before a frame"),
     "bad_crc": N_("wrong check sum"),
     "bad_checksum": N_("wrong check sum"),
@@ -30,8 +30,8 @@ REJECTED = {
 }
 
 
-def state_of(device: DeviceView) -> tuple[str, str, str]:
-    """Symbol, word, level."""
+def describe_state(device: DeviceView) -> tuple[str, str, str]:
+    """Symbol, word and level of a device's state."""
     if not device.plugged:
         return "▯", _("DISCONNECTED"), "amber"
     if not device.connected:
@@ -43,18 +43,19 @@ def state_of(device: DeviceView) -> tuple[str, str, str]:
     return "✔", _("speaks"), ""
 
 
-def age_words(age_s: float | None) -> str:
+def format_age(age_s: float | None) -> str:
+    """An age, s, in words."""
     if age_s is None:
         return "--"
-    return f"{age_s:.1f} s" if age_s < SLOW_AGE_S else duration(age_s)
+    return f"{age_s:.1f} s" if age_s < LONG_AGE_S else format_duration(age_s)
 
 
-def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDevice, ...]:
+def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDevice, ...]:
     """One line a device; all grey where the frame is old."""
     old = frame_age_s > STALE_S
     lines = []
     for one in devices:
-        symbol, word, level = state_of(one)
+        symbol, word, level = describe_state(one)
         marks = " ".join(
             mark
             for mark, on in (
@@ -71,7 +72,7 @@ def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDev
                 word,
                 level,
                 f"{one.rate_hz:.1f}",
-                age_words(age_s),
+                format_age(age_s),
                 str(one.accepted),
                 str(one.rejected),
                 one.protocol,
@@ -83,11 +84,11 @@ def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDev
     return tuple(lines)
 
 
-def details(device: DeviceView, frame_age_s: float) -> RowsView:
-    """What is known of the picked device."""
-    symbol, word, level = state_of(device)
+def make_detail_rows(device: DeviceView, frame_age_s: float) -> RowsView:
+    """Details of the picked device."""
+    symbol, word, level = describe_state(device)
     kinds = ", ".join(
-        f"{_(REJECTED.get(kind, kind))} {count}" for kind, count in device.rejected_kinds
+        f"{_(REJECTION_NAMES.get(kind, kind))} {count}" for kind, count in device.rejected_kinds
     )
     connects = _("times opened {count}").format(count=device.connects)
     rows = [
@@ -104,7 +105,7 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
             DeviceRow(_("last error"), device.last_error, "" if device.connected else "amber")
         )
     if device.test is not None:
-        rows.append(DeviceRow(_("test"), _test_words(device)))
+        rows.append(DeviceRow(_("test"), _describe_test(device)))
     rows.append(
         DeviceRow(
             _("raw file"), device.capture_path or _("not written; E starts one next to the log")
@@ -114,18 +115,18 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
 
 
 def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
-    """How hard the metering drive works, and between which marks it raises no alarm; nothing
-    where no file says."""
+    """Effort of the metering drive, and the marks between which it raises no alarm; nothing where
+    no file has them."""
     if not says.unit:
         return RowsView("", ())
     text, level = _("stands: not judged"), "stale"
     if says.mean is not None:
         full = 1.25 * max(says.high, says.mean)
         cells = [
-            min(BAR - 1, round(one / full * BAR))
+            min(EFFORT_BAR_CELLS - 1, round(one / full * EFFORT_BAR_CELLS))
             for one in (says.mean, says.should, says.low, says.high)
         ]
-        marks = ["█"] * cells[0] + ["░"] * (BAR - cells[0])
+        marks = ["█"] * cells[0] + ["░"] * (EFFORT_BAR_CELLS - cells[0])
         for at, mark in zip(cells[1:], "│┃┃", strict=True):
             marks[at] = mark
         text = (
@@ -148,7 +149,7 @@ def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
     return RowsView("", (DeviceRow(_("effort"), text, level),))
 
 
-def _test_words(device: DeviceView) -> str:
+def _describe_test(device: DeviceView) -> str:
     test = device.test
     assert test is not None
     found = (
@@ -169,5 +170,5 @@ def make_raw_rows(lines: Sequence[tuple[float, str]]) -> RowsView:
     """The last lines as they came, newest last. lines: (time since the log began, s, text)."""
     return RowsView(
         _("last lines, as seen five times a second"),
-        tuple(DeviceRow(duration(time_s), text) for time_s, text in lines),
+        tuple(DeviceRow(format_duration(time_s), text) for time_s, text in lines),
     )

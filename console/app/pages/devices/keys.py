@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from topdress.console.app.action import DEVICES, Action, on
+from topdress.console.app.action import DEVICES, Action, set_page
 from topdress.console.frame import DeviceDo
 from topdress.console.locale import N_, _
 
@@ -12,24 +12,28 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.devices.page import DevicesScreen
 
 
-def write_raw(page: DevicesScreen) -> None:
+def toggle_capture(page: DevicesScreen) -> None:
+    """Begin or end a capture."""
     device = page.picked_device
-    page.order(device, DeviceDo.END_CAPTURE if device.capture_path else DeviceDo.CAPTURE)
+    page.send_device_order(
+        device, DeviceDo.END_CAPTURE if device.capture_path else DeviceDo.CAPTURE
+    )
 
 
-def plug(page: DevicesScreen) -> None:
+def toggle_plugged(page: DevicesScreen) -> None:
+    """Connect, or disconnect after a question."""
     device = page.picked_device
     if device.plugged:
-        page.app.confirm(
+        page.app.ask_yes_no(
             _("Disconnect {device}?").format(device=device.name),
             _("It stays disconnected until C connects it again; work may stop without it."),
-            lambda: page.order(device, DeviceDo.DISCONNECT),
+            lambda: page.send_device_order(device, DeviceDo.DISCONNECT),
         )
     else:
-        page.order(device, DeviceDo.CONNECT)
+        page.send_device_order(device, DeviceDo.CONNECT)
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     DEVICES,
     Action(
         "dev_up",
@@ -37,7 +41,7 @@ ACTIONS = on(
         "Up",
         N_("device above"),
         N_("Picks the device above."),
-        lambda page: page.move(-1),
+        lambda page: page.move_mark(-1),
     ),
     Action(
         "dev_down",
@@ -45,7 +49,7 @@ ACTIONS = on(
         "Down",
         N_("device below"),
         N_("Picks the device below."),
-        lambda page: page.move(1),
+        lambda page: page.move_mark(1),
     ),
     Action(
         "dev_test",
@@ -53,7 +57,7 @@ ACTIONS = on(
         "Enter",
         N_("test"),
         N_("Listens to what is on this port; nothing is sent."),
-        lambda page: page.order(page.picked_device, DeviceDo.TEST),
+        lambda page: page.send_device_order(page.picked_device, DeviceDo.TEST),
         bar=4,
         needs_machine=True,
     ),
@@ -63,7 +67,7 @@ ACTIONS = on(
         "E",
         N_("write raw"),
         N_("Records what is received and sent in a file next to the log; again: stops."),
-        write_raw,
+        toggle_capture,
         bar=5,
         needs_machine=True,
     ),
@@ -76,7 +80,7 @@ ACTIONS = on(
             "Connects or disconnects the port; disconnecting asks first and is refused "
             "while working."
         ),
-        plug,
+        toggle_plugged,
         bar=6,
         needs_machine=True,
     ),

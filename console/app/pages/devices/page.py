@@ -10,13 +10,13 @@ from textual.containers import Vertical
 from topdress.console.app.action import DEVICES, Action, make_bindings
 from topdress.console.app.pages.devices.device_table import DeviceTable, TableView
 from topdress.console.app.pages.devices.device_view import (
-    details,
+    make_detail_rows,
+    make_device_lines,
     make_effort_row,
     make_raw_rows,
-    rows_of,
 )
 from topdress.console.app.pages.devices.keys import ACTIONS
-from topdress.console.app.pages.devices.rows import Rows, RowsView
+from topdress.console.app.pages.devices.rows import LabelledRows, RowsView
 from topdress.console.app.pages.page import Page
 from topdress.console.app.view import RunView
 from topdress.console.app.widgets.chips import Chip, Chips
@@ -25,10 +25,12 @@ from topdress.console.frame import DeviceDo, DeviceView, Frame
 from topdress.console.locale import _
 from topdress.control.readings import NO_EFFORT_FINDING
 
-RAW_LINES = 40
+MOST_RAW_LINES = 40
 
 
 class DevicesScreen(Page):
+    """Shows the devices."""
+
     where: ClassVar[str] = DEVICES
     BINDINGS: ClassVar = make_bindings(ACTIONS)
 
@@ -37,60 +39,65 @@ class DevicesScreen(Page):
         self.picked = ""  # name of the device
         self._raw: dict[str, deque[tuple[float, str]]] = {}
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         with Vertical(id="devices"):
             yield DeviceTable(TableView((), 0), id="device-table")
-            yield Rows(RowsView("", ()), id="device-effort")
-            yield Rows(RowsView("", ()), id="device-details")
-            yield Rows(RowsView("", ()), id="device-raw")
+            yield LabelledRows(RowsView("", ()), id="device-effort")
+            yield LabelledRows(RowsView("", ()), id="device-details")
+            yield LabelledRows(RowsView("", ()), id="device-raw")
             yield Chips((), id="device-chips")
 
     @property
     def devices(self) -> tuple[DeviceView, ...]:
-        frame, _age_s = self.seen(self.app.clock())
+        """Devices of the newest frame."""
+        frame, _age_s = self.find_frame(self.app.clock())
         return frame.devices if frame is not None else ()
 
     @property
-    def device(self) -> DeviceView | None:
+    def chosen_device(self) -> DeviceView | None:
+        """The picked device, else the first."""
         devices = self.devices
         return next(
             (one for one in devices if one.name == self.picked), devices[0] if devices else None
         )
 
-    def gather(self, frame: Frame) -> None:
+    def gather_frame(self, frame: Frame) -> None:
         """Remember the last raw lines of every device."""
         for one in frame.devices:
-            lines = self._raw.setdefault(one.name, deque(maxlen=RAW_LINES))
+            lines = self._raw.setdefault(one.name, deque(maxlen=MOST_RAW_LINES))
             if one.last_raw and (not lines or lines[-1][1] != one.last_raw):
                 lines.append((frame.row.time_s, one.last_raw))
 
     def show_numbers(self, view: RunView) -> None:
+        """Show devices and details."""
         super().show_numbers(view)
-        frame, age_s = self.seen(self.app.clock())
+        frame, age_s = self.find_frame(self.app.clock())
         effort = make_effort_row(NO_EFFORT_FINDING if frame is None else frame.effort, age_s)
-        self.query_one("#device-effort", Rows).show(effort)
+        self.query_one("#device-effort", LabelledRows).show_view(effort)
         self.query_one("#device-effort").display = bool(effort.rows)
         self.query_one("#device-details").set_class(bool(effort.rows), "-under-effort")
-        device, devices = self.device, self.devices
+        device, devices = self.chosen_device, self.devices
         at = devices.index(device) if device is not None else 0
-        self.query_one("#device-table", DeviceTable).show(TableView(rows_of(devices, age_s), at))
+        self.query_one("#device-table", DeviceTable).show_view(
+            TableView(make_device_lines(devices, age_s), at)
+        )
         self.query_one("#device-table").styles.height = min(
             len(devices) + 1, max(4, self.size.height - 16)
         )
         if device is None:
             empty = RowsView("", ())
-            self.query_one("#device-details", Rows).show(empty)
-            self.query_one("#device-raw", Rows).show(empty)
+            self.query_one("#device-details", LabelledRows).show_view(empty)
+            self.query_one("#device-raw", LabelledRows).show_view(empty)
         else:
-            about = details(device, age_s)
-            self.query_one("#device-details", Rows).show(about)
+            about = make_detail_rows(device, age_s)
+            self.query_one("#device-details", LabelledRows).show_view(about)
             self.query_one("#device-details").styles.height = len(about.rows) + 1
-            raw = self.query_one("#device-raw", Rows)
+            raw = self.query_one("#device-raw", LabelledRows)
             lines = list(self._raw.get(device.name, ()))[-max(1, raw.size.height - 1) :]
-            raw.show(make_raw_rows(lines))
-        self.query_one("#device-chips", Chips).show(self._chips(device))
+            raw.show_view(make_raw_rows(lines))
+        self.query_one("#device-chips", Chips).show_view(self._list_chips(device))
 
-    def _chips(self, device: DeviceView | None) -> tuple[Chip, ...]:
+    def _list_chips(self, device: DeviceView | None) -> tuple[Chip, ...]:
         on = device is not None and not self.app.locked
         capturing = device is not None and bool(device.capture_path)
         testing = device is not None and device.test is not None and device.test.running
@@ -123,31 +130,34 @@ class DevicesScreen(Page):
     # --- what is done
     # --------------------------------------------------------------------------------------------
 
-    def perform(self, action: Action) -> None:
-        if self.device is None:
-            self.app.notice(_("no machine is connected"))
+    def perform_action(self, action: Action) -> None:
+        if self.chosen_device is None:
+            self.app.show_notice(_("no machine is connected"))
         else:
-            super().perform(action)
+            super().perform_action(action)
 
     @property
     def picked_device(self) -> DeviceView:
-        """For the actions, which are done only where there is one."""
-        assert self.device is not None
-        return self.device
+        """The picked device, for actions that need one."""
+        assert self.chosen_device is not None
+        return self.chosen_device
 
-    def order(self, device: DeviceView, do: DeviceDo) -> None:
+    def send_device_order(self, device: DeviceView, do: DeviceDo) -> None:
+        """Order something of a device."""
         self.app.run_worker(
-            self.app.asked(lambda source: source.send_device_order(device.name, do)),
+            self.app.ask_source(lambda source: source.send_device_order(device.name, do)),
             group="orders",
             exit_on_error=False,
         )
 
-    def move(self, by: int) -> None:
+    def move_mark(self, by: int) -> None:
+        """Pick another device."""
         names = [one.name for one in self.devices]
         self.picked = names[(names.index(self.picked_device.name) + by) % len(names)]
 
     def on_picked(self, event: Picked) -> None:
+        """Pick the clicked device."""
         devices = self.devices
         if event.index < len(devices):
             self.picked = devices[event.index].name
-            self.app.look()
+            self.app.show_changes()

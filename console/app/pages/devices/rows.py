@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit, line, wrapped
+from topdress.console.app.widgets.panel import Panel, fit_width, make_line, wrap_text
 
 
 class DeviceRow(NamedTuple):
-    """level: "", stale, amber, red."""
+    """Holds a label and a text. level: "", stale, amber, red."""
 
     label: str
     text: str
@@ -19,11 +19,13 @@ class DeviceRow(NamedTuple):
 
 
 class RowsView(NamedTuple):
+    """Holds a heading and rows."""
+
     title: str
     rows: tuple[DeviceRow, ...]
 
 
-_STYLES = {
+_LEVEL_STYLES = {
     "": "",
     "stale": "$stale",
     "amber": "bold $on-alarm-amber on $alarm-amber",
@@ -31,21 +33,28 @@ _STYLES = {
 }
 
 
-class Rows(Panel[RowsView]):
-    def lines(self, view: RowsView, width: int, height: int) -> list[Content]:
+class LabelledRows(Panel[RowsView]):
+    """Shows the rows."""
+
+    def draw_rows(self, view: RowsView, width: int, height: int) -> list[Content]:
         labels = max((cell_len(row.label) for row in view.rows), default=0) + 3
-        found = [line((fit(f" {view.title}", width), "bold $primary"))] if view.title else []
+        found = (
+            [make_line((fit_width(f" {view.title}", width), "bold $primary"))] if view.title else []
+        )
         for index, row in enumerate(view.rows):
             after = len(view.rows) - index - 1
             room = max(1, height - len(found) - after)
-            texts = wrapped(row.text, width - labels - 1) or [""]
+            texts = wrap_text(row.text, width - labels - 1) or [""]
             if len(texts) > room:
-                texts = [*texts[: room - 1], fit("".join(texts[room - 1 :]), width - labels - 1)]
+                texts = [
+                    *texts[: room - 1],
+                    fit_width("".join(texts[room - 1 :]), width - labels - 1),
+                ]
             for number, text in enumerate(texts):
                 found.append(
-                    line(
-                        (fit(f" {row.label}" if not number else "", labels), "$muted"),
-                        (text, _STYLES[row.level]),
+                    make_line(
+                        (fit_width(f" {row.label}" if not number else "", labels), "$muted"),
+                        (text, _LEVEL_STYLES[row.level]),
                     )
                 )
         return found

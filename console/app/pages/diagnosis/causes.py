@@ -8,11 +8,13 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import PickList, fit, line, wrapped
+from topdress.console.app.widgets.panel import PickList, fit_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
 class CauseLine(NamedTuple):
+    """Holds one cause in words."""
+
     title: str
     size: str
     sure: str
@@ -26,45 +28,50 @@ class CauseLine(NamedTuple):
 
 
 class CausesView(NamedTuple):
+    """Holds the causes."""
+
     causes: tuple[CauseLine, ...]
     at: int
     calm: tuple[str, ...]  # what stands there where there is no cause
     language: str
 
 
-BAR = 24
+BAR_CELLS = 24
 
 
-def interval_bar(interval: tuple[float, float, float]) -> str:
-    """-1 ... 1 on BAR cells: `|` zero, `=` the interval, `#` the size."""
+def draw_interval_bar(interval: tuple[float, float, float]) -> str:
+    """-1 ... 1 on BAR_CELLS cells: `|` zero, `=` the interval, `#` the size."""
 
-    def cell(share: float) -> int:
-        return round((share + 1.0) / 2.0 * (BAR - 1))
+    def find_cell(share: float) -> int:
+        return round((share + 1.0) / 2.0 * (BAR_CELLS - 1))
 
-    low, value, high = map(cell, interval)
-    marks = ["."] * BAR
+    low, value, high = map(find_cell, interval)
+    marks = ["."] * BAR_CELLS
     for at in range(low, high + 1):
         marks[at] = "="
-    marks[cell(0.0)] = "|"
+    marks[find_cell(0.0)] = "|"
     marks[value] = "#"
     return "".join(marks)
 
 
-class Causes(PickList[CausesView]):
+class CauseList(PickList[CausesView]):
+    """Shows the causes."""
+
     def __init__(self, view: CausesView, *, id: str | None = None) -> None:
         super().__init__(view, id=id)
         self._row_of: list[int | None] = []
 
-    def lines(self, view: CausesView, width: int, height: int) -> list[Content]:
-        rows = [line((fit(f" {_('causes')}", width), "bold $primary"))]
+    def draw_rows(self, view: CausesView, width: int, height: int) -> list[Content]:
+        rows = [make_line((fit_width(f" {_('causes')}", width), "bold $primary"))]
         self._row_of = [None]
         if not view.causes:
             return [
                 *rows,
-                *(line(f" {row}") for text in view.calm for row in wrapped(text, width - 2)),
+                *(make_line(f" {row}") for text in view.calm for row in wrap_text(text, width - 2)),
             ]
         blocks = [
-            self._block(cause, index == view.at, width) for index, cause in enumerate(view.causes)
+            self._draw_cause(cause, index == view.at, width)
+            for index, cause in enumerate(view.causes)
         ]
         shown: list[list[Content]] = []
         for index, block in enumerate(blocks):
@@ -83,7 +90,7 @@ class Causes(PickList[CausesView]):
             self._row_of += [index] * len(block)
         return rows
 
-    def _block(self, cause: CauseLine, chosen: bool, width: int) -> list[Content]:
+    def _draw_cause(self, cause: CauseLine, chosen: bool, width: int) -> list[Content]:
         label = (
             max(
                 cell_len(word) for word in (_("size"), _("sure"), _("or else"), _("costs"), _("do"))
@@ -91,41 +98,43 @@ class Causes(PickList[CausesView]):
             + 5
         )
         mark = ">" if chosen else " "
-        heads = wrapped(cause.title, width - 4)
+        heads = wrap_text(cause.title, width - 4)
         block = [
-            line(
+            make_line(
                 (
-                    fit(f" {mark if not k else ' '} {head}", width),
+                    fit_width(f" {mark if not k else ' '} {head}", width),
                     "bold $on-select on $select" if chosen else "bold",
                 )
             )
             for k, head in enumerate(heads)
         ]
 
-        def row(name: str, text: str, style: str = "") -> None:
-            for k, part in enumerate(wrapped(text, width - label)):
+        def add_row(name: str, text: str, style: str = "") -> None:
+            for k, part in enumerate(wrap_text(text, width - label)):
                 block.append(
-                    line((fit(f"   {name}" if not k else "", label), "$muted"), (part, style))
+                    make_line(
+                        (fit_width(f"   {name}" if not k else "", label), "$muted"), (part, style)
+                    )
                 )
 
         for name, sure in cause.tied:
-            for k, part in enumerate(wrapped(name, width - 14)):
+            for k, part in enumerate(wrap_text(name, width - 14)):
                 block.append(
-                    line(
-                        (fit(f"   {'o' if not k else ' '} {part}", width - 8), "bold"),
+                    make_line(
+                        (fit_width(f"   {'o' if not k else ' '} {part}", width - 8), "bold"),
                         (f"{sure if not k else '':>6}", ""),
                     )
                 )
-        row(_("size"), f"{cause.size}   {_('(of the first)')}" if cause.tied else cause.size)
-        if cause.interval is not None and width - label >= BAR:
-            block.append(line(" " * label, (interval_bar(cause.interval), "$target")))
+        add_row(_("size"), f"{cause.size}   {_('(of the first)')}" if cause.tied else cause.size)
+        if cause.interval is not None and width - label >= BAR_CELLS:
+            block.append(make_line(" " * label, (draw_interval_bar(cause.interval), "$target")))
         if not cause.tied:
-            row(_("sure"), cause.sure)
+            add_row(_("sure"), cause.sure)
             if cause.rivals:
-                row(_("or else"), cause.rivals)
-        row(_("costs"), cause.cost, "bold")
-        row(_("do"), cause.advice)
+                add_row(_("or else"), cause.rivals)
+        add_row(_("costs"), cause.cost, "bold")
+        add_row(_("do"), cause.advice)
         return block
 
-    def things(self) -> Sequence[int | None]:
+    def list_row_items(self) -> Sequence[int | None]:
         return self._row_of

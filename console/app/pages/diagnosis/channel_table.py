@@ -6,12 +6,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit, line, right, wrapped
+from topdress.console.app.widgets.panel import Panel, align_right, fit_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
 class ChannelLine(NamedTuple):
-    """wrong: more than noise is there."""
+    """Holds one channel. wrong: more than noise is there."""
 
     name: str
     unit: str
@@ -23,6 +23,8 @@ class ChannelLine(NamedTuple):
 
 
 class ChannelsView(NamedTuple):
+    """Holds the channels."""
+
     channels: tuple[ChannelLine, ...]
     # what is said of the data, and what no cause explains
     left: tuple[str, ...]
@@ -31,14 +33,19 @@ class ChannelsView(NamedTuple):
 
 
 class ChannelTable(Panel[ChannelsView]):
-    def lines(self, view: ChannelsView, width: int, height: int) -> list[Content]:
+    """Shows the channels."""
+
+    def draw_rows(self, view: ChannelsView, width: int, height: int) -> list[Content]:
         rows = [
-            line(
-                (fit(f" {_('channels')}: {_('error of the machine file')}", width), "bold $primary")
-            ),
-            line(
+            make_line(
                 (
-                    self._row(
+                    fit_width(f" {_('channels')}: {_('error of the machine file')}", width),
+                    "bold $primary",
+                )
+            ),
+            make_line(
+                (
+                    self._format_row(
                         _("channel"), _("before"), _("after"), _("noise"), _("beyond noise"), width
                     ),
                     "$muted",
@@ -48,24 +55,26 @@ class ChannelTable(Panel[ChannelsView]):
         for one in view.channels:
             name = f"{'!' if one.wrong else ' '} {one.name}, {one.unit}"
             rows.append(
-                line(
+                make_line(
                     (
-                        self._row(name, one.error, one.after, one.noise, one.beyond, width),
+                        self._format_row(name, one.error, one.after, one.noise, one.beyond, width),
                         "bold" if one.wrong else "",
                     )
                 )
             )
         rows += [
-            line((fit(f" {row}", width), "$muted"))
+            make_line((fit_width(f" {row}", width), "$muted"))
             for text in view.left
-            for row in wrapped(text, width - 2)
+            for row in wrap_text(text, width - 2)
         ]
         return rows + [
-            line((f" {row}", "$muted")) for text in view.gains for row in wrapped(text, width - 2)
+            make_line((f" {row}", "$muted"))
+            for text in view.gains
+            for row in wrap_text(text, width - 2)
         ]
 
     @staticmethod
-    def _row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:
-        columns = "".join(right(text, 9) for text in (error, after, noise))
-        last = right(beyond, 14)
-        return fit(f" {fit(name, max(8, width - 43))} {columns}{last}", width)
+    def _format_row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:
+        columns = "".join(align_right(text, 9) for text in (error, after, noise))
+        last = align_right(beyond, 14)
+        return fit_width(f" {fit_width(name, max(8, width - 43))} {columns}{last}", width)

@@ -18,124 +18,136 @@ if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Cause
 
 
-TYPED = "typed"
+TYPED_PATH = "typed"
 # two predictions of a log and its pictures, on two cores
-COMPARED_S = 10.0
+COMPARE_S = 10.0
 # fetching and unpacking 70 MB
 INSTALL_S = 40.0
 # simulating a minute and diagnosing it, on two cores
 DRIVE_S_PER_MIN = 1.5
 
 
-def above(page: DiagnosisScreen) -> None:
-    page.move(-1)
+def move_up(page: DiagnosisScreen) -> None:
+    """Move the mark up."""
+    page.move_mark(-1)
 
 
-def below(page: DiagnosisScreen) -> None:
-    page.move(1)
+def move_down(page: DiagnosisScreen) -> None:
+    """Move the mark down."""
+    page.move_mark(1)
 
 
-def diagnose(page: DiagnosisScreen) -> None:
+def diagnose_chosen(page: DiagnosisScreen) -> None:
+    """Diagnose the marked data."""
     if not page.installed:
-        page.app.notice(_("not installed: Q8 installs the diagnosis"))
+        page.app.show_notice(_("not installed: Q8 installs the diagnosis"))
     elif page.shown is None and page.sources:
-        page.diagnose(page.sources[page.at])
+        page.diagnose_source(page.sources[page.at])
 
 
-def install(page: DiagnosisScreen) -> None:
+def install_extra(page: DiagnosisScreen) -> None:
+    """Install the extra diagnosis."""
     if not page.installed:
-        page.begin(_("Installing the diagnosis"), page.served.install_extra, INSTALL_S)
+        page.begin_work(_("Installing the diagnosis"), page.served.install_extra, INSTALL_S)
 
 
-def other_data(page: DiagnosisScreen) -> None:
-    page.back()
+def choose_other_data(page: DiagnosisScreen) -> None:
+    """Go back to the list of data."""
+    page.show_data_list()
     page.sources = None
 
 
-def type_path(page: DiagnosisScreen) -> None:
+def ask_data_path(page: DiagnosisScreen) -> None:
+    """Ask for a path, then diagnose its data."""
     service = page.served
 
-    def wrong(text: str) -> str:
+    def find_fault(text: str) -> str:
         try:
             service.find_source(text)
         except ValueError as error:
             return str(error)
         return ""
 
-    def typed(path: str | None) -> None:
+    def diagnose_typed(path: str | None) -> None:
         if path is not None:
-            page.diagnose(service.find_source(path))
+            page.diagnose_source(service.find_source(path))
 
     what = _("A run log, a bench table, or the log of another machine")
-    page.app.push_screen(NameDialog(_("Which file?"), "", what, wrong), typed)
+    page.app.push_screen(NameDialog(_("Which file?"), "", what, find_fault), diagnose_typed)
 
 
-def against(page: DiagnosisScreen) -> None:
+def choose_machine(page: DiagnosisScreen) -> None:
+    """Choose the machine file with which data is compared."""
     choices = [
         Choice("", _("as the log says")),
         *(Choice(name, Path(name).stem) for name in page.machines[:8]),
     ]
 
-    def answer(name: str | None) -> None:
+    def take_choice(name: str | None) -> None:
         if name is not None:
             page.machine = name or None
-            page.look()
+            page.show_changes()
 
     page.app.push_screen(
-        ChoiceDialog(_("Compare against which machine file?"), choices, page.machine or ""), answer
+        ChoiceDialog(_("Compare against which machine file?"), choices, page.machine or ""),
+        take_choice,
     )
 
 
-def next_view(page: DiagnosisScreen) -> None:
-    views = page.views()
+def show_next_view(page: DiagnosisScreen) -> None:
+    """Show the next view."""
+    views = page.list_views()
     page.see = views[(views.index(page.see) + 1) % len(views)] if page.see in views else views[0]
 
 
-def _of_found(
+def _needs_diagnosis(
     do: Callable[[DiagnosisScreen, DiagnosisView], None],
 ) -> Callable[[DiagnosisScreen], None]:
-    """Of what was found in the data; not done before, see `why_not_found`."""
+    """The action on the diagnosis that is shown; not done before, see `explain_no_diagnosis`."""
 
-    def run(page: DiagnosisScreen) -> None:
+    def run_on_shown(page: DiagnosisScreen) -> None:
         assert page.shown is not None
         do(page, page.shown)
 
-    return run
+    return run_on_shown
 
 
-def why_not_found(page: DiagnosisScreen) -> str:
+def explain_no_diagnosis(page: DiagnosisScreen) -> str:
+    """Why nothing is done: nothing is diagnosed."""
     return _("choose data and press Enter first") if page.shown is None else ""
 
 
-def why_no_drive(page: DiagnosisScreen) -> str:
-    return why_not_found(page) or (
+def explain_no_drive(page: DiagnosisScreen) -> str:
+    """Why no separating run is driven."""
+    return explain_no_diagnosis(page) or (
         ""
         if page.shown is not None and page.shown.drives
         else _("there is no separating run that can be driven here")
     )
 
 
-@_of_found
-def adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
+@_needs_diagnosis
+def ask_to_adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
+    """Ask which causes are adopted, then write the machine file."""
     if not found.adoptable:
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
-    from topdress.console.app.pages.diagnosis.adoption import undecided
+    from topdress.console.app.pages.diagnosis.adoption import list_undecided
 
-    _ask_next(page, found, undecided(found), ())
-
-
-NONE = ""
+    _ask_next_cause(page, found, list_undecided(found), ())
 
 
-def _ask_next(
+NONE_PICKED = ""
+
+
+def _ask_next_cause(
     page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, ...], picked: tuple[str, ...]
 ) -> None:
-    """One undecided cause after the other: none of them is taken up unless the operator picks
-    it by its name."""
+    """Ask about one undecided cause after the other: none is adopted unless the operator picks it
+    by its name."""
     if not open_:
-        _ask_why(page, found, picked)
+        _ask_for_reason(page, found, picked)
         return
     from topdress.console.reports.diagnosis_wording import (
         find_cause_title,
@@ -147,7 +159,7 @@ def _ask_next(
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
     choices = (
-        Choice(NONE, _("none of these: the next test is driven first")),
+        Choice(NONE_PICKED, _("none of these: the next test is driven first")),
         Choice(cause.id, f"{find_cause_title(cause)} {format_percent(cause.probability)}"),
         *(
             Choice(f"rival {rival}", f"{find_effect_title(rival)} {format_percent(share)}", unsized)
@@ -155,31 +167,31 @@ def _ask_next(
         ),
     )
 
-    def answer(value: str | None) -> None:
+    def take_choice(value: str | None) -> None:
         if value is not None:
-            _ask_next(page, found, rest, (*picked, value) if value != NONE else picked)
+            _ask_next_cause(page, found, rest, (*picked, value) if value != NONE_PICKED else picked)
 
     question = _("Undecided: this is only suspected. Is it adopted all the same?")
     if list_rivals(cause):
         question = _(
             "Undecided: this data cannot tell these apart. Is one of them adopted all the same?"
         )
-    page.app.push_screen(ChoiceDialog(question, choices, ""), answer)
+    page.app.push_screen(ChoiceDialog(question, choices, ""), take_choice)
 
 
-def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
-    """What was picked against the data's silence is written with its reason."""
+def _ask_for_reason(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
+    """Ask for the reason of a pick against the data's silence; it is written with it."""
     from topdress.console.app.pages.diagnosis.adoption import merge_picked
     from topdress.console.app.pages.diagnosis.service import Adoption
 
     ids = merge_picked(found, picked)
     if not ids:
-        page.app.notice(_("nothing is adopted: the next test decides"))
+        page.app.show_notice(_("nothing is adopted: the next test decides"))
     elif not picked:
         _ask_to_write(page, found, Adoption(ids))
     else:
 
-        def why(text: str | None) -> None:
+        def take_reason(text: str | None) -> None:
             if text is not None:
                 _ask_to_write(page, found, Adoption(ids, text))
 
@@ -189,20 +201,20 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
                 "",
                 _("It is kept in the machine file, for whoever reads it later."),
             ),
-            why,
+            take_reason,
         )
 
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     from topdress.console.app.pages.diagnosis import words
-    from topdress.console.app.pages.diagnosis.adoption import find_offer, undecided
+    from topdress.console.app.pages.diagnosis.adoption import find_offer, list_undecided
     from topdress.console.reports.diagnosis_wording import find_cause_title
 
     offer = find_offer(found, chosen.ids)
-    left = [find_cause_title(one) for one in undecided(found) if one.id not in chosen.ids]
+    left = [find_cause_title(one) for one in list_undecided(found) if one.id not in chosen.ids]
     lines = [
         _("Adopted: {what}").format(
-            what=", ".join(words.adopted_title(found, one) for one in chosen.ids)
+            what=", ".join(words.find_adopted_title(found, one) for one in chosen.ids)
         )
     ]
     lines += (
@@ -223,43 +235,44 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
         )
     )
 
-    def answer(yes: bool | None) -> None:
+    def write_if_yes(yes: bool | None) -> None:
         if yes:
-            page.write(
+            page.write_file(
                 _("The new machine file"), partial(page.served.adopt_effects, found, chosen), True
             )
 
-    page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
+    page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), write_if_yes)
 
 
-def take_back(page: DiagnosisScreen) -> None:
-    """Of the machine file that was adopted here, else of the one that is held against."""
+def undo_adoption(page: DiagnosisScreen) -> None:
+    """Undo the last change of the machine file that was adopted here, else of the one in
+    comparison."""
     machine = page.adopted or page.machine
-    page.app.list_files(
+    page.app.read_for_page(
         partial(page.served.describe_last_change, machine),
-        partial(_ask_to_take_back, page, machine),
+        partial(_ask_to_undo, page, machine),
     )
 
 
-def _ask_to_take_back(page: DiagnosisScreen, machine: str | None, lines: tuple[str, ...]) -> None:
+def _ask_to_undo(page: DiagnosisScreen, machine: str | None, lines: tuple[str, ...]) -> None:
     if not lines:
-        page.app.notice(_("no diagnosis changed this machine file: nothing to take back"))
+        page.app.show_notice(_("no diagnosis changed this machine file: nothing to take back"))
         return
 
-    def answer(yes: bool | None) -> None:
+    def undo_if_yes(yes: bool | None) -> None:
         if yes:
-            page.write(
+            page.write_file(
                 _("The machine file without it"),
                 partial(page.served.undo_last_change, machine),
                 True,
             )
 
     text = [*lines, _("A new machine file is written without this; the one that has it stays.")]
-    page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)
+    page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), undo_if_yes)
 
 
-def compare(page: DiagnosisScreen) -> None:
-    """Of the machine file that was adopted here: before and after, on a log of another day."""
+def compare_before_after(page: DiagnosisScreen) -> None:
+    """Compare the adopted machine file before and after, on a log of another day."""
     logs = [
         one
         for one in page.sources or ()
@@ -269,58 +282,63 @@ def compare(page: DiagnosisScreen) -> None:
     ]
     choices = [
         *(Choice(one.path, f"{one.name}  {one.changed}") for one in logs),
-        Choice(TYPED, _("another file: type its path")),
+        Choice(TYPED_PATH, _("another file: type its path")),
     ]
 
-    def chosen(path: str | None) -> None:
-        if path == TYPED:
+    def take_choice(path: str | None) -> None:
+        if path == TYPED_PATH:
             page.app.push_screen(
-                NameDialog(_("Which file?"), "", _("A run log of the same machine"), wrong), started
+                NameDialog(_("Which file?"), "", _("A run log of the same machine"), find_fault),
+                compare_on,
             )
         elif path is not None:
-            started(path)
+            compare_on(path)
 
-    def wrong(text: str) -> str:
+    def find_fault(text: str) -> str:
         try:
             kind = page.served.find_source(text).kind
         except ValueError as error:
             return str(error)
         return "" if kind == "run" else _("no run log: diagnose it first, then it is one")
 
-    def started(path: str | None) -> None:
+    def compare_on(path: str | None) -> None:
         if path is not None:
             source = page.served.find_source(path)
-            page.begin(
+            page.begin_work(
                 _("Before and after, on {name}").format(name=source.name),
                 partial(page.served.compare_machines, page.adopted, source),
-                COMPARED_S,
+                COMPARE_S,
             )
 
     page.app.push_screen(
         ChoiceDialog(_("On which log? One that the machine file was not made from."), choices, ""),
-        chosen,
+        take_choice,
     )
 
 
-@_of_found
-def report(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    page.write(_("The report"), partial(page.served.export_result, found, "report"))
+@_needs_diagnosis
+def write_report(page: DiagnosisScreen, found: DiagnosisView) -> None:
+    """Write the report."""
+    page.write_file(_("The report"), partial(page.served.export_result, found, "report"))
 
 
-@_of_found
-def data(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    page.write(_("The result as data"), partial(page.served.export_result, found, "data"))
+@_needs_diagnosis
+def write_data(page: DiagnosisScreen, found: DiagnosisView) -> None:
+    """Write the result as JSON."""
+    page.write_file(_("The result as data"), partial(page.served.export_result, found, "data"))
 
 
-@_of_found
-def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    page.write(
+@_needs_diagnosis
+def write_job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
+    """Write the separating run as a job file."""
+    page.write_file(
         _("The separating run as a job file"), partial(page.served.write_separating_job, found)
     )
 
 
-@_of_found
-def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
+@_needs_diagnosis
+def drive_separating_run(page: DiagnosisScreen, found: DiagnosisView) -> None:
+    """Drive the separating run, after a question."""
     from topdress.console.reports.diagnosis_wording import list_next_steps
 
     text = _(
@@ -329,9 +347,9 @@ def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
         "its job are left alone."
     ).format(minutes=f"{found.minutes:g}")
 
-    def answer(yes: bool | None) -> None:
+    def drive_if_yes(yes: bool | None) -> None:
         if yes:
-            page.begin(
+            page.begin_work(
                 _("Separating run, simulated"),
                 partial(page.served.drive_separating_run, found),
                 DRIVE_S_PER_MIN * found.minutes,
@@ -339,24 +357,27 @@ def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
     page.app.push_screen(
         Confirm(_("Drive the separating run?"), "\n".join((*list_next_steps(found.found), text))),
-        answer,
+        drive_if_yes,
     )
 
 
-@_of_found
-def other_log(page: DiagnosisScreen, found: DiagnosisView) -> None:
+@_needs_diagnosis
+def show_other_log(page: DiagnosisScreen, found: DiagnosisView) -> None:
+    """Show the next log of several."""
     page.which, page.cause = (page.which + 1) % len(page.found), 0
 
 
 ACTIONS = (
-    Action("dia_up", "up", "Up", N_("above"), N_("Moves up one file or cause."), above, DIAGNOSIS),
+    Action(
+        "dia_up", "up", "Up", N_("above"), N_("Moves up one file or cause."), move_up, DIAGNOSIS
+    ),
     Action(
         "dia_down",
         "down",
         "Down",
         N_("below"),
         N_("Moves down one file or cause."),
-        below,
+        move_down,
         DIAGNOSIS,
     ),
     Action(
@@ -365,7 +386,7 @@ ACTIONS = (
         "Enter",
         N_("diagnose"),
         N_("Checks the chosen file; nothing on the machine is touched."),
-        diagnose,
+        diagnose_chosen,
         DIAGNOSIS,
         3,
     ),
@@ -375,7 +396,7 @@ ACTIONS = (
         "Q8",
         N_("install"),
         N_("Installs what computes a diagnosis, where it is not there."),
-        install,
+        install_extra,
         DIAGNOSIS,
     ),
     Action(
@@ -384,7 +405,7 @@ ACTIONS = (
         "J",
         N_("other data"),
         N_("Back to the list of files, read anew."),
-        other_data,
+        choose_other_data,
         DIAGNOSIS,
         4,
     ),
@@ -394,7 +415,7 @@ ACTIONS = (
         "Q2",
         N_("type a path"),
         N_("A file that is not in the list."),
-        type_path,
+        ask_data_path,
         DIAGNOSIS,
         asks="text",
     ),
@@ -404,7 +425,7 @@ ACTIONS = (
         "Q3",
         N_("against"),
         N_("The machine file that the data is compared with."),
-        against,
+        choose_machine,
         DIAGNOSIS,
     ),
     Action(
@@ -413,7 +434,7 @@ ACTIONS = (
         "V",
         N_("next view"),
         N_("Causes, channels, plots, the separating run, in turn."),
-        next_view,
+        show_next_view,
         DIAGNOSIS,
         5,
     ),
@@ -426,9 +447,9 @@ ACTIONS = (
             "Writes a new machine file with what is decided, and what you pick by name; Del "
             "takes it back."
         ),
-        adopt,
+        ask_to_adopt,
         DIAGNOSIS,
-        why=why_not_found,
+        why=explain_no_diagnosis,
     ),
     Action(
         "dia_back",
@@ -436,7 +457,7 @@ ACTIONS = (
         "Del",
         N_("take back"),
         N_("Writes the machine file without what was adopted last; asks first."),
-        take_back,
+        undo_adoption,
         DIAGNOSIS,
     ),
     Action(
@@ -445,7 +466,7 @@ ACTIONS = (
         "Q4",
         N_("compare"),
         N_("Says on another log whether the adopted machine file predicts better than before."),
-        compare,
+        compare_before_after,
         DIAGNOSIS,
         why=lambda page: (
             ""
@@ -459,10 +480,10 @@ ACTIONS = (
         "E",
         N_("report"),
         N_("Writes a page with pictures (HTML)."),
-        report,
+        write_report,
         DIAGNOSIS,
         7,
-        why=why_not_found,
+        why=explain_no_diagnosis,
     ),
     Action(
         "dia_data",
@@ -470,9 +491,9 @@ ACTIONS = (
         "Q6",
         N_("data"),
         N_("Writes the result as data (JSON)."),
-        data,
+        write_data,
         DIAGNOSIS,
-        why=why_not_found,
+        why=explain_no_diagnosis,
     ),
     Action(
         "dia_run_file",
@@ -480,9 +501,9 @@ ACTIONS = (
         "Q7",
         N_("job file"),
         N_("Writes the separating run as a job file."),
-        job_file,
+        write_job_file,
         DIAGNOSIS,
-        why=why_no_drive,
+        why=explain_no_drive,
     ),
     Action(
         "dia_drive",
@@ -490,9 +511,9 @@ ACTIONS = (
         "Q5",
         N_("drive it, simulated"),
         N_("Drives the separating run on a simulated machine and diagnoses it too."),
-        drive,
+        drive_separating_run,
         DIAGNOSIS,
-        why=why_no_drive,
+        why=explain_no_drive,
     ),
     Action(
         "dia_other",
@@ -500,8 +521,8 @@ ACTIONS = (
         ">",
         N_("other log"),
         N_("From the log to the separating run and back."),
-        other_log,
+        show_other_log,
         DIAGNOSIS,
-        why=why_not_found,
+        why=explain_no_diagnosis,
     ),
 )

@@ -16,90 +16,111 @@ from textual.worker import Worker, WorkerState
 from topdress.console.app.action import DIAGNOSIS, Action, make_bindings
 from topdress.console.app.dialogs import TextDialog
 from topdress.console.app.pages.diagnosis import shown, words
-from topdress.console.app.pages.diagnosis.causes import Causes, CausesView
+from topdress.console.app.pages.diagnosis.causes import CauseList, CausesView
 from topdress.console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
-from topdress.console.app.pages.diagnosis.keys import ACTIONS, diagnose
+from topdress.console.app.pages.diagnosis.keys import ACTIONS, diagnose_chosen
 from topdress.console.app.pages.diagnosis.residual_plot import ResidualPlot
 from topdress.console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
 from topdress.console.app.pages.diagnosis.service import (
-    IMPORT,
+    IMPORT_KIND,
     ComparedShown,
     DiagnosisService,
     DiagnosisSource,
     DiagnosisView,
     OpenQuestions,
-    Stop,
-    Tell,
+    StopSignal,
+    TellProgress,
     WorkStopped,
 )
 from topdress.console.app.pages.diagnosis.verdict import VerdictPanel
-from topdress.console.app.pages.diagnosis.words import KINDS
+from topdress.console.app.pages.diagnosis.words import KIND_NAMES
 from topdress.console.app.pages.page import Page
-from topdress.console.app.view import RunView, duration
+from topdress.console.app.view import RunView, format_duration
 from topdress.console.app.widgets.chips import Chip, Chips
-from topdress.console.app.widgets.panel import Panel, Picked, PickList, fit, line, right, solid
+from topdress.console.app.widgets.panel import (
+    Panel,
+    Picked,
+    PickList,
+    align_right,
+    fit_width,
+    make_line,
+    make_solid_parts,
+)
 from topdress.console.frame import Frame
 from topdress.console.locale import _, find_language_code
 
 # Data to diagnose, newest first: a row a file. A click chooses, a second one on the same row
 # begins.
-HEAD_ROWS = 2
+HEADING_ROWS = 2
 
 
 class SourcesView(NamedTuple):
+    """Holds the data to choose from."""
+
     sources: tuple[DiagnosisSource, ...]
     at: int
     looking: bool  # True while the folders are read
     language: str
 
 
-def first_row(at: int, count: int, room: int) -> int:
+def find_first_row(at: int, count: int, room: int) -> int:
     """First file shown so that the chosen one is in sight."""
     return max(0, min(at - room // 2, count - room))
 
 
 class SourceList(PickList[SourcesView]):
-    def lines(self, view: SourcesView, width: int, height: int) -> list[Content]:
-        rows = [line((fit(f" {_('Which data is to be checked?')}", width), "bold $primary"))]
+    """Shows the data to choose from."""
+
+    def draw_rows(self, view: SourcesView, width: int, height: int) -> list[Content]:
+        rows = [
+            make_line((fit_width(f" {_('Which data is to be checked?')}", width), "bold $primary"))
+        ]
         if not view.sources:
             said = (
                 _("reading the folders")
                 if view.looking
                 else _("no log or table here; / types a path")
             )
-            return [*rows, line((f" {said}", "$muted"))]
+            return [*rows, make_line((f" {said}", "$muted"))]
         rows.append(
-            line((self._row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted"))
+            make_line(
+                (self._format_row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted")
+            )
         )
-        room = max(1, height - HEAD_ROWS)
-        first = first_row(view.at, len(view.sources), room)
+        room = max(1, height - HEADING_ROWS)
+        first = find_first_row(view.at, len(view.sources), room)
         for index, source in enumerate(view.sources[first : first + room], first):
             mark = f"  < {_('now')}" if source.working else ""
-            text = self._row(
+            text = self._format_row(
                 source.changed,
-                _(KINDS.get(source.kind, source.kind)),
+                _(KIND_NAMES.get(source.kind, source.kind)),
                 source.size,
                 source.name + mark,
                 width,
                 ">" if index == view.at else " ",
             )
-            rows.append(line((text, "bold $on-select on $select" if index == view.at else "")))
+            rows.append(make_line((text, "bold $on-select on $select" if index == view.at else "")))
         return rows
 
     @staticmethod
-    def _row(changed: str, kind: str, size: str, name: str, width: int, mark: str = " ") -> str:
-        return fit(f"{mark}{fit(changed, 17)} {fit(kind, 13)} {right(size, 9)}  {name}", width)
+    def _format_row(
+        changed: str, kind: str, size: str, name: str, width: int, mark: str = " "
+    ) -> str:
+        return fit_width(
+            f"{mark}{fit_width(changed, 17)} {fit_width(kind, 13)} {align_right(size, 9)}  {name}",
+            width,
+        )
 
-    def things(self) -> Sequence[int | None]:
-        count, room = len(self.view.sources), max(1, self.content_size.height - HEAD_ROWS)
-        first = first_row(self.view.at, count, room)
-        return [*[None] * HEAD_ROWS, *range(first, min(first + room, count))]
+    def list_row_items(self) -> Sequence[int | None]:
+        count, room = len(self.view.sources), max(1, self.content_size.height - HEADING_ROWS)
+        first = find_first_row(self.view.at, count, room)
+        return [*[None] * HEADING_ROWS, *range(first, min(first + room, count))]
 
 
 # How far long work is: stage, bar, share, time left, how to cancel it.
 class WorkView(NamedTuple):
-    """percent, left_s: rounded to what is shown; left_s None where it takes longer than was
-    thought."""
+    """Holds the progress. percent, left_s: rounded to what is shown; left_s None where it takes
+    longer than estimated."""
 
     title: str
     stage: str
@@ -108,78 +129,81 @@ class WorkView(NamedTuple):
 
 
 class WorkBar(Panel[WorkView | None]):
-    """Three rows; nothing where the view is None."""
+    """Shows three rows; nothing where the view is None."""
 
-    def lines(self, view: WorkView | None, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: WorkView | None, width: int, height: int) -> list[Content]:
         if view is None:
             return []
         left = (
             f"   {_('longer than expected')}"
             if view.left_s is None
-            else (f"   {_('about {time} left').format(time=duration(view.left_s))}")
+            else (f"   {_('about {time} left').format(time=format_duration(view.left_s))}")
         )
         room = max(10, min(60, width - 12))
         full = round(room * view.percent / 100)
         return [
-            line((fit(f" {view.title}", width), "bold $primary")),
-            line(
+            make_line((fit_width(f" {view.title}", width), "bold $primary")),
+            make_line(
                 " ",
-                *solid("█" * full, "$target"),
-                *solid("░" * (room - full), "$muted"),
+                *make_solid_parts("█" * full, "$target"),
+                *make_solid_parts("░" * (room - full), "$muted"),
                 (f" {view.percent:3d} %", "bold"),
             ),
-            line((fit(f" {view.stage}{left}   {_('Esc cancels')}", width), "")),
+            make_line((fit_width(f" {view.stage}{left}   {_('Esc cancels')}", width), "")),
         ]
 
 
 # How far long work is and how long it still takes: by how much there is to read at first, by
 # its own pace later.
-START_S = 3.0  # imports and reading, whatever the size
-S_PER_MB = 0.6  # of a run log, on two cores
+START_DURATION_S = 3.0  # imports and reading, whatever the size
+DURATION_S_PER_MB = 0.6  # of a run log, on two cores
 # of the bar, that time alone may fill: it must not stand at its end for minutes
-MOST_BY_TIME = 0.3
-ENOUGH = 0.2  # of the work, to tell its pace
+MOST_SHARE_BY_TIME = 0.3
+TRUSTED_SHARE = 0.2  # of the work, to tell its pace
 
 
 def estimate_duration_s(megabytes: float) -> float:
-    """Before anything is known of this computer's pace."""
-    return START_S + S_PER_MB * megabytes
+    """Duration of a diagnosis, s, before anything is known of this computer's pace."""
+    return START_DURATION_S + DURATION_S_PER_MB * megabytes
 
 
-class Expected:
-    """The bar moves from the start and never back; the time left is reported from the start,
-    and never less than none."""
+class WorkEstimate:
+    """Estimates progress: the bar moves from the start and never back; the time left is reported
+    from the start, and is never negative."""
 
     def __init__(self, whole_s: float) -> None:
         self._whole_s = max(1.0, whole_s)
         self._shown = 0.0
 
-    def at(self, gone_s: float, share: float) -> tuple[float, float | None]:
-        """Share of the work to show, and seconds left; None: longer than was thought, and
-        nobody knows how long.
+    def estimate_progress(self, gone_s: float, share: float) -> tuple[float, float | None]:
+        """Share of the work to show, and seconds left; None: longer than estimated, and nobody
+        knows how long.
 
-        share: as the work itself tells it. Its own pace counts alone once `ENOUGH` is done.
+        share: as the work itself reports it. Its own pace counts alone once `TRUSTED_SHARE` is
+        done.
         """
         own_s = gone_s / share if share > 0.0 else self._whole_s
-        trust = min(1.0, share / ENOUGH)
+        trust = min(1.0, share / TRUSTED_SHARE)
         whole_s = (1.0 - trust) * self._whole_s + trust * own_s
-        by_time = min(MOST_BY_TIME, gone_s / max(whole_s, 1e-9))
+        by_time = min(MOST_SHARE_BY_TIME, gone_s / max(whole_s, 1e-9))
         self._shown = max(self._shown, min(1.0, max(share, by_time)))
         left_s = whole_s - gone_s
         return self._shown, left_s if left_s > 0.0 else None
 
 
-View = Literal["causes", "channels", "over", "time", "run"]
+ViewName = Literal["causes", "channels", "over", "time", "run"]
 # what was found or compared; nothing of what was installed
-Done = DiagnosisView | ComparedShown | None
-Work = Callable[[Tell, Stop], Done]
-Listed = tuple[tuple[DiagnosisSource, ...], tuple[str, ...], bool]
+WorkResult = DiagnosisView | ComparedShown | None
+LongWork = Callable[[TellProgress, StopSignal], WorkResult]
+ListedData = tuple[tuple[DiagnosisSource, ...], tuple[str, ...], bool]
 
 
-BEGIN = next(action for action in ACTIONS if action.do is diagnose)
+DIAGNOSE_ACTION = next(action for action in ACTIONS if action.do is diagnose_chosen)
 
 
 class DiagnosisScreen(Page):
+    """Shows data, work and diagnosis."""
+
     where: ClassVar[str] = DIAGNOSIS
     BINDINGS: ClassVar = make_bindings(ACTIONS)
 
@@ -195,21 +219,21 @@ class DiagnosisScreen(Page):
         self.found: tuple[DiagnosisView, ...] = ()
         self.which = 0  # the one that is shown
         self.cause = 0
-        self.see: View = "causes"
+        self.see: ViewName = "causes"
         self.said = ""  # why the last thing did not go
         self.installed = True  # what computes a diagnosis
-        self.stop: Stop | None = None  # of the work under way
-        self._working: Worker[Done] | None = None
-        self._listing: Worker[Listed] | None = None
+        self.stop: StopSignal | None = None  # of the work under way
+        self._working: Worker[WorkResult] | None = None
+        self._listing: Worker[ListedData] | None = None
         self._brings_in = False  # a new file will be there
         self._title = ""
         self._started_s = 0.0
         self._share, self._stage = 0.0, ""
-        self._expected = Expected(0.0)
+        self._expected = WorkEstimate(0.0)
         # the log that was written when the files were listed
         self._listed_for = ""
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         with Vertical(id="diagnosis"):
             yield WorkBar(None, id="dia-work")
             yield Static("", id="dia-said", markup=False)
@@ -217,7 +241,7 @@ class DiagnosisScreen(Page):
             yield VerdictPanel((), id="dia-verdict")
             with Horizontal(id="dia-found"):
                 with Vertical(id="dia-left"):
-                    yield Causes(CausesView((), 0, (), find_language_code()), id="dia-causes")
+                    yield CauseList(CausesView((), 0, (), find_language_code()), id="dia-causes")
                     yield ChannelTable(
                         ChannelsView((), (), (), find_language_code()), id="dia-channels"
                     )
@@ -229,24 +253,27 @@ class DiagnosisScreen(Page):
 
     @property
     def service(self) -> DiagnosisService | None:
+        """The service, if there is one."""
         return self.app.services.diagnosis
 
     @property
     def served(self) -> DiagnosisService:
-        """For the actions, which are done only where there is one."""
+        """The service, for actions that need one."""
         assert self.service is not None
         return self.service
 
     @property
     def shown(self) -> DiagnosisView | None:
+        """The diagnosis that is shown."""
         return self.found[self.which] if self.found else None
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
+        """Whether long work goes on."""
         return self._working is not None
 
-    def gather(self, frame: Frame) -> None:
-        """Another log is written: another job, whose files belong into the list."""
+    def gather_frame(self, frame: Frame) -> None:
+        """List anew when another log is written: another job, whose files belong into the list."""
         if self.sources is not None and frame.log_path != self._listed_for:
             self.sources = None
 
@@ -254,9 +281,10 @@ class DiagnosisScreen(Page):
     # ----------------------------------------------------------------------------------------------
 
     def show_numbers(self, view: RunView) -> None:
+        """Show list, progress or diagnosis."""
         super().show_numbers(view)
         if self.sources is None and self._listing is None:
-            self._list()
+            self._list_data()
         found = self.shown
         self.set_class(found is None, "-picking")
         self.set_class(len(self.found) > 1, "-two")
@@ -264,24 +292,26 @@ class DiagnosisScreen(Page):
             self.set_class(self.see == name, f"-see-{name}")
         said = self.query_one("#dia-said", Static)
         text = self.said
-        if not (text or self.installed or self.busy):
+        if not (text or self.installed or self.is_busy):
             text = _("The diagnosis is not installed here (210 MB): Q8 installs it.")
         said.display = bool(text)
         if str(said.content) != f" ! {text}":
             said.update(f" ! {text}")
         work = self.query_one("#dia-work", WorkBar)
-        work.display = self.busy
-        if self.busy:
-            share, left_s = self._expected.at(self.app.clock() - self._started_s, self._share)
-            work.show(
+        work.display = self.is_busy
+        if self.is_busy:
+            share, left_s = self._expected.estimate_progress(
+                self.app.clock() - self._started_s, self._share
+            )
+            work.show_view(
                 WorkView(
                     self._title,
-                    _(words.STAGES.get(self._stage, self._stage)),
+                    _(words.STAGE_NAMES.get(self._stage, self._stage)),
                     int(100 * share),
                     None if left_s is None else max(1, round(left_s)),
                 )
             )
-        self.query_one("#dia-sources", SourceList).show(
+        self.query_one("#dia-sources", SourceList).show_view(
             SourcesView(
                 self.sources or (),
                 self.at,
@@ -289,11 +319,11 @@ class DiagnosisScreen(Page):
                 find_language_code(),
             )
         )
-        self.query_one("#dia-chips", Chips).show(self._chips())
+        self.query_one("#dia-chips", Chips).show_view(self._list_chips())
         if found is not None:
-            self.query_one("#dia-verdict", VerdictPanel).show(
+            self.query_one("#dia-verdict", VerdictPanel).show_view(
                 tuple(
-                    shown.said(
+                    shown.make_verdict(
                         one,
                         ""
                         if len(self.found) == 1
@@ -304,23 +334,27 @@ class DiagnosisScreen(Page):
                     for index, one in enumerate(self.found)
                 )
             )
-            self.query_one("#dia-causes", Causes).show(
-                shown.causes(found, self.cause, self.app.units)
+            self.query_one("#dia-causes", CauseList).show_view(
+                shown.make_causes_view(found, self.cause, self.app.units)
             )
-            self.query_one("#dia-channels", ChannelTable).show(shown.channels(found))
-            self.query_one("#dia-run", RunPlanPanel).show(shown.plan(found))
+            self.query_one("#dia-channels", ChannelTable).show_view(shown.make_channels_view(found))
+            self.query_one("#dia-run", RunPlanPanel).show_view(shown.make_plan_view(found))
 
-    def tick(self, now_s: float) -> None:
-        super().tick(now_s)
+    def show_due(self, now_s: float) -> None:
+        super().show_due(now_s)
         found = self.shown
-        if found is not None and self.plots.due(now_s):
-            self.query_one("#dia-over", ResidualPlot).show(shown.over(found, self.cause))
-            self.query_one("#dia-time", ResidualPlot).show(shown.time(found, self.cause))
+        if found is not None and self.plots.is_due(now_s):
+            self.query_one("#dia-over", ResidualPlot).show_view(
+                shown.make_variable_plot(found, self.cause)
+            )
+            self.query_one("#dia-time", ResidualPlot).show_view(
+                shown.make_time_plot(found, self.cause)
+            )
 
-    def views(self) -> tuple[View, ...]:
-        """Those that one key goes through at this size; the others are shown with it."""
+    def list_views(self) -> tuple[ViewName, ...]:
+        """The views that one key goes through at this size; the others are shown with it."""
         found = self.shown
-        run: tuple[View, ...] = (
+        run: tuple[ViewName, ...] = (
             ("run",) if found is not None and found.found.next_run is not None else ()
         )
         if self.has_class("-wide") and self.has_class("-tall"):
@@ -329,9 +363,9 @@ class DiagnosisScreen(Page):
             return ("causes", "channels", *run)
         return ("causes", "channels", "over", "time", *run)
 
-    def _chips(self) -> tuple[Chip, ...]:
+    def _list_chips(self) -> tuple[Chip, ...]:
         found = self.shown
-        if self.busy:
+        if self.is_busy:
             return ()
         if found is None:
             against = Path(self.machine).stem if self.machine is not None else _("as the log says")
@@ -344,7 +378,7 @@ class DiagnosisScreen(Page):
             ]
         else:
             run = bool(found.drives)
-            views = self.views()
+            views = self.list_views()
             at = views.index(self.see) + 1 if self.see in views else 1
             wanted = [
                 ("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
@@ -362,7 +396,7 @@ class DiagnosisScreen(Page):
             if len(self.found) > 1:
                 wanted.append(("dia_other", "", True, False))
             wanted.append(("dia_pick", "", True, False))
-        known = {action.id: action for action in self.app.offered(DIAGNOSIS)}
+        known = {action.id: action for action in self.app.list_offered_actions(DIAGNOSIS)}
         return tuple(
             Chip(name, known[name].shown, label or _(known[name].label), on, lead)
             for name, label, on, lead in wanted
@@ -371,37 +405,40 @@ class DiagnosisScreen(Page):
     # --- what is done
     # ----------------------------------------------------------------------------------------------
 
-    def perform(self, action: Action) -> None:
+    def perform_action(self, action: Action) -> None:
         if self.service is None:
-            self.app.notice(_("diagnosis is not available here"))
+            self.app.show_notice(_("diagnosis is not available here"))
             return
-        if self.busy:
-            self.app.notice(_("at work: Esc cancels"))
+        if self.is_busy:
+            self.app.show_notice(_("at work: Esc cancels"))
             return
-        super().perform(action)
-        self.look()
+        super().perform_action(action)
+        self.show_changes()
 
-    def look(self) -> None:
-        self.hurry()
-        self.app.tick()
+    def show_changes(self) -> None:
+        """Show at once what has changed."""
+        self.hurry_all()
+        self.app.show_newest()
 
-    def move(self, by: int) -> None:
+    def move_mark(self, by: int) -> None:
+        """Move the mark in list or causes."""
         if self.shown is None:
             self.at = max(0, min(len(self.sources or ()) - 1, self.at + by))
         else:
             self.cause = max(0, min(len(self.shown.found.causes) - 1, self.cause + by))
 
-    def back(self) -> None:
+    def show_data_list(self) -> None:
+        """Show the list of data again."""
         self.found, self.which, self.cause, self.said = (), 0, 0, ""
 
-    def write(self, what: str, write: Callable[[], str], machine: bool = False) -> None:
-        """A file; the path stays on the screen until it is read. machine: then it is asked
+    def write_file(self, what: str, write: Callable[[], str], machine: bool = False) -> None:
+        """Write a file; the path stays on the screen until it is read. machine: then it is asked
         whether the job takes the file."""
 
-        def written(path: str) -> None:
-            def read(_answer: bool | None) -> None:
+        def show_written(path: str) -> None:
+            def ask_to_use(_answer: bool | None) -> None:
                 if machine and self.app.services.job is not None:
-                    self.app.job_page.ask_use(path)
+                    self.app.job_page.ask_to_use_machine(path)
 
             self.said = ""
             text = path
@@ -414,19 +451,21 @@ class DiagnosisScreen(Page):
                         _("Q4 there says, on another log, whether it predicts better than before."),
                     )
                 )
-            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), text), read)
-            self.look()
+            self.app.push_screen(
+                TextDialog(_("{what} is written").format(what=what), text), ask_to_use
+            )
+            self.show_changes()
 
-        def failed(why: str) -> None:
+        def show_failure(why: str) -> None:
             self.said = why
-            self.look()
+            self.show_changes()
 
-        self.app.with_files(write, written, failed)
+        self.app.run_with_files(write, show_written, show_failure)
 
     # --- long work
     # ----------------------------------------------------------------------------------------------
 
-    def _list(self) -> None:
+    def _list_data(self) -> None:
         service = self.service
         if service is None:
             return
@@ -444,57 +483,61 @@ class DiagnosisScreen(Page):
             exit_on_error=False,
         )
 
-    def diagnose(self, source: DiagnosisSource) -> None:
+    def diagnose_source(self, source: DiagnosisSource) -> None:
+        """Diagnose a log or table."""
         assert self.service is not None
-        self.back()
-        self._brings_in = source.kind == IMPORT
-        self.begin(
+        self.show_data_list()
+        self._brings_in = source.kind == IMPORT_KIND
+        self.begin_work(
             _("Diagnosis of {name}").format(name=source.name),
             partial(self.service.run_diagnosis, source, self.machine),
             estimate_duration_s(source.bytes / 1e6),
         )
 
-    def begin(self, title: str, work: Work, takes_s: float) -> None:
-        """takes_s: as far as that is known beforehand."""
-        self._expected = Expected(takes_s)
+    def begin_work(self, title: str, work: LongWork, takes_s: float) -> None:
+        """Begin long work. takes_s: its estimated duration, s."""
+        self._expected = WorkEstimate(takes_s)
         self._title, self._started_s, self.said = title, self.app.clock(), ""
         self._share, self._stage = 0.0, "reading"
-        stop = self.stop = Stop()
+        stop = self.stop = StopSignal()
         self._working = self.run_worker(
-            lambda: work(self._tell, stop), group="work", thread=True, exit_on_error=False
+            lambda: work(self._note_progress, stop), group="work", thread=True, exit_on_error=False
         )
-        self.look()
+        self.show_changes()
 
-    def _tell(self, share: float, stage: str) -> None:
+    def _note_progress(self, share: float, stage: str) -> None:
         """Called by the working thread: only remembers."""
         self._share, self._stage = min(1.0, max(0.0, share)), stage
 
     def key_escape(self) -> None:
-        if self.busy:
-            self.cancel()
+        """Cancel the work, or go back to the list."""
+        if self.is_busy:
+            self.cancel_work()
             self.said = _("cancelled")
         elif self.shown is not None:
-            self.back()
-        self.look()
+            self.show_data_list()
+        self.show_changes()
 
-    def cancel(self) -> None:
-        """The work ends at once; what it might still say is not looked at."""
+    def cancel_work(self) -> None:
+        """End the work at once; its result is dropped."""
         if self.stop is not None:
             self.stop.set()
         self._working = self.stop = None
 
     def on_unmount(self) -> None:
-        self.cancel()
+        """Cancel the work."""
+        self.cancel_work()
 
     def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
+        """Take results of workers."""
         if event.worker is self._listing:
-            self._listed(event.worker, event.state)
+            self._take_listed(event.worker, event.state)
         elif event.worker is self._working:
-            self._worked(event.worker, event.state)
+            self._take_result(event.worker, event.state)
 
-    def _listed(
+    def _take_listed(
         self,
-        worker: Worker[Listed],
+        worker: Worker[ListedData],
         state: WorkerState,
     ) -> None:
         if state is WorkerState.SUCCESS and worker.result is not None:
@@ -504,9 +547,9 @@ class DiagnosisScreen(Page):
             self.sources, self.said = (), str(worker.error)
         if state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._listing = None
-            self.look()
+            self.show_changes()
 
-    def _worked(self, worker: Worker[Done], state: WorkerState) -> None:
+    def _take_result(self, worker: Worker[WorkResult], state: WorkerState) -> None:
         if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
             where = (
                 [_("Pictures: {path}").format(path=worker.result.report)]
@@ -516,7 +559,7 @@ class DiagnosisScreen(Page):
             self.app.push_screen(
                 TextDialog(
                     _("Before and after, on a log that it was not made from"),
-                    "\n".join([*words.compared(worker.result), *where]),
+                    "\n".join([*words.list_compared_lines(worker.result), *where]),
                 )
             )
         elif state is WorkerState.SUCCESS and isinstance(worker.result, DiagnosisView):
@@ -526,19 +569,20 @@ class DiagnosisScreen(Page):
         elif state is WorkerState.SUCCESS:
             self.installed = True
         elif state is WorkerState.ERROR and isinstance(worker.error, OpenQuestions):
-            self.ask(worker.error)
+            self.show_open_questions(worker.error)
         elif state is WorkerState.ERROR and not isinstance(worker.error, WorkStopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
         if state is WorkerState.CANCELLED:  # the app ends: its process must not outlive it
-            self.cancel()
+            self.cancel_work()
         elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._working = self.stop = None
             if self._brings_in:
                 self.sources, self._brings_in = None, False
-            self.look()
+            self.show_changes()
 
-    def ask(self, open_: OpenQuestions) -> None:
-        """What is unsure about a file of another machine, and where it can be put right."""
+    def show_open_questions(self, open_: OpenQuestions) -> None:
+        """Show the open questions about a file of another machine, and where they can be
+        answered."""
         self.said = _("not brought in: the import file has open questions")
         how = _(
             "Put these lines right in the import file, or take away the comments that say "
@@ -552,13 +596,13 @@ class DiagnosisScreen(Page):
     # ----------------------------------------------------------------------------------------------
 
     def on_picked(self, event: Picked) -> None:
-        """A cause of what was found; before, a file: the second click on it begins."""
+        """Mark a cause of the diagnosis; before, a file: the second click on it begins."""
         if self.shown is not None:
             self.cause = event.index
-            self.look()
+            self.show_changes()
             return
         again = event.index == self.at
         self.at = event.index
-        if again and not self.busy and not self.app.locked:
-            self.perform(BEGIN)
-        self.look()
+        if again and not self.is_busy and not self.app.locked:
+            self.perform_action(DIAGNOSE_ACTION)
+        self.show_changes()

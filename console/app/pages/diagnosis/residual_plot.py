@@ -17,18 +17,20 @@ from rich.style import Style
 from textual.strip import Strip
 from topdress.console.app.pages.diagnosis.service import ResidualCurve
 from topdress.console.app.widgets.canvas import Canvas
-from topdress.console.app.widgets.panel import fit, right
+from topdress.console.app.widgets.panel import align_right, fit_width
 from topdress.console.locale import _
 
 # row, column of a braille cell
-_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
-_AXIS = 8
+_BRAILLE_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+_AXIS_CELLS = 8
 _MOST_MARKS = 16  # with more places the lines alone are drawn
 
-Places = Sequence[tuple[float, float]]
+PlotPlaces = Sequence[tuple[float, float]]
 
 
 class PlotView(NamedTuple):
+    """Holds a curve with its words."""
+
     title: str
     label: str  # of the axis
     curve: ResidualCurve
@@ -37,7 +39,7 @@ class PlotView(NamedTuple):
 
 
 def round_plot_ends(values: Sequence[float]) -> tuple[float, float]:
-    """Round ends that hold all values, and zero."""
+    """Round ends that contain all values, and zero."""
     low, high = min(0.0, *values), max(0.0, *values)
     span = high - low or 1.0
     step = 10.0 ** floor(log10(span)) / 2.0
@@ -57,6 +59,8 @@ def rasterise_line(places: Sequence[tuple[int, int]], every: int = 1) -> set[tup
 
 
 class ResidualPlot(Canvas[PlotView | None]):
+    """Plots the residual."""
+
     COMPONENT_CLASSES: ClassVar[set[str]] = {
         "plot--before",
         "plot--after",
@@ -65,35 +69,39 @@ class ResidualPlot(Canvas[PlotView | None]):
         "plot--onset",
     }
 
-    def lines(self, view: PlotView | None, width: int, height: int) -> list[Strip]:
-        rows, columns = height - 3, width - _AXIS - 1
+    def draw_rows(self, view: PlotView | None, width: int, height: int) -> list[Strip]:
+        rows, columns = height - 3, width - _AXIS_CELLS - 1
         if rows < 2 or columns < 10:
             return []
-        muted, title = self.style("plot--muted"), self.style("plot--title")
+        muted, title = self.find_style("plot--muted"), self.find_style("plot--title")
         if view is None or len(view.curve.at) < 2:
-            return [self.text_strip(width, (f" {_('nothing to draw here')}", muted))]
+            return [self.make_text_strip(width, (f" {_('nothing to draw here')}", muted))]
         curve = view.curve
         before, after, began = (
-            self.style("plot--before"),
-            self.style("plot--after"),
-            self.style("plot--onset"),
+            self.find_style("plot--before"),
+            self.find_style("plot--after"),
+            self.find_style("plot--onset"),
         )
         legend = [(f" {view.title}   ", title), ("o ", before), (_("before") + "  ", muted)]
         if not view.same:
             legend += [("+ ", after), (_("after"), muted)]
-        strips = [self.text_strip(width, *legend)]
+        strips = [self.make_text_strip(width, *legend)]
         up = round_plot_ends([*curve.before, *curve.after])
         spread = (min(curve.at), max(curve.at))
         across = (spread[0] - 0.5, spread[1] + 0.5) if curve.names else spread
 
-        def dot(x: float, y: float) -> tuple[int, int]:
+        def find_dot(x: float, y: float) -> tuple[int, int]:
             return (
                 round((x - across[0]) / ((across[1] - across[0]) or 1.0) * (2 * columns - 1)),
                 round((1.0 - (y - up[0]) / (up[1] - up[0])) * (4 * rows - 1)),
             )
 
-        old = [dot(x, y) for x, y in zip(curve.at, curve.before, strict=True)]
-        new = [] if view.same else [dot(x, y) for x, y in zip(curve.at, curve.after, strict=True)]
+        old = [find_dot(x, y) for x, y in zip(curve.at, curve.before, strict=True)]
+        new = (
+            []
+            if view.same
+            else [find_dot(x, y) for x, y in zip(curve.at, curve.after, strict=True)]
+        )
         marks = dict.fromkeys(((x // 2, y // 4) for x, y in old), ("o", before))
         marks |= dict.fromkeys(((x // 2, y // 4) for x, y in new), ("+", after))
         if len(curve.at) > _MOST_MARKS:
@@ -101,22 +109,26 @@ class ResidualPlot(Canvas[PlotView | None]):
         lines = (
             [] if curve.names else [(rasterise_line(new), after), (rasterise_line(old, 3), before)]
         )
-        zero = dot(across[0], 0.0)[1] // 4
-        onset = None if curve.onset is None else dot(curve.onset, 0.0)[0] // 2
-        labels = {0: _short(up[1], up), rows - 1: _short(up[0], up), zero: "0"}
+        zero = find_dot(across[0], 0.0)[1] // 4
+        onset = None if curve.onset is None else find_dot(curve.onset, 0.0)[0] // 2
+        labels = {
+            0: _format_axis_number(up[1], up),
+            rows - 1: _format_axis_number(up[0], up),
+            zero: "0",
+        }
         for row in range(rows):
-            cells = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
+            cells = [Segment(align_right(labels.get(row, ""), _AXIS_CELLS - 1) + " ", muted)]
             for column in range(columns):
                 cells.append(
-                    self._cell(
+                    self._draw_cell(
                         (column, row), marks, lines, row == zero, column == onset, muted, began
                     )
                 )
             strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
-        return [*strips, *self._below(view, width, columns, spread, onset)]
+        return [*strips, *self._draw_axis(view, width, columns, spread, onset)]
 
     @staticmethod
-    def _cell(
+    def _draw_cell(
         place: tuple[int, int],
         marks: dict[tuple[int, int], tuple[str, Style]],
         lines: list[tuple[set[tuple[int, int]], Style]],
@@ -130,7 +142,7 @@ class ResidualPlot(Canvas[PlotView | None]):
         column, row = place
         for dots, style in lines:
             bits = sum(
-                _DOTS[y][x]
+                _BRAILLE_DOTS[y][x]
                 for y in range(4)
                 for x in range(2)
                 if (2 * column + x, 4 * row + y) in dots
@@ -141,7 +153,7 @@ class ResidualPlot(Canvas[PlotView | None]):
             return Segment(":", began)
         return Segment("-" if zero else " ", muted)
 
-    def _below(
+    def _draw_axis(
         self,
         view: PlotView,
         width: int,
@@ -149,28 +161,34 @@ class ResidualPlot(Canvas[PlotView | None]):
         spread: tuple[float, float],
         onset: int | None,
     ) -> list[Strip]:
-        muted, title = self.style("plot--muted"), self.style("plot--title")
+        muted, title = self.find_style("plot--muted"), self.find_style("plot--title")
         curve = view.curve
         if curve.names:
             room = columns // max(1, len(curve.at))
-            ends = " " * _AXIS + "".join(
-                fit(f"{curve.names[round(x)]:^{max(1, room)}}", room) for x in curve.at
+            ends = " " * _AXIS_CELLS + "".join(
+                fit_width(f"{curve.names[round(x)]:^{max(1, room)}}", room) for x in curve.at
             )
         else:
-            first, last = _short(spread[0], spread), _short(spread[1], spread)
+            first, last = (
+                _format_axis_number(spread[0], spread),
+                _format_axis_number(spread[1], spread),
+            )
             middle = ""
             if onset is not None:
                 middle = " " * max(0, onset - len(first)) + _("begins here")
             ends = (
-                " " * _AXIS + first + fit(middle, max(0, columns - len(first) - len(last))) + last
+                " " * _AXIS_CELLS
+                + first
+                + fit_width(middle, max(0, columns - len(first) - len(last)))
+                + last
             )
         return [
-            self.text_strip(width, (fit(ends, width), muted)),
-            self.text_strip(width, (fit(" " * _AXIS + view.label, width), title)),
+            self.make_text_strip(width, (fit_width(ends, width), muted)),
+            self.make_text_strip(width, (fit_width(" " * _AXIS_CELLS + view.label, width), title)),
         ]
 
 
-def _short(value: float, span: tuple[float, float]) -> str:
+def _format_axis_number(value: float, span: tuple[float, float]) -> str:
     wide = span[1] - span[0]
     decimals = max(0, min(4, 1 - floor(log10(wide)))) if wide > 0.0 else 1
     return f"{value:.{decimals}f}"

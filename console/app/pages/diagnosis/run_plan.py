@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, fit, line, wrapped
+from topdress.console.app.widgets.panel import Panel, fit_width, make_line, wrap_text
 from topdress.console.locale import _
 
 
 class PlanView(NamedTuple):
+    """Holds the plan."""
+
     why: str
     steps: tuple[str, ...]
     how: str
@@ -17,12 +19,14 @@ class PlanView(NamedTuple):
 
 
 class RunPlanPanel(Panel[PlanView]):
-    def lines(self, view: PlanView, width: int, height: int) -> list[Content]:
-        rows = [line((fit(f" {_('separating run')}", width), "bold $primary"))]
-        rows += [line((f" {row}", "$muted")) for row in wrapped(view.why, width - 2)]
+    """Shows the plan."""
+
+    def draw_rows(self, view: PlanView, width: int, height: int) -> list[Content]:
+        rows = [make_line((fit_width(f" {_('separating run')}", width), "bold $primary"))]
+        rows += [make_line((f" {row}", "$muted")) for row in wrap_text(view.why, width - 2)]
         for number, step in enumerate(view.steps, 1):
             rows += [
-                line((f" {number}. {row}" if not k else f"    {row}", "bold"))
-                for k, row in enumerate(wrapped(step, width - 5))
+                make_line((f" {number}. {row}" if not k else f"    {row}", "bold"))
+                for k, row in enumerate(wrap_text(step, width - 5))
             ]
-        return [*rows, *(line(f" {row}") for row in wrapped(view.how, width - 2))]
+        return [*rows, *(make_line(f" {row}") for row in wrap_text(view.how, width - 2))]

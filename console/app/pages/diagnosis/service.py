@@ -9,15 +9,15 @@ from typing import Literal, NamedTuple, Protocol
 from topdress.control.diagnosis.result import Diagnosis
 
 # share of the work done, 0 to 1; the stage, a word
-Tell = Callable[[float, str], None]
-Export = Literal["report", "data"]
+TellProgress = Callable[[float, str], None]
+ExportKind = Literal["report", "data"]
 
 # kind of a file that is brought in first, or of how one is
-IMPORT = "import"
+IMPORT_KIND = "import"
 
 
 class DiagnosisSource(NamedTuple):
-    """A file that can be diagnosed. kind: run, that of a bench table, or IMPORT."""
+    """Describes a file that can be diagnosed. kind: run, that of a bench table, or IMPORT_KIND."""
 
     path: str
     name: str
@@ -29,12 +29,12 @@ class DiagnosisSource(NamedTuple):
 
 
 class ResidualCurve(NamedTuple):
-    """Means of a residual over bins of one variable (by its id), before and after the causes
+    """Holds means of a residual over bins of one variable (by its id), before and after the causes
     are in the model.
 
-    before, after, half: in `unit`, as long as `at`; half: of the 90 % interval of `after`.
-    names: of the places 0, 1, ... where the variable is no scale. onset: place on the axis
-    where a cause began.
+    before, after, half: in `unit`, as long as `at`; half: of the 90 % interval of `after`. names:
+    of the places 0, 1, ... where the variable is no scale. onset: place on the axis where a cause
+    began.
     """
 
     channel: str
@@ -49,9 +49,9 @@ class ResidualCurve(NamedTuple):
 
 
 class AdoptionOffer(NamedTuple):
-    """A machine file that is made already, in the folder of `DiagnosisView`. ids: what was
-    chosen; file: "" where nothing of it can be taken up; changes: before and after, a line
-    each; refused: why what was chosen is not in it, a line each."""
+    """Describes a machine file that is made already, in the folder of `DiagnosisView`. ids: the
+    choice; file: "" where nothing can be adopted; changes: before and after, a line each; refused:
+    why a chosen cause is not in it, a line each."""
 
     ids: tuple[str, ...]
     file: str
@@ -59,23 +59,23 @@ class AdoptionOffer(NamedTuple):
     refused: tuple[str, ...] = ()
 
 
-class Drawn(NamedTuple):
-    """Curves of one cause: over the variable that tells it, and over the log; None where
-    nothing can be drawn."""
+class CauseCurves(NamedTuple):
+    """Holds curves of one cause: over its telling variable, and over the log; None where nothing
+    can be drawn."""
 
     over: ResidualCurve | None = None
     time: ResidualCurve | None = None
 
 
 class DiagnosisView(NamedTuple):
-    """A diagnosis, and what the page shows along with it.
+    """Holds a diagnosis, and what the page shows along with it.
 
     folder: where report, data and the extended machine lie until they are exported or adopted.
     """
 
     source: str  # file name
     found: Diagnosis  # the causes that are only suspected come last
-    drawn: tuple[Drawn, ...]  # one for each cause
+    drawn: tuple[CauseCurves, ...]  # one for each cause
     # error of a channel with the causes in the model, where it was computed
     after: dict[str, float]
     adoptable: tuple[str, ...]  # ids, those that are not decided among them
@@ -92,21 +92,21 @@ class DiagnosisView(NamedTuple):
 
     @property
     def minutes(self) -> float:
-        """Of the next run; 0 where it is none of the program's list."""
+        """Duration of the next run, min; 0 where it is none of the program's list."""
         return (self.found.next_run.minutes or 0.0) if self.found.next_run is not None else 0.0
 
 
 class Adoption(NamedTuple):
-    """What the operator chose to take up: all that is sure, and by name what is not. why: in
-    their own words, kept in the machine file; empty where nothing had to be chosen."""
+    """Holds the operator's choice: all sure causes, and others by name. why: in their own words,
+    kept in the machine file; empty where nothing had to be chosen."""
 
     ids: tuple[str, ...]
     why: str = ""
 
 
 class ComparedRow(NamedTuple):
-    """Error (r.m.s.) of one channel before and after; low, high: 90 % interval of before less
-    after, if known."""
+    """Holds the error (r.m.s.) of one channel before and after; low, high: 90 % interval of before
+    less after, if known."""
 
     channel: str
     unit: str
@@ -117,29 +117,33 @@ class ComparedRow(NamedTuple):
 
 
 class ComparedShown(NamedTuple):
-    """A machine file before and after a change, held against one log. report: path of the page
-    with pictures, empty where none could be drawn."""
+    """Holds the comparison of a machine file before and after a change on one log. report: path of
+    the page with pictures, empty where none could be drawn."""
 
     rows: tuple[ComparedRow, ...]
     report: str = ""
 
 
-class Stop:
-    """Cancels work in another thread: `then` is called at once when it is set, or was."""
+class StopSignal:
+    """Cancels work in another thread: the function of `call_on_stop` is called at once when it is
+    set, or was."""
 
     def __init__(self) -> None:
         self._set = threading.Event()
         self._then: Callable[[], None] | None = None
 
     def set(self) -> None:
+        """Stop the work."""
         self._set.set()
         if self._then is not None:
             self._then()
 
     def is_set(self) -> bool:
+        """Whether the work is to stop."""
         return self._set.is_set()
 
-    def then(self, end: Callable[[], None]) -> None:
+    def call_on_stop(self, end: Callable[[], None]) -> None:
+        """Call a function on the stop."""
         self._then = end
         if self.is_set():
             end()
@@ -150,7 +154,7 @@ class WorkStopped(Exception):
 
 
 class OpenQuestions(ValueError):
-    """A file cannot be brought in before these lines are answered in the import file."""
+    """A file cannot be imported before these lines are answered in the import file."""
 
     def __init__(self, questions: tuple[str, ...], import_file: str) -> None:
         super().__init__(questions[0] if questions else import_file)
@@ -158,57 +162,60 @@ class OpenQuestions(ValueError):
 
 
 class DiagnosisService(Protocol):
-    """Files and long work of the page. Errors are one-line ValueErrors; long work raises
-    Stopped where it is cancelled.
+    """Does files and long work of the page.
 
-    Everything here blocks: the page calls it in a thread.
+    Errors are one-line ValueErrors; long work raises WorkStopped where it is cancelled. Everything
+    here blocks: the page calls it in a thread.
     """
 
     def list_sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
-        """Newest first. running_log: path that the control worker writes, or empty."""
+        """Data to choose from, newest first. running_log: path that the control worker writes, or
+        empty."""
 
     def find_source(self, path: str) -> DiagnosisSource:
-        """A file by its typed path."""
+        """Find a file by its typed path."""
 
     def is_installed(self) -> bool:
-        """Whether what computes a diagnosis is there."""
+        """Whether the package that computes a diagnosis is installed."""
 
-    def install_extra(self, tell: Tell, stop: Stop) -> None:
-        """Installs it next to topdress, by what installed topdress."""
+    def install_extra(self, tell: TellProgress, stop: StopSignal) -> None:
+        """Install it next to topdress, by the tool that installed topdress."""
 
     def list_machines(self) -> tuple[str, ...]:
-        """Machine files to hold the data against, along with the one that the log names."""
+        """Machine files for the comparison, along with the one that the log names."""
 
     def run_diagnosis(
-        self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
+        self, source: DiagnosisSource, machine: str | None, tell: TellProgress, stop: StopSignal
     ) -> DiagnosisView:
-        """machine None: the one that the log names, else the configured one.
+        """Diagnose data. machine None: the one that the log names, else the configured one.
 
-        A file of kind IMPORT is brought in first: as a new log of the user's own folder;
+        A file of kind IMPORT_KIND is imported first: as a new log of the user's own folder;
         OpenQuestions where not sure.
         """
 
     def adopt_effects(self, found: DiagnosisView, chosen: Adoption) -> str:
-        """Writes the new machine file; its path."""
+        """Write the new machine file; its path."""
 
     def describe_last_change(self, machine: str | None) -> tuple[str, ...]:
-        """What a diagnosis changed last in a machine file, before and after, a line each; ()
-        where nothing is left."""
+        """The last change of a machine file by a diagnosis, before and after, a line each; () where
+        there is none."""
 
     def undo_last_change(self, machine: str | None) -> str:
-        """Writes a new machine file without the last change; its path."""
+        """Write a new machine file without the last change; its path."""
 
-    def export_result(self, found: DiagnosisView, what: Export) -> str:
-        """Writes the report or the data next to the log; the path."""
+    def export_result(self, found: DiagnosisView, what: ExportKind) -> str:
+        """Write the report or the data next to the log; the path."""
 
     def write_separating_job(self, found: DiagnosisView) -> str:
-        """Writes the separating run as a job file; its path."""
+        """Write the separating run as a job file; its path."""
 
-    def drive_separating_run(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
-        """Drives the separating run on the simulated machine and diagnoses its log."""
+    def drive_separating_run(
+        self, found: DiagnosisView, tell: TellProgress, stop: StopSignal
+    ) -> DiagnosisView:
+        """Drive the separating run on the simulated machine and diagnose its log."""
 
     def compare_machines(
-        self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
+        self, machine: str, source: DiagnosisSource, tell: TellProgress, stop: StopSignal
     ) -> ComparedShown:
-        """A machine file as it was before its last change, and as it is, on a log that it was
-        not made from."""
+        """Compare a machine file before and after its last change, on a log that it was not made
+        from."""

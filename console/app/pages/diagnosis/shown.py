@@ -19,35 +19,37 @@ from topdress.control.diagnosis.result import Cause, Channel, Diagnosis, Size
 MOST_GAIN_LINES = 3
 STRUCTURE_P = 0.01  # below it a channel has more than noise
 # of a channel's error beyond its noise: less is there, and is worth no mark
-LEAST_SHARE = 0.01
+LEAST_MARKED_SHARE = 0.01
 
 
-def said(view: DiagnosisView, lead: str) -> SaidVerdict:
+def make_verdict(view: DiagnosisView, lead: str) -> SaidVerdict:
+    """The verdict for its panel."""
     _word, name, symbol = sentences.VERDICT_WORDS[view.found.verdict]
     return SaidVerdict(
         view.found.verdict,
         symbol,
         _(name),
-        words.about(view),
+        words.describe_data(view),
         sentences.format_verdict_line(view.found),
-        words.todo(view),
+        words.describe_next_step(view),
         lead,
     )
 
 
-def causes(view: DiagnosisView, at: int, units: Units) -> CausesView:
+def make_causes_view(view: DiagnosisView, at: int, units: Units) -> CausesView:
+    """The causes for their list."""
     found = view.found
     unseen = sum(one.smallest_detectable.value is None for one in found.not_shown)
     none = _("None. {count} kinds of fault never show in a file of this kind.").format(count=unseen)
     return CausesView(
-        tuple(_cause(cause, view.mean_target_kg_ha, units) for cause in found.causes),
+        tuple(_make_cause_line(cause, view.mean_target_kg_ha, units) for cause in found.causes),
         at,
-        (*_left(found), *_whole(found), none),
+        (*_list_unexplained(found), *_describe_whole_drive(found), none),
         find_language_code(),
     )
 
 
-def _cause(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> CauseLine:
+def _make_cause_line(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> CauseLine:
     tied = sentences.list_ties(cause)
     rivals = (
         ""
@@ -59,17 +61,17 @@ def _cause(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> Cause
     )
     return CauseLine(
         sentences.format_heading(cause),
-        words.size(cause),
+        words.format_cause_size(cause),
         format_percent(cause.probability),
         rivals,
-        words.cost(cause, mean_target_kg_ha, units),
+        words.format_cost(cause, mean_target_kg_ha, units),
         _("Drive the next test before anything is changed.") if tied else _(cause.advice),
-        interval(cause.size),
+        find_interval_shares(cause.size),
         tied,
     )
 
 
-def interval(size: Size) -> tuple[float, float, float] | None:
+def find_interval_shares(size: Size) -> tuple[float, float, float] | None:
     """Low, size, high as shares of a bar that has zero in its middle."""
     if size.value is None or size.low is None or size.high is None:
         return None
@@ -81,8 +83,9 @@ def interval(size: Size) -> tuple[float, float, float] | None:
     )
 
 
-def channels(view: DiagnosisView) -> ChannelsView:
-    """Gains are those of the causes themselves; what is compared with them stands in the report."""
+def make_channels_view(view: DiagnosisView) -> ChannelsView:
+    """The channels. Gains are those of the causes themselves; the machine file's stand in the
+    report."""
     found = view.found
     gains = [
         _(
@@ -91,29 +94,29 @@ def channels(view: DiagnosisView) -> ChannelsView:
             "({metric})"
         ).format(
             channel=sentences.name_channel(gain.channel),
-            before=words.figure(gain.before),
-            after=words.figure(gain.after),
+            before=words.format_figure(gain.before),
+            after=words.format_figure(gain.after),
             metric=gain.metric,
         )
         for gain in found.gain
         if gain.of == "names"
     ]
     return ChannelsView(
-        tuple(_channel(one, view.after.get(one.channel)) for one in found.channels),
-        (*found.findings, *_left(found)),
-        (*_whole(found), *gains[:MOST_GAIN_LINES]),
+        tuple(_make_channel_line(one, view.after.get(one.channel)) for one in found.channels),
+        (*found.findings, *_list_unexplained(found)),
+        (*_describe_whole_drive(found), *gains[:MOST_GAIN_LINES]),
         find_language_code(),
     )
 
 
-def _left(found: Diagnosis) -> tuple[str, ...]:
+def _list_unexplained(found: Diagnosis) -> tuple[str, ...]:
     return tuple(
         sentences.describe_unexplained(one, found.data.kind, column=False)
         for one in found.unexplained
     )
 
 
-def _whole(found: Diagnosis) -> tuple[str, ...]:
+def _describe_whole_drive(found: Diagnosis) -> tuple[str, ...]:
     """The drive as a whole, where it was fitted so."""
     return (
         ()
@@ -125,24 +128,25 @@ def _whole(found: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def _channel(one: Channel, after: float | None) -> ChannelLine:
+def _make_channel_line(one: Channel, after: float | None) -> ChannelLine:
     # of the mean square error, that is not the sensor's noise
     share = 0.0
     if one.structure_p < STRUCTURE_P and one.rmse > 0.0:
         share = 1.0 - (one.noise_floor / one.rmse) ** 2
-    wrong = share >= LEAST_SHARE
+    wrong = share >= LEAST_MARKED_SHARE
     return ChannelLine(
         sentences.name_channel(one.channel),
         one.unit,
-        words.figure(one.rmse),
-        "" if after is None else words.figure(after),
-        words.figure(one.noise_floor),
+        words.format_figure(one.rmse),
+        "" if after is None else words.format_figure(after),
+        words.format_figure(one.noise_floor),
         format_percent(share) if wrong else "-",
         wrong,
     )
 
 
-def plan(view: DiagnosisView) -> PlanView:
+def make_plan_view(view: DiagnosisView) -> PlanView:
+    """The plan of the separating run."""
     if view.found.next_run is None:
         return PlanView("", (), "", find_language_code())
     names = [
@@ -162,17 +166,18 @@ def plan(view: DiagnosisView) -> PlanView:
     return PlanView(why, sentences.list_next_steps(view.found), how, find_language_code())
 
 
-def over(view: DiagnosisView, at: int) -> PlotView | None:
-    """Along the variable that tells the chosen cause; of what no cause explains where there is
-    none."""
-    return _plot(view, view.drawn[at].over if view.drawn else view.left_curve)
+def make_variable_plot(view: DiagnosisView, at: int) -> PlotView | None:
+    """The plot along the telling variable of the chosen cause; of the unexplained part where there
+    is none."""
+    return _make_plot_view(view, view.drawn[at].over if view.drawn else view.left_curve)
 
 
-def time(view: DiagnosisView, at: int) -> PlotView | None:
-    return _plot(view, view.drawn[at].time) if view.drawn else None
+def make_time_plot(view: DiagnosisView, at: int) -> PlotView | None:
+    """The plot over the log."""
+    return _make_plot_view(view, view.drawn[at].time) if view.drawn else None
 
 
-def _plot(view: DiagnosisView, curve: ResidualCurve | None) -> PlotView | None:
+def _make_plot_view(view: DiagnosisView, curve: ResidualCurve | None) -> PlotView | None:
     if curve is None:
         return None
     title = _("error of {channel}, {unit}").format(

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-from topdress.console.app.widgets.panel import Panel, choose_fullest, line, wrapped
+from topdress.console.app.widgets.panel import Panel, choose_fullest, make_line, wrap_text
 
-_STYLES = {
+_VERDICT_STYLES = {
     "none": "bold reverse",
     "named": "bold $on-alarm-amber on $alarm-amber",
     "ambiguous": "bold $on-alarm-amber on $alarm-amber",
@@ -18,7 +18,7 @@ _STYLES = {
 
 
 class SaidVerdict(NamedTuple):
-    """verdict: id. lead: which data, where there are two."""
+    """Holds a verdict in words. verdict: id. lead: which data, where there are two."""
 
     verdict: str
     symbol: str
@@ -30,32 +30,32 @@ class SaidVerdict(NamedTuple):
 
 
 class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
-    """Rows: word and data; the sentence; what to do. Two verdicts stand one below the other, in
+    """Shows word and data; the sentence; the remedy. Two verdicts stand one below the other, in
     fewer rows each."""
 
-    def lines(self, view: tuple[SaidVerdict, ...], width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: tuple[SaidVerdict, ...], width: int, height: int) -> list[Content]:
         rows: list[Content] = []
         for index, said in enumerate(view):
             room = (height - len(rows)) // (len(view) - index)
-            rows += self._one(said, width, room)
+            rows += self._draw_verdict(said, width, room)
         return rows
 
     @staticmethod
-    def _one(said: SaidVerdict, width: int, room: int) -> list[Content]:
+    def _draw_verdict(said: SaidVerdict, width: int, room: int) -> list[Content]:
         lead = f"{said.lead}: " if said.lead else ""
         left = cell_len(f" {said.symbol} {said.word}   {lead}")
         about = choose_fullest(
             ("   ".join(said.about[:kept]) for kept in range(len(said.about), -1, -1)), width - left
         )
-        head = line(
-            (f" {said.symbol} {said.word} ", _STYLES[said.verdict]),
+        head = make_line(
+            (f" {said.symbol} {said.word} ", _VERDICT_STYLES[said.verdict]),
             (f"  {lead}", "bold"),
             (about, "$muted"),
         )
         todo = [
-            line((f" > {row}" if not k else f"   {row}", "bold $primary"))
-            for k, row in enumerate(wrapped(said.todo, width - 4))
+            make_line((f" > {row}" if not k else f"   {row}", "bold $primary"))
+            for k, row in enumerate(wrap_text(said.todo, width - 4))
         ]
-        sentence = [line((f" {row}", "bold")) for row in wrapped(said.sentence, width - 2)]
+        sentence = [make_line((f" {row}", "bold")) for row in wrap_text(said.sentence, width - 2)]
         spare = room - 1 - len(sentence)
         return [head, *sentence[: max(1, room - 1)], *todo[: max(0, spare)]]

@@ -5,9 +5,9 @@ What it says of the data itself is said for all: `console.reports.diagnosis_word
 
 from __future__ import annotations
 
-from topdress.console.app.pages.diagnosis.service import IMPORT, ComparedShown, DiagnosisView
+from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, ComparedShown, DiagnosisView
 from topdress.console.app.units import Units
-from topdress.console.app.view import duration
+from topdress.console.app.view import format_duration
 from topdress.console.locale import N_, _
 from topdress.console.reports.diagnosis_wording import (
     describe_improvement,
@@ -21,17 +21,17 @@ from topdress.console.reports.diagnosis_wording import (
 from topdress.console.reports.numbers import format_number, use_plain_minus
 from topdress.control.diagnosis.result import Cause
 
-KINDS = {
+KIND_NAMES = {
     "run": N_("run log"),
     "lag": N_("lag table"),
     "catch": N_("catch test"),
     "weigh": N_("weighed plots"),
     "heads": N_("heads table"),
     "place": N_("place table"),
-    IMPORT: N_("other log"),
+    IMPORT_KIND: N_("other log"),
 }
 
-STAGES = {
+STAGE_NAMES = {
     "reading": N_("reading the file"),
     "importing": N_("bringing in the file"),
     "installing": N_("installing the diagnosis"),
@@ -57,23 +57,23 @@ STAGES = {
 LEAST_PLACE_M = 0.005  # less is not said
 
 
-def figure(value: float, digits: int = 3) -> str:
-    """As many digits as one reads at a glance, no powers of ten, with a minus that every
-    terminal has."""
+def format_figure(value: float, digits: int = 3) -> str:
+    """A number with as many digits as are read at a glance, no powers of ten, with a minus that
+    every terminal has."""
     return use_plain_minus(format_number(value, digits))
 
 
-def about(view: DiagnosisView) -> tuple[str, ...]:
-    """Which data, how much of it, and what it was held against."""
+def describe_data(view: DiagnosisView) -> tuple[str, ...]:
+    """The data, its extent, and the machine of the comparison."""
     data = view.found.data
-    span = "" if data.duration_s is None else f", {duration(data.duration_s)}"
+    span = "" if data.duration_s is None else f", {format_duration(data.duration_s)}"
     rows = _("{count} rows").format(count=data.rows)
     against = _("against {machine}").format(machine=data.machine)
-    return view.source, f"{_(KINDS.get(data.kind, data.kind))}, {rows}{span}", against
+    return view.source, f"{_(KIND_NAMES.get(data.kind, data.kind))}, {rows}{span}", against
 
 
-def todo(view: DiagnosisView) -> str:
-    """What to do next, in one line."""
+def describe_next_step(view: DiagnosisView) -> str:
+    """The next step, in one line."""
     found = view.found
     if found.verdict == "none":
         return _("Nothing to do.")
@@ -102,8 +102,8 @@ def todo(view: DiagnosisView) -> str:
     return _("Look for what changed on the machine; a smooth curve alone is not adopted.")
 
 
-def adopted_title(view: DiagnosisView, name: str) -> str:
-    """Of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a
+def find_adopted_title(view: DiagnosisView, name: str) -> str:
+    """Title of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a
     term by its id."""
     fitted = view.found.fitted
     if fitted is not None and name == format_whole_id(fitted):
@@ -111,20 +111,20 @@ def adopted_title(view: DiagnosisView, name: str) -> str:
     return next((find_cause_title(one) for one in view.found.causes if one.id == name), name)
 
 
-def size(cause: Cause) -> str:
-    """Size, 90 % interval, since when."""
+def format_cause_size(cause: Cause) -> str:
+    """Size, 90 % interval, time span."""
     of, then = cause.size, describe_time_span(cause)
     if of.value is None:
         said = _("size not known")
     else:
-        said = f"{figure(of.value)} {_(of.unit)}"
+        said = f"{format_figure(of.value)} {_(of.unit)}"
         if of.low is not None and of.high is not None:
-            said += f"  ({figure(of.low, 2)} {_('to')} {figure(of.high, 2)})"
+            said += f"  ({format_figure(of.low, 2)} {_('to')} {format_figure(of.high, 2)})"
     return f"{said}  {then}" if then else said
 
 
-def cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> str:
-    """What it does to dose, at the log's mean target too, and place while nobody knows of it."""
+def format_cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> str:
+    """The effect on dose, at the log's mean target too, and place while nobody knows of it."""
     percent_, place_m = cause.field_cost.rate_error_percent, cause.field_cost.place_error_m
     said = []
     if percent_:
@@ -146,10 +146,11 @@ def cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> str:
     )
 
 
-def compared(found: ComparedShown) -> list[str]:
+def list_compared_lines(found: ComparedShown) -> list[str]:
     """A line for each channel: error before and after, and which is better beyond chance."""
     lines = [
-        f"{name_channel(one.channel)}: {figure(one.old)} -> {figure(one.new)} {one.unit}   "
+        f"{name_channel(one.channel)}: {format_figure(one.old)} -> {format_figure(one.new)} "
+        f"{one.unit}   "
         f"{describe_improvement(one.old, one.new, one.low, one.high)}"
         for one in found.rows
     ]

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from topdress.console.app import words
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.pages.job.map_words import is_doubtful, map_words
-from topdress.console.app.pages.job.service import Facts
-from topdress.console.app.remaining_work import remaining_work
-from topdress.console.app.typed_number import in_words
+from topdress.console.app.pages.job.map_words import describe_map_check, is_doubtful
+from topdress.console.app.pages.job.service import JobFacts
+from topdress.console.app.remaining_work import estimate_remaining
+from topdress.console.app.typed_number import format_with_unit
 from topdress.console.app.units import Units
 from topdress.console.app.view import (
     STALE_S,
-    Item,
-    Shown,
-    duration,
+    ItemView,
+    ShownText,
+    format_duration,
     format_local_time,
     list_point_items,
 )
@@ -39,10 +39,10 @@ OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
 # shown to 0.1 kg; a stop's own run-down is some 0.1 kg
 LEAST_STOPPED_KG = 0.05
-SILENT_S = 2.0  # a device that said nothing for this long
+DEVICE_SILENT_S = 2.0  # a device that said nothing for this long
 LEAST_FREE_BYTES = 200_000_000
 LOW_FREE_BYTES = 2_000_000_000
-SCALES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
+SCALE_NAMES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
 STRIP_BEGINS = {
     "nrich": N_("N-rich strip begins here; B again at its end, after {least} or more"),
     "check": N_("farmer check begins here; B again at its end, after {least} or more"),
@@ -55,7 +55,7 @@ STRIP_TITLES = {
     "nrich": N_("NDVI {ndvi} as the N-rich strip of this job?"),
     "check": N_("NDVI {ndvi} as the farmer check of this job?"),
 }
-DEVICE_WORDS = {
+DEVICE_NAMES = {
     "gnss": N_("GNSS"),
     "heads": N_("canopy heads"),
     "board": N_("drive board"),
@@ -66,8 +66,8 @@ DEVICE_WORDS = {
 }
 
 
-class Check(NamedTuple):
-    """One line of the list. full: everything, where the line may have no room for it."""
+class JobCheck(NamedTuple):
+    """Holds one line of the list. full: everything, where the line may have no room for it."""
 
     label: str
     level: str
@@ -75,118 +75,119 @@ class Check(NamedTuple):
     full: tuple[str, ...] = ()
 
 
-def checks(
+def list_checks(
     frame: Frame | None,
     age_s: float,
-    facts: Facts | None,
+    facts: JobFacts | None,
     trouble: str,
     free_bytes: int | None,
     units: Units,
-) -> tuple[Check, ...]:
-    """The list before work. facts: None while they are being read; trouble: why they cannot be,
-    one line."""
-    found = [_devices(frame, age_s)]
+) -> tuple[JobCheck, ...]:
+    """The list before work. facts: None while they are being read; trouble: why they cannot be, one
+    line."""
+    found = [_check_devices(frame, age_s)]
     if facts is None:
-        found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
+        found.append(JobCheck(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
         found += [
-            *_who(facts),
-            _crop(facts),
-            *_growth(facts),
-            *_year_n(facts),
-            _strip(facts, frame),
-            *_response(facts, frame),
-            *_product(facts),
-            _limits(facts, units),
-            _field(facts, units),
-            *_map(facts, units),
-            _machine(facts),
+            *_check_names(facts),
+            _check_crop(facts),
+            *_check_growth(facts),
+            *_check_year_nitrogen(facts),
+            _check_strip(facts, frame),
+            *_check_response_index(facts, frame),
+            *_check_product(facts),
+            _check_limits(facts, units),
+            _check_field(facts, units),
+            *_check_map(facts, units),
+            _check_machine(facts),
         ]
-    found += [_hopper(frame, age_s, units), _log(frame, free_bytes)]
+    found += [_check_hopper(frame, age_s, units), _check_log(frame, free_bytes)]
     return tuple(found)
 
 
-def file_name(path: str) -> str:
+def find_file_name(path: str) -> str:
     """The last part of a path of either kind of system."""
     return path.replace("\\", "/").rpartition("/")[2]
 
 
-def worst(found: tuple[Check, ...]) -> str:
+def find_worst_level(found: tuple[JobCheck, ...]) -> str:
+    """The worst level of the checks."""
     levels = {check.level for check in found}
     return next((level for level in (STOP, LOOK) if level in levels), OK)
 
 
-def _devices(frame: Frame | None, age_s: float) -> Check:
+def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
     label = _("devices")
     if frame is None or age_s > STALE_S:
-        return Check(label, STOP, _("no values from the machine"))
+        return JobCheck(label, STOP, _("no values from the machine"))
     if not frame.devices:
-        return Check(label, STOP, _("no device is configured"))
+        return JobCheck(label, STOP, _("no device is configured"))
     silent = [
         one
         for one in frame.devices
-        if not one.connected or one.age_s is None or one.age_s > SILENT_S
+        if not one.connected or one.age_s is None or one.age_s > DEVICE_SILENT_S
     ]
-    lines = tuple(f"{_device(one)}: {one.port}  {one.rate_hz:.0f} Hz" for one in frame.devices)
+    lines = tuple(f"{_name_device(one)}: {one.port}  {one.rate_hz:.0f} Hz" for one in frame.devices)
     simulated = f"  {_('SIMULATED')}" if frame.simulated else ""
     if silent:
         drive = any(one.name in ("board", "rate_module") for one in silent)
-        names = ", ".join(_device(one) for one in silent)
-        return Check(
+        names = ", ".join(_name_device(one) for one in silent)
+        return JobCheck(
             label,
             STOP if drive else LOOK,
             _("silent: {names}").format(names=names) + simulated,
             lines,
         )
     heads = [one for one in frame.devices if one.name.startswith("head_")]
-    others = ", ".join(_device(one) for one in frame.devices if one not in heads)
+    others = ", ".join(_name_device(one) for one in frame.devices if one not in heads)
     text = f"{others}, {_('{count} heads').format(count=len(heads))}" if heads else others
-    return Check(label, OK, text + simulated, lines)
+    return JobCheck(label, OK, text + simulated, lines)
 
 
-def _device(one: DeviceView) -> str:
+def _name_device(one: DeviceView) -> str:
     name, _line, number = one.name.partition("_")
     if name == "head" and number:
         return _("head {number}").format(number=number)
-    return _(DEVICE_WORDS.get(one.name, one.name))
+    return _(DEVICE_NAMES.get(one.name, one.name))
 
 
-def _who(facts: Facts) -> tuple[Check, ...]:
-    """Whose job it is; a line only where somebody said so."""
+def _check_names(facts: JobFacts) -> tuple[JobCheck, ...]:
+    """Whose job it is; a line only where names are given."""
     names = facts.names
     said = [one for one in (names.client, names.farm, names.product, names.operator) if one]
-    return (Check(_("for"), OK, ", ".join(said)),) if said else ()
+    return (JobCheck(_("for"), OK, ", ".join(said)),) if said else ()
 
 
-def read_crop_note(note: str) -> str:
-    """What a crop file notes about itself, in the language in use; what its author wrote stays
-    as it is. The names of keys behind a colon are those of the file."""
+def translate_crop_note(note: str) -> str:
+    """A crop file's note about itself, in the language in use; its author's words stay. The names
+    of keys behind a colon are those of the file."""
     head, colon, keys = note.partition(": ")
     known = _(note)
     return f"{_(head)}{colon}{keys}" if known == note else known
 
 
-def _crop(facts: Facts) -> Check:
+def _check_crop(facts: JobFacts) -> JobCheck:
     setup = facts.setup
     name, notes = (
         setup.crop.name,
-        [read_crop_note(note) for note in (*setup.job.warnings, *setup.crop.warnings)],
+        [translate_crop_note(note) for note in (*setup.job.warnings, *setup.crop.warnings)],
     )
     if notes:
-        return Check(
+        return JobCheck(
             _("crop"), LOOK, f"{name}: {notes[0]}", (f"{name} ({facts.crop_file})", *notes)
         )
-    return Check(_("crop"), OK, name, (facts.crop_file,))
+    return JobCheck(_("crop"), OK, name, (facts.crop_file,))
 
 
-def _year_n(facts: Facts) -> tuple[Check, ...]:
-    """What the field may still get this year; none where the job has no ceiling."""
+def _check_year_nitrogen(facts: JobFacts) -> tuple[JobCheck, ...]:
+    """Nitrogen that the field may still get this year; none where the job has no ceiling."""
     year = facts.setup.n_year
     if year is None:
         return ()
     said = _("at most {ceiling} kg N/ha, {given} given: {left} left on any place")
     return (
-        Check(
+        JobCheck(
             _("nitrogen of the year"),
             OK,
             said.format(
@@ -198,16 +199,16 @@ def _year_n(facts: Facts) -> tuple[Check, ...]:
     )
 
 
-def _growth(facts: Facts) -> tuple[Check, ...]:
-    """Of a crop whose rule was made for some stages."""
+def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
+    """Growth stage, for a crop whose rule was made for some stages."""
     growth = facts.setup.growth
     if growth is None:
         return ()
-    label, scale = _("growth stage"), _(SCALES[growth.scale])
+    label, scale = _("growth stage"), _(SCALE_NAMES[growth.scale])
     first, last = f"{growth.first:g}", f"{growth.last:g}"
     if growth.stage is None:
         return (
-            Check(
+            JobCheck(
                 label,
                 LOOK,
                 _("not said; the rule holds from {scale} {first} to {last}").format(
@@ -217,7 +218,7 @@ def _growth(facts: Facts) -> tuple[Check, ...]:
         )
     if growth.is_outside:
         return (
-            Check(
+            JobCheck(
                 label,
                 LOOK,
                 _("{scale} {stage}: the rule holds from {first} to {last} only").format(
@@ -225,12 +226,12 @@ def _growth(facts: Facts) -> tuple[Check, ...]:
                 ),
             ),
         )
-    return (Check(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
+    return (JobCheck(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
 
 
-def find_present_strips(frame: Frame | None, facts: Facts | None) -> Strips:
-    """As they count now: those of the worker, which knows what was measured since it began;
-    else of the files."""
+def find_present_strips(frame: Frame | None, facts: JobFacts | None) -> Strips:
+    """The strips that count now: the worker's, which knows those measured since it began; else the
+    files'."""
     live = frame.strips if frame is not None else Strips()
     if facts is None:
         return live
@@ -239,8 +240,7 @@ def find_present_strips(frame: Frame | None, facts: Facts | None) -> Strips:
 
 
 def describe_doubt(strips: Strips) -> str:
-    """Why the response index of the field is not to be believed as it stands; empty where
-    nothing speaks against it."""
+    """Why the response index of the field is doubtful; empty where nothing speaks against it."""
     index, why = calc_measured_index(strips), find_index_doubt(strips)
     if index is None or not why:
         return ""
@@ -258,10 +258,10 @@ def describe_doubt(strips: Strips) -> str:
 
 
 def compare_strip_rates(
-    facts: Facts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units
+    facts: JobFacts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units
 ) -> str:
-    """The canopy's target on the field's ground without and with a strip, by the crop's rule;
-    empty where it is not known."""
+    """The canopy's target on the field's ground without and with a strip, by the crop's rule; empty
+    where it is not known."""
     if facts is None or field_ndvi is None:
         return ""
     rates = []
@@ -269,7 +269,7 @@ def compare_strip_rates(
         rule = replace(facts.setup.rule, ndvi_nrich=strips.nrich, ndvi_check=strips.check)
         decided = rule.decide_rate(field_ndvi)
         rates.append(
-            units.rate.full(
+            units.rate.format_with_name(
                 decided.rate_kg_ha if rule.is_ready else facts.setup.crop.fallback_rate_kg_ha
             )
         )
@@ -278,9 +278,9 @@ def compare_strip_rates(
     ).format(ndvi=f"{field_ndvi:.3f}", before=rates[0], after=rates[1])
 
 
-def hardly_richer_words(strip: StripValue | None, field_ndvi: float | None) -> str:
-    """A strip that reads as the field does is no N-rich strip, or the field has enough; empty
-    where it is richer."""
+def describe_poor_strip(strip: StripValue | None, field_ndvi: float | None) -> str:
+    """A note that a strip reads as the field does: it is no N-rich strip, or the field has enough;
+    empty where it is richer."""
     if (
         strip is None
         or strip.which != "nrich"
@@ -296,8 +296,8 @@ def hardly_richer_words(strip: StripValue | None, field_ndvi: float | None) -> s
     ).format(field=f"{field_ndvi:.3f}")
 
 
-def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
-    """Of a job that goes by the response index of the field."""
+def _check_response_index(facts: JobFacts, frame: Frame | None) -> tuple[JobCheck, ...]:
+    """Response index, for a job that goes by it."""
     if (
         facts.setup.rule.response_rule != "field"
         or facts.setup.job.target.source not in CANOPY_SOURCES
@@ -311,12 +311,12 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
             if strips.nrich is not None
             else (_("no strips yet: drive both with B"))
         )
-        return (Check(label, LOOK, missing),)
+        return (JobCheck(label, LOOK, missing),)
     said = describe_doubt(strips)
     if said:
-        return (Check(label, LOOK, said),)
+        return (JobCheck(label, LOOK, said),)
     return (
-        Check(
+        JobCheck(
             label,
             OK,
             _("RI {index}: N-rich {nrich} over check {check}").format(
@@ -326,36 +326,36 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
     )
 
 
-def _strip(facts: Facts, frame: Frame | None) -> Check:
+def _check_strip(facts: JobFacts, frame: Frame | None) -> JobCheck:
     label, job, crop = _("N-rich strip"), facts.setup.job, facts.setup.crop
     if job.target.source not in CANOPY_SOURCES:
-        return Check(
+        return JobCheck(
             label,
             OK,
             _("not needed: {source} in use").format(source=words.name_source(job.target.source)),
         )
     live = frame.strips.nrich if frame is not None else None
     if live is not None and live != facts.setup.rule.ndvi_nrich:
-        return Check(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
+        return JobCheck(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
     if job.ndvi_nrich is not None:
-        return Check(label, OK, f"NDVI {job.ndvi_nrich:.3f}  {_('of the job')}")
+        return JobCheck(label, OK, f"NDVI {job.ndvi_nrich:.3f}  {_('of the job')}")
     if crop.ndvi_nrich is not None:
-        return Check(
+        return JobCheck(
             label, LOOK, f"NDVI {crop.ndvi_nrich:.3f}  {_('of the crop file, not of this field')}"
         )
     if crop.fixed_yield_t_ha is not None:
-        return Check(
+        return JobCheck(
             label,
             LOOK,
             _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
                 yield_t_ha=f"{crop.fixed_yield_t_ha:g}"
             ),
         )
-    return Check(label, LOOK, _("none: drive one with B"))
+    return JobCheck(label, LOOK, _("none: drive one with B"))
 
 
-def _product(facts: Facts) -> tuple[Check, ...]:
-    """Of a job that takes a product of the library."""
+def _check_product(facts: JobFacts) -> tuple[JobCheck, ...]:
+    """Product, for a job that takes one of the library."""
     product, machine = facts.setup.product, facts.setup.machine
     if product is None:
         return ()
@@ -367,7 +367,7 @@ def _product(facts: Facts) -> tuple[Check, ...]:
     test = product.find_newest_test(machine.id)
     if test is None:
         return (
-            Check(
+            JobCheck(
                 label,
                 LOOK,
                 _(
@@ -378,7 +378,7 @@ def _product(facts: Facts) -> tuple[Check, ...]:
             ),
         )
     return (
-        Check(
+        JobCheck(
             label,
             OK,
             _("{product}, {percent} % N, {grams} g a turn and mm (catch test of {date})").format(
@@ -392,29 +392,33 @@ def _product(facts: Facts) -> tuple[Check, ...]:
     )
 
 
-def _limits(facts: Facts, units: Units) -> Check:
-    return Check(
+def _check_limits(facts: JobFacts, units: Units) -> JobCheck:
+    return JobCheck(
         _("limits"),
         OK,
         _("at most {most}; without canopy {fallback}").format(
-            most=units.rate.full(facts.setup.crop.max_rate_kg_ha),
-            fallback=units.rate.full(facts.setup.crop.fallback_rate_kg_ha),
+            most=units.rate.format_with_name(facts.setup.crop.max_rate_kg_ha),
+            fallback=units.rate.format_with_name(facts.setup.crop.fallback_rate_kg_ha),
         ),
     )
 
 
-def _field(facts: Facts, units: Units) -> Check:
+def _check_field(facts: JobFacts, units: Units) -> JobCheck:
     if facts.field_ha is None:
-        return Check(_("field"), LOOK, _("no boundary: nothing stops the flow at the field's edge"))
-    return Check(_("field"), OK, f"{facts.field}  {units.area.full(facts.field_ha)}".strip())
+        return JobCheck(
+            _("field"), LOOK, _("no boundary: nothing stops the flow at the field's edge")
+        )
+    return JobCheck(
+        _("field"), OK, f"{facts.field}  {units.area.format_with_name(facts.field_ha)}".strip()
+    )
 
 
-def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
-    """Of a job that names one."""
-    label, name = _("map"), file_name(facts.map_file)
+def _check_map(facts: JobFacts, units: Units) -> tuple[JobCheck, ...]:
+    """Map, for a job that names one."""
+    label, name = _("map"), find_file_name(facts.map_file)
     if facts.map_trouble:
         return (
-            Check(
+            JobCheck(
                 label,
                 STOP if facts.setup.job.target.source in MAP_SOURCES else LOOK,
                 facts.map_trouble,
@@ -422,76 +426,82 @@ def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
         )
     if facts.map_check is None:
         return ()
-    said = map_words(facts.map_check, units)
+    said = describe_map_check(facts.map_check, units)
     doubtful = is_doubtful(facts.map_check) and bool(said)
     if doubtful:
-        return (Check(label, LOOK, said[0], (facts.map_file, *said)),)
-    return (Check(label, OK, name, (facts.map_file, *said)),)
+        return (JobCheck(label, LOOK, said[0], (facts.map_file, *said)),)
+    return (JobCheck(label, OK, name, (facts.map_file, *said)),)
 
 
-def _machine(facts: Facts) -> Check:
+def _check_machine(facts: JobFacts) -> JobCheck:
     label, machine = _("machine"), facts.setup.machine
     name = machine.title or machine.id
     if machine.adopted:
         text = _("{machine}: effects adopted from data: {count}").format(
             machine=name, count=len(machine.adopted)
         )
-        return Check(label, OK, text, (facts.machine_file, *map(_adopted, machine.adopted)))
+        return JobCheck(
+            label, OK, text, (facts.machine_file, *map(_format_adopted, machine.adopted))
+        )
     if facts.shipped_machine:
-        return Check(
+        return JobCheck(
             label,
             LOOK,
             _("{machine}: as delivered, not calibrated here").format(machine=name),
             (facts.machine_file,),
         )
-    return Check(label, OK, name, (facts.machine_file,))
+    return JobCheck(label, OK, name, (facts.machine_file,))
 
 
-def _adopted(one: Adopted) -> str:
-    """An adopted effect with the data that it comes from."""
+def _format_adopted(one: Adopted) -> str:
+    """An adopted effect with the data from which it comes."""
     return f"{one.id} {one.size:+g} {one.unit}".rstrip() + (
         f"  ({one.data}, {one.date})" if one.data else ""
     )
 
 
-def _hopper(frame: Frame | None, age_s: float, units: Units) -> Check:
+def _check_hopper(frame: Frame | None, age_s: float, units: Units) -> JobCheck:
     label = _("hopper")
     if frame is None or frame.row.hopper_kg is None:
-        return Check(label, LOOK, _("no scale: fill level not known"))
+        return JobCheck(label, LOOK, _("no scale: fill level not known"))
     if age_s > STALE_S:
-        return Check(
-            label, LOOK, _("was {state}").format(state=units.mass.full(frame.row.hopper_kg))
+        return JobCheck(
+            label,
+            LOOK,
+            _("was {state}").format(state=units.mass.format_with_name(frame.row.hopper_kg)),
         )
     low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
-    return Check(label, LOOK if low else OK, units.mass.full(frame.row.hopper_kg))
+    return JobCheck(label, LOOK if low else OK, units.mass.format_with_name(frame.row.hopper_kg))
 
 
-def _log(frame: Frame | None, free_bytes: int | None) -> Check:
+def _check_log(frame: Frame | None, free_bytes: int | None) -> JobCheck:
     label = _("log")
     if frame is None or not frame.log_path:
-        return Check(label, STOP, _("no log is written"))
+        return JobCheck(label, STOP, _("no log is written"))
     tally = frame.tally
     if tally is not None and tally.trouble:
-        return Check(label, LOOK, _("after a power cut the job could not go on"), (tally.trouble,))
+        return JobCheck(
+            label, LOOK, _("after a power cut the job could not go on"), (tally.trouble,)
+        )
     if free_bytes is None:
-        return Check(label, LOOK, _("free space not known"), (frame.log_path,))
+        return JobCheck(label, LOOK, _("free space not known"), (frame.log_path,))
     gigabytes = free_bytes / 1e9
     text = _("{free} GB free").format(free=f"{gigabytes:.1f}")
     level = STOP if free_bytes < LEAST_FREE_BYTES else LOOK if free_bytes < LOW_FREE_BYTES else OK
-    return Check(label, level, f"{text}  {file_name(frame.log_path)}", (frame.log_path,))
+    return JobCheck(label, level, f"{text}  {find_file_name(frame.log_path)}", (frame.log_path,))
 
 
-def totals(
+def make_total_items(
     frame: Frame | None, age_s: float, units: Units, picture: FieldPicture | None = None
-) -> tuple[Item, ...]:
-    """What the job amounts to so far, its parts before a power cut included, and what it still
-    takes."""
+) -> tuple[ItemView, ...]:
+    """The job's totals so far, its parts before a power cut included, and the work left."""
     t = frame.totals if frame is not None else None
     tally = frame.tally if frame is not None else None
     old = age_s > STALE_S
     if frame is None or t is None:
         return tuple(
-            Item(label, Shown("--", True)) for label in (_("area"), _("applied"), _("mean rate"))
+            ItemView(label, ShownText("--", True))
+            for label in (_("area"), _("applied"), _("mean rate"))
         )
     cv, cuc = (
         "--" if value is None else f"{value:.1f} %" for value in (t.cv_percent, t.cuc_percent)
@@ -501,58 +511,67 @@ def totals(
     moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
     filled = None if tally is None else sum(kg for _utc, kg in tally.refills)
     items = [
-        Item(_("to finish"), Shown(remaining_work(frame, picture).text(units), old)),
-        Item(_("area"), Shown(units.area.full(t.area_ha), old)),
-        Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
+        ItemView(
+            _("to finish"),
+            ShownText(estimate_remaining(frame, picture).format_remaining(units), old),
+        ),
+        ItemView(_("area"), ShownText(units.area.format_with_name(t.area_ha), old)),
+        ItemView(_("applied"), ShownText(units.mass.format_with_name(t.applied_kg), old)),
         *(
             ()
             if t.stopped_kg < LEAST_STOPPED_KG
             else (
-                Item(
+                ItemView(
                     _("while stopped"),
-                    Shown(units.mass._replace(decimals=1).full(t.stopped_kg), old),
+                    ShownText(units.mass._replace(decimals=1).format_with_name(t.stopped_kg), old),
                 ),
             )
         ),
-        Item(_("covered"), Shown(_covered(t, units), old)),
-        Item(_("mean rate"), Shown(units.rate.full(t.mean_rate_kg_ha), old)),
-        Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),
+        ItemView(_("covered"), ShownText(_format_covered(t, units), old)),
+        ItemView(_("mean rate"), ShownText(units.rate.format_with_name(t.mean_rate_kg_ha), old)),
+        ItemView(
+            _("N used"),
+            ShownText(units.mass._replace(decimals=1).format_with_name(t.applied_n_kg), old),
+        ),
         *(
             list_point_items(frame, old, units)
             or (
-                Item(_("against target"), Shown(error, old)),
-                Item(_("evenness"), Shown(f"CV {cv}  C_uc {cuc}", old)),
+                ItemView(_("against target"), ShownText(error, old)),
+                ItemView(_("evenness"), ShownText(f"CV {cv}  C_uc {cuc}", old)),
             )
         ),
-        Item(_("working"), Shown(duration(t.worked_s), old)),
-        Item(_("held"), Shown(duration(held_s), old)),
-        Item(
+        ItemView(_("working"), ShownText(format_duration(t.worked_s), old)),
+        ItemView(_("held"), ShownText(format_duration(held_s), old)),
+        ItemView(
             _("gate moves"),
-            Shown(
+            ShownText(
                 "--" if moves_h is None else _("{count} an hour").format(count=f"{moves_h:.0f}"),
                 old,
             ),
         ),
-        Item(_("filled in"), Shown("--" if filled is None else units.mass.full(filled), old)),
+        ItemView(
+            _("filled in"),
+            ShownText("--" if filled is None else units.mass.format_with_name(filled), old),
+        ),
     ]
     return tuple(items)
 
 
-def _covered(t: Totals, units: Units) -> str:
-    """Ground that got something, each place once, and what was passed over again."""
+def _format_covered(t: Totals, units: Units) -> str:
+    """Ground that got something, each place once, and ground that was passed over again."""
     if t.covered_ha is None or t.overlap_ha is None:
         return "--"
     return (
-        f"{units.area.full(t.covered_ha)}  "
-        f"{_('twice {area}').format(area=units.area.full(t.overlap_ha))}"
+        f"{units.area.format_with_name(t.covered_ha)}  "
+        f"{_('twice {area}').format(area=units.area.format_with_name(t.overlap_ha))}"
     )
 
 
-def refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str, ...]:
+def list_refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str, ...]:
     """Each refill with its time of day, the newest first."""
     if frame is None or frame.tally is None:
         return ()
     return tuple(
-        f"{format_local_time(utc, utc_offset_s)}  {in_words(units.mass, round(kg, 1))}"
+        f"{format_local_time(utc, utc_offset_s)}  {format_with_unit(units.mass, round(kg, 1))}"
         for utc, kg in reversed(frame.tally.refills)
     )

@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Concatenate, Literal, ParamSpec
 
-from topdress.console.app.action import JOB, Action, on
+from topdress.console.app.action import JOB, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from topdress.console.app.first_question import start_from_any_page
 from topdress.console.app.pages.job.checklist import (
     STRIP_BEGINS,
     STRIP_TITLES,
-    checks,
     compare_strip_rates,
     describe_doubt,
+    describe_poor_strip,
     find_present_strips,
-    hardly_richer_words,
+    list_checks,
 )
-from topdress.console.app.pages.job.nrich import LEAST_M, StripRun
-from topdress.console.app.pages.job.service import File, JobCard, JobService
-from topdress.console.app.reasons import why_no_start, why_not_ready
+from topdress.console.app.pages.job.nrich import LEAST_STRIP_M, StripRun
+from topdress.console.app.pages.job.service import FileChoice, JobCard, JobService
+from topdress.console.app.reasons import explain_no_start, explain_not_ready
 from topdress.console.app.units import Units
 from topdress.console.locale import N_, _
 from topdress.control.agronomy.strips import StripValue
@@ -28,9 +28,9 @@ from topdress.control.orders import Do, Order, State
 if TYPE_CHECKING:
     from topdress.console.app.pages.job.page import JobScreen
 
-Kind = Literal["job", "crop", "machine"]
-P = ParamSpec("P")
-ENDINGS = (
+FileKind = Literal["job", "crop", "machine"]
+Parameters = ParamSpec("Parameters")
+EXPORT_FORMATS = (
     (".geojson", "GeoJSON"),
     (".shp", "shapefile"),
     (".zip", "ISO 11783-10"),
@@ -38,10 +38,13 @@ ENDINGS = (
 )
 
 
-def details(page: JobScreen) -> None:
-    frame, age_s = page.seen(page.app.clock())
+def show_details(page: JobScreen) -> None:
+    """Show all checks in full."""
+    frame, age_s = page.find_frame(page.app.clock())
     lines = []
-    for check in checks(frame, age_s, page.facts, page.trouble, page.free_bytes, page.app.units):
+    for check in list_checks(
+        frame, age_s, page.facts, page.trouble, page.free_bytes, page.app.units
+    ):
         lines += [
             f"{check.label}: {check.text}",
             *(f"    {text}" for text in check.full if text != check.text),
@@ -49,21 +52,22 @@ def details(page: JobScreen) -> None:
     page.app.push_screen(TextDialog(_("before work"), "\n".join(lines)))
 
 
-def strip(page: JobScreen) -> None:
+def press_strip_key(page: JobScreen) -> None:
+    """Begin a strip, or end it and use its value after a question."""
     if page.strip is None:
         _begin_strip(page)
         return
     so_far = page.strip.strip
-    if not so_far.enough or so_far.ndvi is None:
+    if not so_far.is_long_enough or so_far.ndvi is None:
         text = _("{way} with NDVI so far; at least {least} are needed.").format(
-            way=page.app.units.distance.full(so_far.length_m),
-            least=page.app.units.distance.full(LEAST_M),
+            way=page.app.units.distance.format_with_name(so_far.length_m),
+            least=page.app.units.distance.format_with_name(LEAST_STRIP_M),
         )
-        page.app.confirm(_("Cancel the strip?"), text, lambda: _forget_strip(page))
+        page.app.ask_yes_no(_("Cancel the strip?"), text, lambda: _forget_strip(page))
         return
     value = page.strip.value
 
-    def use() -> None:
+    def use_value() -> None:
         if value is not None:
             page.strip = None
             _use_strip(page, value)
@@ -73,13 +77,13 @@ def strip(page: JobScreen) -> None:
         "the next decision on, "
         "and is kept with the job."
     ).format(
-        way=page.app.units.distance.full(so_far.length_m),
+        way=page.app.units.distance.format_with_name(so_far.length_m),
         cv=f"{so_far.cv_percent or 0.0:.1f}",
         se="--" if so_far.se is None else f"{so_far.se:.3f}",
         samples=so_far.samples,
     )
     title = _(STRIP_TITLES[page.strip.which]).format(ndvi=f"{so_far.ndvi:.3f}")
-    with_it = page.strips_with(value)
+    with_it = page.replace_strip(value)
     said = (
         compare_strip_rates(
             page.facts,
@@ -88,73 +92,77 @@ def strip(page: JobScreen) -> None:
             page.field_ndvi,
             page.app.units,
         ),
-        hardly_richer_words(value, page.field_ndvi),
+        describe_poor_strip(value, page.field_ndvi),
         describe_doubt(with_it),
         text,
     )
-    page.app.confirm(title, "\n".join(part for part in said if part), use)
+    page.app.ask_yes_no(title, "\n".join(part for part in said if part), use_value)
 
 
 def _begin_strip(page: JobScreen) -> None:
-    """Where the response index of the field counts, there are two strips: which one is asked
-    first."""
+    """Begin a strip. Where the response index of the field counts, there are two strips: which one
+    is asked first."""
 
-    def begin(which: str) -> None:
+    def begin_run(which: str) -> None:
         page.strip = StripRun("check" if which == "check" else "nrich")
-        page.app.notice(
-            _(STRIP_BEGINS[page.strip.which]).format(least=page.app.units.distance.full(LEAST_M))
+        page.app.show_notice(
+            _(STRIP_BEGINS[page.strip.which]).format(
+                least=page.app.units.distance.format_with_name(LEAST_STRIP_M)
+            )
         )
-        page.hurry()
+        page.hurry_all()
 
     if page.facts is None or page.facts.setup.rule.response_rule != "field":
-        begin("nrich")
+        begin_run("nrich")
         return
     choices = [
         Choice("nrich", _("N-rich strip: got enough nitrogen")),
         Choice("check", _("farmer check: got what the field got")),
     ]
-    page.app.ask(ChoiceDialog(_("Which strip begins here?"), choices, ""), begin)
+    page.app.ask_question(ChoiceDialog(_("Which strip begins here?"), choices, ""), begin_run)
 
 
 def _forget_strip(page: JobScreen) -> None:
     page.strip = None
-    page.hurry()
+    page.hurry_all()
 
 
 def _use_strip(page: JobScreen, value: StripValue) -> None:
-    """At once by an order; and into a job file, for the next start. Taken back, both are as
-    before."""
+    """Use a strip's value at once by an order; and in a job file, for the next start. Undone, both
+    are as before."""
     before = value._replace(
         ndvi=getattr(find_present_strips(page.app.arrival.frame, page.facts), value.which), se=None
     )
 
-    def keep(strip: StripValue) -> None:
+    def save_value(strip: StripValue) -> None:
         service = page.service
         if service is not None:
-            page.keep(lambda: service.save_strip_value(strip))
+            page.save_for_next_start(lambda: service.save_strip_value(strip))
 
-    page.app.give_all(Order(Do.STRIP, value.event_text), also_back=lambda: keep(before))
-    keep(value)
+    page.app.give_orders(Order(Do.STRIP, value.event_text), also_back=lambda: save_value(before))
+    save_value(value)
 
 
-def _with_files(
-    do: Callable[Concatenate[JobScreen, JobService, P], None],
-) -> Callable[Concatenate[JobScreen, P], None]:
-    """Refused in words where this console has no files at hand."""
+def _needs_files(
+    do: Callable[Concatenate[JobScreen, JobService, Parameters], None],
+) -> Callable[Concatenate[JobScreen, Parameters], None]:
+    """The action, refused in words where this console has no files at hand."""
 
-    def run(page: JobScreen, /, *of: P.args, **named: P.kwargs) -> None:
+    def run_with_service(
+        page: JobScreen, /, *of: Parameters.args, **named: Parameters.kwargs
+    ) -> None:
         if page.service is None:
-            page.app.notice(_("files are not available here"))
+            page.app.show_notice(_("files are not available here"))
         else:
             do(page, page.service, *of, **named)
 
-    return run
+    return run_with_service
 
 
-@_with_files
-def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
+@_needs_files
+def _ask_for_file(page: JobScreen, service: JobService, kind: FileKind) -> None:
     if page.facts is None:
-        page.app.notice(page.trouble or _("being read"))
+        page.app.show_notice(page.trouble or _("being read"))
         return
     now = {
         "job": page.facts.job_file,
@@ -162,11 +170,11 @@ def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
         "machine": page.facts.machine_file,
     }[kind]
     if kind == "job":
-        page.app.list_files(
+        page.app.read_for_page(
             lambda: [
                 Choice(
                     file.value,
-                    card_lines(file, card, page.app.units),
+                    format_card(file, card, page.app.units),
                     picture=card and card.picture,
                 )
                 for file, card in service.list_job_cards()
@@ -179,42 +187,45 @@ def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
 
 
 def _choose_file(
-    page: JobScreen, service: JobService, kind: Kind, choices: list[Choice], now: str
+    page: JobScreen, service: JobService, kind: FileKind, choices: list[Choice], now: str
 ) -> None:
     title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
 
-    def chosen(value: str) -> None:
-        def take() -> str:
+    def take_choice(value: str) -> None:
+        def choose_in_service() -> str:
             service.choose_file(kind, value)
             return value
 
         if value != now:
-            page.take(take)
+            page.take_file(choose_in_service)
 
-    page.ask_path(title, choices, kind, chosen, now)
+    page.ask_path(title, choices, kind, take_choice, now)
 
 
-def card_lines(file: File, card: JobCard | None, units: Units) -> str:
-    """What a job is known by."""
+def format_card(file: FileChoice, card: JobCard | None, units: Units) -> str:
+    """The lines of a job in a list."""
     if card is None:
         return file.label
     said = [card.title, "  ".join(part for part in (card.field, card.crop) if part)]
     if card.map:
         said.append(_("map {name}").format(name=card.map))
     said.append(
-        _("{area} done, {day}").format(area=units.area.full(card.done_ha), day=card.worked_utc[:10])
+        _("{area} done, {day}").format(
+            area=units.area.format_with_name(card.done_ha), day=card.worked_utc[:10]
+        )
         if card.worked_utc
         else _("not worked yet")
     )
     return "\n".join(said)
 
 
-@_with_files
-def export(page: JobScreen, service: JobService) -> None:
-    choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
-    page.app.ask(
+@_needs_files
+def ask_export(page: JobScreen, service: JobService) -> None:
+    """Ask for the format, then export."""
+    choices = [Choice(ending, f"{name} ({ending})") for ending, name in EXPORT_FORMATS]
+    page.app.ask_question(
         ChoiceDialog(_("Export as"), choices, ""),
-        lambda ending: page.begin(
+        lambda ending: page.begin_work(
             _("export"),
             lambda log, progress, cancelled: service.export_as_applied(
                 log, ending, progress, cancelled
@@ -223,11 +234,13 @@ def export(page: JobScreen, service: JobService) -> None:
     )
 
 
-@_with_files
-def end_of_job(page: JobScreen, service: JobService) -> None:
-    def end() -> None:
-        page.app.give(Do.MARK, "job finished")
-        page.begin(
+@_needs_files
+def end_job(page: JobScreen, service: JobService) -> None:
+    """End the job after a question: export and report it."""
+
+    def mark_and_export() -> None:
+        page.app.give_order(Do.MARK, "job finished")
+        page.begin_work(
             _("export"),
             lambda log, progress, cancelled: (
                 *service.export_as_applied(log, ".geojson", progress, cancelled),
@@ -235,25 +248,27 @@ def end_of_job(page: JobScreen, service: JobService) -> None:
             ),
         )
 
-    page.app.confirm(
+    page.app.ask_yes_no(
         _("End this job?"),
         _("It is exported and reported, and not offered again after a power cut."),
-        end,
+        mark_and_export,
     )
 
 
-def why_no_log(page: JobScreen) -> str:
+def explain_no_log(page: JobScreen) -> str:
+    """Why nothing is exported: no log is written."""
     frame = page.app.arrival.frame
     return "" if frame is not None and frame.log_path else _("no log is written")
 
 
-def why_no_end(page: JobScreen) -> str:
+def explain_no_end(page: JobScreen) -> str:
+    """Why the job cannot be ended."""
     frame = page.app.arrival.frame
     works = frame is not None and frame.row.state == State.WORKING and not page.app.gone
-    return _("the machine works: hold or stop it first") if works else why_no_log(page)
+    return _("the machine works: hold or stop it first") if works else explain_no_log(page)
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     JOB,
     Action(
         "job_ready",
@@ -261,9 +276,9 @@ ACTIONS = on(
         "R",
         N_("ready"),
         N_("Off, held or fault: make the machine ready."),
-        lambda page: page.app.give(Do.READY),
+        lambda page: page.app.give_order(Do.READY),
         bar=3,
-        why=lambda page: why_not_ready(page.app),
+        why=lambda page: explain_not_ready(page.app),
         judged=True,
         needs_machine=True,
     ),
@@ -275,7 +290,7 @@ ACTIONS = on(
         N_("Ready or held: begins to work, from any page; asks first."),
         lambda page: start_from_any_page(page.app),
         bar=3,
-        why=lambda page: why_no_start(page.app),
+        why=lambda page: explain_no_start(page.app),
         needs_machine=True,
     ),
     Action(
@@ -284,7 +299,7 @@ ACTIONS = on(
         "V",
         N_("details"),
         N_("The whole checklist, in full."),
-        details,
+        show_details,
         bar=4,
         locked=True,
     ),
@@ -294,7 +309,7 @@ ACTIONS = on(
         "J",
         N_("job"),
         N_("Changes over to another job; the machine goes to OFF for it."),
-        lambda page: _ask_file(page, "job"),
+        lambda page: _ask_for_file(page, "job"),
         bar=4,
     ),
     Action(
@@ -303,7 +318,7 @@ ACTIONS = on(
         "Q1",
         N_("crop"),
         N_("Takes another crop; the job keeps what it was before."),
-        lambda page: _ask_file(page, "crop"),
+        lambda page: _ask_for_file(page, "crop"),
     ),
     Action(
         "job_machine",
@@ -311,7 +326,7 @@ ACTIONS = on(
         "Q2",
         N_("machine"),
         N_("Takes another machine file."),
-        lambda page: _ask_file(page, "machine"),
+        lambda page: _ask_for_file(page, "machine"),
     ),
     Action(
         "job_map",
@@ -321,7 +336,7 @@ ACTIONS = on(
         N_(
             "Picks a map from a stick or folder, shows it, takes it; column and unit can be chosen."
         ),
-        _with_files(lambda page, service: page.look_for_maps(service)),
+        _needs_files(lambda page, service: page.look_for_maps(service)),
         bar=5,
     ),
     Action(
@@ -330,7 +345,7 @@ ACTIONS = on(
         "Q3",
         N_("whose"),
         N_("Client, farm, field, product and operator of the job."),
-        _with_files(lambda page, service: page.ask_who(service)),
+        _needs_files(lambda page, service: page.ask_names(service)),
     ),
     Action(
         "job_strip",
@@ -341,7 +356,7 @@ ACTIONS = on(
             "Begins at the strip's start, ends at its end: the mean NDVI between counts at "
             "once, and is kept."
         ),
-        strip,
+        press_strip_key,
         bar=7,
         needs_machine=True,
     ),
@@ -362,9 +377,9 @@ ACTIONS = on(
         "E",
         N_("export"),
         N_("What was applied where, as a file for other programs."),
-        export,
+        ask_export,
         bar=9,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "job_report",
@@ -372,8 +387,8 @@ ACTIONS = on(
         "Q4",
         N_("report"),
         N_("The job's report: sums, map, evenness."),
-        _with_files(lambda page, service: page.begin(_("report"), service.write_reports)),
-        why=why_no_log,
+        _needs_files(lambda page, service: page.begin_work(_("report"), service.write_reports)),
+        why=explain_no_log,
     ),
     Action(
         "job_end",
@@ -381,7 +396,7 @@ ACTIONS = on(
         "Q5",
         N_("end of job"),
         N_("Export and report; the job is not offered again after a power cut."),
-        end_of_job,
-        why=why_no_end,
+        end_job,
+        why=explain_no_end,
     ),
 )

@@ -12,9 +12,9 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.widgets import Static
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Dialog
-from topdress.console.app.map_ink import LEVELS_PLAN, draw_small_map, planned_scale
-from topdress.console.app.pages.job.checklist import file_name
-from topdress.console.app.pages.job.map_words import map_words
+from topdress.console.app.map_ink import LEVELS_PLAN, draw_small_map, find_planned_scale
+from topdress.console.app.pages.job.checklist import find_file_name
+from topdress.console.app.pages.job.map_words import describe_map_check
 from topdress.console.app.pages.job.service import MapPreview
 from topdress.console.app.units import Units
 from topdress.console.app.widgets.choice_list import ChoiceList
@@ -23,13 +23,13 @@ from topdress.console.locale import _
 
 COLUMNS, ROWS, LEAST_ROWS, RAMP_CELLS = 44, 9, 3, 16
 # of the screen, that what is said below the picture needs first
-OTHER_ROWS = 20
+ROWS_BELOW = 20
 TAKE, COLUMN, UNIT = "take", "column", "unit"
 
 
 class MapDialog(ChoiceDialog):
-    """Dismissed with what to do next: TAKE, COLUMN or UNIT; None: nothing. The text above the
-    lines scrolls."""
+    """Shows a map before it is taken. Dismissed with the next step: TAKE, COLUMN or UNIT; None:
+    nothing. The text above the lines scrolls."""
 
     BINDINGS: ClassVar = [
         Binding("pageup", "scroll_text(-5)", show=False),
@@ -43,56 +43,63 @@ class MapDialog(ChoiceDialog):
             *((Choice(COLUMN, _("the column that is the rate ...")),) if shown.columns else ()),
             Choice(UNIT, _("the unit of the rates ...")),
         )
-        super().__init__(file_name(shown.path), wanted, "")
+        super().__init__(find_file_name(shown.path), wanted, "")
         self.shown, self.units = shown, units
 
     def compose(self) -> ComposeResult:
+        """Lay out picture, text and lines."""
         with Vertical(classes="dialog wide"):
             yield Static(self.heading, classes="dialog-title", markup=False)
             with VerticalScroll(classes="dialog-body", can_focus=False):
                 yield Static(
-                    Content("\n").join(self.lines()),
+                    Content("\n").join(self.draw_rows()),
                     classes="dialog-text",
                     id="map-said",
                     markup=False,
                 )
-            yield ChoiceList(self._view(), id="choices")
+            yield ChoiceList(self._make_view(), id="choices")
             with Horizontal(classes="dialog-buttons"):
-                yield from self.buttons()
+                yield from self.compose_buttons()
 
     def on_resize(self, event: events.Resize) -> None:
+        """Draw the picture anew."""
         Dialog.on_resize(self, event)
-        self.query_one("#map-said", Static).update(Content("\n").join(self.lines()))
+        self.query_one("#map-said", Static).update(Content("\n").join(self.draw_rows()))
 
     def action_scroll_text(self, lines: int) -> None:
+        """Scroll the text."""
         self.query_one(".dialog-body").scroll_relative(y=lines, animate=False)
 
-    def lines(self) -> tuple[Content, ...]:
+    def draw_rows(self) -> tuple[Content, ...]:
+        """Picture and text."""
         shown, units = self.shown, self.units
         if shown.question:
             return Content(_("Before this map can be used, say what its rates are.")), Content(
                 shown.question
             )
-        rows = max(LEAST_ROWS, min(ROWS, self.app.size.height - OTHER_ROWS))
+        rows = max(LEAST_ROWS, min(ROWS, self.app.size.height - ROWS_BELOW))
         drawn = [
             Content.assemble(*row) for row in draw_small_map(self, shown.picture, COLUMNS, rows)
         ]
-        scale = planned_scale(shown.picture, units)
+        scale = find_planned_scale(shown.picture, units)
         ramp = (
             (text, str(style))
             for text, style in draw_colour_ramp(self, scale, RAMP_CELLS, LEVELS_PLAN)
         )
-        said = map_words(shown.check, units) if shown.check is not None else ()
+        said = describe_map_check(shown.check, units) if shown.check is not None else ()
         return (
             *drawn,
             Content.assemble(
-                f"{scale.text(scale.low)} ", *ramp, f" {scale.text(scale.high)} {scale.unit}"
+                f"{scale.format_value(scale.low)} ",
+                *ramp,
+                f" {scale.format_value(scale.high)} {scale.unit}",
             ),
             *map(
                 Content,
                 (
                     _("{area}, {mass} in all").format(
-                        area=units.area.full(shown.area_ha), mass=units.mass.full(shown.mass_kg)
+                        area=units.area.format_with_name(shown.area_ha),
+                        mass=units.mass.format_with_name(shown.mass_kg),
                     ),
                     _("column {column}, read as {unit}").format(
                         column=shown.reading.column or "--", unit=shown.unit

@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from topdress.control.targets.map_check import MapCheck
 
 # of map or field: beyond it the map may be the wrong one
-MUCH = 0.1
-LEAST_HA = 0.0001  # less is the rounding of corners
+MUCH_SHARE = 0.1
+LEAST_AREA_HA = 0.0001  # less is the rounding of corners
 
 
-def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
-    """A sentence for each thing that is not applied as the map has it; none: all of it is."""
+def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
+    """A sentence for each part that is not applied as the map has it; none: all is."""
     area, rate = units.area._replace(decimals=4), units.rate
     if check.away_m > 0.0:
         away = f"{check.away_m / 1000.0:.1f}"
@@ -35,7 +35,7 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
                     "the map lies {away} km away from the field: its rate for outside, "
                     "{rate}, is applied "
                     "everywhere"
-                ).format(away=away, rate=rate.full(check.away_kg_ha)),
+                ).format(away=away, rate=rate.format_with_name(check.away_kg_ha)),
             )
         return (
             _("the map lies {away} km away from the field: nothing of it is applied").format(
@@ -43,20 +43,20 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
             ),
         )
     said = []
-    if check.above_ha > LEAST_HA and check.limit_kg_ha is not None:
+    if check.above_ha > LEAST_AREA_HA and check.limit_kg_ha is not None:
         said.append(
             _(
                 "{area} of the map want up to {highest}, above the crop's limit: {limit} "
                 "are applied there, "
                 "{mass} less than the map wants"
             ).format(
-                area=area.full(check.above_ha),
-                highest=rate.full(check.highest_kg_ha),
-                limit=rate.full(check.limit_kg_ha),
-                mass=units.mass.full(check.above_kg),
+                area=area.format_with_name(check.above_ha),
+                highest=rate.format_with_name(check.highest_kg_ha),
+                limit=rate.format_with_name(check.limit_kg_ha),
+                mass=units.mass.format_with_name(check.above_kg),
             )
         )
-    if check.outside_ha > LEAST_HA:
+    if check.outside_ha > LEAST_AREA_HA:
         text = (
             _(
                 "{area} of the map's {mapped} lie outside the field: the map's rate for "
@@ -68,12 +68,12 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
         )
         said.append(
             text.format(
-                area=area.full(check.outside_ha),
-                mapped=area.full(check.mapped_ha),
-                rate=rate.full(check.beyond_kg_ha),
+                area=area.format_with_name(check.outside_ha),
+                mapped=area.format_with_name(check.mapped_ha),
+                rate=rate.format_with_name(check.beyond_kg_ha),
             )
         )
-    if check.uncovered_ha > LEAST_HA:
+    if check.uncovered_ha > LEAST_AREA_HA:
         text = (
             _(
                 "{area} of the field's {field} have no rate of their own in the map: its "
@@ -87,27 +87,27 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
         )
         said.append(
             text.format(
-                area=area.full(check.uncovered_ha),
-                field=area.full(check.field_ha),
-                rate=rate.full(check.uncovered_kg_ha),
+                area=area.format_with_name(check.uncovered_ha),
+                field=area.format_with_name(check.field_ha),
+                rate=rate.format_with_name(check.uncovered_kg_ha),
             )
         )
-    if check.overlap_ha > LEAST_HA:
+    if check.overlap_ha > LEAST_AREA_HA:
         said.append(
             _(
                 "{area} lie in more than one zone: the first in the file holds, each place "
                 "counts once"
-            ).format(area=area.full(check.overlap_ha))
+            ).format(area=area.format_with_name(check.overlap_ha))
         )
     return tuple(said)
 
 
 def is_doubtful(check: MapCheck) -> bool:
-    """Whether the map may be the wrong one, or wants what will not be given."""
+    """Whether the map may be the wrong one, or wants rates that will not be given."""
     field_ha = check.field_ha or 0.0
     return (
         check.away_m > 0.0
-        or check.above_ha > LEAST_HA
-        or check.outside_ha > MUCH * check.mapped_ha
-        or check.uncovered_ha > MUCH * field_ha
+        or check.above_ha > LEAST_AREA_HA
+        or check.outside_ha > MUCH_SHARE * check.mapped_ha
+        or check.uncovered_ha > MUCH_SHARE * field_ha
     )

@@ -11,16 +11,16 @@ from typing import Literal, NamedTuple
 from topdress.control.agronomy.strips import StripValue
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
-LEAST_M = 20.0
+LEAST_STRIP_M = 20.0
 # a longer step between frames is a gap: nothing is counted in it
-MOST_STEP_S = 2.0
+LONGEST_STEP_S = 2.0
 # of neighbouring samples: the error of the mean is not let grow beyond all bounds
-MOST_ALIKE = 0.95
+MOST_CORRELATION = 0.95
 
 
 class NRichStrip(NamedTuple):
-    """What was driven so far; ndvi None before any. cv_percent: of the fused NDVI along the
-    way. se: standard error of the mean; None for fewer than three samples."""
+    """Describes a strip so far; ndvi None before any. cv_percent: of the fused NDVI along the way.
+    se: standard error of the mean; None for fewer than three samples."""
 
     length_m: float
     ndvi: float | None
@@ -29,12 +29,13 @@ class NRichStrip(NamedTuple):
     samples: int = 0
 
     @property
-    def enough(self) -> bool:
-        return self.length_m >= LEAST_M and self.ndvi is not None
+    def is_long_enough(self) -> bool:
+        """Whether the strip counts."""
+        return self.length_m >= LEAST_STRIP_M and self.ndvi is not None
 
 
-class FieldRun:
-    """Fed with rows of ground that is no strip, for as long as a day. Every metre with an NDVI
+class FieldMean:
+    """Averages NDVI on ground that is no strip, for as long as a day. Every metre with an NDVI
     counts alike."""
 
     def __init__(self) -> None:
@@ -44,40 +45,41 @@ class FieldRun:
     @property
     def ndvi(self) -> float | None:
         """The mean; None before there is enough of it."""
-        return self._sum / self._length_m if self._length_m >= LEAST_M else None
+        return self._sum / self._length_m if self._length_m >= LEAST_STRIP_M else None
 
-    def add(self, row: LogRow) -> None:
-        """A row of the run; rows without NDVI or speed add no length."""
+    def add_row(self, row: LogRow) -> None:
+        """Add a row of the run; rows without NDVI or speed add no length."""
         before_s, self._before_s = self._before_s, row.time_s
-        ndvi = read_heads(row)
+        ndvi = find_heads_index(row)
         if before_s is None or ndvi is None or row.speed_used_mps is None:
             return
         step_s = row.time_s - before_s
-        if not 0.0 < step_s <= MOST_STEP_S:
+        if not 0.0 < step_s <= LONGEST_STEP_S:
             return
-        self._count(max(0.0, row.speed_used_mps) * step_s, ndvi)
+        self._add_length(max(0.0, row.speed_used_mps) * step_s, ndvi)
 
-    def _count(self, step_m: float, ndvi: float) -> None:
+    def _add_length(self, step_m: float, ndvi: float) -> None:
         self._length_m += step_m
         self._sum += step_m * ndvi
         self._sum2 += step_m * ndvi * ndvi
 
 
-class StripRun(FieldRun):
-    """The same of a strip while it is driven, with what its samples say of the mean."""
+class StripRun(FieldMean):
+    """Averages NDVI on a strip while it is driven, with the error of the mean by its samples."""
 
     def __init__(self, which: Literal["nrich", "check"] = "nrich") -> None:
         super().__init__()
         self.which = which
         self._samples: list[float] = []  # decisions: a value that stays is one sample
 
-    def _count(self, step_m: float, ndvi: float) -> None:
-        super()._count(step_m, ndvi)
+    def _add_length(self, step_m: float, ndvi: float) -> None:
+        super()._add_length(step_m, ndvi)
         if step_m > 0.0 and (not self._samples or self._samples[-1] != ndvi):
             self._samples.append(ndvi)
 
     @property
     def strip(self) -> NRichStrip:
+        """The strip so far."""
         if self._length_m <= 0.0:
             return NRichStrip(0.0, None, None)
         mean = self._sum / self._length_m
@@ -86,22 +88,22 @@ class StripRun(FieldRun):
             self._length_m,
             mean,
             100.0 * sqrt(variance) / mean if mean > 0.0 else None,
-            standard_error(self._samples),
+            calc_standard_error(self._samples),
             len(self._samples),
         )
 
     @property
     def value(self) -> StripValue | None:
-        """As it is ordered; None before any NDVI."""
+        """The value as it is ordered; None before any NDVI."""
         strip = self.strip
         if strip.ndvi is None or not 0.0 < round(strip.ndvi, 4) <= 1.0:
             return None
         return StripValue(self.which, round(strip.ndvi, 4), strip.se, strip.samples)
 
 
-def read_heads(row: LogRow) -> float | None:
-    """What the heads read: the fused value of the decision; where another source of the target
-    leaves it empty, their middle one. None: they are silent."""
+def find_heads_index(row: LogRow) -> float | None:
+    """The index that the heads read: the fused value of the decision; where another source of the
+    target leaves it empty, the median head. None: they are silent."""
     if row.ndvi is not None or row.ndre is not None:
         return row.ndvi if row.ndvi is not None else row.ndre
     known = [
@@ -112,12 +114,12 @@ def read_heads(row: LogRow) -> float | None:
     return median(known) if known else None
 
 
-def standard_error(samples: list[float]) -> float | None:
-    """Of the mean of samples along a way, where neighbours are alike: n counts as n (1 - r) /
-    (1 + r), r their correlation (Bayley and Hammersley 1946, J. R. Stat. Soc. Suppl. 8:184-197,
-    for a first-order process).
+def calc_standard_error(samples: list[float]) -> float | None:
+    """Standard error of the mean of samples along a way, where neighbours are alike.
 
-    None for fewer than three samples."""
+    n counts as n (1 - r) / (1 + r), r their correlation (Bayley and Hammersley 1946, J. R. Stat.
+    Soc. Suppl. 8:184-197, for a first-order process). None for fewer than three samples.
+    """
     n = len(samples)
     if n < 3:
         return None
@@ -127,5 +129,5 @@ def standard_error(samples: list[float]) -> float | None:
     if square <= 0.0:
         return 0.0
     alike = sum(a * b for a, b in pairwise(off)) / square
-    alike = min(MOST_ALIKE, max(0.0, alike))
+    alike = min(MOST_CORRELATION, max(0.0, alike))
     return sqrt(square / (n - 1) / n * (1.0 + alike) / (1.0 - alike))

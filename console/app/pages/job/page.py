@@ -19,34 +19,34 @@ from topdress.console.app.pages.job.check_list import (
     JobNote,
     JobNotes,
     NotesView,
-    rows_of,
+    count_check_rows,
 )
 from topdress.console.app.pages.job.checklist import (
     STRIP_RUNS,
-    checks,
-    file_name,
+    find_file_name,
     find_present_strips,
-    refills,
-    totals,
+    list_checks,
+    list_refills,
+    make_total_items,
 )
 from topdress.console.app.pages.job.keys import ACTIONS
 from topdress.console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
-from topdress.console.app.pages.job.nrich import FieldRun, StripRun, read_heads
-from topdress.console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
+from topdress.console.app.pages.job.nrich import FieldMean, StripRun, find_heads_index
+from topdress.console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, explain_refill_doubt
 from topdress.console.app.pages.job.service import (
-    Cancelled,
-    Facts,
+    IsCancelled,
+    JobFacts,
     JobNames,
+    JobOffer,
     JobService,
     MapFile,
     MapPreview,
     MapReading,
-    Offer,
     Progress,
 )
 from topdress.console.app.pages.page import Page
-from topdress.console.app.reasons import why_no_start, why_not_ready
-from topdress.console.app.typed_number import in_words, inside
+from topdress.console.app.reasons import explain_no_start, explain_not_ready
+from topdress.console.app.typed_number import format_with_unit, round_inwards
 from topdress.console.app.view import RunView
 from topdress.console.app.widgets.chips import Chip, Chips
 from topdress.console.app.widgets.items import Items
@@ -56,19 +56,21 @@ from topdress.control.agronomy.strips import Strips, StripValue
 from topdress.control.orders import Do
 
 # of the list before work, at most: at low and middle height ...
-CHECK_ROWS = 8, 10
+MOST_CHECKS = 8, 10
 # ... at full height what the large keys under it, with air, and the totals leave
-NEXT_ROWS = 5
+KEY_ROWS = 5
 # free disk space and files are looked at this often
-LOOK_S = 30.0
-NOTES_KEPT = 4
+LOOK_PERIOD_S = 30.0
+MOST_NOTES = 4
 # no file, and no name, is called so
 FOLDERS, TYPED, WRITE = "\0folders", "\0typed", "\0write"
 RATE_UNITS = ("kg/ha", "lb/ac", "t/ha", "g/m2", "kg/mu", "kg N/ha", "lb N/ac", "l/ha", "gal/ac")
-MAY_RESTART = (None, "off", "ready", "fault")
+RESTART_STATES = (None, "off", "ready", "fault")
 
 
 class JobScreen(Page):
+    """Shows checks, files, strip, refills and totals."""
+
     where: ClassVar[str] = JOB
     BINDINGS: ClassVar = make_bindings(ACTIONS)
 
@@ -76,9 +78,9 @@ class JobScreen(Page):
         super().__init__()
         self.strip: StripRun | None = None
         # what the heads read outside the strips of this run
-        self.field = FieldRun()
+        self.field = FieldMean()
         self.refill = RefillWatch()
-        self.facts: Facts | None = None
+        self.facts: JobFacts | None = None
         self.trouble = ""
         self.free_bytes: int | None = None
         self.said: list[str] = []  # what was done, the newest last
@@ -93,9 +95,10 @@ class JobScreen(Page):
 
     @property
     def service(self) -> JobService | None:
+        """The service, if there is one."""
         return self.app.services.job
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         with Vertical(id="job"):
             yield CheckList((), id="job-checks")
             yield Chips((), id="job-next", large=True)
@@ -107,83 +110,84 @@ class JobScreen(Page):
     # --- what comes in
     # ------------------------------------------------------------------------------------------
 
-    def gather(self, frame: Frame) -> None:
-        """Every frame, also while another page is shown."""
-        super().gather(frame)
+    def gather_frame(self, frame: Frame) -> None:
+        """Take every frame, also while another page is shown."""
+        super().gather_frame(frame)
         # another run: nothing that was said of the one before holds of it
         if frame.log_path != self._run:
             self._run = frame.log_path
-            self.refill, self.field = RefillWatch(), FieldRun()
+            self.refill, self.field = RefillWatch(), FieldMean()
             self.said_of_run.clear()
         before = self.refill.seen_kg
-        self.refill.add(frame.row)
+        self.refill.add_row(frame.row)
         if self.refill.seen_kg is not None and before is None:
-            self.app.notice(
+            self.app.show_notice(
                 _("the scale saw {kg} filled in: F10, F records it").format(
-                    kg=self.app.units.mass.full(self.refill.seen_kg)
+                    kg=self.app.units.mass.format_with_name(self.refill.seen_kg)
                 )
             )
-        (self.strip or self.field).add(frame.row)
+        (self.strip or self.field).add_row(frame.row)
 
-    def tick(self, now_s: float) -> None:
+    def show_due(self, now_s: float) -> None:
         frame = self.app.arrival.frame
         log_path = frame.log_path if frame is not None else ""
         if self.service is not None and (
             self._looked_s is None
-            or now_s - self._looked_s >= LOOK_S
+            or now_s - self._looked_s >= LOOK_PERIOD_S
             or log_path != self._looked_at
         ):
             self._looked_s, self._looked_at = now_s, log_path
-            self._look(self.service, log_path)
-        super().tick(now_s)
+            self._read_facts(self.service, log_path)
+        super().show_due(now_s)
 
-    def _look(self, service: JobService, log_path: str) -> None:
-        def read() -> tuple[Facts | None, str, int | None]:
+    def _read_facts(self, service: JobService, log_path: str) -> None:
+        def read_from_files() -> tuple[JobFacts | None, str, int | None]:
             free = service.find_free_bytes(log_path) if log_path else None
             try:
                 return service.find_facts(), "", free
             except ValueError as error:
                 return None, str(error), free
 
-        def looked(found: tuple[Facts | None, str, int | None]) -> None:
+        def take_facts(found: tuple[JobFacts | None, str, int | None]) -> None:
             self.facts, self.trouble, self.free_bytes = found
-            self.hurry()
+            self.hurry_all()
 
-        self.app.with_files(read, looked, group="job-look")
+        self.app.run_with_files(read_from_files, take_facts, group="job-look")
 
     def show_numbers(self, view: RunView) -> None:
+        """Show checks, totals and notes."""
         super().show_numbers(view)
         units = self.app.units
-        frame, age_s = self.seen(self.app.clock())
+        frame, age_s = self.find_frame(self.app.clock())
         trouble = self.trouble or (
             "" if self.service is not None else _("files are not available here")
         )
-        found = checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
+        found = list_checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
         listed = self.query_one("#job-checks", CheckList)
-        listed.show(found)
-        done = totals(frame, age_s, units, self.app.fields.of(frame))
+        listed.show_view(found)
+        done = make_total_items(frame, age_s, units, self.app.fields.find_picture(frame))
         most, totalled = (
-            CHECK_ROWS[0 if self.has_class("-low") else 1],
+            MOST_CHECKS[0 if self.has_class("-low") else 1],
             self.query_one("#job-totals", Items),
         )
         if self.has_class("-tall") and self.has_class("-wide"):
-            most = max(most, self.query_one("#job").size.height - NEXT_ROWS - len(done))
+            most = max(most, self.query_one("#job").size.height - KEY_ROWS - len(done))
             totalled.styles.height = "1fr"
         else:
             # two to a row
             totalled.styles.height = (
                 len(done) if self.has_class("-portrait") else -(-len(done) // 2)
             )
-        listed.styles.height = min(most, rows_of(found, self.size.width))
-        self.query_one("#job-next", Chips).show(self._next())
-        totalled.show(done)
-        self.query_one("#job-notes", JobNotes).show(
-            NotesView(self._notes(frame), refills(frame, units, self.app.utc_offset_s))
+        listed.styles.height = min(most, count_check_rows(found, self.size.width))
+        self.query_one("#job-next", Chips).show_view(self._list_next_chips())
+        totalled.show_view(done)
+        self.query_one("#job-notes", JobNotes).show_view(
+            NotesView(self._list_notes(frame), list_refills(frame, units, self.app.utc_offset_s))
         )
 
-    def _next(self) -> tuple[Chip, ...]:
-        """Where the list before work ends: make ready, then start."""
-        not_ready, no_start = why_not_ready(self.app), why_no_start(self.app)
+    def _list_next_chips(self) -> tuple[Chip, ...]:
+        """The keys at the end of the list before work: make ready, then start."""
+        not_ready, no_start = explain_not_ready(self.app), explain_no_start(self.app)
         return (
             Chip(
                 "job_ready",
@@ -195,7 +199,7 @@ class JobScreen(Page):
             Chip("job_start", "S", _("start to work"), not no_start, lead=not no_start),
         )
 
-    def _notes(self, frame: Frame | None) -> tuple[JobNote, ...]:
+    def _list_notes(self, frame: Frame | None) -> tuple[JobNote, ...]:
         units, notes = self.app.units, []
         if self.strip is not None:
             strip = self.strip.strip
@@ -204,7 +208,7 @@ class JobScreen(Page):
             notes.append(
                 JobNote(
                     _(STRIP_RUNS[self.strip.which]).format(
-                        way=units.distance.full(strip.length_m), ndvi=ndvi, cv=cv
+                        way=units.distance.format_with_name(strip.length_m), ndvi=ndvi, cv=cv
                     ),
                     True,
                 )
@@ -213,7 +217,7 @@ class JobScreen(Page):
             notes.append(
                 JobNote(
                     _("the scale saw {kg} filled in: F records it").format(
-                        kg=units.mass.full(self.refill.seen_kg)
+                        kg=units.mass.format_with_name(self.refill.seen_kg)
                     ),
                     True,
                 )
@@ -235,7 +239,9 @@ class JobScreen(Page):
             )
         tally = frame.tally if frame is not None else None
         if tally is not None and tally.log_before:
-            notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
+            notes.append(
+                JobNote(_("goes on from {log}").format(log=find_file_name(tally.log_before)))
+            )
         if tally is not None and tally.after_cut_kg is not None:
             scale_kg = tally.after_cut_scale_kg
             notes.append(
@@ -254,43 +260,47 @@ class JobScreen(Page):
             )
         if self.pending:
             notes.append(JobNote(_("for the next start: {name}").format(name=self.pending)))
-        return (*notes, *(JobNote(text) for text in (*self.said, *self.said_of_run)[-NOTES_KEPT:]))
+        return (*notes, *(JobNote(text) for text in (*self.said, *self.said_of_run)[-MOST_NOTES:]))
 
-    def say(self, text: str) -> None:
-        """A line that stays."""
-        self.said[:] = [*self.said, text][-NOTES_KEPT:]
-        self.hurry()
+    def add_note(self, text: str) -> None:
+        """Add a line that stays."""
+        self.said[:] = [*self.said, text][-MOST_NOTES:]
+        self.hurry_all()
 
-    def say_of_run(self, text: str) -> None:
-        """A line that stays until another run begins."""
-        self.said_of_run[:] = [*self.said_of_run, text][-NOTES_KEPT:]
-        self.hurry()
+    def add_run_note(self, text: str) -> None:
+        """Add a line that stays until another run begins."""
+        self.said_of_run[:] = [*self.said_of_run, text][-MOST_NOTES:]
+        self.hurry_all()
 
     # --- actions
     # ----------------------------------------------------------------------------------------------
 
     def key_escape(self) -> None:
+        """Cancel the work."""
         if self._work is not None:
             self._work.cancel()
             self._work, self.progress = None, ""
-            self.say(_("cancelled"))
+            self.add_note(_("cancelled"))
 
     def ask_refill(self) -> None:
+        """Ask for the mass filled in, then record it."""
         unit, seen_kg, full_kg = self.app.units.mass, self.refill.seen_kg, self.app.hopper_kg
         frame = self.app.arrival.frame
         hopper_kg = frame.row.hopper_kg if frame is not None else None
         typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
         text = _("Measured by the scale; Enter records it.") if seen_kg is not None else ""
 
-        def filled(filled_kg: float) -> None:
-            self.app.give(Do.REFILL, round(filled_kg, 3))
-            self.app.notice(_("filled in: {mass}").format(mass=in_words(unit, filled_kg)))
-            self.refill.done()
+        def give_refill(filled_kg: float) -> None:
+            self.app.give_order(Do.REFILL, round(filled_kg, 3))
+            self.app.show_notice(
+                _("filled in: {mass}").format(mass=format_with_unit(unit, filled_kg))
+            )
+            self.refill.end_refill()
 
-        def doubted(filled_kg: float) -> str:
-            return doubt(filled_kg, self.refill, hopper_kg, full_kg, unit)
+        def explain_doubt(filled_kg: float) -> str:
+            return explain_refill_doubt(filled_kg, self.refill, hopper_kg, full_kg, unit)
 
-        low, high = inside(unit, LEAST_FILLED_KG, full_kg, 1)
+        low, high = round_inwards(unit, LEAST_FILLED_KG, full_kg, 1)
         missing_kg = full_kg if hopper_kg is None else full_kg - hopper_kg
         # what the scale saw, else what is missing
         shown = seen_kg if seen_kg is not None else max(0.0, missing_kg)
@@ -299,108 +309,113 @@ class JobScreen(Page):
             if low <= shown * unit.per_si <= high
             else None
         )
-        self.app.ask(
+        self.app.ask_question(
             NumberDialog(
                 _("Filled in"),
                 unit.name,
                 low,
                 high,
                 text,
-                unit.to_si,
+                unit.convert_to_si,
                 typed=typed,
-                doubt=doubted,
+                doubt=explain_doubt,
                 full=full,
             ),
-            filled,
+            give_refill,
         )
 
     @property
-    def at_work(self) -> bool:
-        """In a state in which the control worker is not started again."""
+    def is_at_work(self) -> bool:
+        """Whether the state forbids a new start of the control worker."""
         frame = self.app.arrival.frame
         return (
-            self.app.source is not None and (frame.row.state if frame else None) not in MAY_RESTART
+            self.app.source is not None
+            and (frame.row.state if frame else None) not in RESTART_STATES
         )
 
-    def ask_restart(self, taken: str, left: Offer | None) -> None:
-        """left: a job that has spread on the field of the next start."""
-        self.pending = file_name(taken)
+    def ask_restart(self, taken: str, left: JobOffer | None) -> None:
+        """Ask for a new start with the chosen files. left: a job that has spread on the field of
+        the next start."""
+        self.pending = find_file_name(taken)
         self._looked_s = None
-        if self.at_work:
-            self.app.notice(
+        if self.is_at_work:
+            self.app.show_notice(
                 _("the machine works: stop it first, then choose again to start with it")
             )
-            self._drop(taken)
+            self._drop_choice(taken)
             return
 
         service = self.service
 
-        def answer(how: str | bool | None) -> None:
+        def take_answer(how: str | bool | None) -> None:
             if how and service is not None:
                 self.pending = ""
-                self.app.restart(lambda: service.restart_worker(how == "anew"))
+                self.app.restart_source(lambda: service.restart_worker(how == "anew"))
             else:
-                self._drop(taken)
+                self._drop_choice(taken)
 
         heading = _("Change over to {name} now?").format(name=self.pending)
         if left is not None:
-            self.app.push_screen(self.app.pass_question(left, heading), answer)
+            self.app.push_screen(self.app.make_pass_question(left, heading), take_answer)
             return
         text = _(
             "Nothing flows until you press R and S again. Hectares and kg count from 0; "
             "strategy and nudge are "
             "the job's. Esc: nothing changes."
         )
-        self.app.push_screen(Confirm(heading, text), answer)
+        self.app.push_screen(Confirm(heading, text), take_answer)
 
-    def _drop(self, taken: str) -> None:
-        """What was taken is not started with: what runs is what is shown."""
+    def _drop_choice(self, taken: str) -> None:
+        """Drop the choice: the running files stay."""
         if self.service is not None:
             self.service.drop_choices()
         self.pending = ""
-        self.say_of_run(
-            _("not taken: {name}; the job goes on as it was").format(name=file_name(taken))
+        self.add_run_note(
+            _("not taken: {name}; the job goes on as it was").format(name=find_file_name(taken))
         )
 
     @property
     def field_ndvi(self) -> float | None:
-        """Of the field's ground so far; before there is enough of it what the heads read now.
-        None: nothing."""
+        """NDVI of the field's ground so far; before there is enough of it the heads' present one.
+        None: unknown."""
         frame = self.app.arrival.frame
-        now = None if frame is None else read_heads(frame.row)
+        now = None if frame is None else find_heads_index(frame.row)
         return self.field.ndvi if self.field.ndvi is not None else now
 
-    def strips_with(self, value: StripValue | None) -> Strips:
+    def replace_strip(self, value: StripValue | None) -> Strips:
         """The strips that will count, with the one just measured."""
         frame, facts = self.app.arrival.frame, self.facts
         now = find_present_strips(frame, facts)
         return now if value is None else now._replace(**{value.which: value.ndvi})
 
-    def keep(self, work: Callable[[], str]) -> None:
-        """A file for the next start, written by `work`; what runs now knows already."""
+    def save_for_next_start(self, work: Callable[[], str]) -> None:
+        """Write a file for the next start, by `work`; the running worker knows its content
+        already."""
 
-        def kept(path: str) -> None:
+        def note_saved(path: str) -> None:
             self._looked_s = None
-            self.say_of_run(
-                _("counts now; for the next start: {name}").format(name=file_name(path))
+            self.add_run_note(
+                _("counts now; for the next start: {name}").format(name=find_file_name(path))
             )
 
-        self.app.with_files(work, kept, self._not_written, group="job-keep", exclusive=False)
+        self.app.run_with_files(
+            work, note_saved, self._note_not_written, group="job-keep", exclusive=False
+        )
 
-    def _not_written(self, why: str) -> None:
-        self.say(_("not written: {why}").format(why=why))
+    def _note_not_written(self, why: str) -> None:
+        self.add_note(_("not written: {why}").format(why=why))
 
-    def take(self, work: Callable[[], str]) -> None:
-        """Another file for the job: written by `work`, which gives its name; then a new start
-        is asked."""
+    def take_file(self, work: Callable[[], str]) -> None:
+        """Write another file for the job by `work`, which returns its name; then ask for a new
+        start."""
 
-        def taken() -> tuple[str, Offer | None]:
+        def write_and_find_offer() -> tuple[str, JobOffer | None]:
             return work(), None if self.service is None else self.service.find_offer()
 
-        self.app.with_files(
-            taken,
+        self.app.run_with_files(
+            write_and_find_offer,
             lambda found: self.ask_restart(*found),
-            lambda why: self.say_of_run(_("not taken: {why}").format(why=why)),
+            lambda why: self.add_run_note(_("not taken: {why}").format(why=why)),
             group="job-take",
             exclusive=False,
         )
@@ -409,10 +424,11 @@ class JobScreen(Page):
     # --------------------------------------------------------
 
     def look_for_maps(self, service: JobService) -> None:
-        self.app.notice(_("looking for prescriptions"))
-        self._bring(service.list_maps, self._list_maps)
+        """List maps of sticks and folders, and ask for one."""
+        self.app.show_notice(_("looking for prescriptions"))
+        self._read_files(service.list_maps, self._show_maps)
 
-    def _list_maps(self, found: tuple[MapFile, ...]) -> None:
+    def _show_maps(self, found: tuple[MapFile, ...]) -> None:
         none = (
             ""
             if found
@@ -436,14 +452,14 @@ class JobScreen(Page):
         now: str = "",
         text: str = "",
     ) -> None:
-        """One of a list, or a file of this kind that lies elsewhere: walked to, typed or
-        pasted. take: is given its path."""
+        """Ask for one of a list, or a file of this kind that lies elsewhere: browsed, typed or
+        pasted. take: is called with its path."""
 
-        def answer(path: str) -> None:
+        def take_choice(path: str) -> None:
             if path == FOLDERS:
-                self._walk("", kind, take)
+                self._browse_folder("", kind, take)
             elif path == TYPED:
-                self.app.ask(NameDialog(title, "", _("A path, typed or pasted.")), take)
+                self.app.ask_question(NameDialog(title, "", _("A path, typed or pasted.")), take)
             else:
                 take(path)
 
@@ -451,26 +467,26 @@ class JobScreen(Page):
             Choice(FOLDERS, _("look in folders ...")),
             Choice(TYPED, _("type or paste a path ...")),
         )
-        self.app.ask(ChoiceDialog(title, [*choices, *more], now, text), answer)
+        self.app.ask_question(ChoiceDialog(title, [*choices, *more], now, text), take_choice)
 
-    def _walk(self, folder: str, kind: str, take: Callable[[str], None]) -> None:
-        """Folders up and down until a file is chosen."""
+    def _browse_folder(self, folder: str, kind: str, take: Callable[[str], None]) -> None:
+        """Browse folders up and down until a file is chosen."""
         service = self.service
         if service is not None:
-            self._bring(
+            self._read_files(
                 lambda: service.list_map_folder(folder, kind),
-                lambda found: self._list_folder(folder, found, kind, take),
+                lambda found: self._show_folder(folder, found, kind, take),
             )
 
-    def _list_folder(
+    def _show_folder(
         self, folder: str, found: tuple[MapFile, ...], kind: str, take: Callable[[str], None]
     ) -> None:
-        def answer(path: str) -> None:
+        def take_choice(path: str) -> None:
             if any(
                 one.path == path and (one.name.endswith(("/", "\\")) or one.name == "..")
                 for one in found
             ):
-                self._walk(path, kind, take)
+                self._browse_folder(path, kind, take)
             else:
                 take(path)
 
@@ -480,19 +496,21 @@ class JobScreen(Page):
             if any(one.changed for one in found) or not folder
             else _("nothing of the kind lies here")
         )
-        self.app.ask(ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), answer)
+        self.app.ask_question(
+            ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), take_choice
+        )
 
     def _read_map(self, path: str, reading: MapReading) -> None:
         service = self.service
         if service is not None:
-            self.app.notice(_("reading the map"))
-            self._bring(lambda: service.preview_map(path, reading), self._show_map)
+            self.app.show_notice(_("reading the map"))
+            self._read_files(lambda: service.preview_map(path, reading), self._show_map)
 
     def _show_map(self, shown: MapPreview) -> None:
-        def answer(what: str) -> None:
+        def take_choice(what: str) -> None:
             if what == TAKE and self.service is not None:
                 service = self.service
-                self.take(lambda: service.choose_map(shown))
+                self.take_file(lambda: service.choose_map(shown))
             elif what == COLUMN:
                 self._ask_reading(
                     shown,
@@ -508,28 +526,28 @@ class JobScreen(Page):
                     "unit",
                 )
 
-        self.app.ask(MapDialog(shown, self.app.units), answer)
+        self.app.ask_question(MapDialog(shown, self.app.units), take_choice)
 
     def _ask_reading(self, shown: MapPreview, title: str, choices: list[Choice], what: str) -> None:
         now = getattr(shown.reading, what)
 
-        def answer(value: str | None) -> None:
+        def take_choice(value: str | None) -> None:
             self._read_map(
                 shown.path, shown.reading._replace(**{what: now if value is None else value})
             )
 
-        self.app.push_screen(ChoiceDialog(title, choices, now), answer)
+        self.app.push_screen(ChoiceDialog(title, choices, now), take_choice)
 
-    def ask_who(self, service: JobService) -> None:
-        """The names one after the other on one list; nothing is written before the last line is
-        chosen."""
+    def ask_names(self, service: JobService) -> None:
+        """Ask for the names one after the other on one list; nothing is written before the last
+        line is chosen."""
         facts = self.facts
         if facts is None:
-            self.app.notice(self.trouble or _("being read"))
+            self.app.show_notice(self.trouble or _("being read"))
             return
-        self._ask_name(service, facts.names)
+        self._ask_for_name(service, facts.names)
 
-    def _ask_name(self, service: JobService, who: JobNames) -> None:
+    def _ask_for_name(self, service: JobService, who: JobNames) -> None:
         labels = {
             "client": _("client"),
             "farm": _("farm"),
@@ -542,47 +560,50 @@ class JobScreen(Page):
         ]
         choices.append(Choice(WRITE, _("write the job with these names")))
 
-        def type_name(name: str) -> None:
+        def ask_text(name: str) -> None:
             self.app.push_screen(
-                NameDialog(labels[name].capitalize(), getattr(who, name)), partial(named, name)
+                NameDialog(labels[name].capitalize(), getattr(who, name)), partial(take_name, name)
             )
 
-        def named(name: str, text: str | None) -> None:
+        def take_name(name: str, text: str | None) -> None:
             if text is None:
-                self._ask_name(service, who)
+                self._ask_for_name(service, who)
                 return
             # a typed name is none of the library's
             file = "" if name == "product" else who.product_file
-            self._ask_name(service, who._replace(**{name: text[:80]})._replace(product_file=file))
+            self._ask_for_name(
+                service, who._replace(**{name: text[:80]})._replace(product_file=file)
+            )
 
-        def answer(name: str) -> None:
+        def take_choice(name: str) -> None:
             if name == WRITE:
-                self.take(lambda: service.save_job_names(who))
+                self.take_file(lambda: service.save_job_names(who))
             elif name == "product" and self.facts is not None and self.facts.products:
-                self._ask_product(service, who, lambda: type_name(name))
+                self._ask_product(service, who, lambda: ask_text(name))
             else:
-                type_name(name)
+                ask_text(name)
 
         question = ChoiceDialog(_("Whose job is it?"), choices, "")
         question.at = len(choices) - 1
-        self.app.ask(question, answer)
+        self.app.ask_question(question, take_choice)
 
     def _ask_product(
         self, service: JobService, who: JobNames, type_name: Callable[[], object]
     ) -> None:
-        """Of the library, with its flow and its N share; or a name that is typed."""
+        """Ask for a product of the library, with its flow and its N share; or a name that is
+        typed."""
         products = self.facts.products if self.facts is not None else ()
         choices = [
             *(Choice(one.value, one.label) for one in products),
             Choice("", _("another name: machine and crop file say the rest")),
         ]
 
-        def answer(value: str | None) -> None:
+        def take_choice(value: str | None) -> None:
             if value == "":
                 type_name()
             else:
                 label = next((one.label for one in products if one.value == value), who.product)
-                self._ask_name(
+                self._ask_for_name(
                     service,
                     who if value is None else who._replace(product=label, product_file=value),
                 )
@@ -593,79 +614,84 @@ class JobScreen(Page):
                 choices,
                 who.product_file,
             ),
-            answer,
+            take_choice,
         )
 
-    def ask_use(self, machine: str) -> None:
-        """A machine file that was just written: take it for the job? Asked over the page that
-        wrote it, where Esc stays; the Job page goes on with a yes."""
+    def ask_to_use_machine(self, machine: str) -> None:
+        """Ask whether the job takes a machine file that was just written: over the page that wrote
+        it, where Esc stays; the Job page goes on with a yes."""
         service = self.service
         if service is None:
             return
 
-        def take() -> str:
+        def choose_in_service() -> str:
             service.choose_file("machine", machine)
             return machine
 
-        def use() -> None:
-            self.app.turn_to(JOB)
-            self.app.call_after_refresh(self.take, take)
+        def use_on_job_page() -> None:
+            self.app.turn_to_page(JOB)
+            self.app.call_after_refresh(self.take_file, choose_in_service)
 
-        self.app.confirm(
+        self.app.ask_yes_no(
             _("Use it now?"),
             _("{name} for this job: the machine goes to OFF and comes back with it.").format(
-                name=file_name(machine)
+                name=find_file_name(machine)
             ),
-            use,
+            use_on_job_page,
         )
 
-    def _bring(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
-        """What is read from files, along with the screen; an error is one line that stays."""
+    def _read_files(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
+        """Read files, along with the screen; an error is one line that stays."""
 
-        def failed(why: str) -> None:
+        def note_failure(why: str) -> None:
             said = _("cannot be used: {why}").format(why=why)
-            self.say(said)
-            self.app.notice(said)
+            self.add_note(said)
+            self.app.show_notice(said)
 
-        self.app.with_files(work, then, failed, group="job-bring")
+        self.app.run_with_files(work, then, note_failure, group="job-bring")
 
     # --- long work
     # ----------------------------------------------------------------------------------------------
 
-    def begin(self, name: str, work: Callable[[str, Progress, Cancelled], tuple[str, ...]]) -> None:
+    def begin_work(
+        self, name: str, work: Callable[[str, Progress, IsCancelled], tuple[str, ...]]
+    ) -> None:
+        """Begin an export or report."""
         frame = self.app.arrival.frame
         if self._work is not None:
-            self.app.notice(_("still at work: Esc cancels"))
+            self.app.show_notice(_("still at work: Esc cancels"))
             return
         if frame is None or not frame.log_path:
-            self.app.notice(_("no log is written"))
+            self.app.show_notice(_("no log is written"))
             return
         log_path = frame.log_path
 
-        def run() -> tuple[str, ...]:
+        def run_in_thread() -> tuple[str, ...]:
             me = get_current_worker()
 
-            def tell(done: int, of: int, what: str) -> None:
+            def note_progress(done: int, of: int, what: str) -> None:
                 if not me.is_cancelled:
                     self.progress = _("{name}: {what} ({done} of {all})").format(
                         name=name, what=_(what), done=done, all=of
                     )
 
-            return work(log_path, tell, lambda: me.is_cancelled)
+            return work(log_path, note_progress, lambda: me.is_cancelled)
 
-        def written(paths: tuple[str, ...]) -> None:
+        def note_written(paths: tuple[str, ...]) -> None:
             self._work, self.progress = None, ""
             for path in paths:
-                name = file_name(path)
-                self.say(
+                name = find_file_name(path)
+                self.add_note(
                     _("written: {name} in {folder}").format(
                         name=name, folder=path.removesuffix(name) or "."
                     )
                 )
 
-        def failed(why: str) -> None:
+        def note_failure(why: str) -> None:
             self._work, self.progress = None, ""
-            self._not_written(why)
+            self._note_not_written(why)
 
         self.progress = _("{name}: begins").format(name=name)
-        self._work = self.app.with_files(run, written, failed, group="job-work")
+        self._work = self.app.run_with_files(
+            run_in_thread, note_written, note_failure, group="job-work"
+        )

@@ -23,21 +23,20 @@ if TYPE_CHECKING:
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")
 
 
-class File(NamedTuple):
-    """A configuration that can be taken: what is loaded, and what it is called."""
+class FileChoice(NamedTuple):
+    """Describes a configuration that can be chosen: its path or name, and its label."""
 
     value: str
     label: str
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
-    """What the files of the run say, as its worker reads them, where they stand, and what else
-    can be taken.
+class JobFacts:
+    """Holds the content of the run's files, as its worker reads them, their places, and other
+    choices.
 
-    product_file: empty: machine and crop say what is spread. field, field_ha: of the ground
-    that is worked, None: no boundary known. map_trouble: why the job's map cannot be used; one
-    line.
+    product_file: empty: machine and crop name the product. field, field_ha: of the ground that is
+    worked, None: no boundary known. map_trouble: why the job's map cannot be used; one line.
     """
 
     setup: Setup
@@ -51,14 +50,14 @@ class Facts:
     map_file: str = ""
     map_check: MapCheck | None = None
     map_trouble: str = ""
-    jobs: tuple[File, ...] = ()
-    crops: tuple[File, ...] = ()
-    machines: tuple[File, ...] = ()
-    products: tuple[File, ...] = ()
+    jobs: tuple[FileChoice, ...] = ()
+    crops: tuple[FileChoice, ...] = ()
+    machines: tuple[FileChoice, ...] = ()
+    products: tuple[FileChoice, ...] = ()
 
     @property
     def names(self) -> JobNames:
-        """Whose job it is, and what is spread."""
+        """Names of the job and its product."""
         job, product = self.setup.job, self.setup.product
         return JobNames(
             job.client,
@@ -71,8 +70,9 @@ class Facts:
 
 
 class JobCard(NamedTuple):
-    """What an operator knows a job by. map: its file's name. done_ha, worked_utc: of its newest
-    run, 0 and empty where there is none. picture: the field's outline, else what its map plans."""
+    """Describes a job as an operator knows it. map: its file's name. done_ha, worked_utc: of its
+    newest run, 0 and empty where there is none. picture: the field's outline, else its map's
+    plan."""
 
     title: str
     field: str
@@ -84,7 +84,7 @@ class JobCard(NamedTuple):
 
 
 class MapFile(NamedTuple):
-    """A file that may be a prescription. where: the stick or folder that it lies on."""
+    """Describes a file that may be a prescription. where: the stick or folder on which it lies."""
 
     path: str
     name: str
@@ -93,7 +93,7 @@ class MapFile(NamedTuple):
 
 
 class MapReading(NamedTuple):
-    """How a map's numbers are meant; empty: as the file says."""
+    """Describes how a map's numbers are meant; empty: as the file says."""
 
     column: str = ""
     unit: str = ""
@@ -101,8 +101,8 @@ class MapReading(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPreview:
-    """A prescription as it was read. question: what has to be said first, one line; then the
-    rest is empty but for `columns`. kept: the map in kg of product per ha, in a file of ours."""
+    """Holds a prescription as it was read. question: to be answered first, one line; then the rest
+    is empty but for `columns`. kept: the map in kg of product per ha, in a file of ours."""
 
     path: str
     reading: MapReading
@@ -117,9 +117,9 @@ class MapPreview:
     kept: str = ""
 
 
-class Offer(NamedTuple):
-    """A job that was left, not ended: cut off, or started again. others: files of the next
-    start that it did not go by."""
+class JobOffer(NamedTuple):
+    """Describes a job that was left, not ended: cut off, or started again. others: files of the
+    next start with which it was not worked."""
 
     path: str
     began_utc: str
@@ -129,9 +129,9 @@ class Offer(NamedTuple):
     others: tuple[str, ...] = ()
 
 
-class Recent(NamedTuple):
-    """A job that was worked, or could be: its files, and what an operator knows it by.
-    began_utc: of its last run. card: of its job file."""
+class RecentSet(NamedTuple):
+    """Describes a job that was worked, or could be: its files, and words by which an operator knows
+    it. began_utc: of its last run. card: of its job file."""
 
     files: tuple[str, ...]
     job: str
@@ -141,16 +141,16 @@ class Recent(NamedTuple):
     card: JobCard | None = None
 
 
-class Earlier(NamedTuple):
-    """What happened before this console looked: alarms, and where material lies (east m, north
-    m, heading, kg/ha)."""
+class EarlierRun(NamedTuple):
+    """Holds the run before this console looked: alarms, and where material lies (east m, north m,
+    heading, kg/ha)."""
 
     alarms: tuple[AlarmRecord, ...]
     track: tuple[tuple[float, float, float, float], ...]
 
 
-class AtWork(NamedTuple):
-    """What the machine that runs goes by."""
+class RunningLimits(NamedTuple):
+    """Holds limits of the running machine."""
 
     most_rate_kg_ha: float
     hopper_kg: float
@@ -158,78 +158,83 @@ class AtWork(NamedTuple):
 
 
 Progress = Callable[[int, int, str], None]  # steps done, steps in all, what is being done
-Cancelled = Callable[[], bool]
+IsCancelled = Callable[[], bool]
 
 
 class JobService(Protocol):
-    """Errors are one-line ValueErrors. All but `restart`, `resume` and `anew` may take their
-    time: in a thread."""
+    """Does the files of the page.
 
-    def find_facts(self) -> Facts: ...
+    Errors are one-line ValueErrors. All but `restart_worker`, `resume_job` and `start_anew` may
+    take their time: in a thread.
+    """
+
+    def find_facts(self) -> JobFacts: ...
 
     def find_free_bytes(self, log_path: str) -> int | None:
-        """On the disk where the log is written; None where it is not known."""
+        """Free bytes on the disk where the log is written; None where it is not known."""
 
     def choose_file(self, kind: str, value: str) -> None:
-        """Another job, crop or machine for `restart`; checked first. `facts` are those of what
-        runs until then."""
+        """Choose another job, crop or machine for `restart_worker`; checked first. `find_facts`
+        gives the running files until then."""
 
-    def list_recent(self) -> tuple[Recent, ...]:
-        """What was worked lately, the newest first."""
+    def list_recent(self) -> tuple[RecentSet, ...]:
+        """File sets worked lately, the newest first."""
 
-    def choose_recent(self, recent: Recent) -> None:
-        """All its files for `restart`; checked first."""
+    def choose_recent(self, recent: RecentSet) -> None:
+        """Choose all its files for `restart_worker`; checked first."""
 
     def drop_choices(self) -> None:
-        """What was taken last is not wanted: the next start has the files that run."""
+        """Drop the last choice: the next start has the running files."""
 
     def save_strip_value(self, strip: StripValue) -> str:
-        """The job with this NDVI of a strip, or without one, which the worker knows already;
-        returns where it stands."""
+        """Write the job with this NDVI of a strip, or without one, which the worker knows already;
+        returns its path."""
 
     def list_maps(self) -> tuple[MapFile, ...]:
-        """What may be a prescription, on sticks, among downloads and the user's own files; the
-        newest first."""
+        """Files that may be a prescription, on sticks, among downloads and the user's own files;
+        the newest first."""
 
     def list_map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         """Folders, whose names end in a slash, then maps, or files of another kind (job, crop,
-        machine); "": the places where one may begin to look."""
+        machine); "": the places to begin with."""
 
     def preview_map(self, path: str, reading: MapReading) -> MapPreview:
-        """Reads a prescription for the job; nothing of the job changes."""
+        """Read a prescription for the job; nothing of the job changes."""
 
     def choose_map(self, preview: MapPreview) -> str:
-        """The job with this map, for `restart`; returns where it stands."""
+        """Write the job with this map, for `restart_worker`; returns its path."""
 
     def save_driven_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
-        """The job with this ring of latitude and longitude as the field's edge, for `restart`;
-        returns where it stands."""
+        """Write the job with this ring of latitude and longitude as the field's edge, for
+        `restart_worker`; returns its path."""
 
     def save_job_names(self, who: JobNames) -> str:
-        """The job with these names, for `restart`; returns where it stands."""
+        """Write the job with these names, for `restart_worker`; returns its path."""
 
-    def list_job_cards(self) -> tuple[tuple[File, JobCard | None], ...]:
-        """The jobs of `facts`, the newest first; None: it cannot be read."""
+    def list_job_cards(self) -> tuple[tuple[FileChoice, JobCard | None], ...]:
+        """The jobs of `find_facts`, the newest first; None: it cannot be read."""
 
     async def restart_worker(self, anew: bool = False) -> FrameSource:
-        """A worker with what was taken. The one before must have ended. What was left on its
-        field goes on, or is ended (anew). Where it does not start, the files are those of
-        before."""
+        """Start a worker with the choices.
+
+        The one before must have ended. The job left on its field goes on, or is ended (anew). Where
+        it does not start, the files are those of before.
+        """
 
     def export_as_applied(
-        self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
+        self, log_path: str, ending: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
-        """As applied, a file for each part of the job; returns where they stand."""
+        """Export as applied, a file for each part of the job; returns their paths."""
 
     def write_reports(
-        self, log_path: str, progress: Progress, cancelled: Cancelled
+        self, log_path: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]: ...
 
-    def find_offer(self) -> Offer | None:
+    def find_offer(self) -> JobOffer | None:
         """The job that was left on the field of the next start; where no files are chosen, the
         newest of any."""
 
-    async def resume_job(self, offer: Offer) -> FrameSource: ...
+    async def resume_job(self, offer: JobOffer) -> FrameSource: ...
 
-    async def start_anew(self, offer: Offer) -> FrameSource:
-        """Begin another job; what was left on its field is ended."""
+    async def start_anew(self, offer: JobOffer) -> FrameSource:
+        """Begin another job; the job left on its field is ended."""

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from topdress.console.app import layers
-from topdress.console.app.action import MAP, Action, on
+from topdress.console.app.action import MAP, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.guide_line_store import make_line_record
 from topdress.console.locale import N_, _
@@ -16,47 +16,55 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.replay.service import LogFile
 
 
-def next_layer(page: MapScreen) -> None:
-    page.shown_layer = layers.after(page.shown_layer)
+def show_next_layer(page: MapScreen) -> None:
+    """Show the next layer."""
+    page.shown_layer = layers.find_next_layer(page.shown_layer)
 
 
-def whole_field(page: MapScreen) -> None:
+def show_whole_field(page: MapScreen) -> None:
+    """Show the whole field."""
     page.camera, page.marked = None, False
 
 
-def plan(page: MapScreen) -> None:
+def toggle_plan(page: MapScreen) -> None:
+    """Show or hide the plan."""
     page.plan = not page.plan
 
 
-def lay_file(page: MapScreen) -> None:
-    """Chosen from the newest; where one is laid, its place in the list takes it off."""
+def ask_overlay_file(page: MapScreen) -> None:
+    """Ask for a file to lay on the map, from the newest; where one is laid, its place in the list
+    takes it off."""
     services, frame = page.app.services.layers, page.app.arrival.frame
     running = frame.log_path if frame is not None else ""
     if services is None:
-        _choose_laid(page, ())
+        _choose_overlay(page, ())
     else:
-        page.app.list_files(
-            partial(services.list_layer_files, running), partial(_choose_laid, page)
+        page.app.read_for_page(
+            partial(services.list_layer_files, running), partial(_choose_overlay, page)
         )
 
 
-def _choose_laid(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
+def _choose_overlay(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
     if not listed and not page.laid.path:
-        page.app.notice(_("there is no file yet that could be laid on the map"))
+        page.app.show_notice(_("there is no file yet that could be laid on the map"))
         return
     choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
     if page.laid.path:
         choices.append(Choice("", _("none: take the file off")))
-    page.app.ask(ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), page.lay)
+    page.app.ask_question(
+        ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), page.lay_file
+    )
 
 
-def machine_or_log(page: MapScreen) -> None:
-    page.turn_log()
+def toggle_machine_or_log(page: MapScreen) -> None:
+    """Turn from the machine to the log, or back."""
+    page.toggle_log()
     page.camera, page.marked = None, False
 
 
-def why_no_plan(page: MapScreen) -> str:
-    picture = page.app.fields.of(page.seen(page.app.clock())[0])
+def explain_no_plan(page: MapScreen) -> str:
+    """Why no plan can be shown."""
+    picture = page.app.fields.find_picture(page.find_frame(page.app.clock())[0])
     return (
         _("this job has no map of planned rates")
         if picture is None or picture.planned is None
@@ -64,12 +72,13 @@ def why_no_plan(page: MapScreen) -> str:
     )
 
 
-def no_guide(page: MapScreen) -> None:
-    page.app.guide.clear()
-    page.app.keep_line(make_line_record(page.app.guide))
+def clear_guide_line(page: MapScreen) -> None:
+    """Forget the guidance line."""
+    page.app.guide.clear_ends()
+    page.app.keep_line_record(make_line_record(page.app.guide))
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     MAP,
     Action(
         "map_boundary",
@@ -79,7 +88,7 @@ ACTIONS = on(
         N_(
             "Begins at the field's edge, ends after driving round it: the job's field from then on."
         ),
-        lambda page: page.boundary_key(),
+        lambda page: page.press_boundary_key(),
         bar=8,
     ),
     Action(
@@ -91,7 +100,7 @@ ACTIONS = on(
             "Sets A, then B: the Run page shows how far the machine is off the line. It "
             "does not steer."
         ),
-        lambda page: page.guide_key(),
+        lambda page: page.press_guide_key(),
         bar=8,
     ),
     Action(
@@ -100,7 +109,7 @@ ACTIONS = on(
         "Del",
         N_("no line"),
         N_("Takes the A-B line away."),
-        no_guide,
+        clear_guide_line,
         why=lambda page: "" if page.app.guide.a is not None else _("there is no A-B line"),
     ),
     Action(
@@ -109,7 +118,7 @@ ACTIONS = on(
         "V",
         N_("colours"),
         N_("Applied, target, error, NDVI or passes; also a click on its word."),
-        next_layer,
+        show_next_layer,
         bar=3,
     ),
     Action(
@@ -118,7 +127,7 @@ ACTIONS = on(
         "+",
         N_("nearer"),
         N_("Nearer; also by the wheel."),
-        lambda page: page.zoom(1),
+        lambda page: page.zoom_map(1),
         bar=4,
     ),
     Action(
@@ -127,7 +136,7 @@ ACTIONS = on(
         "-",
         N_("farther"),
         N_("Farther away; also by the wheel."),
-        lambda page: page.zoom(-1),
+        lambda page: page.zoom_map(-1),
         bar=5,
     ),
     Action(
@@ -145,7 +154,7 @@ ACTIONS = on(
         "Z",
         N_("whole field"),
         N_("The whole field and all the work on it."),
-        whole_field,
+        show_whole_field,
         bar=7,
     ),
     Action(
@@ -154,9 +163,9 @@ ACTIONS = on(
         "P",
         N_("plan"),
         N_("Shows or hides the planned rates of ground not yet worked."),
-        plan,
+        toggle_plan,
         bar=8,
-        why=why_no_plan,
+        why=explain_no_plan,
     ),
     Action(
         "map_file",
@@ -164,7 +173,7 @@ ACTIONS = on(
         "J",
         N_("file"),
         N_("Lays a file on the map, as applied or harvested, or takes it off."),
-        lay_file,
+        ask_overlay_file,
         bar=8,
     ),
     Action(
@@ -173,7 +182,7 @@ ACTIONS = on(
         "<",
         N_("west"),
         N_("Moves the map; also by dragging it."),
-        lambda page: page.pan(-1, 0),
+        lambda page: page.pan_map(-1, 0),
     ),
     Action(
         "map_east",
@@ -181,7 +190,7 @@ ACTIONS = on(
         ">",
         N_("east"),
         N_("Moves the map; also by dragging it."),
-        lambda page: page.pan(1, 0),
+        lambda page: page.pan_map(1, 0),
     ),
     Action(
         "map_north",
@@ -189,7 +198,7 @@ ACTIONS = on(
         "up",
         N_("north"),
         N_("Moves the map; also by dragging it."),
-        lambda page: page.pan(0, 1),
+        lambda page: page.pan_map(0, 1),
     ),
     Action(
         "map_south",
@@ -197,7 +206,7 @@ ACTIONS = on(
         "down",
         N_("south"),
         N_("Moves the map; also by dragging it."),
-        lambda page: page.pan(0, -1),
+        lambda page: page.pan_map(0, -1),
     ),
     Action(
         "map_log",
@@ -205,7 +214,7 @@ ACTIONS = on(
         "Q1",
         N_("machine / log"),
         N_("The machine at work, or the log of the replay."),
-        machine_or_log,
-        why=lambda page: page.why_no_turn(),
+        toggle_machine_or_log,
+        why=lambda page: page.explain_no_turn(),
     ),
 )

@@ -16,21 +16,21 @@ from typing import ClassVar, NamedTuple
 
 from rich.cells import cell_len
 from textual.strip import Strip
-from topdress.console.app.layers import LABELS, LayerScale, MapLayer
+from topdress.console.app.layers import LAYER_LABELS, LayerScale, MapLayer
 from topdress.console.app.map_ink import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.map_legend import draw_colour_ramp
-from topdress.console.app.widgets.panel import fit
+from topdress.console.app.widgets.panel import fit_width
 
 # The file that is laid on the map, read along with the screen, and again where another job has
 # another plane. further from the field or the machine, and it is said
-NEAR_M = 500.0
+FAR_OFF_M = 500.0
 M_PER_KM = 1000.0
 
 
-class LaidFiles:
-    """path: of the file that is wanted, "": none. A file that cannot be laid is said once and
-    not wanted any more."""
+class OverlayLoader:
+    """Loads the laid file. path: of the wanted file, "": none. A file that cannot be laid is
+    reported once and not wanted any more."""
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -38,10 +38,11 @@ class LaidFiles:
         self._asked: tuple[str, str, str] | None = None
         self._laid: LaidFile | None = None
 
-    def want(self, path: str) -> None:
+    def want_file(self, path: str) -> None:
+        """Want another file, or none."""
         self.path, self._asked, self._laid = path, None, None
 
-    def of(self, frame: Frame | None) -> LaidFile | None:
+    def find_overlay(self, frame: Frame | None) -> LaidFile | None:
         """The wanted file on a frame's plane; asked for the first time, it is read and comes
         later."""
         files = self._page.app.services.layers
@@ -50,37 +51,37 @@ class LaidFiles:
         key = (self.path, frame.log_path, frame.job)
         if key != self._asked:
             self._asked, self._laid = key, None
-            self._page.app.with_files(
+            self._page.app.run_with_files(
                 partial(files.make_overlay, self.path, frame),
-                partial(self._have, key),
-                partial(self._not_laid, key),
+                partial(self._take_overlay, key),
+                partial(self._note_failure, key),
                 group="laid",
             )
         return self._laid
 
-    def _not_laid(self, key: tuple[str, str, str], why: str) -> None:
+    def _note_failure(self, key: tuple[str, str, str], why: str) -> None:
         if key == self._asked:
-            self.want("")
-            self._page.app.notice(why)
+            self.want_file("")
+            self._page.app.show_notice(why)
 
-    def _have(self, key: tuple[str, str, str], laid: LaidFile) -> None:
+    def _take_overlay(self, key: tuple[str, str, str], laid: LaidFile) -> None:
         if key != self._asked:
             return
         self._laid = laid
-        if laid.apart_m > NEAR_M:
-            self._page.app.notice(
+        if laid.apart_m > FAR_OFF_M:
+            self._page.app.show_notice(
                 _("{name} lies {distance} km from here").format(
                     name=laid.name, distance=f"{laid.apart_m / M_PER_KM:.1f}"
                 )
             )
-        self._page.hurry()
+        self._page.hurry_all()
 
 
 _LEAST_CELLS, _MOST_CELLS = 4, 24
 
 
 class LaidLegendView(NamedTuple):
-    """scale None: `said` in its place."""
+    """Holds the legend. scale None: `said` in its place."""
 
     name: str
     label: str
@@ -89,23 +90,28 @@ class LaidLegendView(NamedTuple):
 
 
 class LaidLegend(Canvas[LaidLegendView]):
+    """Shows the legend."""
+
     COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
 
-    def lines(self, view: LaidLegendView, width: int, height: int) -> list[Strip]:
-        muted = self.style("map--muted")
+    def draw_rows(self, view: LaidLegendView, width: int, height: int) -> list[Strip]:
+        muted = self.find_style("map--muted")
         name = f" {_('file')} {view.name}: "
         if view.scale is None:
-            name = fit(name, min(cell_len(name), max(0, width - cell_len(view.said))))
-            return [self.text_strip(width, (name, self.rich_style), (view.said, muted))]
+            name = fit_width(name, min(cell_len(name), max(0, width - cell_len(view.said))))
+            return [self.make_text_strip(width, (name, self.rich_style), (view.said, muted))]
         scale = view.scale
         unit = f" {scale.unit}" if scale.unit else ""
-        low, high = f"{view.label} {scale.text(scale.low)} ", f" {scale.text(scale.high)}{unit}"
+        low, high = (
+            f"{view.label} {scale.format_value(scale.low)} ",
+            f" {scale.format_value(scale.high)}{unit}",
+        )
         room = width - sum(map(cell_len, (low, high)))
-        name = fit(name, min(cell_len(name), max(0, room - _LEAST_CELLS)))
+        name = fit_width(name, min(cell_len(name), max(0, room - _LEAST_CELLS)))
         cells = max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(name)))
         levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_LAID
         return [
-            self.text_strip(
+            self.make_text_strip(
                 width,
                 (name, self.rich_style),
                 (low, muted),
@@ -115,6 +121,6 @@ class LaidLegend(Canvas[LaidLegendView]):
         ]
 
 
-def label_of(scale: LayerScale | None, harvest: str) -> str:
-    """What is shown of the file: a rate and the like, or its harvest."""
-    return harvest if harvest or scale is None else _(LABELS[scale.layer])
+def find_label(scale: LayerScale | None, harvest: str) -> str:
+    """Words of the file's numbers: a rate and the like, or its harvest."""
+    return harvest if harvest or scale is None else _(LAYER_LABELS[scale.layer])

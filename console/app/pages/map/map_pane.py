@@ -9,51 +9,65 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-from topdress.console.app.layers import LABELS, MapLayer
+from topdress.console.app.layers import LAYER_LABELS, MapLayer
 from topdress.console.app.pages.map.reading import PlaceReading
 from topdress.console.app.widgets.field_map import FieldMap
-from topdress.console.app.widgets.panel import Panel, Part, at_cell, in_row, line, spread
+from topdress.console.app.widgets.panel import (
+    Panel,
+    TextPart,
+    find_at_cell,
+    make_line,
+    place_in_row,
+    spread_parts,
+)
 from topdress.console.locale import _
 
 
 # The row above the large map: its layers, a click chooses one; and whether it follows the machine.
 class MapBarView(NamedTuple):
+    """Holds layer and states."""
+
     layer: MapLayer
     states: tuple[str, ...]
 
 
-def laid_out() -> tuple[tuple[MapLayer, str, int], ...]:
+def place_layers() -> tuple[tuple[MapLayer, str, int], ...]:
     """Layers with their texts and first cells."""
-    return in_row((layer, f"  {_(LABELS[layer])}  ") for layer in MapLayer)
+    return place_in_row((layer, f"  {_(LAYER_LABELS[layer])}  ") for layer in MapLayer)
 
 
 class MapBar(Panel[MapBarView]):
+    """Shows the layers."""
+
     class Chosen(Message):
         def __init__(self, layer: MapLayer) -> None:
             super().__init__()
             self.layer = layer
 
-    def lines(self, view: MapBarView, width: int, height: int) -> list[Content]:
-        left: list[Part] = [
+    def draw_rows(self, view: MapBarView, width: int, height: int) -> list[Content]:
+        left: list[TextPart] = [
             (text, "bold reverse" if layer is view.layer else "bold $primary")
-            for layer, text, _start in laid_out()
+            for layer, text, _start in place_layers()
         ]
-        return [spread(left, [(f" {'   '.join(view.states)} ", "$muted")], width)]
+        return [spread_parts(left, [(f" {'   '.join(view.states)} ", "$muted")], width)]
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        return tuple((start, 0) for _layer, _text, start in laid_out())
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
+        return tuple((start, 0) for _layer, _text, start in place_layers())
 
     def on_click(self, event: events.Click) -> None:
+        """Choose the clicked layer."""
         event.stop()
-        layer = at_cell(laid_out(), event.x)
+        layer = find_at_cell(place_layers(), event.x)
         if layer is not None:
             self.post_message(self.Chosen(layer))
 
 
 class ReadingLine(Panel[PlaceReading]):
-    def lines(self, view: PlaceReading, width: int, height: int) -> list[Content]:
+    """Shows the reading of a place."""
+
+    def draw_rows(self, view: PlaceReading, width: int, height: int) -> list[Content]:
         where = f" {view.where}"
-        parts: list[Part] = [(where, "bold")]
+        parts: list[TextPart] = [(where, "bold")]
         used = cell_len(where)
         for part in view.parts:
             label, text = f"   {part.label} ", part.text
@@ -61,13 +75,15 @@ class ReadingLine(Panel[PlaceReading]):
             if used > width:
                 break
             parts += [(label, "$muted"), (text, "bold")]
-        return [line(*parts)]
+        return [make_line(*parts)]
 
 
 Place = tuple[float, float]
 
 
 class MapPane(FieldMap):
+    """Shows the map that can be dragged."""
+
     class Pointed(Message):
         """The pointer stands over a place; None: it left the map."""
 
@@ -91,33 +107,39 @@ class MapPane(FieldMap):
 
     _held: tuple[int, int] | None = None
 
-    def _place(self, event: events.MouseEvent) -> Place:
-        return self.pixels().place(event.x, 2 * event.y + 0.5)
+    def _find_place(self, event: events.MouseEvent) -> Place:
+        return self.make_grid().find_middle(event.x, 2 * event.y + 0.5)
 
     def on_mouse_down(self, event: events.MouseDown) -> None:
+        """Begin to drag."""
         self._held = (event.screen_x, event.screen_y)
         self.capture_mouse()
 
     def on_mouse_up(self, event: events.MouseUp) -> None:
+        """End the drag."""
         self._held = None
         self.release_mouse()
 
     def on_mouse_move(self, event: events.MouseMove) -> None:
+        """Drag, or report the place."""
         if self._held is not None:
             columns, rows = event.screen_x - self._held[0], event.screen_y - self._held[1]
             self._held = (event.screen_x, event.screen_y)
             if columns or rows:
                 self.post_message(self.Dragged(columns, 2 * rows))
             return
-        self.post_message(self.Pointed(self._place(event)))
+        self.post_message(self.Pointed(self._find_place(event)))
 
     def on_leave(self, event: events.Leave) -> None:
+        """Report that the pointer left."""
         self.post_message(self.Pointed(None))
 
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
+        """Zoom in."""
         event.stop()
-        self.post_message(self.Wheeled(1, self._place(event)))
+        self.post_message(self.Wheeled(1, self._find_place(event)))
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
+        """Zoom out."""
         event.stop()
-        self.post_message(self.Wheeled(-1, self._place(event)))
+        self.post_message(self.Wheeled(-1, self._find_place(event)))

@@ -10,24 +10,28 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from topdress.console.app.action import JOB, MAP, make_bindings
 from topdress.console.app.boundary_drive import BoundaryDrive
-from topdress.console.app.camera import MapCamera, fit
+from topdress.console.app.camera import MapCamera, fit_box
 from topdress.console.app.dialogs import Choice, ChoiceDialog
-from topdress.console.app.guide_line import LEAST_M
-from topdress.console.app.guide_line_store import corner_record, make_drive_record, make_line_record
-from topdress.console.app.layers import LABELS, MapLayer
+from topdress.console.app.guide_line import LEAST_LENGTH_M
+from topdress.console.app.guide_line_store import (
+    make_corner_record,
+    make_drive_record,
+    make_line_record,
+)
+from topdress.console.app.layers import LAYER_LABELS, MapLayer
 from topdress.console.app.overlay_file import LaidFile, LaidView
 from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
 from topdress.console.app.pages.map.keys import ACTIONS
 from topdress.console.app.pages.map.laid_legend import (
-    LaidFiles,
     LaidLegend,
     LaidLegendView,
-    label_of,
+    OverlayLoader,
+    find_label,
 )
 from topdress.console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
-from topdress.console.app.pages.map.reading import PlaceReading, list_job_items, reading
+from topdress.console.app.pages.map.reading import PlaceReading, list_job_items, make_place_reading
 from topdress.console.app.pages.replay.service import ReplayJob
-from topdress.console.app.view import STALE_S, RunView, look
+from topdress.console.app.view import STALE_S, RunView, make_run_view
 from topdress.console.app.widgets.items import Items
 from topdress.console.app.widgets.map_legend import LegendView, MapLegend
 from topdress.console.app.widgets.rates import SeatRates
@@ -36,12 +40,12 @@ from topdress.console.locale import _
 
 PAN_SHARE = 0.2  # of the picture's width, by an arrow key
 # of a pixel, when the machine is followed from the whole field's picture
-NEAR_M = 0.5
+NEAR_PIXEL_M = 0.5
 
 
 class MapScreen(LogPage):
-    """camera None: the whole field, however it grows. A place is marked where the map was moved
-    to by keys."""
+    """Shows the map. camera None: the whole field, however it grows. A place is marked where the
+    map was moved to by keys."""
 
     where: ClassVar[str] = MAP
     BINDINGS: ClassVar = make_bindings(ACTIONS)
@@ -52,13 +56,13 @@ class MapScreen(LogPage):
         self.camera: MapCamera | None = None
         self.pointed: Place | None = None
         self.marked = False
-        self.laid = LaidFiles(self)
+        self.laid = OverlayLoader(self)
         self._frame: Frame | None = None
         self.drive: BoundaryDrive | None = None
         self._driven: list[Place] = []  # of the drive, as the map draws it
 
-    def body(self) -> ComposeResult:
-        rates = look(None, 0.0, self.app.units).rates
+    def compose_body(self) -> ComposeResult:
+        rates = make_run_view(None, 0.0, self.app.units).rates
         with Vertical(id="map-left"):
             yield SeatRates(rates, id="map-strip")
             yield MapBar(MapBarView(self.shown_layer, ()), id="map-bar")
@@ -72,129 +76,136 @@ class MapScreen(LogPage):
             yield SeatRates(rates, id="map-rates")
             yield Items((), id="map-job")
 
-    def replayed(self) -> ReplayJob | None:
+    def find_replayed(self) -> ReplayJob | None:
         return self.app.replay_page.job if self.app.source is None or self.wants_log else None
 
-    def tick(self, now_s: float) -> None:
-        super().tick(now_s)
-        if self.maps.due(now_s):
-            self._frame, age_s = self.seen(now_s)
-            self._draw(age_s)
+    def show_due(self, now_s: float) -> None:
+        super().show_due(now_s)
+        if self.maps.is_due(now_s):
+            self._frame, age_s = self.find_frame(now_s)
+            self._draw_map(age_s)
 
     def show_numbers(self, view: RunView) -> None:
+        """Show rates and totals."""
         super().show_numbers(view)
         for rates in self.query(SeatRates):
-            rates.show(view.rates)
-        frame, age_s = self.seen(self.app.clock())
-        self.query_one("#map-job", Items).show(
-            list_job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S)
+            rates.show_view(view.rates)
+        frame, age_s = self.find_frame(self.app.clock())
+        self.query_one("#map-job", Items).show_view(
+            list_job_items(
+                frame, self.app.fields.find_picture(frame), self.app.units, age_s > STALE_S
+            )
         )
 
     # --- a boundary by driving round it, and the A-B line
     # ----------------------------------------------------------
 
-    def gather(self, frame: Frame) -> None:
-        super().gather(frame)
+    def gather_frame(self, frame: Frame) -> None:
+        super().gather_frame(frame)
         if self.drive is not None:
             before = len(self.drive.corners)
-            self.drive.add(frame.row)
+            self.drive.add_row(frame.row)
             if frame.place_m is not None and len(self.drive.corners) > before:
                 self._driven.append(frame.place_m)
-                self.app.keep_line(
-                    corner_record(self.drive.corners[-1], frame.place_m, frame.row.time_s)
+                self.app.keep_line_record(
+                    make_corner_record(self.drive.corners[-1], frame.place_m, frame.row.time_s)
                 )
 
-    def _drive_is(self, drive: BoundaryDrive | None) -> None:
-        """One begins, or the one that there was has ended."""
+    def _set_drive(self, drive: BoundaryDrive | None) -> None:
+        """Begin a drive, or end it with None."""
         frame = self.app.arrival.frame
         self.drive, self._driven = drive, []
-        self.app.keep_line(make_drive_record(drive, frame.row.time_s if frame is not None else 0.0))
+        self.app.keep_line_record(
+            make_drive_record(drive, frame.row.time_s if frame is not None else 0.0)
+        )
 
-    def go_on_driving(self, drive: BoundaryDrive, way: tuple[Place, ...]) -> None:
-        """One that another console began."""
+    def resume_drive(self, drive: BoundaryDrive, way: tuple[Place, ...]) -> None:
+        """Go on with a drive that another console began."""
         self.drive, self._driven = drive, list(way)
-        self.app.notice(
+        self.app.show_notice(
             _("the boundary goes on: {way} driven so far").format(
-                way=self.app.units.distance.full(drive.way_m)
+                way=self.app.units.distance.format_with_name(drive.way_m)
             )
         )
-        self.hurry()
+        self.hurry_all()
 
-    def boundary_key(self) -> None:
-        """Begins the drive, or ends it."""
-        picture = self.app.fields.of(self.app.arrival.frame)
+    def press_boundary_key(self) -> None:
+        """Begin the drive, or end it."""
+        picture = self.app.fields.find_picture(self.app.arrival.frame)
         if self.drive is not None:
             self._end_drive(self.drive)
             return
         half_m = 0.5 * (picture.width_m if picture is not None else 0.0)
         distance = self.app.units.fine_distance
 
-        def begin(side: str) -> None:
-            self._drive_is(BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0)))
-            self.app.notice(_("the boundary begins here: drive round the field, then B again"))
-            self.app.look()
+        def begin_drive(side: str) -> None:
+            self._set_drive(BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0)))
+            self.app.show_notice(_("the boundary begins here: drive round the field, then B again"))
+            self.app.show_changes()
 
-        self.app.ask(
+        self.app.ask_question(
             ChoiceDialog(
                 _("Drive round the field. Where is its edge?"),
                 [
                     Choice(
                         "right",
                         _("to the right, half a width ({half}): driven clockwise").format(
-                            half=distance.full(half_m)
+                            half=distance.format_with_name(half_m)
                         ),
                     ),
                     Choice(
                         "left",
                         _("to the left, half a width ({half}): driven anticlockwise").format(
-                            half=distance.full(half_m)
+                            half=distance.format_with_name(half_m)
                         ),
                     ),
                     Choice("middle", _("under the middle of the machine")),
                 ],
                 "",
             ),
-            begin,
+            begin_drive,
         )
 
     def _end_drive(self, drive: BoundaryDrive) -> None:
-        way, units = self.app.units.distance.full(drive.way_m), self.app.units
+        way, units = self.app.units.distance.format_with_name(drive.way_m), self.app.units
 
-        def drop() -> None:
-            self._drive_is(None)
-            self.app.look()
+        def drop_drive() -> None:
+            self._set_drive(None)
+            self.app.show_changes()
 
-        if not drive.enough:
-            self.app.confirm(
+        if not drive.is_closable:
+            self.app.ask_yes_no(
                 _("Cancel the boundary?"),
                 _(
                     "{way} driven, {open} from the end back to its beginning: that is no "
                     "field yet. Esc goes on."
-                ).format(way=way, open=units.distance.full(drive.open_m)),
-                drop,
+                ).format(way=way, open=units.distance.format_with_name(drive.closing_gap_m)),
+                drop_drive,
             )
             return
 
-        def keep(answer: str) -> None:
+        def take_choice(answer: str) -> None:
             service = self.app.services.job
             if answer == "drop":
-                drop()
+                drop_drive()
             elif answer == "keep" and service is not None:
-                ring = drive.ring_deg()
-                self._drive_is(None)
-                self.app.turn_to(JOB)
-                self.call_later(self.app.job_page.take, lambda: service.save_driven_boundary(ring))
+                ring = drive.make_ring_deg()
+                self._set_drive(None)
+                self.app.turn_to_page(JOB)
+                self.call_later(
+                    self.app.job_page.take_file, lambda: service.save_driven_boundary(ring)
+                )
 
         no_files = (
             _("files are not available here")
             if self.app.services.job is None
             else (
                 _("stop the machine first (X); the boundary waits")
-                if self.app.job_page.at_work
+                if self.app.job_page.is_at_work
                 else ""
             )
         )
-        self.app.ask(
+        self.app.ask_question(
             ChoiceDialog(
                 _("The boundary ends here"),
                 [
@@ -204,31 +215,31 @@ class MapScreen(LogPage):
                 ],
                 "",
                 _("{way} driven; the last {open} back to its beginning are drawn straight.").format(
-                    way=way, open=units.distance.full(drive.open_m)
+                    way=way, open=units.distance.format_with_name(drive.closing_gap_m)
                 ),
             ),
-            keep,
+            take_choice,
         )
 
-    def guide_key(self) -> None:
-        """Sets A, then B; a third time it begins anew."""
+    def press_guide_key(self) -> None:
+        """Set A, then B; a third time begin anew."""
         frame, guide = self.app.arrival.frame, self.app.guide
-        picture = self.app.fields.of(frame)
+        picture = self.app.fields.find_picture(frame)
         if frame is None or frame.place_m is None or picture is None:
-            self.app.notice(_("no position yet"))
+            self.app.show_notice(_("no position yet"))
         elif guide.a is None or guide.b is not None:
-            guide.begin(frame.place_m, picture.width_m)
-            self.app.keep_line(make_line_record(guide))
-            self.app.notice(_("A is here: drive along the line, then N sets B"))
-        elif guide.end(frame.place_m):
-            self.app.keep_line(make_line_record(guide))
-            self.app.notice(
+            guide.set_begin(frame.place_m, picture.width_m)
+            self.app.keep_line_record(make_line_record(guide))
+            self.app.show_notice(_("A is here: drive along the line, then N sets B"))
+        elif guide.set_end(frame.place_m):
+            self.app.keep_line_record(make_line_record(guide))
+            self.app.show_notice(
                 _("the A-B line is set: the Run page shows how far the machine is off it")
             )
         else:
-            self.app.notice(
+            self.app.show_notice(
                 _("B is too near to A: {least} or more are needed").format(
-                    least=self.app.units.distance.full(LEAST_M)
+                    least=self.app.units.distance.format_with_name(LEAST_LENGTH_M)
                 )
             )
 
@@ -237,77 +248,84 @@ class MapScreen(LogPage):
 
     @property
     def pane(self) -> MapPane:
+        """The map."""
         return self.query_one("#map-pane", MapPane)
 
-    def _map_pixels(self) -> tuple[int, int]:
+    def _find_map_size(self) -> tuple[int, int]:
         width, height = self.pane.content_size
         return width, 2 * height
 
-    def _camera(self) -> MapCamera:
-        """Where the map looks now."""
+    def _find_camera(self) -> MapCamera:
+        """The present place of the map."""
         frame = self._frame
         if self.camera is None:
-            return fit(self.whole(frame), *self._map_pixels())
+            return fit_box(self.find_whole_box(frame), *self._find_map_size())
         if self.follow and frame is not None and frame.place_m is not None:
-            self.camera = self.camera.following(frame.place_m, *self._map_pixels())
+            self.camera = self.camera.follow_place(frame.place_m, *self._find_map_size())
         return self.camera
 
-    def _draw(self, age_s: float) -> None:
+    def _draw_map(self, age_s: float) -> None:
         frame, units = self._frame, self.app.units
-        camera = self._camera()
+        camera = self._find_camera()
         cross = (camera.east_m, camera.north_m) if self.marked else None
-        laid = self.laid.of(frame)
-        view = self.map_view(frame, age_s, self.shown_layer, camera, laid)._replace(
+        laid = self.laid.find_overlay(frame)
+        view = self.make_map_view(frame, age_s, self.shown_layer, camera, laid)._replace(
             plan=self.plan, cross=cross
         )
         if self.driven:
             view = view._replace(lines=(*view.lines, self.driven))
-        self.pane.show(view)
+        self.pane.show_view(view)
         planned = self.plan and view.picture is not None and view.picture.planned is not None
-        self.query_one("#map-scale", MapLegend).show(
+        self.query_one("#map-scale", MapLegend).show_view(
             LegendView(view.scale, camera.metres, units.distance, planned)
         )
-        self.query_one("#map-bar", MapBar).show(MapBarView(self.shown_layer, self._states()))
-        self._tell_laid(laid, view.laid)
-        self._read(camera)
+        self.query_one("#map-bar", MapBar).show_view(
+            MapBarView(self.shown_layer, self._list_states())
+        )
+        self._show_legend(laid, view.laid)
+        self._show_reading(camera)
 
-    def _tell_laid(self, laid: LaidFile | None, shown: LaidView | None) -> None:
+    def _show_legend(self, laid: LaidFile | None, shown: LaidView | None) -> None:
         legend = self.query_one("#map-laid", LaidLegend)
         legend.display = bool(self.laid.path)
         if laid is None:
             waits = self._frame is None or self._frame.place_m is None
             said = _("no position yet") if waits else _("reading the file")
-            legend.show(LaidLegendView(Path(self.laid.path).name, "", None, said))
+            legend.show_view(LaidLegendView(Path(self.laid.path).name, "", None, said))
             return
         scale = shown.scale if shown is not None else None
-        label = label_of(scale, laid.harvest.label if laid.harvest is not None else "")
-        lacks = _("no {what} in it").format(what=_(LABELS[self.shown_layer]))
-        legend.show(LaidLegendView(laid.name, label, scale, "" if scale is not None else lacks))
+        label = find_label(scale, laid.harvest.label if laid.harvest is not None else "")
+        lacks = _("no {what} in it").format(what=_(LAYER_LABELS[self.shown_layer]))
+        legend.show_view(
+            LaidLegendView(laid.name, label, scale, "" if scale is not None else lacks)
+        )
 
-    def lay(self, path: str) -> None:
-        """ "": none."""
-        self.laid.want(path)
-        self.app.look()
+    def lay_file(self, path: str) -> None:
+        """Lay a file on the map; "": none."""
+        self.laid.want_file(path)
+        self.app.show_changes()
 
     @property
     def driven(self) -> tuple[tuple[float, float], ...]:
         """The boundary so far, as the map draws it."""
         return tuple(self._driven) if self.drive is not None else ()
 
-    def _states(self) -> tuple[str, ...]:
-        log: tuple[str, ...] = (_("log"),) if self.replayed() is not None else ()
+    def _list_states(self) -> tuple[str, ...]:
+        log: tuple[str, ...] = (_("log"),) if self.find_replayed() is not None else ()
         if self.drive is not None:
             log = (
-                _("BOUNDARY {way}").format(way=self.app.units.distance.full(self.drive.way_m)),
+                _("BOUNDARY {way}").format(
+                    way=self.app.units.distance.format_with_name(self.drive.way_m)
+                ),
                 *log,
             )
         if self.camera is None:
             return (*log, _("whole field"))
         return (*log, _("following") if self.follow else _("standing"))
 
-    def _read(self, camera: MapCamera) -> None:
+    def _show_reading(self, camera: MapCamera) -> None:
         frame = self._frame
-        worked, picture = self.ground(frame)
+        worked, picture = self.find_ground(frame)
         where: str
         place: Place | None
         if self.pointed is not None:
@@ -316,8 +334,8 @@ class MapScreen(LogPage):
             where, place = _("mark +"), (camera.east_m, camera.north_m)
         else:
             where, place = _("under machine"), frame.place_m if frame is not None else None
-        self.query_one("#map-reading", ReadingLine).show(
-            reading(
+        self.query_one("#map-reading", ReadingLine).show_view(
+            make_place_reading(
                 where,
                 place,
                 max(worked.cells_m[0], camera.metres),
@@ -331,52 +349,59 @@ class MapScreen(LogPage):
     # --- what is pressed, clicked, pulled
     # -----------------------------------------------------------------------
 
-    def zoom(self, steps: int) -> None:
-        self.camera = self._camera().zoomed(steps)
+    def zoom_map(self, steps: int) -> None:
+        """Zoom by steps."""
+        self.camera = self._find_camera().zoom_steps(steps)
 
-    def pan(self, right: int, up: int) -> None:
-        """By a share of the picture; the middle is marked."""
-        width, height = self._map_pixels()
-        self._move(round(right * PAN_SHARE * width), round(up * PAN_SHARE * height))
+    def pan_map(self, right: int, up: int) -> None:
+        """Move by a share of the picture; the middle is marked."""
+        width, height = self._find_map_size()
+        self._move_camera(round(right * PAN_SHARE * width), round(up * PAN_SHARE * height))
         self.marked = True
 
     def toggle_follow(self) -> None:
+        """Follow the machine, or not."""
         self.follow = self.camera is None or not self.follow
         self.marked = False
         place = self._frame.place_m if self._frame is not None else None
         if self.camera is None and place is not None:
-            self.camera = MapCamera(*place, min(NEAR_M, self._camera().metres))
+            self.camera = MapCamera(*place, min(NEAR_PIXEL_M, self._find_camera().metres))
 
-    def _move(self, columns: int, rows: int) -> None:
-        self.camera, self.follow = self._camera().moved(columns, rows), False
+    def _move_camera(self, columns: int, rows: int) -> None:
+        self.camera, self.follow = self._find_camera().move_pixels(columns, rows), False
 
     def on_resize(self, event: object) -> None:
-        self.maps.hurry()
+        """Draw anew."""
+        self.maps.hurry_up()
 
     def on_map_bar_chosen(self, event: MapBar.Chosen) -> None:
+        """Show the chosen layer."""
         if not self.app.locked:
             self.shown_layer = event.layer
-            self.app.look()
+            self.app.show_changes()
 
     def on_map_pane_pointed(self, event: MapPane.Pointed) -> None:
+        """Read the pointed place."""
         self.pointed = event.place
-        self._read(self._camera())
+        self._show_reading(self._find_camera())
 
     def on_map_pane_dragged(self, event: MapPane.Dragged) -> None:
+        """Move the map."""
         if not self.app.locked:
-            self._move(-event.columns, event.rows)
+            self._move_camera(-event.columns, event.rows)
             self.marked = False
-            self.app.look()
+            self.app.show_changes()
 
     def on_map_pane_wheeled(self, event: MapPane.Wheeled) -> None:
+        """Zoom at the pointer."""
         if self.app.locked:
             return
-        before = self._camera()
-        near = before.zoomed(event.steps)
+        before = self._find_camera()
+        near = before.zoom_steps(event.steps)
         share = near.metres / before.metres
         east, north = event.place
         self.camera = near._replace(
             east_m=east + share * (before.east_m - east),
             north_m=north + share * (before.north_m - north),
         )
-        self.app.look()
+        self.app.show_changes()

@@ -4,36 +4,44 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from topdress.console.app.camera import Pixels
-from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.camera import PixelGrid
+from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
 from topdress.console.app.layers import MapLayer
-from topdress.console.app.map_image import Ground
+from topdress.console.app.map_image import GroundPixels
 from topdress.console.app.overlay_file import LaidView
-from topdress.console.app.remaining_work import remaining_work
+from topdress.console.app.remaining_work import estimate_remaining
 from topdress.console.app.units import Units
-from topdress.console.app.view import Item, Shown, duration, find_rate_error, signed_percent
+from topdress.console.app.view import (
+    ItemView,
+    ShownText,
+    find_rate_error,
+    format_duration,
+    format_signed_percent,
+)
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
 
 class ReadingPart(NamedTuple):
+    """Holds a label and a text."""
+
     label: str
     text: str
 
 
 class PlaceReading(NamedTuple):
-    """where: what the place is; parts: the important ones first."""
+    """Holds the reading of a place. where: kind of place; parts: the important ones first."""
 
     where: str
     parts: tuple[ReadingPart, ...]
 
 
-def reading(
+def make_place_reading(
     where: str,
     place: tuple[float, float] | None,
     metres: float,
-    worked: Worked,
+    worked: WorkedGround,
     picture: FieldPicture | None,
     units: Units,
     laid: LaidView | None = None,
@@ -42,61 +50,66 @@ def reading(
     if place is None:
         return PlaceReading(_("no position yet"), ())
     half = 0.5 * metres
-    pixel = Pixels(1, 1, metres, place[0] - half, place[1] + half)
-    here = Ground(worked, pixel)
+    pixel = PixelGrid(1, 1, metres, place[0] - half, place[1] + half)
+    here = GroundPixels(worked, pixel)
     applied, target, ndvi, passes = (
-        None if (value := float(here.layer(layer)[0, 0])) != value else value
+        None if (value := float(here.calc_means(layer)[0, 0])) != value else value
         for layer in (MapLayer.APPLIED, MapLayer.TARGET, MapLayer.NDVI, MapLayer.PASSES)
     )
     planned = (
-        picture.planned.at(*place) if picture is not None and picture.planned is not None else None
+        picture.planned.find_rate(*place)
+        if picture is not None and picture.planned is not None
+        else None
     )
     error = find_rate_error(target, applied)
     parts = [
-        ReadingPart(_("applied"), units.rate.full(applied)),
-        ReadingPart(_("target"), units.rate.full(target)),
+        ReadingPart(_("applied"), units.rate.format_with_name(applied)),
+        ReadingPart(_("target"), units.rate.format_with_name(target)),
     ]
     if laid is not None:
-        value = float(Ground(laid.worked, pixel).layer(laid.scale.layer)[0, 0])
-        said = laid.scale.text(None if value != value else value)
+        value = float(GroundPixels(laid.worked, pixel).calc_means(laid.scale.layer)[0, 0])
+        said = laid.scale.format_value(None if value != value else value)
         parts.append(ReadingPart(_("file"), f"{said} {laid.scale.unit}".rstrip()))
     if picture is not None and picture.planned is not None:
-        parts.append(ReadingPart(_("planned"), units.rate.full(planned)))
+        parts.append(ReadingPart(_("planned"), units.rate.format_with_name(planned)))
     parts += [
-        ReadingPart(_("error"), "--" if error is None else signed_percent(100.0 * error)),
+        ReadingPart(_("error"), "--" if error is None else format_signed_percent(100.0 * error)),
         ReadingPart("NDVI", "--" if ndvi is None else f"{ndvi:.2f}"),
         ReadingPart(_("passes"), "--" if passes is None else f"{passes:.2g}"),
-        ReadingPart(_("east"), units.distance.full(place[0])),
-        ReadingPart(_("north"), units.distance.full(place[1])),
+        ReadingPart(_("east"), units.distance.format_with_name(place[0])),
+        ReadingPart(_("north"), units.distance.format_with_name(place[1])),
     ]
     return PlaceReading(where, tuple(parts))
 
 
 def list_job_items(
     frame: Frame | None, picture: FieldPicture | None, units: Units, stale: bool
-) -> tuple[Item, ...]:
-    """Area and product done and left. What is left of the product: the plan's, else the mean so
-    far on what is left."""
+) -> tuple[ItemView, ...]:
+    """Area and product done and left. The product left: the plan's, else the mean so far on the
+    rest."""
     if frame is None:
         return ()
     field_ha = picture.area_ha if picture is not None else None
-    left = remaining_work(frame, picture)
-    time_left = "--" if left.time_s is None else duration(left.time_s)
+    left = estimate_remaining(frame, picture)
+    time_left = "--" if left.time_s is None else format_duration(left.time_s)
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
     row = frame.row
     return tuple(
-        Item(label, Shown(text, stale))
+        ItemView(label, ShownText(text, stale))
         for label, text in (
-            (_("done"), f"{units.area.full(frame.area_ha)}{share}"),
-            (_("left"), units.area.full(left.area_ha)),
-            (_("time left"), f"{time_left}  {units.way(left.way_m).full(left.way_m)}"),
-            (_("applied"), units.mass.full(frame.applied_kg)),
-            (_("still needed"), units.mass.full(left.product_kg)),
-            (_("in hopper"), units.mass.full(row.hopper_kg)),
-            (_("mean"), units.rate.full(frame.mean_rate_kg_ha)),
+            (_("done"), f"{units.area.format_with_name(frame.area_ha)}{share}"),
+            (_("left"), units.area.format_with_name(left.area_ha)),
+            (
+                _("time left"),
+                f"{time_left}  {units.choose_way_unit(left.way_m).format_with_name(left.way_m)}",
+            ),
+            (_("applied"), units.mass.format_with_name(frame.applied_kg)),
+            (_("still needed"), units.mass.format_with_name(left.product_kg)),
+            (_("in hopper"), units.mass.format_with_name(row.hopper_kg)),
+            (_("mean"), units.rate.format_with_name(frame.mean_rate_kg_ha)),
             (
                 _("speed"),
-                units.speed.full(
+                units.speed.format_with_name(
                     row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps
                 ),
             ),

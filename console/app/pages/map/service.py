@@ -12,19 +12,21 @@ from topdress.console.frame import Frame
 
 
 class LayerFiles(Protocol):
-    """Errors are one-line ValueErrors."""
+    """Reads files to lay on the map. Errors are one-line ValueErrors."""
 
     def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
-        """The newest first, without the log that is being written."""
+        """Files, the newest first, without the log that is being written."""
 
     def make_overlay(self, path: str, frame: Frame) -> LaidFile:
-        """Reads a file onto the plane of a frame that has a position; seconds for a long one."""
+        """Read a file onto the plane of a frame that has a position; seconds for a long one."""
 
 
 class LineFiles(Protocol):
+    """Keeps lines next to the log."""
+
     def append_record(self, log_path: str, record: str) -> None:
-        """Kept next to the log; returns at once."""
+        """Keep a record next to the log; returns at once."""
 
     def read_lines(self, log_path: str) -> KeptLines:
-        """What holds, with what the log tells of the drive since; where nothing was said of a
-        line, that of the last job on the same field. Takes its time; never raises."""
+        """The lines in force, with the log's part of the drive since; without a record of a line,
+        that of the last job on the same field. Takes its time; never raises."""

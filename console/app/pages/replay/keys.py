@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from topdress.console.app import words
-from topdress.console.app.action import REPLAY, Action, on
+from topdress.console.app.action import REPLAY, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from topdress.console.locale import N_, _
 from topdress.control.orders import STRATEGIES
@@ -15,73 +15,79 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.replay.page import ReplayScreen
     from topdress.console.app.pages.replay.service import LogFile, LogFiles
 
-SEEK_S = 30.0
+SEEK_STEP_S = 30.0
 
 
-def open_log(page: ReplayScreen) -> None:
+def ask_log(page: ReplayScreen) -> None:
+    """Ask for a log and open it."""
     files = page.app.services.logs
     if files is None:
-        page.app.notice(_("there is no log yet"))
+        page.app.show_notice(_("there is no log yet"))
     else:
-        page.app.list_files(files.list_logs, partial(_choose_log, page, files))
+        page.app.read_for_page(files.list_logs, partial(_choose_log, page, files))
 
 
 def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]) -> None:
     if not listed:
-        page.app.notice(_("there is no log yet"))
+        page.app.show_notice(_("there is no log yet"))
         return
     choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
-    page.app.ask(
+    page.app.ask_question(
         ChoiceDialog(_("Open a log"), choices, ""), lambda path: page.read_log(files, path)
     )
 
 
-def next_alarm(page: ReplayScreen) -> None:
-    if not page.player.next_alarm():
-        page.app.notice(_("no further alarm in this log"))
+def seek_next_alarm(page: ReplayScreen) -> None:
+    """Go to the next alarm."""
+    if not page.player.seek_next_alarm():
+        page.app.show_notice(_("no further alarm in this log"))
 
 
-def what_if(page: ReplayScreen) -> None:
+def ask_what_if(page: ReplayScreen) -> None:
+    """Ask for a what-if and compute it."""
     job = page.played
     choices = [
-        Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
+        Choice(f"strategy:{name}", f"{_('strategy')}: {words.name_strategy(name)}")
         for name in STRATEGIES
     ]
     choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
     choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in job.machines]
-    page.app.ask(
+    page.app.ask_question(
         ChoiceDialog(_("What if"), choices, "", _("changes add up; Del goes back to the log")),
-        page.begin,
+        page.begin_what_if,
     )
 
 
-def findings(page: ReplayScreen) -> None:
+def show_findings(page: ReplayScreen) -> None:
+    """Show notes on the log."""
     text = "\n".join(page.played.findings) or _("nothing was found")
     page.app.push_screen(TextDialog(_("Findings about {name}").format(name=page.played.name), text))
 
 
-def why_no_log(page: ReplayScreen) -> str:
+def explain_no_log(page: ReplayScreen) -> str:
+    """Why nothing is played: no log is open."""
     return _("no log is open: J opens one") if page.job is None else ""
 
 
-def why_no_what_if(page: ReplayScreen) -> str:
+def explain_no_what_if(page: ReplayScreen) -> str:
+    """Why no what-if can be computed."""
     if page.job is not None and page.job.what_if is None:
         return _("this log cannot be recomputed: its machine or crop is not known")
-    return why_no_log(page)
+    return explain_no_log(page)
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     REPLAY,
-    Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), open_log, bar=3),
+    Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), ask_log, bar=3),
     Action(
         "play",
         "y",
         "Y",
         N_("play / pause"),
         N_("Plays or pauses the log."),
-        lambda page: page.player.toggle(),
+        lambda page: page.player.toggle_playing(),
         bar=3,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "step_back",
@@ -89,9 +95,9 @@ ACTIONS = on(
         "<",
         N_("back"),
         N_("One row back."),
-        lambda page: page.player.step(-1),
+        lambda page: page.player.step_rows(-1),
         bar=4,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "step_on",
@@ -99,9 +105,9 @@ ACTIONS = on(
         ">",
         N_("on"),
         N_("One row on."),
-        lambda page: page.player.step(1),
+        lambda page: page.player.step_rows(1),
         bar=5,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "seek_back",
@@ -109,9 +115,9 @@ ACTIONS = on(
         "PgUp",
         N_("-30 s"),
         N_("30 s back."),
-        lambda page: page.player.seek(page.player.at_s - SEEK_S),
+        lambda page: page.player.seek_time(page.player.at_s - SEEK_STEP_S),
         bar=6,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "seek_on",
@@ -119,9 +125,9 @@ ACTIONS = on(
         "PgDn",
         N_("+30 s"),
         N_("30 s on."),
-        lambda page: page.player.seek(page.player.at_s + SEEK_S),
+        lambda page: page.player.seek_time(page.player.at_s + SEEK_STEP_S),
         bar=7,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "seek_start",
@@ -129,8 +135,8 @@ ACTIONS = on(
         "Home",
         N_("start of log"),
         N_("To the first row."),
-        lambda page: page.player.seek(page.player.start_s),
-        why=why_no_log,
+        lambda page: page.player.seek_time(page.player.start_s),
+        why=explain_no_log,
     ),
     Action(
         "seek_end",
@@ -138,8 +144,8 @@ ACTIONS = on(
         "End",
         N_("end of log"),
         N_("To the last row."),
-        lambda page: page.player.seek(page.player.end_s),
-        why=why_no_log,
+        lambda page: page.player.seek_time(page.player.end_s),
+        why=explain_no_log,
     ),
     Action(
         "slower",
@@ -149,7 +155,7 @@ ACTIONS = on(
         N_("Half as fast, down to 0.1x."),
         lambda page: page.player.change_speed(-1),
         bar=8,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "faster",
@@ -159,7 +165,7 @@ ACTIONS = on(
         N_("Twice as fast, up to 1000x."),
         lambda page: page.player.change_speed(1),
         bar=8,
-        why=why_no_log,
+        why=explain_no_log,
     ),
     Action(
         "next_alarm",
@@ -167,8 +173,8 @@ ACTIONS = on(
         "Down",
         N_("next alarm"),
         N_("To the next row on which a new alarm stands."),
-        next_alarm,
-        why=why_no_log,
+        seek_next_alarm,
+        why=explain_no_log,
     ),
     Action(
         "what_if",
@@ -176,8 +182,8 @@ ACTIONS = on(
         "Q1",
         N_("what if"),
         N_("The same log with another strategy, crop or machine."),
-        what_if,
-        why=why_no_what_if,
+        ask_what_if,
+        why=explain_no_what_if,
     ),
     Action(
         "cancel_what_if",
@@ -185,7 +191,7 @@ ACTIONS = on(
         "Esc",
         N_("cancel"),
         N_("Stops computing a what-if."),
-        lambda page: page.cancel(),
+        lambda page: page.cancel_what_if(),
         why=lambda page: _("no what-if is being computed") if page.computing is None else "",
     ),
     Action(
@@ -194,8 +200,8 @@ ACTIONS = on(
         "Del",
         N_("as recorded"),
         N_("Back to the log as it was recorded."),
-        lambda page: page.back_to_recorded(),
-        why=why_no_log,
+        lambda page: page.show_recorded(),
+        why=explain_no_log,
     ),
     Action(
         "findings",
@@ -203,7 +209,7 @@ ACTIONS = on(
         "Q2",
         N_("findings"),
         N_("What was found in this log when it was opened."),
-        findings,
-        why=why_no_log,
+        show_findings,
+        why=explain_no_log,
     ),
 )

@@ -9,7 +9,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-from topdress.console.app.widgets.panel import Panel, Part, fit, line, spread
+from topdress.console.app.widgets.panel import Panel, TextPart, fit_width, make_line, spread_parts
 from topdress.console.locale import _
 
 if TYPE_CHECKING:
@@ -23,16 +23,16 @@ from textual.app import ComposeResult
 from textual.worker import Worker, get_current_worker
 from topdress.console.app import words
 from topdress.console.app.action import REPLAY, make_bindings
-from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.field_picture import FieldPicture
-from topdress.console.app.history import LogHistory, Point
+from topdress.console.app.history import LogHistory, TrendPoint
 from topdress.console.app.pages.log_page import EMPTY_GROUND
 from topdress.console.app.pages.panel_page import PanelScreen
 from topdress.console.app.pages.replay.keys import ACTIONS
 from topdress.console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
 from topdress.console.app.replay_source import ReplaySource
 from topdress.console.app.units import Units
-from topdress.console.app.view import RunView, duration, find_rate_error
+from topdress.console.app.view import RunView, find_rate_error, format_duration
 from topdress.console.frame import Frame
 from topdress.console.worker.resume_alarms import AlarmHistory, AlarmRecord
 
@@ -40,6 +40,8 @@ from topdress.console.worker.resume_alarms import AlarmHistory, AlarmRecord
 # Where in the log the replay stands, how fast it runs, and whether it is the log or a what-if.
 # A click seeks.
 class ReplayView(NamedTuple):
+    """Holds place, speed and kind of the replay."""
+
     name: str
     playing: bool
     speed: str
@@ -56,7 +58,7 @@ class ReplayView(NamedTuple):
 
 
 class ReplayBar(Panel[ReplayView]):
-    """Two rows: what is played; the time line with marks where alarms begin."""
+    """Shows two rows: the log; the time line with marks where alarms begin."""
 
     class Seek(Message):
         """The time line was clicked at this share of the log."""
@@ -68,22 +70,25 @@ class ReplayBar(Panel[ReplayView]):
     class Cancel(Message):
         """The word that something is computed was clicked."""
 
-    def lines(self, view: ReplayView, width: int, height: int) -> list[Content]:
+    def draw_rows(self, view: ReplayView, width: int, height: int) -> list[Content]:
         symbol, word = ("▸", _("playing")) if view.playing else ("▮▮", _("paused"))
-        left: list[Part] = [
+        left: list[TextPart] = [
             (f" {symbol} {word} ", "bold"),
             (f" {view.speed} ", "bold $primary"),
             (f" {view.mode} ", "bold reverse" if view.other else "$muted"),
             f" {view.changed or view.name}",
         ]
-        return [spread(left, self._end(view), width), self._time_line(view, width)]
+        return [
+            spread_parts(left, self._list_end_parts(view), width),
+            self._draw_time_line(view, width),
+        ]
 
-    def _end(self, view: ReplayView) -> list[Part]:
-        """What is computed has the right end alone: a click on it cancels."""
+    def _list_end_parts(self, view: ReplayView) -> list[TextPart]:
+        """Parts at the right end. A computation has it alone: a click on it cancels."""
         if view.busy:
             return [(f" {view.busy} ", "bold reverse")]
         if view.findings:
-            key = cast("TopdressApp", self.app).shown_key("findings")
+            key = cast("TopdressApp", self.app).find_shown_key("findings")
             return [
                 (
                     f" {key}: {_('findings')} {view.findings} ",
@@ -92,19 +97,22 @@ class ReplayBar(Panel[ReplayView]):
             ]
         return []
 
-    def _end_cells(self, view: ReplayView) -> int:
-        return sum(cell_len(part if isinstance(part, str) else part[0]) for part in self._end(view))
+    def _count_end_cells(self, view: ReplayView) -> int:
+        return sum(
+            cell_len(part if isinstance(part, str) else part[0])
+            for part in self._list_end_parts(view)
+        )
 
     @staticmethod
-    def _ends(view: ReplayView) -> tuple[str, str]:
+    def _format_ends(view: ReplayView) -> tuple[str, str]:
         return f" {view.at} ", f" {view.end} "
 
-    def _time_line(self, view: ReplayView, width: int) -> Content:
-        first, last = self._ends(view)
+    def _draw_time_line(self, view: ReplayView, width: int) -> Content:
+        first, last = self._format_ends(view)
         room = max(4, width - cell_len(first) - cell_len(last))
         at = round(view.share * (room - 1))
         alarms = {round(share * (room - 1)) for share in view.alarm_shares}
-        parts: list[Part] = [(first, "bold")]
+        parts: list[TextPart] = [(first, "bold")]
         for cell in range(room):
             if cell == at:
                 parts.append(("┃", "bold $foreground on $track"))
@@ -112,25 +120,26 @@ class ReplayBar(Panel[ReplayView]):
                 parts.append(("!", "bold $on-alarm-red on $alarm-red"))
             else:
                 parts.append(("━" if cell < at else "─", "$primary" if cell < at else "$muted"))
-        return line(*parts, (fit(last, cell_len(last)), "$muted"))
+        return make_line(*parts, (fit_width(last, cell_len(last)), "$muted"))
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        """The word that something is computed, and the ends of the log."""
+    def list_click_places(self) -> tuple[tuple[int, int], ...]:
+        """The word of a computation, and the ends of the log."""
         width = self.content_size.width
-        first, last = (cell_len(text) for text in self._ends(self.view))
-        cancel = ((width - self._end_cells(self.view), 0),) if self.view.busy else ()
+        first, last = (cell_len(text) for text in self._format_ends(self.view))
+        cancel = ((width - self._count_end_cells(self.view), 0),) if self.view.busy else ()
         return (*cancel, (first, 1), (width - last - 1, 1))
 
     def on_click(self, event: events.Click) -> None:
+        """Seek, or cancel the computation."""
         if (
             event.y == 0
             and self.view.busy
-            and event.x >= self.content_size.width - self._end_cells(self.view)
+            and event.x >= self.content_size.width - self._count_end_cells(self.view)
         ):
             event.stop()
             self.post_message(self.Cancel())
             return
-        first, last = self._ends(self.view)
+        first, last = self._format_ends(self.view)
         room = self.content_size.width - cell_len(first) - cell_len(last)
         if event.y == 1 and 0 <= event.x - cell_len(first) < room:
             event.stop()
@@ -140,18 +149,18 @@ class ReplayBar(Panel[ReplayView]):
 _NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 
 
-def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
-    """What a what-if would have changed: kg in all, and how far the rate is off the target at
-    work, in the mean."""
+def describe_difference(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
+    """The change by a what-if: kg in all, and the mean distance of the rate from the target at
+    work."""
     kg, was_kg = (frames[-1].applied_kg for frames in (after, before))
     sign = "+" if kg >= was_kg else "-"
     said = _("{more} ({kg} instead of {before})").format(
-        more=sign + units.mass.full(abs(kg - was_kg)),
-        kg=units.mass.full(kg),
-        before=units.mass.full(was_kg),
+        more=sign + units.mass.format_with_name(abs(kg - was_kg)),
+        kg=units.mass.format_with_name(kg),
+        before=units.mass.format_with_name(was_kg),
     )
 
-    def mean_error(frames: Sequence[Frame]) -> float | None:
+    def calc_mean_error(frames: Sequence[Frame]) -> float | None:
         found = [
             abs(error)
             for frame in frames
@@ -163,7 +172,7 @@ def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units)
         ]
         return 100.0 * sum(found) / len(found) if found else None
 
-    now, was = mean_error(after), mean_error(before)
+    now, was = calc_mean_error(after), calc_mean_error(before)
     if now is None or was is None:
         return said
     off = _("off the target by {now} % instead of {before} %").format(
@@ -173,6 +182,8 @@ def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units)
 
 
 class ReplayScreen(PanelScreen):
+    """Shows a log."""
+
     where: ClassVar[str] = REPLAY
     BINDINGS: ClassVar = make_bindings(ACTIONS)
 
@@ -185,14 +196,14 @@ class ReplayScreen(PanelScreen):
         self._history = LogHistory(())
         self._share, self._changed = 0.0, ""
         if job is not None:
-            self.open(job)
+            self.open_job(job)
 
-    def open(self, job: ReplayJob) -> None:
+    def open_job(self, job: ReplayJob) -> None:
         """Play another log, from its start."""
         self.job, self.chosen = job, WhatIf()
         self._recorded = job.source.frames
         self._note_alarms()
-        self.hurry()
+        self.hurry_all()
 
     def _note_alarms(self) -> None:
         assert self.job is not None
@@ -206,43 +217,44 @@ class ReplayScreen(PanelScreen):
             before = now
         self._alarm_shares = tuple(dict.fromkeys(begins))
 
-    def alarm_records(self) -> tuple[AlarmRecord, ...]:
-        """All alarms of the log up to what is shown."""
+    def list_alarm_records(self) -> tuple[AlarmRecord, ...]:
+        """All alarms of the log up to the frame shown."""
         book = AlarmHistory()
         if self.job is not None:
             source = self.job.source
-            for frame in islice(source.frames, source.index + 1):
+            for frame in islice(source.frames, source.frame_index + 1):
                 book.add_row_alarms(frame.row.time_s, frame.row.utc, frame.alarms)
         return book.records
 
-    def extra(self) -> ComposeResult:
+    def compose_extra(self) -> ComposeResult:
         yield ReplayBar(_NO_LOG._replace(name=_("no log is open: J opens one")), id="replay-bar")
 
-    def replayed(self) -> ReplayJob | None:
+    def find_replayed(self) -> ReplayJob | None:
         return self.job
 
-    def points(self) -> tuple[Point, ...]:
-        return () if self.job is None else super().points()
+    def list_trend_points(self) -> tuple[TrendPoint, ...]:
+        return () if self.job is None else super().list_trend_points()
 
-    def ground(self, frame: Frame | None) -> tuple[Worked, FieldPicture | None]:
-        return (EMPTY_GROUND, None) if self.job is None else super().ground(frame)
+    def find_ground(self, frame: Frame | None) -> tuple[WorkedGround, FieldPicture | None]:
+        return (EMPTY_GROUND, None) if self.job is None else super().find_ground(frame)
 
-    def history(self) -> LogHistory:
-        """What is remembered of the frames that are played now."""
+    def find_history(self) -> LogHistory:
+        """History of the frames that are played now."""
         frames = self.job.source.frames if self.job is not None else ()
         if self._history.frames is not frames:
             self._history = LogHistory(frames)
         return self._history
 
-    def seen(self, now_s: float) -> tuple[Frame | None, float]:
-        return (None, 0.0) if self.job is None else super().seen(now_s)
+    def find_frame(self, now_s: float) -> tuple[Frame | None, float]:
+        return (None, 0.0) if self.job is None else super().find_frame(now_s)
 
-    def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
-        view = super().seen_view(frame, age_s)
+    def make_view(self, frame: Frame | None, age_s: float) -> RunView:
+        view = super().make_view(frame, age_s)
         silent = view.status.silent if self.job is not None else _("no log is open: J opens one")
         return view._replace(status=view.status._replace(lead=_("REPLAY"), silent=silent))
 
     def show_numbers(self, view: RunView) -> None:
+        """Show the panels and the bar."""
         super().show_numbers(view)
         if self.job is None:
             return
@@ -255,15 +267,15 @@ class ReplayScreen(PanelScreen):
                 percent=f"{100.0 * self._share:.0f}"
             )
         )
-        self.query_one("#replay-bar", ReplayBar).show(
+        self.query_one("#replay-bar", ReplayBar).show_view(
             ReplayView(
                 self.job.name,
-                source.playing and not source.at_end,
+                source.playing and not source.is_at_end,
                 f"{source.speed:g}x",
-                duration(source.at_s),
-                duration(source.end_s),
+                format_duration(source.at_s),
+                format_duration(source.end_s),
                 round(share, 3),
-                self.mode_words(),
+                self.describe_mode(),
                 self.chosen != WhatIf(),
                 len(self.job.findings),
                 busy,
@@ -272,87 +284,97 @@ class ReplayScreen(PanelScreen):
             )
         )
 
-    def mode_words(self) -> str:
+    def describe_mode(self) -> str:
+        """The mode in words."""
         if self.chosen == WhatIf():
             return _("as recorded")
         other = (
-            words.strategy_word(self.chosen.strategy),
+            words.name_strategy(self.chosen.strategy),
             self.chosen.crop or "",
             self.chosen.machine or "",
         )
         return _("what if: {other}").format(other=", ".join(part for part in other if part))
 
     async def on_replay_bar_cancel(self, event: ReplayBar.Cancel) -> None:
+        """Cancel the computation."""
         await self.app.action_do("cancel_what_if")
 
     def on_replay_bar_seek(self, event: ReplayBar.Seek) -> None:
+        """Go to the clicked place."""
         if self.job is not None:
             source = self.job.source
-            source.seek(source.start_s + event.share * (source.end_s - source.start_s))
-            self.hurry()
+            source.seek_time(source.start_s + event.share * (source.end_s - source.start_s))
+            self.hurry_all()
 
     @property
     def played(self) -> ReplayJob:
-        """For the actions, which are done only where a log is open."""
+        """The log, for actions that need one."""
         assert self.job is not None
         return self.job
 
     @property
     def player(self) -> ReplaySource:
+        """The source of the frames."""
         return self.played.source
 
-    def back_to_recorded(self) -> None:
-        self.cancel()
-        self.player.replace(self._recorded)
+    def show_recorded(self) -> None:
+        """Play the log as recorded."""
+        self.cancel_what_if()
+        self.player.replace_frames(self._recorded)
         self.chosen = WhatIf()
         self._note_alarms()
 
     def read_log(self, files: LogFiles, path: str) -> None:
-        def opened(job: ReplayJob) -> None:
-            self.cancel()
-            self.open(job)
+        """Read a log and open it."""
 
-        self.app.notice(_("reading the log"))
-        self.app.with_files(lambda: files.open_log(path), opened, group="open-log")
+        def open_read(job: ReplayJob) -> None:
+            self.cancel_what_if()
+            self.open_job(job)
 
-    def begin(self, choice: str) -> None:
+        self.app.show_notice(_("reading the log"))
+        self.app.run_with_files(lambda: files.open_log(path), open_read, group="open-log")
+
+    def begin_what_if(self, choice: str) -> None:
+        """Compute a what-if."""
         if self.job is None or self.job.what_if is None:
             return
         field, _colon, value = choice.partition(":")
         compute, wanted = self.job.what_if, self.chosen._replace(**{field: value})
-        self.cancel()
+        self.cancel_what_if()
         self._share = 0.0
 
-        def run() -> Sequence[Frame]:
+        def run_in_thread() -> Sequence[Frame]:
             me = get_current_worker()
 
-            def tell(share: float) -> None:
+            def note_progress(share: float) -> None:
                 if not me.is_cancelled:
                     self._share = share
 
-            return compute(wanted, lambda: me.is_cancelled, tell)
+            return compute(wanted, lambda: me.is_cancelled, note_progress)
 
-        def computed(frames: Sequence[Frame]) -> None:
-            self.cancel()
+        def take_frames(frames: Sequence[Frame]) -> None:
+            self.cancel_what_if()
             try:
-                self.player.replace(frames)
+                self.player.replace_frames(frames)
             except ValueError as error:
-                self.app.notice(str(error))
+                self.app.show_notice(str(error))
                 return
             self.chosen = wanted
-            self._changed = changed_words(self._recorded, frames, self.app.units)
+            self._changed = describe_difference(self._recorded, frames, self.app.units)
             self._note_alarms()
 
-        def failed(why: str) -> None:
-            self.cancel()
-            self.app.notice(why)
+        def note_failure(why: str) -> None:
+            self.cancel_what_if()
+            self.app.show_notice(why)
 
-        self.computing = self.app.with_files(run, computed, failed, group="what-if")
-        self.hurry()
+        self.computing = self.app.run_with_files(
+            run_in_thread, take_frames, note_failure, group="what-if"
+        )
+        self.hurry_all()
 
-    def cancel(self) -> None:
-        """The thread ends at its next row; its result is no longer looked at."""
+    def cancel_what_if(self) -> None:
+        """End the thread at its next row; its result is dropped."""
         if self.computing is not None:
             self.computing.cancel()
             self.computing = None
-            self.hurry()
+            self.hurry_all()

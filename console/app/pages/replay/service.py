@@ -12,34 +12,37 @@ from topdress.console.frame import Frame
 
 
 class WhatIf(NamedTuple):
-    """What is other than recorded; None: as recorded."""
+    """Describes a what-if; None: as recorded."""
 
     strategy: str | None = None
     crop: str | None = None
     machine: str | None = None
 
 
-Cancelled = Callable[[], bool]
-Tell = Callable[[float], None]
-ComputeAnew = Callable[[WhatIf, Cancelled, Tell], Sequence[Frame]]
+IsCancelled = Callable[[], bool]
+TellShare = Callable[[float], None]
+WhatIfComputer = Callable[[WhatIf, IsCancelled, TellShare], Sequence[Frame]]
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayJob:
-    """name: of the log, as shown. what_if: computes other frames, in a thread; errors are
-    one-line ValueErrors. It asks `cancelled` between rows and then comes back at once with
-    whatever it has; `tell` takes the share that is done."""
+    """Holds a log to play.
+
+    name: of the log, as shown. what_if: computes other frames, in a thread; errors are one-line
+    ValueErrors. It asks `cancelled` between rows and then returns at once with the frames so far;
+    `tell` takes the share that is done.
+    """
 
     source: ReplaySource
     name: str
     findings: tuple[str, ...] = ()
-    what_if: ComputeAnew | None = None
+    what_if: WhatIfComputer | None = None
     crops: tuple[str, ...] = ()
     machines: tuple[str, ...] = ()
 
 
 class LogFile(NamedTuple):
-    """changed: local date and time, to the minute. size: "12.3 MB"."""
+    """Describes a log. changed: local date and time, to the minute. size: "12.3 MB"."""
 
     path: str
     name: str
@@ -48,10 +51,10 @@ class LogFile(NamedTuple):
 
 
 class LogFiles(Protocol):
-    """Errors are one-line ValueErrors."""
+    """Lists and opens logs. Errors are one-line ValueErrors."""
 
     def list_logs(self) -> tuple[LogFile, ...]:
-        """The newest first."""
+        """Logs, the newest first."""
 
     def open_log(self, path: str) -> ReplayJob:
-        """Reads a log for the page; seconds for a long one."""
+        """Read a log for the page; seconds for a long one."""

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 from topdress.console.app import words
-from topdress.console.app.action import RUN, Action, on
+from topdress.console.app.action import RUN, Action, set_page
 from topdress.console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
-from topdress.console.app.dose_change import dose_change, find_source_rate
+from topdress.console.app.dose_change import find_source_rate, predict_dose_change
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.run.section_bar import section_choices
-from topdress.console.app.reasons import why_no_start, why_not_ready
-from topdress.console.app.typed_number import in_words, inside
-from topdress.console.app.undo import ordered_source
+from topdress.console.app.pages.run.section_bar import list_section_choices
+from topdress.console.app.reasons import explain_no_start, explain_not_ready
+from topdress.console.app.typed_number import format_with_unit, round_inwards
+from topdress.console.app.undo import find_ordered_source
 from topdress.console.frame import Frame
 from topdress.console.locale import N_, _
 from topdress.control.orders import MAP_SOURCES, STRATEGIES, Do, Order, Strategy, TargetSource
@@ -22,12 +22,12 @@ from topdress.control.safety import Allowances
 
 # What the operator may allow, with what is allowed now: each line of the dialog turns one into
 # its opposite.
-SECTIONS = "sections"  # not an order: asks which section
+SECTIONS_CHOICE = "sections"  # not an order: asks which section
 
 
 class Allowance(NamedTuple):
-    """One thing that may be allowed, in words; whether it is now; the order that turns it into
-    its opposite."""
+    """Describes an allowance, in words; whether it holds now; the order that turns it into its
+    opposite."""
 
     words: str
     allowed: bool
@@ -35,8 +35,9 @@ class Allowance(NamedTuple):
     to: bool
 
 
-def allowances(frame: Frame | None) -> dict[str, Allowance]:
-    """By the name of the order. A second dose is allowed by switching off the guard against it."""
+def list_allowances(frame: Frame | None) -> dict[str, Allowance]:
+    """Allowances by the name of the order. A second dose is allowed by switching off the guard
+    against it."""
     allow, no_double = (frame.allow, frame.no_double) if frame is not None else (Allowances(), True)
     found = (
         (Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
@@ -56,25 +57,28 @@ def allowances(frame: Frame | None) -> dict[str, Allowance]:
     }
 
 
-def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
-    """A line for each; the value is its name in `allowances`, or `SECTIONS_FILE`."""
+def list_allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
+    """A line for each; the value is its name in `list_allowances`, or `SECTIONS_CHOICE`."""
     sections = (
-        (Choice(SECTIONS, _("sections by hand: close or give back ...")),)
+        (Choice(SECTIONS_CHOICE, _("sections by hand: close or give back ...")),)
         if frame and frame.sections
         else ()
     )
     return (
-        *(Choice(name, _line(one.words, one.allowed)) for name, one in allowances(frame).items()),
+        *(
+            Choice(name, _format_allowance(one.words, one.allowed))
+            for name, one in list_allowances(frame).items()
+        ),
         *sections,
     )
 
 
-def _line(what: str, allowed: bool) -> str:
+def _format_allowance(what: str, allowed: bool) -> str:
     said = _("forbid again (now allowed): {what}") if allowed else _("allow: {what}")
     return said.format(what=what)
 
 
-FAR_CELLS = 10  # of the trend, by which its cursor goes far
+FAR_STEP_CELLS = 10  # of the trend, by which its cursor goes far
 # slower, or standing: the figures are for 4.5 km/h, the papers' speed
 SLOWEST_WORK_MPS = 1.25
 
@@ -82,29 +86,31 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.run.page import RunScreen
 
 
-def start(page: RunScreen) -> None:
-    """A press is START; the repeats of a key that stays down say that it is held."""
+def give_start(page: RunScreen) -> None:
+    """Give START; the repeats of a key that stays down say that it is held."""
     now_s = page.app.clock()
-    page.start_key.key(now_s)
-    page.app.give(Do.START, True if page.start_key.down(now_s) else None)
+    page.start_key.note_key(now_s)
+    page.app.give_order(Do.START, True if page.start_key.is_down(now_s) else None)
 
 
 def _ask_nudge(page: RunScreen, first: int) -> None:
     frame = page.app.arrival.frame
     now = (frame.row.nudge_percent if frame else None) or 0.0
 
-    page.app.ask(NudgeDialog(now, first), lambda percent: _give_new(page, Do.NUDGE, percent, now))
+    page.app.ask_question(
+        NudgeDialog(now, first), lambda percent: _give_if_changed(page, Do.NUDGE, percent, now)
+    )
 
 
-def _give_new(page: RunScreen, do: Do, value: str | float, now: str | float) -> None:
-    """What holds already is no order."""
+def _give_if_changed(page: RunScreen, do: Do, value: str | float, now: str | float) -> None:
+    """Give an order, if its value does not hold already."""
     if value != now:
-        page.app.give(do, value)
+        page.app.give_order(do, value)
 
 
-def _reach_text(page: RunScreen, by: Strategy) -> str:
-    """What a strategy comes to on the machine that runs, at the target and the speed of now, or
-    at a usual one."""
+def _describe_reach(page: RunScreen, by: Strategy) -> str:
+    """The range of a strategy on the machine that runs, at the present target and speed, or at
+    usual ones."""
     frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
     if frame is None or machine is None:
         return ""
@@ -122,10 +128,10 @@ def _reach_text(page: RunScreen, by: Strategy) -> str:
             "{lumps} apart, 1 mm of the gate "
             "is {mm} %, 1 r/min {rpm} %"
         ).format(
-            low=units.rate.text(of.low_kg_ha),
-            high=units.rate.full(of.high_kg_ha),
-            rate=units.rate.full(rate_kg_ha),
-            speed=units.speed.full(mps),
+            low=units.rate.format_value(of.low_kg_ha),
+            high=units.rate.format_with_name(of.high_kg_ha),
+            rate=units.rate.format_with_name(rate_kg_ha),
+            speed=units.speed.format_with_name(mps),
             step=f"{of.step_percent:.1f}",
             lumps=f"{of.lumps_m:.2f} m",
             mm=f"{of.percent_mm:.1f}",
@@ -134,22 +140,23 @@ def _reach_text(page: RunScreen, by: Strategy) -> str:
     )
 
 
-def strategy(page: RunScreen) -> None:
+def ask_strategy(page: RunScreen) -> None:
+    """Ask for the strategy."""
     frame = page.app.arrival.frame
-    choices = [Choice(one.value, words.strategy_word(one.value)) for one in STRATEGIES]
+    choices = [Choice(one.value, words.name_strategy(one.value)) for one in STRATEGIES]
     units, row = page.app.units, frame.row if frame else None
     text = "\n".join(
         (
             _(
                 "opening first: the gate makes the rate, the shaft keeps its speed while it "
                 "can (now {shaft})"
-            ).format(shaft=units.shaft.full(row.shaft_rpm_cmd if row else None))
-            + _reach_text(page, Strategy.OPENING_FIRST),
+            ).format(shaft=units.shaft.format_with_name(row.shaft_rpm_cmd if row else None))
+            + _describe_reach(page, Strategy.OPENING_FIRST),
             _(
                 "speed first: the shaft makes the rate, the gate keeps its width while it "
                 "can (now {opening})"
-            ).format(opening=units.opening.full(row.opening_mm_cmd if row else None))
-            + _reach_text(page, Strategy.SPEED_FIRST),
+            ).format(opening=units.opening.format_with_name(row.opening_mm_cmd if row else None))
+            + _describe_reach(page, Strategy.SPEED_FIRST),
         )
     )
     _ask_choice(
@@ -159,9 +166,10 @@ def strategy(page: RunScreen) -> None:
     )
 
 
-def source(page: RunScreen) -> None:
+def ask_target_source(page: RunScreen) -> None:
+    """Ask for the source of the target."""
     frame = page.app.arrival.frame
-    picture = page.app.fields.of(frame)
+    picture = page.app.fields.find_picture(frame)
     has = frame.sources if frame is not None else ()
     no_map = (
         ""
@@ -182,63 +190,70 @@ def source(page: RunScreen) -> None:
             else {TargetSource.EXTERNAL: _("this job has no other display")}
         )
     choices = [
-        Choice(one.value, _source_line(page, one), lacks.get(one, ""))
+        Choice(one.value, _format_source(page, one), lacks.get(one, ""))
         for one in TargetSource
         if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)
     ]
-    _ask_choice(page, ChoiceDialog(_("Target from"), choices, ordered_source(frame)), Do.SOURCE)
+    _ask_choice(
+        page, ChoiceDialog(_("Target from"), choices, find_ordered_source(frame)), Do.SOURCE
+    )
 
 
-def _source_line(page: RunScreen, source: TargetSource) -> str:
+def _format_source(page: RunScreen, source: TargetSource) -> str:
     """Its word, and the rate that it gives here, where that is known."""
     frame, word = page.app.arrival.frame, words.name_source(source.value)
     rate = None if frame is None else find_source_rate(frame, source.value)
-    return word if rate is None else f"{word}  {page.app.units.rate.full(rate)}"
+    return word if rate is None else f"{word}  {page.app.units.rate.format_with_name(rate)}"
 
 
 def _ask_choice(page: RunScreen, dialog: ChoiceDialog, do: Do) -> None:
-    page.app.ask(dialog, lambda value: _give_new(page, do, value, dialog.now))
+    page.app.ask_question(dialog, lambda value: _give_if_changed(page, do, value, dialog.now))
 
 
-def manual_rate(page: RunScreen) -> None:
+def ask_manual_rate(page: RunScreen) -> None:
+    """Ask for the manual rate."""
     unit = page.app.units.rate
-    low, high = inside(unit, *page.app.limits_kg_ha, 0)
+    low, high = round_inwards(unit, *page.app.limits_kg_ha, 0)
 
-    def give(rate_kg_ha: float) -> None:
-        page.app.give(Do.MANUAL_RATE, rate_kg_ha)
-        if ordered_source(page.app.arrival.frame) != TargetSource.MANUAL:
-            _ask_to_use(page, rate_kg_ha, Order(Do.SOURCE, TargetSource.MANUAL.value))
+    def give_rate(rate_kg_ha: float) -> None:
+        page.app.give_order(Do.MANUAL_RATE, rate_kg_ha)
+        if find_ordered_source(page.app.arrival.frame) != TargetSource.MANUAL:
+            _ask_to_use_rate(page, rate_kg_ha, Order(Do.SOURCE, TargetSource.MANUAL.value))
 
-    page.app.ask(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), give)
+    page.app.ask_question(
+        NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.convert_to_si), give_rate
+    )
 
 
-def preset(number: int) -> Callable[[RunScreen], None]:
-    """One of the settings' rates, everywhere; asked once."""
+def make_preset_action(number: int) -> Callable[[RunScreen], None]:
+    """Give one of the settings' rates, everywhere; asked once."""
 
-    def take(page: RunScreen) -> None:
+    def give_preset(page: RunScreen) -> None:
         app, rate_kg_ha = page.app, page.app.presets_kg_ha[number]
         unit, (low, high) = app.units.rate, app.limits_kg_ha
         if not low <= rate_kg_ha <= high:
-            app.notice(
+            app.show_notice(
                 _("preset {rate}: allowed is {low} to {high} (F11 changes both)").format(
-                    rate=unit.full(rate_kg_ha), low=unit.full(low), high=unit.full(high)
+                    rate=unit.format_with_name(rate_kg_ha),
+                    low=unit.format_with_name(low),
+                    high=unit.format_with_name(high),
                 )
             )
             return
 
-        _ask_to_use(
+        _ask_to_use_rate(
             page,
             rate_kg_ha,
             Order(Do.MANUAL_RATE, rate_kg_ha),
             Order(Do.SOURCE, TargetSource.MANUAL.value),
         )
 
-    return take
+    return give_preset
 
 
-def _ask_to_use(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None:
+def _ask_to_use_rate(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None:
     app = page.app
-    change = dose_change(
+    change = predict_dose_change(
         app.arrival.frame,
         (
             Order(Do.MANUAL_RATE, rate_kg_ha),
@@ -246,29 +261,33 @@ def _ask_to_use(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None:
         ),
     )
     place = _("It takes the place of canopy or map, everywhere.")
-    app.confirm(
-        _("Use the manual rate of {rate} now?").format(rate=in_words(app.units.rate, rate_kg_ha)),
-        place if change is None else f"{change.text(app.units)}\n{place}",
-        lambda: app.give_all(*orders, dose_is_asked=True),
+    app.ask_yes_no(
+        _("Use the manual rate of {rate} now?").format(
+            rate=format_with_unit(app.units.rate, rate_kg_ha)
+        ),
+        place if change is None else f"{change.format_change(app.units)}\n{place}",
+        lambda: app.give_orders(*orders, dose_is_asked=True),
     )
 
 
-def look_ahead(page: RunScreen) -> None:
+def toggle_look_ahead(page: RunScreen) -> None:
+    """Switch the look-ahead, after a question."""
     frame = page.app.arrival.frame
     on = frame.look_ahead if frame else True
     title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
     lag_m = frame.row.lag_m if frame else None
-    page.app.confirm(
+    page.app.ask_yes_no(
         title,
         _(
             "Granules take their time to the ground. With it a change of the rate is ordered {lag} "
             "earlier and lands in its place; without it, it lands {lag} late."
-        ).format(lag=page.app.units.fine_distance.full(lag_m)),
-        lambda: page.app.give(Do.LOOK_AHEAD, not on),
+        ).format(lag=page.app.units.fine_distance.format_with_name(lag_m)),
+        lambda: page.app.give_order(Do.LOOK_AHEAD, not on),
     )
 
 
-def flow_trim(page: RunScreen) -> None:
+def toggle_flow_trim(page: RunScreen) -> None:
+    """Switch the flow trim, after a question."""
     frame = page.app.arrival.frame
     on = frame.flow_trim_on if frame else True
     title = (
@@ -277,63 +296,66 @@ def flow_trim(page: RunScreen) -> None:
         else _("Correct the flow by the hopper scale?")
     )
     trim = frame.row.flow_trim if frame else None
-    page.app.confirm(
+    page.app.ask_yes_no(
         title,
         _(
             "By what the scale loses, {percent} % more flows now than the machine file "
             "says. On, the "
             "gate is set by that; off, by the machine file alone."
         ).format(percent="--" if trim is None else f"{100.0 * (trim - 1.0):+.1f}"),
-        lambda: page.app.give(Do.FLOW_TRIM, not on),
+        lambda: page.app.give_order(Do.FLOW_TRIM, not on),
     )
 
 
-def allow(page: RunScreen) -> None:
-    def turn(value: str) -> None:
-        if value == SECTIONS:
-            page.app.ask(
+def ask_allowance(page: RunScreen) -> None:
+    """Ask which allowance to turn."""
+
+    def turn_allowance(value: str) -> None:
+        if value == SECTIONS_CHOICE:
+            page.app.ask_question(
                 ChoiceDialog(
                     _("Sections"),
-                    section_choices(page.app.arrival.frame),
+                    list_section_choices(page.app.arrival.frame),
                     "",
                     _("A section closed by hand stays closed until it is given back."),
                 ),
-                lambda value: page.app.give(Do.SECTION, value),
+                lambda value: page.app.give_order(Do.SECTION, value),
             )
         else:
-            page.app.give(offered[value].do, offered[value].to)
+            page.app.give_order(offered[value].do, offered[value].to)
 
     frame = page.app.arrival.frame
-    offered = allowances(frame)
-    page.app.ask(
+    offered = list_allowances(frame)
+    page.app.ask_question(
         ChoiceDialog(
             _("Allow"),
-            allow_choices(frame),
+            list_allow_choices(frame),
             "",
             _("STOP forbids all of them again, except a second dose on done ground."),
         ),
-        turn,
+        turn_allowance,
     )
 
 
-def dose_error(page: RunScreen) -> None:
-    """Of the newest dose that has landed, as somebody measured it behind the machine."""
+def ask_dose_error(page: RunScreen) -> None:
+    """Ask for the error of the newest dose that has landed, as somebody measured it behind the
+    machine."""
     from topdress.control.targets.point_source import MAX_DOSE_ERROR_M
 
-    def ask(side: str) -> None:
+    def ask_distance(side: str) -> None:
         unit, sign = page.app.units.fine_distance, 1.0 if side == "late" else -1.0
-        page.app.ask(
+        page.app.ask_question(
             NumberDialog(
                 _("How far from its plant?"),
                 unit.name,
                 0.0,
                 MAX_DOSE_ERROR_M * unit.per_si,
-                to_si=unit.to_si,
+                to_si=unit.convert_to_si,
             ),
-            lambda error_m: page.app.give(Do.DOSE_ERROR, sign * error_m),
+            lambda error_m: page.app.give_order(Do.DOSE_ERROR, sign * error_m),
         )
 
-    page.app.ask(
+    page.app.ask_question(
         ChoiceDialog(
             _("The newest dose lies"),
             [
@@ -343,11 +365,11 @@ def dose_error(page: RunScreen) -> None:
             "",
             _("Later doses are ordered by what is measured: sooner where they fell late."),
         ),
-        ask,
+        ask_distance,
     )
 
 
-def _why_no_dose(page: RunScreen) -> str:
+def _explain_no_dose(page: RunScreen) -> str:
     frame = page.app.arrival.frame
     return (
         ""
@@ -356,7 +378,7 @@ def _why_no_dose(page: RunScreen) -> str:
     )
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     RUN,
     Action(
         "start",
@@ -364,9 +386,9 @@ ACTIONS = on(
         "S",
         N_("start"),
         N_("Ready or held: begin to work."),
-        start,
+        give_start,
         bar=3,
-        why=lambda page: why_no_start(page.app),
+        why=lambda page: explain_no_start(page.app),
         judged=True,
         needs_machine=True,
     ),
@@ -376,9 +398,9 @@ ACTIONS = on(
         "R",
         N_("ready"),
         N_("Off, held or fault: make the machine ready."),
-        lambda page: page.app.give(Do.READY),
+        lambda page: page.app.give_order(Do.READY),
         bar=4,
-        why=lambda page: why_not_ready(page.app),
+        why=lambda page: explain_not_ready(page.app),
         judged=True,
         needs_machine=True,
     ),
@@ -410,7 +432,7 @@ ACTIONS = on(
         "T",
         N_("strategy"),
         N_("Opening first or speed first; asks first."),
-        strategy,
+        ask_strategy,
         bar=7,
         needs_machine=True,
     ),
@@ -420,7 +442,7 @@ ACTIONS = on(
         "O",
         N_("target from"),
         N_("Canopy, map, plants, manual or fallback rate; asks first."),
-        source,
+        ask_target_source,
         bar=8,
         needs_machine=True,
     ),
@@ -430,7 +452,7 @@ ACTIONS = on(
         "M",
         N_("manual rate"),
         N_("Type a rate; the allowed range is shown."),
-        manual_rate,
+        ask_manual_rate,
         bar=8,
         asks="number",
         needs_machine=True,
@@ -441,7 +463,7 @@ ACTIONS = on(
         ",",
         N_("preset 1"),
         N_("The first preset rate of the settings; asks first."),
-        preset(0),
+        make_preset_action(0),
         bar=9,
         needs_machine=True,
     ),
@@ -451,7 +473,7 @@ ACTIONS = on(
         ".",
         N_("preset 2"),
         N_("The second preset rate of the settings; asks first."),
-        preset(1),
+        make_preset_action(1),
         bar=9,
         needs_machine=True,
     ),
@@ -461,7 +483,7 @@ ACTIONS = on(
         "/",
         N_("preset 3"),
         N_("The third preset rate of the settings; asks first."),
-        preset(2),
+        make_preset_action(2),
         bar=9,
         needs_machine=True,
     ),
@@ -482,7 +504,7 @@ ACTIONS = on(
         "K",
         N_("mark"),
         N_("A mark in the log's events at this moment."),
-        lambda page: page.app.give(Do.MARK, "mark"),
+        lambda page: page.app.give_order(Do.MARK, "mark"),
         needs_machine=True,
     ),
     Action(
@@ -491,8 +513,8 @@ ACTIONS = on(
         ";",
         N_("dose error"),
         N_("Point mode: how far the newest dose lies from its plant."),
-        dose_error,
-        why=_why_no_dose,
+        ask_dose_error,
+        why=_explain_no_dose,
         asks="number",
         needs_machine=True,
     ),
@@ -502,7 +524,7 @@ ACTIONS = on(
         "L",
         N_("look-ahead"),
         N_("Switches the lag correction; asks first."),
-        look_ahead,
+        toggle_look_ahead,
         needs_machine=True,
     ),
     Action(
@@ -511,7 +533,7 @@ ACTIONS = on(
         "W",
         N_("scale trim"),
         N_("Lets the hopper scale correct the flow model; asks first."),
-        flow_trim,
+        toggle_flow_trim,
         needs_machine=True,
     ),
     Action(
@@ -520,7 +542,7 @@ ACTIONS = on(
         "H",
         N_("allow"),
         N_("Reversing, outside the field, without a log; asks first."),
-        allow,
+        ask_allowance,
         bar=9,
         needs_machine=True,
     ),
@@ -531,7 +553,7 @@ ACTIONS = on(
         N_("cursor back"),
         N_("Reads the trend at a time; also a click in it."),
         lambda page: page.move_cursor(-1),
-        why=lambda page: page.why_no_cursor(),
+        why=lambda page: page.explain_no_cursor(),
     ),
     Action(
         "trend_right",
@@ -540,7 +562,7 @@ ACTIONS = on(
         N_("cursor on"),
         N_("Reads the trend at a time; also a click in it."),
         lambda page: page.move_cursor(1),
-        why=lambda page: page.why_no_cursor(),
+        why=lambda page: page.explain_no_cursor(),
     ),
     Action(
         "trend_far_left",
@@ -548,8 +570,8 @@ ACTIONS = on(
         "S-<",
         N_("cursor far back"),
         N_("Ten steps at once."),
-        lambda page: page.move_cursor(-FAR_CELLS),
-        why=lambda page: page.why_no_cursor(),
+        lambda page: page.move_cursor(-FAR_STEP_CELLS),
+        why=lambda page: page.explain_no_cursor(),
     ),
     Action(
         "trend_far_right",
@@ -557,8 +579,8 @@ ACTIONS = on(
         "S->",
         N_("cursor far on"),
         N_("Ten steps at once."),
-        lambda page: page.move_cursor(FAR_CELLS),
-        why=lambda page: page.why_no_cursor(),
+        lambda page: page.move_cursor(FAR_STEP_CELLS),
+        why=lambda page: page.explain_no_cursor(),
     ),
     Action(
         "trend_cursor_off",

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from topdress.console.app.action import SETTINGS, Action, on
+from topdress.console.app.action import SETTINGS, Action, set_page
 from topdress.console.locale import N_, _
 from topdress.drivers.files.settings import Settings
 
-PAGE_STEP = 10
+PAGE_STEP_LINES = 10
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     SETTINGS,
     Action(
         "setting_up",
@@ -17,7 +17,7 @@ ACTIONS = on(
         "Up",
         N_("up"),
         N_("The setting above."),
-        lambda page: page.move(-1),
+        lambda page: page.move_mark(-1),
         locked=True,
     ),
     Action(
@@ -26,7 +26,7 @@ ACTIONS = on(
         "Down",
         N_("down"),
         N_("The setting below."),
-        lambda page: page.move(1),
+        lambda page: page.move_mark(1),
         bar=4,
         locked=True,
     ),
@@ -36,7 +36,7 @@ ACTIONS = on(
         "PgUp",
         N_("page up"),
         N_("Ten settings up."),
-        lambda page: page.move(-PAGE_STEP),
+        lambda page: page.move_mark(-PAGE_STEP_LINES),
         locked=True,
     ),
     Action(
@@ -45,7 +45,7 @@ ACTIONS = on(
         "PgDn",
         N_("page down"),
         N_("Ten settings down."),
-        lambda page: page.move(PAGE_STEP),
+        lambda page: page.move_mark(PAGE_STEP_LINES),
         locked=True,
     ),
     Action(
@@ -54,7 +54,7 @@ ACTIONS = on(
         "Home",
         N_("first"),
         N_("The first setting."),
-        lambda page: page.move(-len(page.rows())),
+        lambda page: page.move_mark(-len(page.list_rows())),
         locked=True,
     ),
     Action(
@@ -63,7 +63,7 @@ ACTIONS = on(
         "End",
         N_("last"),
         N_("The last setting."),
-        lambda page: page.move(len(page.rows())),
+        lambda page: page.move_mark(len(page.list_rows())),
         locked=True,
     ),
     Action(
@@ -72,7 +72,7 @@ ACTIONS = on(
         "Enter",
         N_("change"),
         N_("Changes the selected setting; it is saved at once."),
-        lambda page: page.change(),
+        lambda page: page.change_marked(),
         bar=3,
         asks="text",
     ),
@@ -82,7 +82,7 @@ ACTIONS = on(
         "Del",
         N_("default"),
         N_("Resets the selected setting."),
-        lambda page: page.put_back(),
+        lambda page: page.reset_marked(),
         bar=5,
     ),
     Action(
@@ -91,10 +91,10 @@ ACTIONS = on(
         "Q1",
         N_("all defaults"),
         N_("Resets every setting; asks first."),
-        lambda page: page.app.confirm(
+        lambda page: page.app.ask_yes_no(
             _("Reset all settings?"),
             _("Units, language, look, keys: everything."),
-            lambda: page.take(Settings()),
+            lambda: page.use_settings(Settings()),
         ),
     ),
 )

@@ -18,23 +18,23 @@ from topdress.console.app import actions, themes
 from topdress.console.app.action import ANYWHERE, SETTINGS, Action, make_bindings
 from topdress.console.app.dialogs import Choice, ChoiceDialog, Dialog
 from topdress.console.app.number_dialog import NumberDialog
-from topdress.console.app.pages.job.checklist import file_name
+from topdress.console.app.pages.job.checklist import find_file_name
 from topdress.console.app.pages.page import Page
 from topdress.console.app.pages.settings.keys import ACTIONS
 from topdress.console.app.pages.settings.service import SettingsStore
-from topdress.console.app.settings import apply, find_key_clash, keymap_problem
-from topdress.console.app.typed_number import inside
+from topdress.console.app.settings import apply_settings, find_key_clash, find_keymap_fault
+from topdress.console.app.typed_number import round_inwards
 from topdress.console.app.undo import Undoable
 from topdress.console.app.units import Unit
 from topdress.console.app.view import RunView
 from topdress.console.app.widgets.panel import (
-    Part,
     Picked,
     PickList,
+    TextPart,
     choose_fullest,
-    fit,
-    line,
-    wrapped,
+    fit_width,
+    make_line,
+    wrap_text,
 )
 from topdress.console.locale import N_, _, list_languages
 from topdress.drivers.files.settings import ManualRate, Presets, Rates, Settings
@@ -43,7 +43,8 @@ from topdress.drivers.files.settings import ManualRate, Presets, Rates, Settings
 # The settings one below the other, as many as there is room for around the marked one. A click
 # marks and changes.
 class SettingLine(NamedTuple):
-    """group: a heading, shown before the first line of it. own: other than delivered."""
+    """Holds one setting. group: a heading, shown before the first line of it. own: other than
+    delivered."""
 
     group: str
     label: str
@@ -53,6 +54,8 @@ class SettingLine(NamedTuple):
 
 
 class SettingsView(NamedTuple):
+    """Holds the settings."""
+
     lines: tuple[SettingLine, ...]
     at: int
     place: str  # the file
@@ -60,40 +63,47 @@ class SettingsView(NamedTuple):
 
 
 class SettingsList(PickList[SettingsView]):
-    def lines(self, view: SettingsView, width: int, height: int) -> list[Content]:
-        head = self._head(view, width)
+    """Shows the settings."""
+
+    def draw_rows(self, view: SettingsView, width: int, height: int) -> list[Content]:
+        head = self._draw_head(view, width)
         label = max((cell_len(one.label) for one in view.lines), default=0) + 4
         value = min(
             max((cell_len(one.value) for one in view.lines), default=0) + 3, max(12, width // 3)
         )
         rows = []
-        foot = self._foot(view, width)
-        for index in self._rows(view, height - len(head) - len(foot)):
+        foot = self._draw_foot(view, width)
+        for index in self._choose_rows(view, height - len(head) - len(foot)):
             if isinstance(index, str):
-                rows.append(line((fit(f" {index}", width), "bold $primary")))
+                rows.append(make_line((fit_width(f" {index}", width), "bold $primary")))
                 continue
             one = view.lines[index]
             here = index == view.at
             style = "bold $on-select on $select" if here else "bold" if one.own else ""
-            parts: list[Part] = [
-                (fit(f" {'>' if here else ' '} {one.label}", label), style),
-                (fit(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
+            parts: list[TextPart] = [
+                (fit_width(f" {'>' if here else ' '} {one.label}", label), style),
+                (fit_width(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
                 (choose_fullest((f" {one.hint}", ""), width - label - value), "$muted"),
             ]
-            rows.append(line(*parts))
-        return [*head, *rows, *[line("")] * (height - len(head) - len(rows) - len(foot)), *foot]
+            rows.append(make_line(*parts))
+        return [
+            *head,
+            *rows,
+            *[make_line("")] * (height - len(head) - len(rows) - len(foot)),
+            *foot,
+        ]
 
     @staticmethod
-    def _head(view: SettingsView, width: int) -> list[Content]:
+    def _draw_head(view: SettingsView, width: int) -> list[Content]:
         """The file, and why it was not used."""
-        place = choose_fullest((view.place, file_name(view.place)), width - 1)
-        trouble = wrapped(view.trouble, width - 4)
+        place = choose_fullest((view.place, find_file_name(view.place)), width - 1)
+        trouble = wrap_text(view.trouble, width - 4)
         return [
-            line((f" {place}", "$muted")),
+            make_line((f" {place}", "$muted")),
             *(
-                line(
+                make_line(
                     (
-                        fit(f" {'!' if not k else ' '} {row}", width),
+                        fit_width(f" {'!' if not k else ' '} {row}", width),
                         "bold $on-alarm-amber on $alarm-amber",
                     )
                 )
@@ -102,14 +112,14 @@ class SettingsList(PickList[SettingsView]):
         ]
 
     @staticmethod
-    def _foot(view: SettingsView, width: int) -> list[Content]:
-        """What the marked setting is about, in full, and as many rows for each: the list must
-        not jump."""
-        count = max((len(wrapped(one.hint, width - 2)) for one in view.lines), default=0)
-        said = wrapped(view.lines[view.at].hint, width - 2) if view.at < len(view.lines) else []
-        return [line((f" {row}", "$muted")) for row in (said + [""] * count)[:count]]
+    def _draw_foot(view: SettingsView, width: int) -> list[Content]:
+        """The text of the marked setting, in full, and as many rows for each: the list must not
+        jump."""
+        count = max((len(wrap_text(one.hint, width - 2)) for one in view.lines), default=0)
+        said = wrap_text(view.lines[view.at].hint, width - 2) if view.at < len(view.lines) else []
+        return [make_line((f" {row}", "$muted")) for row in (said + [""] * count)[:count]]
 
-    def _rows(self, view: SettingsView, height: int) -> list[int | str]:
+    def _choose_rows(self, view: SettingsView, height: int) -> list[int | str]:
         """Indices of lines and texts of headings that are shown, the marked line always among
         them."""
         rows: list[int | str] = []
@@ -123,21 +133,21 @@ class SettingsList(PickList[SettingsView]):
         first = max(0, min(at - height // 2, len(rows) - height))
         return rows[first : first + max(0, height)]
 
-    def things(self) -> Sequence[int | None]:
+    def list_row_items(self) -> Sequence[int | None]:
         width = self.content_size.width
-        head, foot = len(self._head(self.view, width)), len(self._foot(self.view, width))
-        rows = self._rows(self.view, self.content_size.height - head - foot)
+        head, foot = len(self._draw_head(self.view, width)), len(self._draw_foot(self.view, width))
+        rows = self._choose_rows(self.view, self.content_size.height - head - foot)
         return [*[None] * head, *(one if isinstance(one, int) else None for one in rows)]
 
 
-UNIT_WORDS = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
-LANGUAGE_WORDS = {"auto": N_("as the system says"), "en": "English", "zh": "中文"}
-THEME_WORDS = {"day": N_("day"), "night": N_("night"), "contrast": N_("high contrast")}
-SOUND_WORDS = {"on": N_("sound on"), "off": N_("sound off")}
+UNITS_NAMES = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
+LANGUAGE_NAMES = {"auto": N_("as the system says"), "en": "English", "zh": "中文"}
+THEME_TITLES = {"day": N_("day"), "night": N_("night"), "contrast": N_("high contrast")}
+SOUND_NAMES = {"on": N_("sound on"), "off": N_("sound off")}
 
 
 class SettingRow(NamedTuple):
-    """One setting: what it is called, what it is now, and how it is changed. path: keys in the
+    """Describes one setting: its label, its value, and how it is changed. path: keys in the
     settings."""
 
     group: str
@@ -150,6 +160,8 @@ class SettingRow(NamedTuple):
 
 
 class SettingsScreen(Page):
+    """Shows the settings."""
+
     where: ClassVar[str] = SETTINGS
     BINDINGS: ClassVar = make_bindings(ACTIONS)
 
@@ -161,15 +173,17 @@ class SettingsScreen(Page):
 
     @property
     def store(self) -> SettingsStore | None:
+        """The settings, if they are kept."""
         return self.app.services.settings
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         yield SettingsList(SettingsView((), 0, "", ""), id="settings-list")
 
     def show_numbers(self, view: RunView) -> None:
+        """Show the list."""
         super().show_numbers(view)
         if self.store is None:
-            self.query_one("#settings-list", SettingsList).show(
+            self.query_one("#settings-list", SettingsList).show_view(
                 SettingsView((), 0, _("settings are not saved here"), "")
             )
             return
@@ -179,50 +193,52 @@ class SettingsScreen(Page):
                 row.group,
                 row.label,
                 row.shown,
-                _at(self.store.settings, row.path) != _at(default, row.path),
+                _find_value(self.store.settings, row.path) != _find_value(default, row.path),
                 row.hint,
             )
-            for row in self.rows()
+            for row in self.list_rows()
         )
-        self.query_one("#settings-list", SettingsList).show(
+        self.query_one("#settings-list", SettingsList).show_view(
             SettingsView(lines, self.at, self.store.place, self.store.trouble)
         )
 
-    def rows(self) -> list[SettingRow]:
+    def list_rows(self) -> list[SettingRow]:
         """Every setting, in the language and units in use."""
         assert self.store is not None
         now, rate = self.store.settings, self.app.units.rate
         general, limits, speed = _("general"), _("manual rate"), _("how often the console looks")
         themes_known = [
-            Choice(name, _(THEME_WORDS.get(name, name)))
-            for name in (*themes.NAMES, *(one.name for one in self.store.themes))
+            Choice(name, _(THEME_TITLES.get(name, name)))
+            for name in (*themes.THEME_NAMES, *(one.name for one in self.store.themes))
         ]
         found = [
-            _choice(general, _("units"), ("units",), now.units, _choices(UNIT_WORDS), ""),
-            _choice(
+            _make_choice_row(
+                general, _("units"), ("units",), now.units, _make_choices(UNITS_NAMES), ""
+            ),
+            _make_choice_row(
                 general,
                 _("language"),
                 ("language",),
                 now.language,
                 [
                     one
-                    for one in _choices(LANGUAGE_WORDS)
+                    for one in _make_choices(LANGUAGE_NAMES)
                     if one.value in ("auto", *list_languages())
                 ],
                 "",
             ),
-            _choice(
+            _make_choice_row(
                 general, _("theme"), ("theme",), now.theme, themes_known, _("D changes it for now")
             ),
-            _choice(
+            _make_choice_row(
                 general,
                 _("sound"),
                 ("sound",),
                 "on" if now.sound else "off",
-                _choices(SOUND_WORDS),
+                _make_choices(SOUND_NAMES),
                 _("the bell: once for a caution, three times for an alarm"),
             ),
-            _number(
+            _make_number_row(
                 limits,
                 _("lowest"),
                 ("manual_rate", "low_kg_ha"),
@@ -230,7 +246,7 @@ class SettingsScreen(Page):
                 (self.app.crop_limits_kg_ha[0], self.app.limits_kg_ha[1]),
                 rate,
             ),
-            _number(
+            _make_number_row(
                 limits,
                 _("highest"),
                 ("manual_rate", "high_kg_ha"),
@@ -239,7 +255,7 @@ class SettingsScreen(Page):
                 rate,
             ),
             *(
-                _number(
+                _make_number_row(
                     _("preset rates"),
                     label,
                     ("presets", key),
@@ -253,22 +269,24 @@ class SettingsScreen(Page):
                     (_("preset 3"), "third_kg_ha"),
                 )
             ),
-            _number(
+            _make_number_row(
                 speed,
                 _("numbers"),
                 ("console", "numbers_hz"),
                 now.console.numbers_hz,
                 (1.0, 5.0),
-                _HZ,
+                _HERTZ,
             ),
-            _number(
-                speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HZ
+            _make_number_row(
+                speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HERTZ
             ),
-            _number(speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HZ),
+            _make_number_row(
+                speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HERTZ
+            ),
         ]
         pages = {
             one.id.removesuffix("_screen"): _("keys: {page}").format(page=_(one.label))
-            for one in actions.pages()
+            for one in actions.list_page_openers()
         }
         groups = {ANYWHERE: _("keys of every screen")} | pages
         for action in sorted(actions.ACTIONS, key=lambda one: list(groups).index(one.where)):
@@ -287,74 +305,78 @@ class SettingsScreen(Page):
     # --- actions
     # ----------------------------------------------------------------------------------------------
 
-    def perform(self, action: Action) -> None:
+    def perform_action(self, action: Action) -> None:
         if self.store is None:
-            self.app.notice(_("settings are not saved here"))
+            self.app.show_notice(_("settings are not saved here"))
             return
-        super().perform(action)
+        super().perform_action(action)
 
-    def move(self, by: int) -> None:
-        self.at = max(0, min(len(self.rows()) - 1, self.at + by))
+    def move_mark(self, by: int) -> None:
+        """Move the mark."""
+        self.at = max(0, min(len(self.list_rows()) - 1, self.at + by))
 
     def on_picked(self, event: Picked) -> None:
+        """Mark and change the clicked setting."""
         self.at = event.index
-        self.app.look()
+        self.app.show_changes()
         if self.app.locked:
-            self.app.notice(_("locked: F8 unlocks; hold and stop work"))
+            self.app.show_notice(_("locked: F8 unlocks; hold and stop work"))
         else:
-            self.change()
+            self.change_marked()
 
-    def change(self) -> None:
+    def change_marked(self) -> None:
         """Ask for a new value of the marked setting."""
         assert self.store is not None
-        row, now = self.rows()[self.at], self.store.settings
+        row, now = self.list_rows()[self.at], self.store.settings
         if row.choices:
-            value = _at(now, row.path)
+            value = _find_value(now, row.path)
             value = (
                 {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
             )
             kind = ThemeDialog if row.path == ("theme",) else ChoiceDialog
-            self.app.ask(
+            self.app.ask_question(
                 kind(row.label, row.choices, str(value)),
-                lambda value: self._set(
+                lambda value: self._set_value(
                     row.path, value == "on" if row.path == ("sound",) else value
                 ),
             )
         elif row.number is not None:
             low, high, unit = row.number
-            self.app.ask(
-                NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
-                lambda value: self._set(row.path, round(value, 3)),
+            self.app.ask_question(
+                NumberDialog(
+                    f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.convert_to_si
+                ),
+                lambda value: self._set_value(row.path, round(value, 3)),
             )
         else:
-            self.app.ask(
-                KeyChoice(row.label, row.shown), lambda key: self._take_key(row.path[1], key)
+            self.app.ask_question(
+                KeyPressDialog(row.label, row.shown), lambda key: self._take_key(row.path[1], key)
             )
 
     def _take_key(self, name: str, key: str) -> None:
         assert self.store is not None
         keymap = {**self.store.settings.keymap, name: key}
-        self._set_keymap(keymap, keymap_problem({name: key}) or find_key_clash(keymap))
+        self._set_keymap(keymap, find_keymap_fault({name: key}) or find_key_clash(keymap))
 
     def _set_keymap(self, keymap: dict[str, str], trouble: str) -> None:
         if trouble:
-            self.app.notice(_("refused: {why}").format(why=trouble))
+            self.app.show_notice(_("refused: {why}").format(why=trouble))
         else:
-            self._set(("keymap",), keymap)
+            self._set_value(("keymap",), keymap)
 
-    def put_back(self) -> None:
-        """Resets the selected setting."""
+    def reset_marked(self) -> None:
+        """Reset the marked setting."""
         assert self.store is not None
-        path = self.rows()[self.at].path
+        path = self.list_rows()[self.at].path
         if path[0] != "keymap":
-            self._set(path, _at(Settings(), path))
+            self._set_value(path, _find_value(Settings(), path))
             return
         keymap = {
             name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]
         }
         self._set_keymap(keymap, find_key_clash(keymap))
 
-    def _set(self, path: tuple[str, ...], value: Any) -> None:
+    def _set_value(self, path: tuple[str, ...], value: Any) -> None:
         assert self.store is not None
         now = self.store.settings
         try:
@@ -364,27 +386,27 @@ class SettingsScreen(Page):
                 value = Presets.model_validate(now.presets.model_dump() | {path[1]: value})
             elif path[0] == "console":
                 value = Rates.model_validate(now.console.model_dump() | {path[1]: value})
-            self.take(now.model_copy(update={path[0]: value}))
+            self.use_settings(now.model_copy(update={path[0]: value}))
         except ValueError as error:
-            self.app.notice(str(error).splitlines()[-1])
+            self.app.show_notice(str(error).splitlines()[-1])
 
-    def take(self, settings: Settings) -> None:
+    def use_settings(self, settings: Settings) -> None:
         """Use these settings from now on, and keep them."""
         store = self.store
         assert store is not None
         before = store.settings
-        store.settings, store.trouble = settings, apply(self.app, settings)
+        store.settings, store.trouble = settings, apply_settings(self.app, settings)
         if before != settings:
-            self.app.undo.add(
-                Undoable(_("settings before the last change"), partial(self.take, before))
+            self.app.undo.add_change(
+                Undoable(_("settings before the last change"), partial(self.use_settings, before))
             )
         self._kept = self._kept or before
-        self.app.run_worker(self._keep(settings), group="settings", exit_on_error=False)
-        self._redraw_all()
+        self.app.run_worker(self._write_settings(settings), group="settings", exit_on_error=False)
+        self._redraw_pages()
 
-    async def _keep(self, settings: Settings) -> None:
-        """Written in a thread, one after the other: a disk may take its time. Where that fails,
-        those that the file has are used again."""
+    async def _write_settings(self, settings: Settings) -> None:
+        """Write in a thread, one after the other: a disk may take its time. Where that fails, the
+        file's settings are used again."""
         store = self.store
         assert store is not None and self._kept is not None
         try:
@@ -393,38 +415,39 @@ class SettingsScreen(Page):
                 self._kept = settings
         except OSError as error:
             store.settings = self._kept
-            apply(self.app, self._kept)
+            apply_settings(self.app, self._kept)
             store.trouble = _("not kept: {why}").format(
                 why=f"{store.place}: {error.strerror or error}"
             )
-            self.app.notice(store.trouble)
-            self._redraw_all()
+            self.app.show_notice(store.trouble)
+            self._redraw_pages()
 
-    def _redraw_all(self) -> None:
+    def _redraw_pages(self) -> None:
         for page in self.app.pages.made.values():
             if page.is_mounted:
-                page.redraw()
-        self.app.look()
+                page.redraw_all()
+        self.app.show_changes()
 
 
 class ThemeDialog(ChoiceDialog):
-    """The marked theme is seen at once; Escape brings the old one back."""
+    """Asks for a theme. The marked one is seen at once; Escape brings the old one back."""
 
-    def _mark(self) -> None:
-        super()._mark()
-        self._wear(self.choices[self.at].value)
+    def _show_mark(self) -> None:
+        super()._show_mark()
+        self._apply_theme(self.choices[self.at].value)
 
     def action_cancel(self) -> None:
-        self._wear(self.now)
+        """Bring the old theme back."""
+        self._apply_theme(self.now)
         super().action_cancel()
 
-    def _wear(self, name: str) -> None:
+    def _apply_theme(self, name: str) -> None:
         if name in self.app.available_themes:
             self.app.theme = name
 
 
-class KeyChoice(Dialog[str | None]):
-    """The next key that is pressed; Escape keeps the old one."""
+class KeyPressDialog(Dialog[str | None]):
+    """Asks for the next key that is pressed; Escape keeps the old one."""
 
     def __init__(self, label: str, now: str) -> None:
         super().__init__(
@@ -437,13 +460,14 @@ class KeyChoice(Dialog[str | None]):
         Binding("enter", "yes", show=False),
     ]
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         yield Static("_", classes="dialog-value", id="key-value", markup=False)
 
-    def yes_label(self) -> str:
+    def describe_yes(self) -> str:
         return _("take it")
 
     def on_key(self, event: events.Key) -> None:
+        """Show the pressed key."""
         if event.key in ("escape", "enter"):
             return
         event.stop()
@@ -452,25 +476,26 @@ class KeyChoice(Dialog[str | None]):
         self.query_one("#key-value", Static).update(actions.format_key(event.key))
 
     def action_yes(self) -> None:
+        """Take the key."""
         if self.key:
             self.dismiss(self.key)
 
 
-_HZ = Unit("Hz", 1.0, 1)
+_HERTZ = Unit("Hz", 1.0, 1)
 
 
-def _choices(words: dict[str, str]) -> list[Choice]:
+def _make_choices(words: dict[str, str]) -> list[Choice]:
     return [Choice(value, _(word)) for value, word in words.items()]
 
 
-def _choice(
+def _make_choice_row(
     group: str, label: str, path: tuple[str, ...], now: str, choices: list[Choice], hint: str
 ) -> SettingRow:
     shown = next((one.label for one in choices if one.value == now), now)
     return SettingRow(group, label, path, shown, hint, tuple(choices))
 
 
-def _number(
+def _make_number_row(
     group: str,
     label: str,
     path: tuple[str, ...],
@@ -478,7 +503,7 @@ def _number(
     allowed: tuple[float, float],
     unit: Unit,
 ) -> SettingRow:
-    low, high = inside(unit, *allowed, 1)
+    low, high = round_inwards(unit, *allowed, 1)
     said = _("allowed: {low} to {high} {unit}").format(
         low=f"{low:g}", high=f"{high:g}", unit=unit.name
     )
@@ -486,13 +511,13 @@ def _number(
         group,
         label,
         path,
-        f"{now * unit.per_si:g} {unit.name}" if unit is _HZ else unit.full(now),
+        f"{now * unit.per_si:g} {unit.name}" if unit is _HERTZ else unit.format_with_name(now),
         said,
         number=(low, high, unit),
     )
 
 
-def _at(settings: Settings, path: tuple[str, ...]) -> Any:
+def _find_value(settings: Settings, path: tuple[str, ...]) -> Any:
     value: Any = settings
     for step in path:
         value = value.get(step) if isinstance(value, dict) else getattr(value, step)

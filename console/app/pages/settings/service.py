@@ -11,7 +11,7 @@ from topdress.drivers.files.settings_theme import ThemeData
 
 @dataclass(slots=True)
 class SettingsStore:
-    """Where settings come from and go to. trouble: why the file was not used. write: raises
+    """Holds the settings and where they are kept. trouble: why the file was not used. write: raises
     OSError."""
 
     settings: Settings

@@ -4,30 +4,33 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from topdress.console.app.action import TRENDS, Action, on
+from topdress.console.app.action import TRENDS, Action, set_page
 from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
     from topdress.console.app.pages.trends.page import TrendsScreen
 
-FAR_SHARE = 0.1  # of the span, by which the cursor goes far
+FAR_STEP_SHARE = 0.1  # of the span, by which the cursor goes far
 SCROLL_SHARE = 0.5
 
 
-def whole_run(page: TrendsScreen) -> None:
+def show_whole_run(page: TrendsScreen) -> None:
+    """Show the whole run."""
     page.span, page.ends_s = None, None
 
 
-def cursor_away(page: TrendsScreen) -> None:
+def drop_cursor(page: TrendsScreen) -> None:
+    """Drop the cursor."""
     page.cursor_s = None
 
 
-def machine_or_log(page: TrendsScreen) -> None:
-    page.turn_log()
+def toggle_machine_or_log(page: TrendsScreen) -> None:
+    """Turn from the machine to the log, or back."""
+    page.toggle_log()
     page.ends_s = page.cursor_s = page.fixed = None
 
 
-ACTIONS = on(
+ACTIONS = set_page(
     TRENDS,
     Action(
         "trends_channels",
@@ -66,7 +69,13 @@ ACTIONS = on(
         bar=6,
     ),
     Action(
-        "trends_whole", "z", "Z", N_("whole run"), N_("All of the run or log."), whole_run, bar=7
+        "trends_whole",
+        "z",
+        "Z",
+        N_("whole run"),
+        N_("All of the run or log."),
+        show_whole_run,
+        bar=7,
     ),
     Action(
         "trends_scale",
@@ -82,7 +91,7 @@ ACTIONS = on(
         "<",
         N_("cursor back"),
         N_("Reads the values at a time; also a click in the plot."),
-        lambda page: page.move_cursor(-page.cell_s()),
+        lambda page: page.move_cursor(-page.calc_cell_s()),
     ),
     Action(
         "trends_right",
@@ -90,7 +99,7 @@ ACTIONS = on(
         ">",
         N_("cursor on"),
         N_("Reads the values at a time; also a click in the plot."),
-        lambda page: page.move_cursor(page.cell_s()),
+        lambda page: page.move_cursor(page.calc_cell_s()),
     ),
     Action(
         "trends_far_left",
@@ -98,7 +107,7 @@ ACTIONS = on(
         "S-<",
         N_("cursor far back"),
         N_("A tenth of the span at once."),
-        lambda page: page.move_cursor(-FAR_SHARE * page.window().length_s),
+        lambda page: page.move_cursor(-FAR_STEP_SHARE * page.find_window().length_s),
     ),
     Action(
         "trends_far_right",
@@ -106,7 +115,7 @@ ACTIONS = on(
         "S->",
         N_("cursor far on"),
         N_("A tenth of the span at once."),
-        lambda page: page.move_cursor(FAR_SHARE * page.window().length_s),
+        lambda page: page.move_cursor(FAR_STEP_SHARE * page.find_window().length_s),
     ),
     Action(
         "trends_cursor_off",
@@ -114,7 +123,7 @@ ACTIONS = on(
         "Esc",
         N_("cursor away"),
         N_("Back to the newest values."),
-        cursor_away,
+        drop_cursor,
         why=lambda page: _("no cursor is set") if page.cursor_s is None else "",
     ),
     Action(
@@ -139,7 +148,7 @@ ACTIONS = on(
         "Q1",
         N_("machine / log"),
         N_("The machine at work, or the log of the replay."),
-        machine_or_log,
-        why=lambda page: page.why_no_turn(),
+        toggle_machine_or_log,
+        why=lambda page: page.explain_no_turn(),
     ),
 )

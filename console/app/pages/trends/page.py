@@ -12,27 +12,27 @@ from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import Button
 from topdress.console.app.action import TRENDS, make_bindings
-from topdress.console.app.braille import Piece
-from topdress.console.app.channels import AT_FIRST, BY_ID, CHANNELS, TrendChannel
+from topdress.console.app.braille import PlotPiece
+from topdress.console.app.channels import BY_ID, CHANNELS, FIRST_CHANNELS, TrendChannel
 from topdress.console.app.dialogs import Choice, ChoiceDialog
 from topdress.console.app.pages.log_page import LogPage
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.pages.trends.keys import ACTIONS
-from topdress.console.app.pages.trends.plots import Plot, Plots, PlotsView, round_axis_ends
-from topdress.console.app.series import TrendStretch, sums
+from topdress.console.app.pages.trends.plots import ChannelPlot, Plots, PlotsView, round_axis_ends
+from topdress.console.app.series import TrendStretch, summarise_stretch
 from topdress.console.app.units import Unit, Units
-from topdress.console.app.view import STALE_S, duration, format_local_time
-from topdress.console.app.widgets.panel import Panel, Picked, fit, spread
+from topdress.console.app.view import STALE_S, format_duration, format_local_time
+from topdress.console.app.widgets.panel import Panel, Picked, fit_width, spread_parts
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
 # Which channels are plotted: a list of all, Enter takes one up or drops it.
-MOST = 3
+MOST_CHANNELS = 3
 
 
 class ChannelDialog(ChoiceDialog):
-    """tell: called with the chosen channels' ids, in the order of choosing, after every change.
-    A fourth one takes the place of the first."""
+    """Asks which channels are plotted. tell: called with the chosen channels' ids, in the order of
+    choosing, after every change. A fourth one takes the place of the first."""
 
     def __init__(
         self, chosen: tuple[str, ...], units: Units, tell: Callable[[tuple[str, ...]], None]
@@ -40,123 +40,131 @@ class ChannelDialog(ChoiceDialog):
         self.chosen, self._units, self._tell = list(chosen), units, tell
         super().__init__(
             _("What is plotted"),
-            self._listed(),
+            self._list_choices(),
             "",
             _("Up to three; a fourth one takes the place of the first."),
         )
 
-    def buttons(self) -> ComposeResult:
+    def compose_buttons(self) -> ComposeResult:
         yield Button(f"{_('Enter')}  {_('take or drop')}", id="yes", classes="dialog-button")
         yield Button(f"Esc  {_('close')}", id="cancel", classes="dialog-button")
 
-    def _listed(self) -> tuple[Choice, ...]:
-        return tuple(Choice(one.id, self._words(one)) for one in CHANNELS)
+    def _list_choices(self) -> tuple[Choice, ...]:
+        return tuple(Choice(one.id, self._format_channel(one)) for one in CHANNELS)
 
-    def _words(self, channel: TrendChannel) -> str:
+    def _format_channel(self, channel: TrendChannel) -> str:
         mark = f"{self.chosen.index(channel.id) + 1}" if channel.id in self.chosen else " "
-        return f"[{mark}] {fit(_(channel.label), 24)}{channel.unit(self._units).name}"
+        return f"[{mark}] {fit_width(_(channel.label), 24)}{channel.unit(self._units).name}"
 
     def action_yes(self) -> None:
+        """Take or drop the marked channel."""
         if not self._wrong:
-            self._turn(self.choices[self.at].value)
+            self._toggle_channel(self.choices[self.at].value)
 
     def on_picked(self, event: Picked) -> None:
-        """A click takes or drops: it is seen, and another one takes it back."""
-        self._turn(self.choices[event.index].value)
+        """Take or drop the clicked channel: it is seen, and another click undoes it."""
+        self._toggle_channel(self.choices[event.index].value)
 
-    def _turn(self, channel: str) -> None:
+    def _toggle_channel(self, channel: str) -> None:
         if channel in self.chosen:
             self.chosen.remove(channel)
         else:
-            self.chosen = [*self.chosen, channel][-MOST:]
-        self.choices = self._listed()
-        self._mark()
+            self.chosen = [*self.chosen, channel][-MOST_CHANNELS:]
+        self.choices = self._list_choices()
+        self._show_mark()
         self._tell(tuple(self.chosen))
 
 
 class SpanView(NamedTuple):
+    """Holds span and states."""
+
     span: str
     states: tuple[str, ...]
     standing: bool
 
 
 class SpanBar(Panel[SpanView]):
-    def lines(self, view: SpanView, width: int, height: int) -> list[Content]:
+    """Shows span and states."""
+
+    def draw_rows(self, view: SpanView, width: int, height: int) -> list[Content]:
         style = "bold reverse" if view.standing else "$muted"
         return [
-            spread([(f" {view.span} ", "bold")], [(f" {'   '.join(view.states)} ", style)], width)
+            spread_parts(
+                [(f" {view.span} ", "bold")], [(f" {'   '.join(view.states)} ", style)], width
+            )
         ]
 
 
 SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400.0, 28_800.0)
-FIRST_SPAN = SPANS_S.index(120.0)
+FIRST_SPAN_INDEX = SPANS_S.index(120.0)
 # and three buckets: a longer time without rows is a gap
-GAP_S = 2.5
-FINEST = 100_000  # buckets of a span: more than it has rows
+LONGEST_STEP_S = 2.5
+MOST_BUCKETS = 100_000  # buckets of a span: more than it has rows
 
 
-class Window(NamedTuple):
-    """The span that is seen, s of the run."""
+class TimeWindow(NamedTuple):
+    """Holds the span that is seen, s of the run."""
 
     from_s: float
     to_s: float
 
     @property
     def length_s(self) -> float:
+        """Length of the span, s."""
         return self.to_s - self.from_s
 
 
 class TrendsScreen(LogPage):
-    """ends: at which the plots stand frozen, s of the run; None: they run. span None: the whole
-    run."""
+    """Shows the plots. ends_s: at which they stand frozen, s of the run; None: they run. span None:
+    the whole run."""
 
     where: ClassVar[str] = TRENDS
     BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
-        self.channels: tuple[str, ...] = AT_FIRST
-        self.span: int | None = FIRST_SPAN
+        self.channels: tuple[str, ...] = FIRST_CHANNELS
+        self.span: int | None = FIRST_SPAN_INDEX
         self.ends_s: float | None = None
         self.cursor_s: float | None = None
         self.fixed: dict[str, tuple[float, float]] | None = None
         self._axes: dict[str, tuple[float, float]] = {}
 
-    def body(self) -> ComposeResult:
+    def compose_body(self) -> ComposeResult:
         with Vertical(id="trends-all"):
             yield SpanBar(SpanView("", (), False), id="trends-bar")
             yield Plots(PlotsView((), "", "", ""), id="plots")
 
-    def replayed(self) -> ReplayJob | None:
+    def find_replayed(self) -> ReplayJob | None:
         return self.app.replay_page.job if self.app.source is None or self.wants_log else None
 
-    def tick(self, now_s: float) -> None:
-        super().tick(now_s)
-        if self.plots.due(now_s):
-            self._draw(*self.seen(now_s))
+    def show_due(self, now_s: float) -> None:
+        super().show_due(now_s)
+        if self.plots.is_due(now_s):
+            self._draw_plots(*self.find_frame(now_s))
 
     # --- drawing
     # ----------------------------------------------------------------------------------------------
 
-    def window(self) -> Window:
-        """What is seen now."""
-        series = self.series()
+    def find_window(self) -> TimeWindow:
+        """The span that is seen now."""
+        series = self.find_series()
         first, last = series.start_s or 0.0, series.end_s or 0.0
         if self.span is None:
-            return Window(first, max(last, first + SPANS_S[0]))
-        job = self.replayed()
+            return TimeWindow(first, max(last, first + SPANS_S[0]))
+        job = self.find_replayed()
         running = job.source.at_s if job is not None else last
         end = running if self.ends_s is None else self.ends_s
-        return Window(end - SPANS_S[self.span], end)
+        return TimeWindow(end - SPANS_S[self.span], end)
 
-    def _draw(self, frame: Frame | None, age_s: float) -> None:
-        window, series = self.window(), self.series()
+    def _draw_plots(self, frame: Frame | None, age_s: float) -> None:
+        window, series = self.find_window(), self.find_series()
         pane = self.query_one("#plots", Plots)
-        buckets = 2 * pane.columns(max(1, pane.content_size.width))
-        stretches = {name: series.stretch(name, *window, buckets) for name in self.channels}
-        self._axes = self._fitted(stretches)
+        buckets = 2 * pane.count_columns(max(1, pane.content_size.width))
+        stretches = {name: series.find_stretch(name, *window, buckets) for name in self.channels}
+        self._axes = self._find_axis_ends(stretches)
         plots = tuple(
-            self._plot(BY_ID[name], stretches[name], window, buckets) for name in self.channels
+            self._make_plot(BY_ID[name], stretches[name], window, buckets) for name in self.channels
         )
         cursor = (
             None if self.cursor_s is None else (self.cursor_s - window.from_s) / window.length_s
@@ -164,23 +172,23 @@ class TrendsScreen(LogPage):
         if cursor is not None and not 0.0 <= cursor <= 1.0:
             cursor = self.cursor_s = None
         times = (window.from_s, 0.5 * (window.from_s + window.to_s), window.to_s)
-        begin, middle, end = (self._time(time_s, frame) for time_s in times)
-        pane.show(
+        begin, middle, end = (self._format_time(time_s, frame) for time_s in times)
+        pane.show_view(
             PlotsView(
                 plots,
                 begin,
                 middle,
                 end,
                 cursor,
-                "" if self.cursor_s is None else self._time(self.cursor_s, frame),
+                "" if self.cursor_s is None else self._format_time(self.cursor_s, frame),
                 age_s > STALE_S,
             )
         )
-        self.query_one("#trends-bar", SpanBar).show(
-            SpanView(self._span_words(window), self._states(), self.ends_s is not None)
+        self.query_one("#trends-bar", SpanBar).show_view(
+            SpanView(self._describe_span(window), self._list_states(), self.ends_s is not None)
         )
 
-    def _fitted(self, stretches: dict[str, TrendStretch]) -> dict[str, tuple[float, float]]:
+    def _find_axis_ends(self, stretches: dict[str, TrendStretch]) -> dict[str, tuple[float, float]]:
         """Ends of the axes, as shown; channels of one group share them."""
         axes: dict[str, tuple[float, float]] = {}
         for name, stretch in stretches.items():
@@ -190,11 +198,11 @@ class TrendsScreen(LogPage):
                 continue
             unit = channel.unit(self.app.units)
             alike = [
-                sums(other)
+                summarise_stretch(other)
                 for one, other in stretches.items()
                 if one == name or (channel.group and BY_ID[one].group == channel.group)
             ]
-            known = [each for each in alike if each.low == each.low] or [sums(stretch)]
+            known = [each for each in alike if each.low == each.low] or [summarise_stretch(stretch)]
             axes[name] = round_axis_ends(
                 min(each.low for each in known) * unit.per_si,
                 max(each.high for each in known) * unit.per_si,
@@ -202,60 +210,62 @@ class TrendsScreen(LogPage):
             )
         return axes
 
-    def _plot(
-        self, channel: TrendChannel, stretch: TrendStretch, window: Window, buckets: int
-    ) -> Plot:
+    def _make_plot(
+        self, channel: TrendChannel, stretch: TrendStretch, window: TimeWindow, buckets: int
+    ) -> ChannelPlot:
         unit = channel.unit(self.app.units)
         low, high = self._axes[channel.id]
-        all_of_it = sums(stretch)
+        all_of_it = summarise_stretch(stretch)
         words = (
             ""
             if all_of_it.low != all_of_it.low
             else _("min {low}   mean {mean}   max {high}").format(
-                low=unit.text(all_of_it.low),
-                mean=unit.text(all_of_it.mean),
-                high=unit.text(all_of_it.high),
+                low=unit.format_value(all_of_it.low),
+                mean=unit.format_value(all_of_it.mean),
+                high=unit.format_value(all_of_it.high),
             )
         )
-        gap_s = max(GAP_S, 3.0 * window.length_s / buckets)
+        gap_s = max(LONGEST_STEP_S, 3.0 * window.length_s / buckets)
         at_s = window.to_s if self.cursor_s is None else self.cursor_s
-        return Plot(
+        return ChannelPlot(
             _(channel.label),
             unit.name,
-            self._value(channel, unit, at_s),
+            self._format_value_at(channel, unit, at_s),
             words,
-            _plain(low, unit),
-            _plain(0.5 * (low + high), unit),
-            _plain(high, unit),
-            _pieces(stretch, window, gap_s, unit, low, high),
+            _format_axis_end(low, unit),
+            _format_axis_end(0.5 * (low + high), unit),
+            _format_axis_end(high, unit),
+            _make_pieces(stretch, window, gap_s, unit, low, high),
             self.fixed is not None and channel.id in self.fixed,
         )
 
-    def _value(self, channel: TrendChannel, unit: Unit, at_s: float) -> str:
-        """The value in force at a time, as finely as it is held; nothing in a gap."""
-        before = self.series().stretch(channel.id, at_s - GAP_S, at_s, FINEST)
+    def _format_value_at(self, channel: TrendChannel, unit: Unit, at_s: float) -> str:
+        """The value in force at a time, from the finest series; nothing in a gap."""
+        before = self.find_series().find_stretch(
+            channel.id, at_s - LONGEST_STEP_S, at_s, MOST_BUCKETS
+        )
         value = float(before.mean[-1]) if len(before.mean) else float("nan")
-        return "--" if value != value else unit.text(value)
+        return "--" if value != value else unit.format_value(value)
 
-    def _time(self, time_s: float, frame: Frame | None) -> str:
+    def _format_time(self, time_s: float, frame: Frame | None) -> str:
         """Time of day where it is known, else the run's own."""
         clock = (
             ""
             if frame is None
             else format_local_time(frame.row.utc, self.app.utc_offset_s, frame.row.time_s - time_s)
         )
-        return clock or duration(time_s)
+        return clock or format_duration(time_s)
 
-    def _span_words(self, window: Window) -> str:
-        length = duration(window.length_s)
+    def _describe_span(self, window: TimeWindow) -> str:
+        length = format_duration(window.length_s)
         return (
             _("whole run, {length}").format(length=length)
             if self.span is None
             else _("span {length}").format(length=length)
         )
 
-    def _states(self) -> tuple[str, ...]:
-        log = (_("log"),) if self.replayed() is not None else ()
+    def _list_states(self) -> tuple[str, ...]:
+        log = (_("log"),) if self.find_replayed() is not None else ()
         fixed = (_("fixed scale"),) if self.fixed is not None else ()
         return (*log, *fixed, _("FROZEN") if self.ends_s is not None else _("running"))
 
@@ -263,86 +273,95 @@ class TrendsScreen(LogPage):
     # ----------------------------------------------------------------------------
 
     def toggle_freeze(self) -> None:
-        self.ends_s = self.window().to_s if self.ends_s is None else None
-        self.span = FIRST_SPAN if self.span is None and self.ends_s is not None else self.span
+        """Freeze the plots, or let them run."""
+        self.ends_s = self.find_window().to_s if self.ends_s is None else None
+        self.span = FIRST_SPAN_INDEX if self.span is None and self.ends_s is not None else self.span
 
     def toggle_scale(self) -> None:
+        """Fix the scales, or let them fit."""
         self.fixed = dict(self._axes) if self.fixed is None else None
 
     def ask_channels(self) -> None:
-        def tell(chosen: tuple[str, ...]) -> None:
-            self.channels, self.fixed = chosen, None
-            self.app.look()
+        """Ask which channels are plotted."""
 
-        self.app.push_screen(ChannelDialog(self.channels, self.app.units, tell))
+        def take_channels(chosen: tuple[str, ...]) -> None:
+            self.channels, self.fixed = chosen, None
+            self.app.show_changes()
+
+        self.app.push_screen(ChannelDialog(self.channels, self.app.units, take_channels))
 
     def change_span(self, steps: int) -> None:
-        """Round the end, or round the cursor where it is set."""
-        before = self.window()
+        """Change the span round the end, or round the cursor where it is set."""
+        before = self.find_window()
         at = bisect_left(SPANS_S, before.length_s - 1.0) if self.span is None else self.span
         self.span = max(0, min(len(SPANS_S) - 1, at + steps))
         if self.cursor_s is not None and self.ends_s is not None:
             share = (self.cursor_s - before.from_s) / before.length_s
             self.ends_s = self.cursor_s + (1.0 - share) * SPANS_S[self.span]
-            self._stay_inside()
+            self._clamp_end()
 
-    def _stay_inside(self) -> None:
-        series = self.series()
+    def _clamp_end(self) -> None:
+        series = self.find_series()
         if self.ends_s is not None and series.start_s is not None and series.end_s is not None:
             self.ends_s = max(
                 min(series.start_s + SPANS_S[0], series.end_s), min(series.end_s, self.ends_s)
             )
 
-    def cell_s(self) -> float:
+    def calc_cell_s(self) -> float:
+        """Time of a cell, s."""
         pane = self.query_one("#plots", Plots)
-        return self.window().length_s / pane.columns(max(1, pane.content_size.width))
+        return self.find_window().length_s / pane.count_columns(max(1, pane.content_size.width))
 
     def move_cursor(self, by_s: float) -> None:
-        """A cursor freezes the plots: what it reads must not run away."""
-        self._hold()
-        window = self.window()
+        """Move the cursor, which freezes the plots: what it reads must not run away."""
+        self._freeze_if_running()
+        window = self.find_window()
         now = window.to_s if self.cursor_s is None else self.cursor_s
         self.cursor_s = max(window.from_s, min(window.to_s, now + by_s))
 
-    def _hold(self) -> None:
+    def _freeze_if_running(self) -> None:
         if self.ends_s is None and self.span is not None:
-            self.ends_s = self.window().to_s
+            self.ends_s = self.find_window().to_s
 
     def scroll_span(self, share: float) -> None:
+        """Scroll by a share of the span."""
         if self.span is None:
             return
-        self._hold()
-        self.ends_s = (self.ends_s or 0.0) + share * self.window().length_s
-        self._stay_inside()
+        self._freeze_if_running()
+        self.ends_s = (self.ends_s or 0.0) + share * self.find_window().length_s
+        self._clamp_end()
 
     def on_plots_pointed(self, event: Plots.Pointed) -> None:
+        """Set the cursor."""
         if not self.app.locked:
-            self._hold()
-            window = self.window()
+            self._freeze_if_running()
+            window = self.find_window()
             self.cursor_s = window.from_s + max(0.0, min(1.0, event.share)) * window.length_s
-            self.app.look()
+            self.app.show_changes()
 
     def on_plots_named(self, event: Plots.Named) -> None:
+        """Ask which channels are plotted."""
         if not self.app.locked:
             self.ask_channels()
 
     def on_plots_wheeled(self, event: Plots.Wheeled) -> None:
+        """Change the span."""
         if not self.app.locked:
             self.change_span(-event.steps)
-            self.app.look()
+            self.app.show_changes()
 
 
-def _plain(shown: float, unit: Unit) -> str:
+def _format_axis_end(shown: float, unit: Unit) -> str:
     """An end of an axis, with no more decimals than it has."""
     text = f"{shown + 0.0:.{unit.decimals + 1}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _pieces(
-    stretch: TrendStretch, window: Window, gap_s: float, unit: Unit, low: float, high: float
-) -> tuple[Piece, ...]:
+def _make_pieces(
+    stretch: TrendStretch, window: TimeWindow, gap_s: float, unit: Unit, low: float, high: float
+) -> tuple[PlotPiece, ...]:
     """A stretch on the span and the axis; unknown values and gaps break it."""
-    pieces: list[Piece] = []
+    pieces: list[PlotPiece] = []
     last_s: float | None = None
     for time_s, least, most in zip(
         stretch.time_s.tolist(), stretch.low.tolist(), stretch.high.tolist(), strict=True
@@ -352,7 +371,7 @@ def _pieces(
             continue
         joined = last_s is not None and time_s - last_s <= gap_s
         pieces.append(
-            Piece(
+            PlotPiece(
                 (time_s - window.from_s) / window.length_s,
                 (least * unit.per_si - low) / (high - low),
                 (most * unit.per_si - low) / (high - low),
