@@ -15,7 +15,7 @@ Files:
 - `machine`: How does the machine behave?
 - `metering`: Which shaft speed and opening give a wanted flow?
 - `orders`: Which words do operator, loop and log share?
-- `papers`: What the three papers print, and the same from this program's models
+- `papers`: What do the three papers print, and what do this program's models give?
 - `readings`: What did the machine's sensors read, and what is sent to its drives?
 - `recordings`: What is wrong with recorded data, and how is it repaired safely?
 - `safety`: May material flow? States, interlocks, alarms, and the last gate before the drives

@@ -1,18 +1,18 @@
-"""What the three papers print, and the same from this program's models; see `topdress
+"""What do the three papers print, and what do this program's models give? See `topdress
 reproduce`.
 
 Files:
 
-- `claims_decision`: Every claim of the decision paper, and what comes out
-- `claims_lag`: Every claim of the lag paper, and what comes out
-- `correction`: The lag paper's correction experiment (section 2.3
-- `decision`: The decision paper: sampling (table 1), rate over NDVI (figure 4), amounts (table 2)
-- `elements`: Every element that the papers describe, and where it is in this program
-- `experiments`: One machine, every table of the lag paper
-- `lag`: The lag paper: lag distances, response, drop times, the whole lag, the line, the correction
-- `map_geometry`: The lag paper's geometry on the prescription map
-- `page`: What a page of reproductions is made of
-- `points`: The point paper: delays, shaft speeds by microstep, and where doses land
-- `published`: Figures that the papers print, as they print them
-- `trial`: A field trial of one's own, looked at as the decision paper looks at its own
+- `claims_decision`: Which claims does the decision paper make, and does each hold here?
+- `claims_lag`: Which claims does the lag paper make, and does each hold here?
+- `correction`: What does the lag paper's correction experiment (section 2.3
+- `decision`: Does the decision paper come out here?
+- `elements`: Which elements do the papers describe, where are they in this program
+- `experiments`: Does one machine reproduce every table of the lag paper?
+- `lag`: Does the lag paper come out here?
+- `map_geometry`: Is the lag paper's geometry on the prescription map right?
+- `page`: What does a page of reproductions consist of?
+- `points`: Does the point paper come out here?
+- `published`: Which figures do the papers print?
+- `trial`: How does a field trial of one's own compare with the decision paper's?
 """

@@ -1,4 +1,4 @@
-"""Every claim of the decision paper, and what comes out."""
+"""Which claims does the decision paper make, and does each hold here?"""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from .published import APPLIED, EXTRA_N_KG_HA, NDVI_OF, PLOTS, SAMPLING, UNIFORM
 
 
 def rate_from_weighing_kg_ha(product_kg: float, area_m2: float) -> float:
-    """Product weighed over an area -> kg/ha. ValueError unless the area is above 0."""
+    """Returns the rate of a product weighed over an area, kg/ha. ValueError unless the area is
+    above 0."""
     if not area_m2 > 0.0:
         raise ValueError(f"area {area_m2:g} m2: allowed is above 0")
     return product_kg * 10_000.0 / area_m2
@@ -30,12 +31,11 @@ def rate_from_weighing_kg_ha(product_kg: float, area_m2: float) -> float:
 def extra_nitrogen_kg_ha(
     rates_kg_ha: Sequence[float], uniform_kg_ha: float, product_n_fraction: float = 0.45
 ) -> float:
-    """Nitrogen that variable dressing gives more than a uniform one, kg N/ha, mean over plots
-    of equal size.
+    """Returns how much more nitrogen variable dressing gives than a uniform one, kg N/ha, mean
+    over plots of equal size.
 
     The paper's "about 28 kg/ha more nitrogen" is this on the applied rates of table 2: 28.75;
-    on the target rates it is 17.75. ValueError without plots.
-    """
+    on the target rates it is 17.75. ValueError without plots."""
     if not rates_kg_ha:
         raise ValueError("no plots: at least one rate is needed")
     return (sum(rates_kg_ha) / len(rates_kg_ha) - uniform_kg_ha) * product_n_fraction
@@ -53,8 +53,8 @@ PAPER_CURVE = (0.359, 324.4)  # eq 3: t/ha, days
 
 
 def yields() -> Table:
-    """Table 3: what the sample weights make, and what eq 3 says of the plots whose NDVI is
-    printed."""
+    """Returns table 3: the yields of the sample weights, and those of eq 3 for the plots whose
+    NDVI is printed."""
     rows = []
     for plot, (sample_kg, cv, kg_ha) in YIELDS.items():
         ndvi = NDVI_OF.get(plot)
@@ -94,7 +94,7 @@ def yields() -> Table:
 
 
 class GrainN(NamedTuple):
-    """What a plot got and holds more than CK, kg N/ha."""
+    """Holds how much more nitrogen than CK a plot got and has in its grain, kg N/ha."""
 
     plot: str
     given_kg_ha: float
@@ -106,8 +106,8 @@ class GrainN(NamedTuple):
 
 
 def grain_n() -> list[GrainN]:
-    """FA, FB and FC: a third, two thirds and all of the base (section 1.1), and table 2's
-    applied urea, against table 3's yields."""
+    """Returns the nitrogen of FA, FB and FC: a third, two thirds and all of the base (section
+    1.1), and table 2's applied urea, against table 3's yields."""
     found = []
     for thirds, plot in enumerate(("FA", "FB", "FC"), start=1):
         topdressed = rate_from_weighing_kg_ha(APPLIED[plot][2], APPLIED[plot][0]) * UREA_N
@@ -132,7 +132,8 @@ def found_in_grain() -> Table:
 
 
 def sampling_claims(simulated: Table) -> list[Claim]:
-    """Section 1.2 and figure 3 from table 1. `simulated`: table 1 on a canopy made here."""
+    """Returns the claims of section 1.2 and figure 3 from table 1. `simulated`: table 1 on a
+    canopy made here."""
     ours = [float(row[5] or 0.0) for row in simulated.rows[1:]]
     cv = {hz: np.array([pair[0] for pair in SAMPLING[hz]]) for hz in FREQUENCIES_HZ}
     cuc = np.concatenate([[pair[1] for pair in SAMPLING[hz]] for hz in FREQUENCIES_HZ])
@@ -263,7 +264,7 @@ def sampling_claims(simulated: Table) -> list[Claim]:
 
 
 def ndvi_claims() -> list[Claim]:
-    """Section 3.1: what topdressing did to the NDVI."""
+    """Returns the claims of section 3.1: the effect of topdressing on the NDVI."""
     raw = np.array([pair[0] for pair in SAMPLING[2.0]])
     ck, variable = float(raw[:3].mean()), float(raw[3:].mean())
     return [
@@ -312,8 +313,8 @@ def ndvi_claims() -> list[Claim]:
 
 
 def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
-    """Section 2.1 and table 2. `forward`: FC's target from its NDVI; `simulated`: table 2 on
-    the machine."""
+    """Returns the claims of section 2.1 and table 2. `forward`: FC's target from its NDVI;
+    `simulated`: table 2 on the machine."""
     smooth = prepare_rule(crop.model_copy(update={"grades": False}))
     at_edge = calc_requirement_kg_ha(
         WITHOUT_STRIP_T_HA, calc_yield_without_t_ha(0.75 / DAYS, *PAPER_CURVE)
@@ -501,7 +502,7 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
 
 
 def yield_claims() -> list[Claim]:
-    """Table 3 and what is said of it."""
+    """Returns the claims about table 3."""
     kg_ha = {plot: row[2] for plot, row in YIELDS.items()}
     cv = {plot: row[1] for plot, row in YIELDS.items()}
     return [
@@ -555,7 +556,7 @@ def yield_claims() -> list[Claim]:
 
 
 def set_up_claims() -> list[Claim]:
-    """Figures that describe the trial and the machine: inputs here."""
+    """Returns figures that describe the trial and the machine: they are inputs here."""
     return [
         Claim(
             "introduction",
@@ -579,7 +580,7 @@ def set_up_claims() -> list[Claim]:
 
 
 def decision_claims(crop: Crop, sampled: Table, forward: Table, simulated: Table) -> list[Claim]:
-    """All of the paper, in the order of its subjects."""
+    """Returns all claims of the paper, in the order of its subjects."""
     return [
         *sampling_claims(sampled),
         *rate_claims(crop, forward, simulated),

@@ -1,4 +1,4 @@
-"""Every claim of the lag paper, and what comes out."""
+"""Which claims does the lag paper make, and does each hold here?"""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ UP_TO_70 = tuple(GAIN_M)
 
 
 def rms(values: Iterable[float]) -> float:
-    """Root mean square."""
+    """Returns the root mean square."""
     return float(np.sqrt(np.mean(np.square(list(values)))))
 
 
 def equations() -> list[Claim]:
+    """Returns the claims of the equations."""
     plane = TangentPlane(*AT)
     there = plane.convert_to_deg(10.0, 0.0)
     east = calc_paper_distance_m(*AT, *there), calc_ellipsoid_distance_m(*AT, *there)
@@ -112,6 +113,7 @@ def equations() -> list[Claim]:
 
 
 def tables_1_to_3(machine: Machine) -> list[Claim]:
+    """Returns the claims of tables 1 to 3."""
     first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     repeats_m = float(np.sqrt(np.mean([np.var(values, ddof=1) for values in LAG_M.values()])))
     off_m = rms(MEAN_M[n] - MPS * first[n] for n in UP_TO_70)
@@ -188,6 +190,7 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
 
 
 def table_4(machine: Machine) -> list[Claim]:
+    """Returns the claims of table 4."""
     first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     errors = {n: 100.0 * (1.0 - detected / field) for n, (field, detected) in TOTAL_LAG_S.items()}
     restated = {
@@ -270,6 +273,7 @@ def table_4(machine: Machine) -> list[Claim]:
 
 
 def correction() -> list[Claim]:
+    """Returns the claims of the correction."""
     left = {n: MEAN_M[n] - MPS * find_paper_lag_s(n) for n in UP_TO_70}
     after = {n: float(np.mean(values)) for n, values in CORRECTED_M.items()}
     missed, remains = float(np.mean(list(after.values()))), float(np.mean(list(left.values())))
@@ -350,7 +354,7 @@ def correction() -> list[Claim]:
 
 
 def set_up() -> list[Claim]:
-    """What is described without anything to compute it from."""
+    """Returns what is described without anything to calculate it from."""
     return [
         Claim(
             "section 2.4.3",
@@ -395,5 +399,5 @@ def set_up() -> list[Claim]:
 
 
 def lag_claims(machine: Machine) -> list[Claim]:
-    """All of the paper, in the order of its subjects."""
+    """Returns all claims of the paper, in the order of its subjects."""
     return [*equations(), *tables_1_to_3(machine), *table_4(machine), *correction(), *set_up()]

@@ -1,9 +1,10 @@
-"""The lag paper's correction experiment (section 2.3, tables 5 and 6) on the machine model.
+"""What does the lag paper's correction experiment (section 2.3, tables 5 and 6) give on the
+machine model?
 
 From zero rate over a cell's boundary at a constant ground and shaft speed. Without the
 correction the command is given at the boundary, with it where the distance to the boundary
-equals L = v T_lag (eq 1 and 6). The miss is where the first granules lie, past the boundary
-positive.
+equals L = v T_lag (eq 1 and 6). The miss is the place of the first granules, positive past the
+boundary.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from .published import DROP_S, LAG_M, LAG_SPEED_KMH
 
 REPLICATES = 3
 SPEED_MPS = LAG_SPEED_KMH / 3.6
-PHASES = 400  # of the quadrature between two positions
-LEAST_DENSITY = 1e-300  # 1/m; below it a logarithm is not to be had
+# Points of the quadrature between two positions.
+PHASES = 400
+# Least density, 1/m; below it there is no logarithm.
+LEAST_DENSITY = 1e-300
 
 
 class FieldReading(NamedTuple):
-    """One way to read what happened in the field. Every part is off by default: eq 6 holds
+    """Holds one interpretation of the field experiment. Every part is off by default: eq 6 holds
     exactly."""
 
     name: str
@@ -71,8 +74,8 @@ def misses_m(
     trials: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed that the
-    paper did not test."""
+    """Returns misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed
+    that the paper did not test."""
     lag = np.full((trials, REPLICATES), _lag_s(machine, shaft_rpm, reading))
     if reading.scatter:
         drops = np.array(DROP_S[shaft_rpm])
@@ -96,7 +99,7 @@ def _lag_s(machine: Machine, shaft_rpm: int, reading: FieldReading) -> float:
 
 
 class ReadingFit(NamedTuple):
-    """How well a reading explains table 5."""
+    """Holds how well an interpretation explains table 5."""
 
     reading: FieldReading
     mean_m: float  # of all its misses
@@ -111,7 +114,8 @@ class ReadingFit(NamedTuple):
     by_rpm: dict[int, float]  # mean miss
 
 
-MEASURED_TO_M = 0.05  # a tape on the ground
+# Error of a tape on the ground, m.
+MEASURED_TO_M = 0.05
 
 
 def explain(
@@ -121,11 +125,10 @@ def explain(
     trials: int = 2000,
     seed: int = 1,
 ) -> list[ReadingFit]:
-    """Every reading held against the published misses, the likeliest first
+    """Compares every interpretation with the published misses; the likeliest first
     (`joint_log_likelihood`).
 
-    trials, seed: of the misses drawn for the means and spreads next to it.
-    """
+    trials, seed: of the misses drawn for the means and spreads next to it."""
     rng = np.random.default_rng(seed)
     fits = []
     for reading in readings:
@@ -153,8 +156,8 @@ def _within(groups: Sequence[Array]) -> float:
 
 
 def published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, float, float]:
-    """Mean miss, standard deviation between replicates, and of their means between shaft
-    speeds, m."""
+    """Returns the mean miss, the standard deviation between replicates, and that of their means
+    between shaft speeds, m."""
     groups = [np.array(values) for values in published_m.values()]
     means = [float(group.mean()) for group in groups]
     return float(np.mean(means)), _within(groups), float(np.std(means, ddof=1))
@@ -163,13 +166,13 @@ def published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, 
 def joint_log_likelihood(
     machine: Machine, reading: FieldReading, published_m: dict[int, tuple[float, ...]]
 ) -> float:
-    """Of all published misses together, natural logarithm, 1/m: by quadrature over the moment
-    between two positions and the scatter of the drop times, smoothed by the tape's error.
+    """Returns the joint likelihood of all published misses, natural logarithm, 1/m: by
+    quadrature over the moment between two positions and the scatter of the drop times, smoothed
+    by the tape's error.
 
     What the replicates of a shaft speed share, they share here: where that is the phase, the
     three are likely together or not at all. Judged value by value, a shared phase looked as
-    likely as one of each drive's own.
-    """
+    likely as one of each drive's own."""
     total = 0.0
     for rpm, values in published_m.items():
         by_phase = [_densities(machine, rpm, reading, value) for value in values]
@@ -181,7 +184,8 @@ def joint_log_likelihood(
 
 
 class Rival(NamedTuple):
-    """The field's own lag with both spreads fitted to table 5: two parameters, no mechanism."""
+    """Holds the field's own lag with both spreads fitted to table 5: two parameters, no
+    mechanism."""
 
     mean_m: float
     between_m: float  # s.d. of shaft speeds about it
@@ -192,8 +196,8 @@ class Rival(NamedTuple):
 
 
 def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
-    """Greatest likelihood in closed form: the mean by shaft speed is table 1's distance less
-    the lag that was corrected for; what is left spreads normally between shaft speeds and
+    """Returns the rival of greatest likelihood in closed form: the mean by shaft speed is table
+    1's distance minus the corrected lag; the rest spreads normally between shaft speeds and
     between replicates."""
     expected = [
         float(np.mean(LAG_M[rpm])) - SPEED_MPS * find_paper_lag_s(rpm) for rpm in published_m
@@ -218,7 +222,7 @@ def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
 
 
 def _densities(machine: Machine, shaft_rpm: int, reading: FieldReading, value_m: float) -> Array:
-    """Of one miss at each phase (PHASES,), 1/m."""
+    """Returns the density of one miss at each phase (PHASES,), 1/m."""
     lag_s = np.full((PHASES, 1), _lag_s(machine, shaft_rpm, reading))
     if reading.update_hz is not None:
         lag_s += (np.arange(PHASES)[:, None] + 0.5) / PHASES / reading.update_hz
@@ -242,8 +246,9 @@ def wider_apart(
     trials: int = 4000,
     seed: int = 1,
 ) -> float:
-    """Share of tables drawn by a reading in which shaft speeds differ from one another by as
-    much more than replicates do as in the published one (ratio of the two standard deviations)."""
+    """Returns the share of tables drawn by an interpretation in which shaft speeds differ from
+    one another, relative to replicates, by at least as much as in the published one (ratio of
+    the two standard deviations)."""
     rng = np.random.default_rng(seed)
     drawn = np.stack([misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m])
 

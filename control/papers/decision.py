@@ -1,4 +1,5 @@
-"""The decision paper: sampling (table 1), rate over NDVI (figure 4), amounts (table 2)."""
+"""Does the decision paper come out here? Sampling (table 1), rate over NDVI (figure 4), amounts
+(table 2)."""
 
 from __future__ import annotations
 
@@ -52,7 +53,7 @@ CANOPIES = (
 
 
 def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
-    """Everything of the paper, published next to obtained."""
+    """Returns everything of the paper, published next to obtained."""
     rule = prepare_rule(crop)
     sampled, words = sampling(seed)
     forward, forward_words = forward_targets(crop)
@@ -77,8 +78,8 @@ def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
 
 
 def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
-    """Table 1 on simulated canopies: for each plot one of the published CV at 2 Hz, read as
-    READINGS say."""
+    """Returns table 1 on simulated canopies: for each plot a canopy of the published CV at 2 Hz,
+    read as READINGS say."""
     papers = [
         {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
     ]
@@ -160,7 +161,7 @@ def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
 
 
 def _share(draws: list[list[dict[float, Evenness]]]) -> int:
-    """In how many of these 1 Hz changes the canopy's picture least."""
+    """Returns in how many of these draws 1 Hz changes the statistics of the canopy least."""
     return sum(choose_frequency(draw).frequency_hz == 1.0 for draw in draws)
 
 
@@ -172,7 +173,7 @@ def _plots(length_m: float, correlation_m: float, seed: int) -> list[dict[float,
 
 
 def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: int) -> Array:
-    """NDVI at 2 Hz along a plot, mean of six heads, with the CV asked for."""
+    """Returns NDVI at 2 Hz along a plot, mean of six heads, with the given CV."""
     field = CanopyField(
         Canopy(mean_ndvi=MEAN_NDVI, cv_percent=cv_percent, correlation_m=correlation_m),
         (0.0, 12.0),
@@ -196,8 +197,8 @@ def _mean_sd(values: list[float]) -> tuple[float, float]:
 
 
 def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
-    """Table 2's target of FC from the mean NDVI that figure 2 prints for it, by four readings
-    of section 2.1."""
+    """Returns table 2's target of FC from the mean NDVI that figure 2 prints for it, by four
+    interpretations of section 2.1."""
     ndvi = NDVI_OF["FC"]
     cv_percent = float(
         np.mean([SAMPLING[2.0][k][0] for k, plot in enumerate(PLOTS) if plot.startswith("FC")])
@@ -227,7 +228,7 @@ def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
 
 
 def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
-    """Of a canopy with this mean and CV, spread normally, kg/ha."""
+    """Returns the mean rate of a canopy with this mean and CV, normally distributed, kg/ha."""
     rule = prepare_rule(crop)
     z = np.linspace(-3.0, 3.0, 121) if cv_percent > 0.0 else np.zeros(1)
     values = [
@@ -237,8 +238,8 @@ def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
 
 
 def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
-    """Table 2's FC on the simulated machine, a canopy of its printed NDVI: as the machine is in
-    its file, and with an outflow 7 % above it, unknown to control."""
+    """Returns table 2's FC on the simulated machine, a canopy of its printed NDVI: with the
+    machine file as it is, and with an outflow 7 % higher that control does not know."""
     _, target_kg, applied_kg, error_percent = APPLIED["FC"]
     nominal, planted = (
         _plot(machine, crop, rule, NDVI_OF["FC"], seed, effect) for effect in ((), ("flow.gain=7",))
@@ -267,7 +268,7 @@ def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
 def _plot(
     machine: Machine, crop: Crop, rule: Rule, ndvi: float, seed: int, effects: tuple[str, ...]
 ) -> tuple[float, float, float]:
-    """Target kg, kg really released over the plot, error %."""
+    """Returns target kg, kg really released over the plot, and error %."""
     canopy = Canopy(mean_ndvi=ndvi, cv_percent=CV_PERCENT, correlation_m=CORRELATION_M)
     job = add_simulated_field(
         Job(
@@ -295,7 +296,7 @@ def _plot(
 
 
 def nitrogen() -> Table:
-    """The abstract's 28 kg/ha more nitrogen: from which of table 2's columns."""
+    """Returns the sources of the abstract's 28 kg/ha more nitrogen: the columns of table 2."""
     extra = [
         extra_nitrogen_kg_ha(
             [rate_from_weighing_kg_ha(row[column], row[0]) for row in APPLIED.values()],
@@ -312,6 +313,7 @@ def nitrogen() -> Table:
 
 
 def grain_words() -> str:
+    """Describes the nitrogen found in the grain."""
     shares = ", ".join(f"{100.0 * one.share:.1f}" for one in grain_n())
     return (
         f"Eq 2 takes 60 % of the nitrogen to be found in the grain; table 3 holds {shares} "
@@ -325,7 +327,7 @@ def grain_words() -> str:
 
 
 def grain_picture() -> Picture:
-    """What eq 2 assumes next to what table 3 found."""
+    """Returns eq 2's assumption next to table 3's result."""
     found = grain_n()
     return Picture(
         "Table 3 against eq 2: nitrogen in the grain over nitrogen given, both more than CK",
@@ -350,7 +352,7 @@ def grain_picture() -> Picture:
 
 
 def grades(crop: Crop) -> Table:
-    """The grades of figure 4; the text's width of 0.5 is 0.05."""
+    """Returns the grades of figure 4; the text's width of 0.5 is 0.05."""
     rows = tuple(
         (f"({grade.ndvi_above:.2f}, {grade.ndvi_to:.2f}]", grade.rate_kg_ha)
         for grade in make_rate_table(crop)
@@ -364,7 +366,8 @@ def grades(crop: Crop) -> Table:
 
 
 def sampling_picture(table: Table) -> Picture:
-    """Figure 3 from table 1 and from the simulated canopy; `table`: the first of `sampling`."""
+    """Returns figure 3 from table 1 and from the simulated canopy; `table`: the first of
+    `sampling`."""
     hz = [float(str(row[0])) for row in table.rows]
     return Picture(
         "Figure 3: CV over sampling frequency, mean of twelve plots",
@@ -384,6 +387,7 @@ def sampling_picture(table: Table) -> Picture:
 
 
 def rate_picture(crop: Crop) -> Picture:
+    """Returns the picture of rate over NDVI."""
     smooth, graded = prepare_rule(crop.model_copy(update={"grades": False})), prepare_rule(crop)
     ndvi = np.linspace(0.2, 0.8, 601)
     at = rate_from_weighing_kg_ha(APPLIED["FC"][1], APPLIED["FC"][0])

@@ -1,5 +1,5 @@
-"""Every element that the papers describe, and where it is in this program; what is not here,
-and why."""
+"""Which elements do the papers describe, where are they in this program, and which are missing
+and why?"""
 
 from __future__ import annotations
 
@@ -198,6 +198,7 @@ ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
 
 
 def elements_section() -> Section:
+    """Returns the table of all elements."""
     count = {here: sum(row[2] == here for row in ELEMENTS) for here in (YES, PARTLY, NO)}
     return Section(
         "Every element of the papers",

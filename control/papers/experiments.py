@@ -1,5 +1,5 @@
-"""One machine, every table of the lag paper: each through its own experiment, and what the
-tables leave open.
+"""Does one machine reproduce every table of the lag paper? Each by its own experiment, and what
+the tables leave open.
 
 Table 2: command to 2 r/min. Table 3: from there to the first granule of a start
 (`control.machine.start`), as the plate of the rig sees it. Table 4: the two together; and table
@@ -36,7 +36,7 @@ DROP_SE_S = np.array([np.std(DROP_S[n], ddof=1) / np.sqrt(len(DROP_S[n])) for n 
 
 
 class Sized(NamedTuple):
-    """A fitted figure with its 90 % interval."""
+    """Holds a fitted figure with its 90 % interval."""
 
     value: float
     low: float
@@ -47,7 +47,8 @@ class Sized(NamedTuple):
 
 
 class PaperField(NamedTuple):
-    """What makes the field's distances out of the rig's lags: the speed of the test, or a delay."""
+    """Holds what converts the rig's lags to the field's distances: the speed of the test, or a
+    delay."""
 
     mps: Sized
     mps_rms_m: float
@@ -56,7 +57,7 @@ class PaperField(NamedTuple):
 
 
 def with_rise(machine: Machine) -> tuple[Machine, Sized]:
-    """The machine with the rise above 70 r/min that table 3's means at 80 to 100 r/min show,
+    """Returns the machine with the rise above 70 r/min in table 3's means at 80 to 100 r/min,
     through the rig's test."""
     above = [k for k, n in enumerate(SPEEDS_RPM) if n > machine.fall.valid_to_rpm]
 
@@ -77,9 +78,9 @@ def with_rise(machine: Machine) -> tuple[Machine, Sized]:
 
 
 def risen_by(machine: Machine, parameter: Sized) -> Sized:
-    """How much a start at 100 r/min lies above the line, s. The parameter is the rise of a
-    granule's own drop at 100 r/min; those that leave while the shaft speeds up take less, and
-    the first granule is one of them."""
+    """Returns how much a start at 100 r/min lies above the line, s. The parameter is the rise of
+    a granule's own drop at 100 r/min; granules that leave while the shaft speeds up take less,
+    and the first one is among them."""
     line = find_first_fall_s(machine, machine.fall, 100.0)
     return Sized(
         *(
@@ -90,8 +91,8 @@ def risen_by(machine: Machine, parameter: Sized) -> Sized:
 
 
 class Odds(NamedTuple):
-    """What makes table 1's distances of tables 2 and 3: three ways, each with its best size and
-    its log likelihood."""
+    """Holds three explanations of table 1's distances by tables 2 and 3, each with its best size
+    and its log likelihood."""
 
     speed_kmh: float
     delay_s: float  # at the written speed
@@ -110,9 +111,9 @@ class Odds(NamedTuple):
 
 
 def speed_or_delay() -> Odds:
-    """Table 1's means at 10 to 70 r/min against the line through table 3's seventy drop times
-    and the mean response, the line with its own uncertainty: it comes into all seven distances
-    alike, and a steeper rig makes a delay fit as well."""
+    """Compares table 1's means at 10 to 70 r/min with the line through table 3's seventy drop
+    times and the mean response, with the line's own uncertainty: it enters all seven distances
+    equally, and a steeper rig makes a delay fit as well."""
     rpm = np.array([n for n in SPEEDS_RPM if n <= 70], dtype=np.float64)
     drops = np.concatenate([DROP_S[int(n)] for n in rpm])
     design = np.column_stack([np.ones(len(drops)), np.repeat(rpm, len(drops) // len(rpm))])
@@ -148,9 +149,9 @@ def speed_or_delay() -> Odds:
 def overtaking_fall_s(
     machine: Machine, shaft_rpm: float, intercept_s: float, slope_s_per_rpm: float
 ) -> float:
-    """The same test where granules fall singly, each with the drop time of the shaft speed at
-    its release, so that later ones overtake, s. With eq 6 as that drop time: the model before,
-    kept to compare with."""
+    """Returns the result of the same test where granules fall singly, each with the drop time of
+    the shaft speed at its release, so that later ones overtake, s. With eq 6 as that drop time
+    it is the earlier model, kept for comparison."""
     shaft, rpm, at_s, first = machine.shaft, 2.0, 0.0, float("inf")
     while at_s < 1.5:
         first = min(first, at_s + intercept_s + slope_s_per_rpm * rpm)
@@ -162,13 +163,13 @@ def overtaking_fall_s(
 
 
 def starts(machine: Machine, falls: Callable[[float], float]) -> Array:
-    """Whole lags of a start at the paper's shaft speeds, (10,) s."""
+    """Returns the whole lags of a start at the paper's shaft speeds, (10,) s."""
     return np.array([calc_response_s(machine, n) + falls(n) for n in SPEEDS_RPM])
 
 
 def field_of(lags_s: Array) -> PaperField:
-    """Speed or delay that makes table 1's distances from the lags, least squares over all ten
-    shaft speeds."""
+    """Returns the speed or delay that converts the lags to table 1's distances, least squares
+    over all ten shaft speeds."""
     mps = MEAN_M / lags_s
     delay = MEAN_M / WRITTEN_MPS - lags_s
     return PaperField(
@@ -190,7 +191,8 @@ def _rms(values: Array) -> float:
 
 
 def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
-    """Rows, r.m.s. by table next to the old model's, what settles what; and the words on it."""
+    """Returns the rows, the r.m.s. by table next to the old model's, what settles what, and the
+    words about it."""
     risen, parameter = with_rise(machine)
     rise = risen_by(machine, parameter)
     lags = starts(risen, lambda n: find_first_fall_s(risen, risen.fall, n))
@@ -425,8 +427,8 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
 
 
 def _singly(machine: Machine) -> float:
-    """Running drop at 70 r/min, s, if granules fall by themselves and overtake: the line whose
-    overtaking start is that of the machine (least squares, 10 to 70 r/min)."""
+    """Returns the running drop at 70 r/min, s, if granules fall singly and overtake: the line
+    whose overtaking start is that of the machine (least squares, 10 to 70 r/min)."""
     speeds = [n for n in SPEEDS_RPM if n <= machine.fall.valid_to_rpm]
 
     def off(line: Array) -> Array:

@@ -1,5 +1,5 @@
-"""The lag paper: lag distances, response, drop times, the whole lag, the line, the correction,
-and what eq 3 costs."""
+"""Does the lag paper come out here? Lag distances, response, drop times, the whole lag, the
+line, the correction, and the error of eq 3."""
 
 from __future__ import annotations
 
@@ -41,11 +41,12 @@ from .published import (
 )
 
 SPEED_MPS = LAG_SPEED_KMH / 3.6
-EQ3_AT = (40.0, 116.0)  # the paper's field, near Beijing
+# The paper's field, near Beijing.
+EQ3_AT = (40.0, 116.0)
 
 
 def lag_section(machine: Machine) -> Section:
-    """Everything of the paper, published next to obtained."""
+    """Returns everything of the paper, published next to obtained."""
     correction, words = correction_tables(machine)
     line, line_words = lag_line()
     claims = tuple(lag_claims(machine))
@@ -71,6 +72,7 @@ def lag_section(machine: Machine) -> Section:
 
 
 def distances(machine: Machine) -> Table:
+    """Returns table 1, lag distances, published and obtained."""
     rows = tuple(
         (
             rpm,
@@ -89,6 +91,7 @@ def distances(machine: Machine) -> Table:
 
 
 def responses(machine: Machine) -> Table:
+    """Returns table 2, responses, published and obtained."""
     rows = tuple(
         (rpm, *values, calc_response_s(machine, rpm)) for rpm, values in RESPONSE_S.items()
     )
@@ -101,6 +104,7 @@ def responses(machine: Machine) -> Table:
 
 
 def drops(machine: Machine) -> Table:
+    """Returns table 3, drop times, published and obtained."""
     rows = tuple(
         (
             rpm,
@@ -120,6 +124,7 @@ def drops(machine: Machine) -> Table:
 
 
 def totals(machine: Machine) -> Table:
+    """Returns table 4, whole lags, published and obtained."""
     rows = tuple(
         (
             rpm,
@@ -140,7 +145,7 @@ def totals(machine: Machine) -> Table:
 
 
 def lag_line() -> tuple[Table, tuple[str, ...]]:
-    """Eq 6 fitted again, on what it says it was fitted on and on the other column."""
+    """Returns eq 6 fitted again, on the data it claims and on the other column."""
     rows: list[tuple[str | float, ...]] = [("eq 6", LAG_LINE[0], LAG_LINE[1], LAG_CORRELATION)]
     fits = {}
     for column, name in ((1, "detected, table 4"), (0, "field, table 4")):
@@ -168,6 +173,7 @@ def lag_line() -> tuple[Table, tuple[str, ...]]:
 
 
 def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
+    """Returns tables 5 and 6, published and obtained."""
     rng = np.random.default_rng(1)
     once = next(reading for reading in READINGS if reading.name == ONCE_A_SECOND)
     rows = []
@@ -269,7 +275,8 @@ def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
 
 
 def eq3() -> Table:
-    """What eq 3 as printed makes of 10 m, and its put-right form on the paper's radius."""
+    """Returns eq 3's result for 10 m as printed, and in its corrected form on the paper's
+    radius."""
     plane = TangentPlane(*EQ3_AT)
     rows = []
     for name, place in (
@@ -295,6 +302,7 @@ def eq3() -> Table:
 
 
 def drop_picture(machine: Machine) -> Picture:
+    """Returns the picture of drop times."""
     speeds = [float(rpm) for rpm in DROP_S]
     rising = np.linspace(10.0, 70.0, 61)
     return Picture(
@@ -321,7 +329,7 @@ def drop_picture(machine: Machine) -> Picture:
 
 
 def lags_picture() -> Picture:
-    """Figure 9 as section 2.4.3 tells it; its caption speaks of the drop time."""
+    """Returns figure 9 as section 2.4.3 describes it; its caption names the drop time."""
     speeds = [float(rpm) for rpm in TOTAL_LAG_S]
     return Picture(
         "Figure 9: whole lag over shaft speed, drawn from table 4",
@@ -346,6 +354,7 @@ def lags_picture() -> Picture:
 
 
 def line_picture() -> Picture:
+    """Returns figure 10, the line of the whole lag."""
     speeds = [rpm for rpm in TOTAL_LAG_S if rpm <= 70]
     return Picture(
         "Figure 10: whole lag over shaft speed",
@@ -367,6 +376,7 @@ def line_picture() -> Picture:
 
 
 def gain_picture(gain: Table) -> Picture:
+    """Returns the picture of the misses before and after the correction."""
     late = [float(row[7] or 0.0) for row in gain.rows]
     speeds = [float(rpm) for rpm in GAIN_M]
     return Picture(

@@ -1,5 +1,5 @@
-"""The lag paper's geometry on the prescription map: eq 2 (which cell) and eq 4 and 5 (where a
-line meets an edge)."""
+"""Is the lag paper's geometry on the prescription map right? Eq 2 (which cell) and eq 4 and 5
+(where a line meets an edge)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from topdress.control.geodesy import TangentPlane
 
 from .page import Table
 
-# X longitude, Y latitude, degrees, as the paper has them
+# Longitude X and latitude Y, degrees, as in the paper.
 Point = tuple[float, float]
-CELL_M = 10.0  # of the paper's field
+# Cell size of the paper's field, m.
+CELL_M = 10.0
 AT = (40.0, 116.0)  # near Beijing
 AHEAD_M = 20.0
 # heading of the working line and of the edge, degrees
@@ -25,8 +26,8 @@ CASES = (
 
 
 def paper_cell(distance_m: float, half_m: float) -> int:
-    """Column or row of a place by its distance from the middle of cell 0 (eq 2). ValueError
-    before cell 0."""
+    """Returns the column or row of a place by its distance from the middle of cell 0 (eq 2).
+    ValueError before cell 0."""
     if distance_m >= half_m:
         return ceil((distance_m - half_m) / (2.0 * half_m))
     if distance_m > -half_m:
@@ -37,24 +38,24 @@ def paper_cell(distance_m: float, half_m: float) -> int:
 def cells_that_agree(
     count: int = 1001, cell: Callable[[float, float], int] = paper_cell
 ) -> tuple[int, int]:
-    """At how many of `count` distances up to 100 m eq 2, `cell`, gives the cell in which they
-    lie; an edge belongs to the cell before it."""
+    """Returns at how many of `count` distances up to 100 m eq 2, `cell`, gives the right cell;
+    an edge belongs to the cell before it."""
     half = 0.5 * CELL_M
     places = [k * 100.0 / (count - 1) for k in range(count)]
     return sum(cell(at, half) == max(0, ceil(at / CELL_M - 0.5)) for at in places), count
 
 
 def crossing(of: Point, towards: Point, a: Point, b: Point) -> Point:
-    """Where the line through `of` and `towards` meets that through a and b, by vectors: no
-    slope, so any direction. ZeroDivisionError for parallel lines."""
+    """Returns where the line through `of` and `towards` meets that through a and b, by vectors:
+    without a slope, so in any direction. ZeroDivisionError for parallel lines."""
     (dx, dy), (ex, ey) = (towards[0] - of[0], towards[1] - of[1]), (b[0] - a[0], b[1] - a[1])
     share = ((a[0] - of[0]) * ey - (a[1] - of[1]) * ex) / (dx * ey - dy * ex)
     return of[0] + share * dx, of[1] + share * dy
 
 
 def paper_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point | None:
-    """The same as eq 4 and 5 print it; None where a slope does not exist (eq 4 asks for X1
-    other than X2)."""
+    """Returns the same by eq 4 and 5 as printed; None where a slope does not exist (eq 4 needs
+    X1 other than X2)."""
     if of[0] == towards[0]:
         return None
     k1 = (of[1] - towards[1]) / (of[0] - towards[0])
@@ -68,7 +69,8 @@ def paper_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point | Non
 
 
 def boundary_table() -> Table:
-    """Distance to an edge 20 m ahead along the working line, as printed and by vectors, m."""
+    """Returns the distance to an edge 20 m ahead along the working line, as printed and by
+    vectors, m."""
     plane = TangentPlane(*AT)
 
     def point(east_m: float, north_m: float) -> Point:

@@ -1,6 +1,5 @@
-"""What a page of reproductions is made of: sections with words, tables and pictures, before
-anybody draws them; what a paper says, row by row, next to what comes out here, and how it came
-out."""
+"""What does a page of reproductions consist of? Sections with words, tables and pictures, before
+they are drawn, and claims next to the results obtained here."""
 
 from __future__ import annotations
 
@@ -12,7 +11,7 @@ Cell = str | float | None
 
 
 class Table(NamedTuple):
-    """`decimals`: of the numbers, column by column; rows of as many cells as columns."""
+    """Holds a table. `decimals`: of the numbers, column by column."""
 
     title: str
     columns: tuple[str, ...]
@@ -21,7 +20,8 @@ class Table(NamedTuple):
 
 
 class Line(NamedTuple):
-    """`kind`: published, ours or other; `joined`: a line, otherwise marks."""
+    """Holds a line of a picture. `kind`: published, ours or other; `joined`: a line, otherwise
+    marks."""
 
     name: str
     kind: str
@@ -38,8 +38,8 @@ class Picture(NamedTuple):
 
 
 class How(StrEnum):
-    """Where the obtained figure comes from. A copied figure has none: an input cannot confirm
-    itself."""
+    """Names where an obtained figure comes from. A copied figure has none: an input cannot
+    confirm itself."""
 
     # from other figures that the paper prints, by its own definition
     RECOMPUTED = "recomputed"
@@ -51,8 +51,10 @@ class How(StrEnum):
 
 
 class Claim(NamedTuple):
-    """`where`: equation, table, figure or section; `says`: what it tells. `agrees`: None where
-    nothing is compared. `within`: how far apart the two may be to agree, and why so far."""
+    """Holds a claim of a paper.
+
+    `where`: equation, table, figure or section; `says`: its content. `agrees`: None where
+    nothing is compared. `within`: tolerance, and its reason."""
 
     where: str
     says: str
@@ -87,8 +89,8 @@ def compared(
     remark: str = "",
     why: str = DIGITS,
 ) -> Claim:
-    """A number next to a number; they agree if they differ by at most `within`, for the reason
-    `why`. `form`: of both, with the unit."""
+    """Compares two numbers: they agree if they differ by at most `within`, for the reason `why`.
+    `form`: of both, with the unit."""
     unit = form.partition("}")[2].strip()
     return Claim(
         where,
@@ -103,8 +105,8 @@ def compared(
 
 
 def ledger(name: str, claims: Sequence[Claim]) -> Table:
-    """Every claim of a paper as a table. Raises ValueError for a copied figure that is said to
-    be obtained, and for a verdict without its tolerance."""
+    """Returns every claim of a paper as a table. Raises ValueError for a copied figure that
+    claims to be obtained, and for a verdict without its tolerance."""
     for claim in claims:
         if (claim.how is How.COPIED) != (not claim.obtained):
             raise ValueError(
@@ -139,7 +141,7 @@ def _verdict(claim: Claim) -> str:
 
 
 def summary(papers: Sequence[Section]) -> Section:
-    """How many claims there are of each kind, and those that do not come out."""
+    """Returns how many claims there are of each kind, and those that do not hold."""
     counts: list[tuple[str | float, ...]] = []
     against: list[tuple[str, ...]] = []
     for paper in papers:

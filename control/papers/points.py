@@ -1,5 +1,5 @@
-"""The point paper: delays, shaft speeds by microstep, and where doses land, which it planned
-but does not print."""
+"""Does the point paper come out here? Delays, shaft speeds by microstep, and where doses land,
+which it planned but does not print."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ SPEEDS_MPS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
 
 
 def points_section(plants: int = 200) -> Section:
-    """Everything of the paper, published next to obtained; dose placement on a simulated row of
-    plants."""
+    """Returns everything of the paper, published next to obtained; dose placement on a simulated
+    row of plants."""
     table, picture = placement(plants)
     claims = tuple(points_claims(calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)))
     return Section(
@@ -38,6 +38,7 @@ def points_section(plants: int = 200) -> Section:
 
 
 def delays() -> Table:
+    """Returns the four delays, published and obtained."""
     lag = calc_point_lag(
         TURN_DEG, SHAFT_RPM, FALL_M, POINT_DELAYS_S["vision"], POINT_DELAYS_S["link"]
     )
@@ -58,6 +59,7 @@ def delays() -> Table:
 
 
 def microsteps() -> Table:
+    """Returns table 1, shaft speeds by microstep mode."""
     pulses = pulse_rate_s()
     return Table(
         "Table 1: shaft speed by microstep mode, r/min; one pulse rate fitted to the "
@@ -72,7 +74,7 @@ def microsteps() -> Table:
 
 
 def turning_picture() -> Picture:
-    """Figure 4: the time of a turn at each microstep mode, 6 n degrees a second."""
+    """Returns figure 4: the time of a turn at each microstep mode, 6 n degrees a second."""
     kinds = ("published", "other", "ours")
     return Picture(
         "Figure 4: turning time over angle (recomputed from table 1's shaft speeds)",
@@ -86,6 +88,7 @@ def turning_picture() -> Picture:
 
 
 def placement(plants: int) -> tuple[Table, Picture]:
+    """Returns where simulated doses land, as a table and a picture."""
     lag = calc_point_lag(TURN_DEG, SHAFT_RPM, FALL_M)
     rows = []
     missed: dict[float, list[float]] = {}
@@ -127,17 +130,18 @@ def placement(plants: int) -> tuple[Table, Picture]:
     )
 
 
-STEPS_A_TURN = 200.0  # 1.8 degrees a full step
+# Full steps of 1.8 degrees.
+STEPS_A_TURN = 200.0
 TURN_DEG, SHAFT_RPM, FALL_M = 120.0, 99.8, 1.0
 
 
 def pulse_rate_s() -> float:
-    """The one pulse rate that fits table 1 best, 1/s (least squares of relative errors)."""
+    """Returns the pulse rate that fits table 1 best, 1/s (least squares of relative errors)."""
     return float(np.mean([rpm * mode * STEPS_A_TURN / 60.0 for mode, rpm in MICROSTEPS.items()]))
 
 
 def points_claims(lag: PointLag) -> list[Claim]:
-    """`lag`: a dose of 120 degrees at 99.8 r/min from 1 m."""
+    """Returns the claims of the paper. `lag`: a dose of 120 degrees at 99.8 r/min from 1 m."""
     pulses = pulse_rate_s()
     fits = [60.0 * pulses / (STEPS_A_TURN * mode) for mode in MICROSTEPS]
     parts = POINT_DELAYS_S["vision"] + POINT_DELAYS_S["link"] + lag.turn_s + lag.fall_s

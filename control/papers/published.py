@@ -1,5 +1,5 @@
-"""Figures that the papers print, as they print them. Nothing in control works with them; they
-stand next to ours."""
+"""Which figures do the papers print? As they print them; control does not use them, they stand
+next to ours."""
 
 from __future__ import annotations
 

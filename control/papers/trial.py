@@ -1,6 +1,6 @@
-"""A field trial of one's own, looked at as the decision paper looks at its own: readings by
-plot before and after, the decision rate that changes their picture least, target against
-weighed kilograms, yields (tables 1 to 3, figure 7)."""
+"""How does a field trial of one's own compare with the decision paper's? Readings by plot before
+and after, the best decision rate, target against weighed kilograms, yields (tables 1 to 3,
+figure 7)."""
 
 from __future__ import annotations
 
@@ -22,16 +22,20 @@ from .claims_decision import rate_from_weighing_kg_ha
 from .page import Cell, Line, Picture, Section, Table
 from .published import APPLIED
 
-HALVINGS = 4  # 2 to 0.125 Hz, as table 1 has it
-# of a plot at the lowest frequency that is compared: an s.d. of fewer says nothing
+# Halvings of the sampling frequency: 2 to 0.125 Hz, as in table 1.
+HALVINGS = 4
+# Least number of a plot's readings at the lowest frequency: fewer give no standard deviation.
 LEAST_READINGS = 4
-CONFIDENCE = 0.90  # of the intervals, as everywhere on these pages
+# Confidence of the intervals on these pages.
+CONFIDENCE = 0.90
 
 
 class Plot(NamedTuple):
-    """One plot. `before`, `after`: the canopy's index, mean of the heads, (n,), in the order of
-    the way. Sums of kg within it: `target_kg`, `logged_kg` by the log, `weighed_kg` by the
-    scales; None: not known. `samples_kg_ha`: yields."""
+    """Holds one plot.
+
+    `before`, `after`: the canopy's index, mean of the heads, (n,), in the order of the way.
+    Masses within it, kg: `target_kg`, `logged_kg` by the log, `weighed_kg` by the scales; None:
+    unknown. `samples_kg_ha`: yields."""
 
     name: str
     treatment: str
@@ -45,14 +49,14 @@ class Plot(NamedTuple):
 
     @property
     def given_kg_ha(self) -> float | None:
-        """Product, as weighed; by the log where nobody weighed."""
+        """Returns the rate of product as weighed; by the log where nobody weighed."""
         kg = self.logged_kg if self.weighed_kg is None else self.weighed_kg
         return None if kg is None else rate_from_weighing_kg_ha(kg, self.area_m2)
 
 
 class Trial(NamedTuple):
-    """`hz`: of the readings in the log; n_fraction: N in the product; grain_n_kg_t: N in the
-    grain."""
+    """Holds a trial. `hz`: of the readings in the log; n_fraction: N in the product;
+    grain_n_kg_t: N in the grain."""
 
     plots: tuple[Plot, ...]
     hz: float
@@ -61,7 +65,7 @@ class Trial(NamedTuple):
 
     @property
     def treatments(self) -> dict[str, list[Plot]]:
-        """In the order of the plots."""
+        """Returns the plots by treatment, in the order of the plots."""
         found: dict[str, list[Plot]] = {}
         for plot in self.plots:
             found.setdefault(plot.treatment, []).append(plot)
@@ -69,8 +73,8 @@ class Trial(NamedTuple):
 
 
 def trial_section(trial: Trial, control: str | None = None) -> Section:
-    """control: the treatment that the others are held against; None: the one that got least.
-    Raises ValueError."""
+    """Returns the section of a trial. control: the treatment that the others are compared with;
+    None: the one with the least product. Raises ValueError."""
     if control is not None and control not in trial.treatments:
         raise ValueError(f"--control {control}: allowed is one of {', '.join(trial.treatments)}")
     against = control or _least(trial)
@@ -85,7 +89,7 @@ def trial_section(trial: Trial, control: str | None = None) -> Section:
 
 
 def choice_of(trial: Trial) -> FrequencyChoice | None:
-    """The decision rate by the plots' own readings; None where they are too few."""
+    """Returns the decision rate by the plots' own readings; None where they are too few."""
     plots = [_frequencies(plot, trial.hz) for plot in trial.plots]
     try:
         return choose_frequency(plots, trial.hz)
@@ -94,7 +98,7 @@ def choice_of(trial: Trial) -> FrequencyChoice | None:
 
 
 def frequencies(trial: Trial) -> tuple[Table, str]:
-    """Table 1 of these plots, and the frequency that it speaks for."""
+    """Returns table 1 of these plots, and the best frequency."""
     plots = [_frequencies(plot, trial.hz) for plot in trial.plots]
     rows: list[tuple[Cell, ...]] = []
     choice = choice_of(trial)
@@ -136,7 +140,7 @@ def _frequencies(plot: Plot, hz: float) -> dict[float, Evenness]:
 
 
 def canopy(trial: Trial) -> Table:
-    """Figure 7 as a table: each plot, and each treatment's plots together."""
+    """Returns figure 7 as a table: each plot, and each treatment's plots together."""
     rows: list[tuple[Cell, ...]] = []
     for treatment, plots in trial.treatments.items():
         rows += [
@@ -197,8 +201,8 @@ def _known(value: float) -> float | None:
 
 
 def amounts(trial: Trial) -> Table:
-    """Table 2 of these plots: errors against the target, as the paper has them; the log's own
-    kilograms next to what was weighed say whether log or machine is off."""
+    """Returns table 2 of these plots: errors against the target, as in the paper; the log's own
+    kilograms next to the weighed ones show whether log or machine is wrong."""
 
     def percent(kg: float | None, of_kg: float | None) -> float | None:
         return None if kg is None or not of_kg else 100.0 * (kg / of_kg - 1.0)
@@ -238,9 +242,9 @@ def amounts(trial: Trial) -> Table:
 
 
 def yields(trial: Trial, control: str) -> tuple[Table, ...]:
-    """Table 3 of these plots, with what it cannot say: whether treatments differ beyond their
-    samples' scatter. A plot is one replicate, the mean of its samples; samples of one plot are
-    none of one another."""
+    """Returns table 3 of these plots, with what it cannot show: whether treatments differ beyond
+    their samples' scatter. A plot is one replicate, the mean of its samples; samples of one plot
+    are not independent replicates."""
     means = {
         name: [float(np.mean(plot.samples_kg_ha)) for plot in plots if plot.samples_kg_ha]
         for name, plots in trial.treatments.items()
@@ -295,8 +299,8 @@ def yields(trial: Trial, control: str) -> tuple[Table, ...]:
 
 
 def _apart(ours: Sequence[float], others: Sequence[float]) -> tuple[float | None, float | None]:
-    """Difference of two means, and half of its 90 % interval (Welch 1947, Biometrika 34:28-35);
-    no interval where either is a single plot."""
+    """Returns the difference of two means, and half of its 90 % interval (Welch 1947, Biometrika
+    34:28-35); no interval where either is a single plot."""
     if not ours or not others:
         return None, None
     more = float(np.mean(ours) - np.mean(others))
