@@ -284,7 +284,9 @@ def both_speeds(rig: Hosted) -> Found:
 def board_unplugged(rig: Hosted) -> Found:
     rig.unplug("board")
     measured_s = rig.until(lambda: rig.state == "fault", 3.0)
-    board_s = measured_s + rig.until(lambda: not rig.virtual.board.set_points(rig.now_s)[1], 5.0)
+    board_s = measured_s + rig.until(
+        lambda: not rig.virtual.board.find_set_points(rig.now_s)[1], 5.0
+    )
     still_s = board_s + rig.until(lambda: rig.rpm < 1.0, 5.0)
     refused = rig.ask(Do.READY).why
     rig.plug_in("board")
@@ -315,7 +317,7 @@ def host_silent(rig: Hosted) -> Found:
     while rig.now_s - started_s < 2.0:
         rig.now_s += DT_S
         rig.virtual.advance_to(rig.now_s)
-        if not rig.virtual.board.set_points(rig.now_s)[1]:
+        if not rig.virtual.board.find_set_points(rig.now_s)[1]:
             off_s = min(off_s, rig.now_s - started_s)
         if rig.rpm < 1.0:
             stands_s = min(stands_s, rig.now_s - started_s)
