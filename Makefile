@@ -31,7 +31,7 @@ $(VENV)/.installed: $(VENV)/.program requirements/dev.txt
 # The machine model compiled for this computer, once for these sources: a first diagnosis then takes as long as any other.
 # Nothing depends on it, so a computer without room for it goes on.
 $(VENV)/.compiled: $(VENV)/.program $(wildcard control/machine/*.py control/field/*.py control/diagnosis/judgement/*.py)
-	-$(BIN)/python -m topdress.console.prepare
+	-$(BIN)/python -m topdress.console.warm_up
 	@touch $@
 
 # The console shows numbers at once; the machine model is compiled behind it, with what the processor has to spare.

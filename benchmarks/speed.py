@@ -269,10 +269,10 @@ def diagnosed_first(both: dict[str, Path], folder: Path, times: int) -> Iterator
     log, runs, installed = str(log_of(both, folder)), {}, {}
     for name, tree in both.items():
         with tempfile.TemporaryDirectory() as empty:
-            if (tree / "console" / "prepare.py").exists():
+            if (tree / "console" / "warm_up.py").exists():
                 started_s = time.monotonic()
                 subprocess.run(
-                    [sys.executable, "-m", "topdress.console.prepare"],
+                    [sys.executable, "-m", "topdress.console.warm_up"],
                     check=True,
                     stdout=subprocess.DEVNULL,
                     env=environment_of(tree) | {"XDG_CACHE_HOME": empty},

@@ -122,7 +122,7 @@ def _read_field(source: Path, name: str | None) -> FieldData:
     from topdress.drivers.files.fields.agopengps import read_agopengps
     from topdress.drivers.files.fields.field_data import build_field_data
     from topdress.drivers.files.fields.shapes import read_field_shapes
-    from topdress.drivers.files.what_it_is import what_is
+    from topdress.drivers.files.file_sniffer import what_is
 
     if source.is_dir() and what_is(source).id == "aog":
         return read_agopengps(source)
@@ -159,7 +159,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
     """Put done ground into a job, as the file that it names: it is read anew at each start."""
     from topdress.control.geodesy import TangentPlane
     from topdress.drivers.files.config import load, save
-    from topdress.drivers.files.fields.done import read_worked_area
+    from topdress.drivers.files.fields.worked_area import read_worked_area
     from topdress.drivers.files.kinds import JOB
 
     if out is not None and out.suffix.lower() not in (".yaml", ".yml"):

@@ -307,8 +307,8 @@ def _read_or_guess_mapping(
     """The import file; without one, the guess where nothing of it is unsure, and the table by which
     it was made."""
     from topdress.drivers.files.config import load
+    from topdress.drivers.files.imports.import_errors import LogImportError
     from topdress.drivers.files.imports.mapping import IMPORT
-    from topdress.drivers.files.imports.trouble import LogImportError
 
     if place is not None:
         mapping = load(place, IMPORT).model

@@ -29,7 +29,7 @@ PDF_HINT = "a browser prints that page to a PDF"
 
 
 class FileKinds(NamedTuple):
-    """Names what a command reads. `kinds`: ids of drivers.files.what_it_is. `words`: for people."""
+    """Names what a command reads. `kinds`: ids of `file_sniffer`. `words`: for people."""
 
     kinds: tuple[str, ...]
     words: str
@@ -59,7 +59,7 @@ CAPTURE_KINDS = FileKinds(
 
 def refuse_other_kinds(files: Iterable[Path], reads: FileKinds) -> None:
     """Raises WrongKind in one line for a file that is not there, or of another kind; OSError."""
-    from topdress.drivers.files.what_it_is import refuse_kind
+    from topdress.drivers.files.file_sniffer import refuse_kind
 
     for file in files:
         refuse_kind(file, reads.kinds, reads.words)

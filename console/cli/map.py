@@ -128,9 +128,9 @@ def convert_map(
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
+    from topdress.drivers.files.file_sniffer import TABLES
     from topdress.drivers.files.opened import Opened
     from topdress.drivers.files.prescriptions.words import RateChoice
-    from topdress.drivers.files.what_it_is import TABLES
 
     refuse_other_kinds([source], MAP_FILE_KINDS)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):

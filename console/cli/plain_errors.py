@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import typer
 from topdress.console.running import WorkerFailed
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.plain_text import join_lines
 
 CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])

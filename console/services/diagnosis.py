@@ -366,7 +366,7 @@ def _find_source_kind(path: Path) -> str | None:
     """Run, the kind of a bench table, or None: a file that the import may read."""
     if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
-    from topdress.drivers.files.imports.trouble import TableError
+    from topdress.drivers.files.imports.import_errors import TableError
 
     # takes a second: only where there is such a file
     from topdress.drivers.files.opened import Opened

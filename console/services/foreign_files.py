@@ -7,7 +7,7 @@ from pathlib import Path
 
 from topdress.console.app.pages.diagnosis.service import OpenQuestions
 from topdress.drivers.files.atomic import free_path
-from topdress.drivers.files.what_it_is import FOREIGN, TABLES
+from topdress.drivers.files.file_sniffer import FOREIGN, TABLES
 
 READ_SUFFIXES = TABLES | FOREIGN
 # may be logs, and often are something else

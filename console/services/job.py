@@ -530,7 +530,7 @@ class JobFiles:
         """Write a file of each log of the job, next to it; cancelled: those that are done. A log
         with nothing in it is passed over, unless no log has more. Raises ValueError, OSError."""
         from topdress.drivers.files.exports.as_applied import ExportError
-        from topdress.drivers.files.imports.trouble import TableError
+        from topdress.drivers.files.imports.import_errors import TableError
         from topdress.drivers.files.read_log import read_log
 
         logs = self._list_parts(log_path)

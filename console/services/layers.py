@@ -65,7 +65,7 @@ class MapLayers:
 def _open_layer_log(path: Path) -> RunLog:
     """The log, by its import file where one stands next to it. Raises ValueError, OSError."""
     from topdress.drivers.files.any_log import open_log
-    from topdress.drivers.files.imports.trouble import UnsureImportError
+    from topdress.drivers.files.imports.import_errors import UnsureImportError
     from topdress.drivers.files.read_log import read_rows
 
     if not path.with_name(f"{path.stem}{IMPORT_FILE_SUFFIX}").exists():

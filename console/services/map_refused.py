@@ -7,8 +7,8 @@ import contextlib
 from pathlib import Path
 
 from topdress.console.locale import N_, _
+from topdress.drivers.files.file_sniffer import KINDS, OF_TABLES, what_is
 from topdress.drivers.files.prescriptions.words import NotAMapError
-from topdress.drivers.files.what_it_is import KINDS, OF_TABLES, what_is
 from topdress.drivers.plain_text import Reason, RefusedInput
 
 MAP_KINDS = (*OF_TABLES, "geotiff", "gpkg", "kml", "kmz")

@@ -15,15 +15,16 @@ Files:
 - `extras`: The parts of topdress that are installed by themselves (extras of pyproject.toml)
 - `farm_lines`: Lines of a farm's books, as `topdress record` keeps them
 - `fields`: How are fields of other programs read and written
+- `file_sniffer`: What kind of file a file is, by its first bytes and its name
 - `foreign`: Logs of other programs: names
 - `geopackage`: GeoPackage (OGC 12-128r19) by SQLite
-- `good_lines`: Of lines that are not all readable those that are
 - `growing_log`: A log that another program is still writing
 - `header_names`: A header's names as this program has them
 - `imports`: How do logs of any machine become topdress run logs
 - `kinds`: The kinds of configuration files that topdress knows
 - `kml`: KML (OGC 12-007r2) and KMZ: placemarks with polygons, lines and attributes
 - `layers`: Shapes with attributes out of GeoJSON, shapefiles, GeoPackage, KML and KMZ
+- `lenient_line_reader`: Of lines that are not all readable those that are
 - `limits`: How much is read of any file
 - `lock`: A lock that one process holds
 - `log_store`: A run log as Parquet: one file that holds the columns
@@ -47,7 +48,6 @@ Files:
 - `table`: Tables of any origin (CSV and its relatives
 - `trial`: Plots of a trial, what a log did and read in each
 - `weather`: Daily weather from a CSV file, and a crop's growing days counted from it
-- `what_it_is`: What kind of file a file is, by its first bytes and its name
 - `xml_text`: XML as topdress reads it
 - `yaml_text`: YAML as topdress reads and writes it
 """

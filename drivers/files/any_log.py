@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.file_sniffer import what_is
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_store
 from topdress.drivers.files.opened import Opened
 from topdress.drivers.files.read_log import RunLog, log_of, read_rows
 from topdress.drivers.files.run_meta import RunMeta
-from topdress.drivers.files.what_it_is import what_is
 
 OWN, OF_FOLDER = ".import.yaml", "import.yaml"
 
@@ -83,8 +83,8 @@ def raw_and_mapping(
 
     data: lines of it, in the place of all. Raises ImportTrouble, ConfigError, OSError.
     """
+    from topdress.drivers.files.imports.import_errors import UnsureImportError
     from topdress.drivers.files.imports.read import read_raw_table
-    from topdress.drivers.files.imports.trouble import UnsureImportError
 
     place = import_file(path)
     if place is not None:

@@ -14,7 +14,7 @@ from topdress.control.calibration.bench_table import (
     select_usable_rows,
 )
 from topdress.drivers.files.header_names import our_names
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.table import read_table
 
 __all__ = ["BenchTable", "read_bench_table"]

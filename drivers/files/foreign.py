@@ -19,7 +19,7 @@ from topdress.control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHE
 from topdress.drivers.files.columns import Columns
 from topdress.drivers.files.header_names import Renamed
 from topdress.drivers.files.header_names import our_names as renamed
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.words import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 
 Times = NDArray[np.float64]

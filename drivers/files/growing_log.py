@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from topdress.drivers.files.any_log import imported_columns, open_log, raw_and_mapping
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.good_lines import GoodLines
+from topdress.drivers.files.file_sniffer import FOREIGN
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import ImportFile
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.lenient_line_reader import GoodLines
 from topdress.drivers.files.log_store import is_store
 from topdress.drivers.files.opened import Opened
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.sheet_text import SUFFIXES
-from topdress.drivers.files.what_it_is import FOREIGN
 
 # A log of another program that still grows: only its new lines are brought in, by what the
 # whole of it said.

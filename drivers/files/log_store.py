@@ -21,7 +21,7 @@ from topdress.control.recordings.finding import Finding
 from topdress.drivers.files.atomic import sidecar, write_atomically
 from topdress.drivers.files.columns import Columns, csv_text, is_text, texts_array
 from topdress.drivers.files.extras import need
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits, check_file
 from topdress.drivers.files.log_text import texts_of
 from topdress.drivers.files.parquet_limits import check_parquet, check_texts

@@ -8,9 +8,10 @@ from typing import Literal
 
 from topdress.control.calibration.bench_table import KNOWN_COLUMNS, recognise_kind
 from topdress.control.log_row import COLUMNS, SPEED_COLUMNS
+from topdress.drivers.files.file_sniffer import FOREIGN, holds_points, what_is
 from topdress.drivers.files.foreign import our_names
 from topdress.drivers.files.header_names import our_names as renamed
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.words import (
     COMMAND_WORDS,
     fold_column_name,
@@ -22,7 +23,6 @@ from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.log_store import SUFFIXES as PARQUET
 from topdress.drivers.files.log_store import is_store
 from topdress.drivers.files.table import NoHeader, header_of
-from topdress.drivers.files.what_it_is import FOREIGN, holds_points, what_is
 from topdress.drivers.plugins import has_format_plugin
 
 # of the columns; fewer are another program's log, which the import reads better
@@ -102,7 +102,7 @@ class Opened:
 
     def _by_columns(self) -> Held:
         from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text
-        from topdress.drivers.files.prescriptions.lattice import find_metre_columns
+        from topdress.drivers.files.prescriptions.grid_from_points import find_metre_columns
 
         if has_polygon_text(self.path):
             return "map"

@@ -16,7 +16,7 @@ from topdress.control.recordings.finding import Finding
 from topdress.drivers.files.atomic import sidecar
 from topdress.drivers.files.columns import Columns
 from topdress.drivers.files.foreign import examined, needed, our_names
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_store, read_store, stored_about
 from topdress.drivers.files.log_text import columns_of, header_of
 from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml

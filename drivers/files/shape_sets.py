@@ -19,7 +19,7 @@ import shapely
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import Files, Folder, files_at
 from topdress.drivers.files.imports.dialect import find_encoding
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.layers import (
     Layer,
     open_ring,

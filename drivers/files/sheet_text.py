@@ -20,7 +20,7 @@ import csv
 import datetime as dt
 import io
 
-from topdress.drivers.files.imports.trouble import TableError, format_list
+from topdress.drivers.files.imports.import_errors import TableError, format_list
 from topdress.drivers.files.limits import DAMAGED_ZIP
 
 # What the sheets of a workbook span, found out before its reader makes all their cells, empty

@@ -15,6 +15,7 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.columns import Columns, is_text, texts_array
 from topdress.drivers.files.header_names import Renamed
 from topdress.drivers.files.imports.header import EMPTY_CELLS, is_unit_row, is_value_cell
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.numbers import parse_number, parse_number_cells
 from topdress.drivers.files.imports.text import (
     CellColumn,
@@ -23,7 +24,6 @@ from topdress.drivers.files.imports.text import (
     drop_cut_row,
     read_cell_columns,
 )
-from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.sheet_text import SUFFIXES, sheet_text
 

@@ -20,8 +20,8 @@ from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_s
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
 from topdress.drivers.files import extras
 from topdress.drivers.files.config import load, shipped
+from topdress.drivers.files.file_sniffer import what_is
 from topdress.drivers.files.kinds import MACHINE
-from topdress.drivers.files.what_it_is import what_is
 
 from tests.command import topdress
 

@@ -10,7 +10,7 @@ from topdress.control.diagnosis.tables import diagnose_tables
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.bench_table import read_bench_table
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 
 from tests.diagnosis.planted import check
 

@@ -23,7 +23,6 @@ from topdress.drivers.files.fields.agopengps import (
     read_worked_triangles,
     write_agopengps,
 )
-from topdress.drivers.files.fields.done import read_worked_area
 from topdress.drivers.files.fields.field_data import (
     FieldData,
     FieldError,
@@ -32,6 +31,7 @@ from topdress.drivers.files.fields.field_data import (
     build_job_ground,
 )
 from topdress.drivers.files.fields.shapes import read_field_shapes, write_field_shapes
+from topdress.drivers.files.fields.worked_area import read_worked_area
 from topdress.drivers.files.kinds import JOB
 from topdress.drivers.files.read_log import read_log
 

@@ -17,7 +17,7 @@ import pytest
 from topdress.control.log_row import COLUMNS, LogRow
 from topdress.drivers.files.any_log import open_log
 from topdress.drivers.files.bench_table import read_bench_table
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.log_store import is_store, write_store
 from topdress.drivers.files.opened import Opened
 from topdress.drivers.files.read_log import RunLog, meta_of, read_log, read_rows

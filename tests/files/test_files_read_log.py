@@ -15,7 +15,7 @@ from topdress.control.log_row import (
     LogRow,
 )
 from topdress.control.loop.events import EventQueue
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
 from topdress.drivers.files.log_text import HEADER, RowText
 from topdress.drivers.files.read_log import read_log

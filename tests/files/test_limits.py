@@ -29,8 +29,8 @@ from topdress.drivers.files import limits
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.columns import count_rows
 from topdress.drivers.files.config import ConfigError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.read import read_raw_table
-from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
 from topdress.drivers.files.log_store import read_store
 from topdress.drivers.files.prescriptions.for_job import read_plant_places

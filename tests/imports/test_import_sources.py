@@ -26,9 +26,11 @@ from topdress.drivers.files.exports.time_log import (
     encode_layout,
     encode_records,
 )
+from topdress.drivers.files.file_sniffer import holds_points
 from topdress.drivers.files.imports.convert import convert_table
 from topdress.drivers.files.imports.devices import NumberMeaning
 from topdress.drivers.files.imports.guess import guess_import_file
+from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.join import join_files
 from topdress.drivers.files.imports.log_file import build_log_columns
 from topdress.drivers.files.imports.mapping import IMPORT, Source
@@ -42,9 +44,7 @@ from topdress.drivers.files.imports.time_logs import (
     calc_worked_ha,
     find_log_width,
 )
-from topdress.drivers.files.imports.trouble import LogImportError
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.what_it_is import holds_points
 
 from tests.command import topdress
 from tests.geojson import feature, geojson

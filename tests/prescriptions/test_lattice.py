@@ -14,7 +14,7 @@ import shapely
 from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.prescription import calc_rate_shares
 from topdress.drivers.files.opened import Opened
-from topdress.drivers.files.prescriptions.lattice import NoGridError, fit_point_grid
+from topdress.drivers.files.prescriptions.grid_from_points import NoGridError, fit_point_grid
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
 from topdress.drivers.plain_text import RefusedInput

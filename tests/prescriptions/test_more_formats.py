@@ -13,9 +13,9 @@ import pytest
 import shapefile
 import shapely
 from topdress.control.targets.prescription import MapData, Zone, calc_rate_shares
+from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.read import read_raw_table
-from topdress.drivers.files.imports.trouble import LogImportError
 from topdress.drivers.files.prescriptions import raster
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion

@@ -4,8 +4,8 @@ headland?
 Files:
 
 - `agopengps`: How is a field of AgOpenGPS read and written?
-- `done`: Which ground has another program marked as worked
 - `field_data`: How is a field of a file, in degrees, turned into the field of a job, on its plane
 - `shapes`: How are fields read from and written to shapes (KML, KMZ, GeoPackage, GeoJSON
 - `task_fields`: Which fields does an ISO 11783-10 task set hold
+- `worked_area`: Which ground has another program marked as worked
 """

@@ -12,6 +12,7 @@ Files:
 - `guess_time`: Which column holds the time, and in which form, by name, by unit
 - `guessed`: What does a guess hold: the import file, what about it is unsure
 - `header`: Where does a table begin
+- `import_errors`: Which errors may a table or a log have, in plain lines?
 - `join`: How do files of a machine become a single log
 - `log_file`: How are imported columns written as a run log with its sidecar
 - `mapping`: What does an import file "topdress-import/1" say about the columns of a foreign log?
@@ -25,7 +26,6 @@ Files:
 - `time_format`: How are many times in a format, as `strptime` has it, read at once?
 - `time_logs`: How are ISO 11783-10 time logs (TLG) read
 - `times`: How are the times of a foreign table read as whole microseconds
-- `trouble`: Which errors may a table or a log have, in plain lines?
 - `units`: Which units do machines write, and what is one of each in the unit of a log column?
 - `words`: Which words do people use for the columns of a machine's log and of a map, in English
 """

@@ -26,6 +26,7 @@ from topdress.drivers.files.columns import (
 )
 from topdress.drivers.files.config_words import nearest
 from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import (
     EVENTS_COLUMN,
     EXTRA_START,
@@ -37,7 +38,6 @@ from topdress.drivers.files.imports.mapping import (
 from topdress.drivers.files.imports.numbers import ParsedNumbers, parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.times import convert_to_texts, read_row_times, read_time_texts
-from topdress.drivers.files.imports.trouble import LogImportError, format_list
 from topdress.drivers.files.imports.units import (
     convert_to_log_unit,
     find_named_unit,

@@ -8,8 +8,8 @@ import re
 from typing import NamedTuple
 
 from topdress.drivers.files.imports.header import TableLayout, find_table_layout, is_value_cell
+from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Delimiter, Source
-from topdress.drivers.files.imports.trouble import LogImportError
 
 # Lines that are looked at; more than any title.
 SAMPLE_LINES = 300

@@ -13,9 +13,9 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.columns import TIME, text_column
 from topdress.drivers.files.imports.dialect import SAMPLE_LINES
 from topdress.drivers.files.imports.header import TableLayout, find_table_layout
+from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.raw import RawTable, split_header
-from topdress.drivers.files.imports.trouble import LogImportError, format_list
 from topdress.drivers.files.sheet_text import cell_text, sheets_of
 
 # Rows of a log: a shorter table next to a longer one holds notes.

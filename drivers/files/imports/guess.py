@@ -37,11 +37,11 @@ from topdress.drivers.files.imports.guessed import (
     ImportGuess,
 )
 from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.import_errors import TableError, format_list
 from topdress.drivers.files.imports.mapping import Column, ImportFile, Working
 from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.text import NO_HEADER_ID
-from topdress.drivers.files.imports.trouble import TableError, format_list
 from topdress.drivers.files.imports.units import find_named_unit, find_quantity
 from topdress.drivers.files.imports.words import (
     EITHER_WAY_WORDS,

@@ -17,11 +17,11 @@ from topdress.drivers.files.columns import (
     median_of,
 )
 from topdress.drivers.files.imports.header import split_unit_name
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import Counts, Times
 from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.times import format_for_time, join_day_texts, read_time_texts
-from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.imports.words import (
     COMMAND_WORDS,

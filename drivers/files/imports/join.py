@@ -10,8 +10,8 @@ from topdress.control.log_row import FILE_BEGINS
 from topdress.control.recordings.finding import Finding
 from topdress.drivers.files.columns import Columns, count_rows, stack_tables, text_column
 from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN, ConvertedFile
+from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Join
-from topdress.drivers.files.imports.trouble import LogImportError
 
 
 class JoinedFiles(NamedTuple):

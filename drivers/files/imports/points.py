@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers.files.archives import chosen
 from topdress.drivers.files.columns import text_column
+from topdress.drivers.files.file_sniffer import POINTS
+from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.raw import RawTable, find_units_in
-from topdress.drivers.files.imports.trouble import LogImportError, format_list
 from topdress.drivers.files.layers import Layer, read_geojson
 from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
-from topdress.drivers.files.what_it_is import POINTS
 
 # The log's names of a place.
 LAT_COLUMN, LON_COLUMN = "lat_deg", "lon_deg"

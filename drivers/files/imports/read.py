@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from topdress.drivers.files.archives import files_at, holds_time_log
 from topdress.drivers.files.columns import TIME, is_text, text_column
 from topdress.drivers.files.extras import need
+from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Source, SourceKind
 from topdress.drivers.files.imports.raw import RawTable, find_units_in
 from topdress.drivers.files.imports.text import read_text_table
-from topdress.drivers.files.imports.trouble import LogImportError
 from topdress.drivers.files.imports.words import find_subject, fold_column_name
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.parquet_limits import check_parquet, check_texts

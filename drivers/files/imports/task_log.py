@@ -20,6 +20,7 @@ from topdress.drivers.files.imports.devices import (
     find_width_m,
     read_device_elements,
 )
+from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Source
 from topdress.drivers.files.imports.raw import RawTable, make_unique
 from topdress.drivers.files.imports.time_logs import (
@@ -31,7 +32,6 @@ from topdress.drivers.files.imports.time_logs import (
     find_log_width,
     read_time_logs,
 )
-from topdress.drivers.files.imports.trouble import LogImportError, format_list
 from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.prescriptions.task_files import choose_task_set, read_task_tree
 

@@ -26,10 +26,10 @@ from topdress.drivers.files.imports.dialect import (
     find_dialect,
     find_encoding,
 )
+from topdress.drivers.files.imports.import_errors import LogImportError, TableError, format_list
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.numbers import parse_number_cells
 from topdress.drivers.files.imports.raw import RawTable, make_unique, split_header
-from topdress.drivers.files.imports.trouble import LogImportError, TableError, format_list
 from topdress.drivers.files.limits import LINE, check_text
 
 # Byte order marks of UTF-16.

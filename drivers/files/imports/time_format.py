@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.drivers.files.imports.trouble import LogImportError
+from topdress.drivers.files.imports.import_errors import LogImportError
 
 Floats = NDArray[np.float64]
 WholeNumbers = NDArray[np.int64]

@@ -22,7 +22,7 @@ from topdress.drivers.files.imports.devices import (
     find_width_m,
     parse_ddi,
 )
-from topdress.drivers.files.imports.trouble import LogImportError
+from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.prescriptions.task_files import TaskSet
 
 # Fields of TIM and its PTN that every record may hold, in their order: attribute, numpy's type,

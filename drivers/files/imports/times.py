@@ -22,11 +22,11 @@ from topdress.drivers.files.columns import (
     number_texts,
     text_column,
 )
+from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Times
 from topdress.drivers.files.imports.numbers import parse_number_column, parse_plain_numbers
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.time_format import DAY_PARTS, parse_times
-from topdress.drivers.files.imports.trouble import LogImportError
 
 # ISO 8601 with a blank for its T.
 ISO_FORMAT = "%Y-%m-%d %H:%M:%S%.f"

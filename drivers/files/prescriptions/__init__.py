@@ -8,8 +8,8 @@ Files:
 - `data_dictionary`: What do identifiers of the data dictionary (ISO 11783-11) mean, in words?
 - `features`: How do polygons with attributes, as shapefile and GeoJSON have them, become zones
 - `for_job`: Which map, plant list, index map and worked ground does a job name
+- `grid_from_points`: How do points, the middles of even cells with a rate each
 - `isoxml_read`: How are ISO 11783-10 task files, versions 3 and 4, read
-- `lattice`: How do points, the middles of even cells with a rate each, become a prescription?
 - `projected`: How are metres of a transverse Mercator projection (UTM
 - `raster`: How do rasters (GeoTIFF, Cloud Optimized GeoTIFF) become prescriptions
 - `read`: How is a prescription of any known format read?

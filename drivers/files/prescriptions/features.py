@@ -13,7 +13,7 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.archives import Folder
-from topdress.drivers.files.imports.trouble import format_list
+from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.imports.words import find_rate_role
 from topdress.drivers.files.prescriptions.column_words import (

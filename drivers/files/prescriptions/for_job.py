@@ -314,7 +314,7 @@ def read_job_worked_area(job: Job, folder: Path, plane: TangentPlane | None) -> 
     if job.field.done is None:
         return None
     # Most jobs have no worked ground.
-    from topdress.drivers.files.fields.done import read_worked_area
+    from topdress.drivers.files.fields.worked_area import read_worked_area
 
     return read_worked_area(folder / job.field.done, _find_field_plane(job) or plane)
 

@@ -11,7 +11,8 @@ from topdress.control.agronomy.noa import Rule
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import MapData, merge_zones
 from topdress.drivers.files.archives import chosen, files_at
-from topdress.drivers.files.imports.trouble import format_list
+from topdress.drivers.files.file_sniffer import TABLES, holds_points
+from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.outlines import check_zones
 from topdress.drivers.files.prescriptions.task_files import choose_task_set
@@ -24,7 +25,6 @@ from topdress.drivers.files.prescriptions.words import (
     RateQuestion,
 )
 from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
-from topdress.drivers.files.what_it_is import TABLES, holds_points
 from topdress.drivers.plugins import has_format_plugin
 
 # Formats of even cells, none over another.
@@ -114,7 +114,7 @@ def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
     if suffix in TABLES:
         from topdress.drivers.files.opened import Opened
         from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text, read_csv_zones
-        from topdress.drivers.files.prescriptions.lattice import read_point_grid
+        from topdress.drivers.files.prescriptions.grid_from_points import read_point_grid
 
         if has_polygon_text(path):
             return read_csv_zones(path, choice)
@@ -177,7 +177,7 @@ def _read_areas_or_points(
     except NoPolygonsError:
         if not holds_points(path):
             raise
-    from topdress.drivers.files.prescriptions.lattice import read_point_grid
+    from topdress.drivers.files.prescriptions.grid_from_points import read_point_grid
 
     return read_point_grid(path, choice)
 

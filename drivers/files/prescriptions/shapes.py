@@ -11,7 +11,7 @@ import shapely
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.imports.trouble import format_list
+from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.layers import Layer, name_of, read_geojson, read_layers, stated
 from topdress.drivers.files.ogr import write_layer
 from topdress.drivers.files.prescriptions.features import (

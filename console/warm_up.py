@@ -1,5 +1,5 @@
 """Compiles once on a computer what a first diagnosis would compile: `python -m
-console.prepare`, after installing.
+console.warm_up`, after installing.
 
 `make test` does it; who added the extra diagnosis may. The machine model's steps are kept as
 machine code in the user's cache folder (`control.machine.compiled`), Python's modules next to

@@ -19,11 +19,11 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.columns import known_or_none
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.numbers import parse_number_column
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.read import read_raw_table
-from topdress.drivers.files.imports.trouble import TableError
 from topdress.drivers.files.imports.words import (
     find_subject,
     fold_column_name,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
 
 # of lines that may be damaged: with more it is no such log

@@ -12,8 +12,8 @@ from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.fields.agopengps import read_worked_triangles
 from topdress.drivers.files.fields.field_data import FieldError
 from topdress.drivers.files.fields.shapes import read_named_shapes
+from topdress.drivers.files.file_sniffer import what_is
 from topdress.drivers.files.outlines import check_outlines
-from topdress.drivers.files.what_it_is import what_is
 
 # AgOpenGPS's file of worked ground, compared in small letters.
 SECTIONS_FILE = "sections.txt"
