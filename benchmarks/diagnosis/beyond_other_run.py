@@ -37,16 +37,18 @@ class Seen(NamedTuple):
 
 def seen(columns: dict[str, Any], machine: Machine) -> dict[str, Seen]:
     """Every channel of a log, by name."""
-    from topdress.control.diagnosis.runs.channels import channels
-    from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
-    from topdress.control.diagnosis.runs.log import gate
-    from topdress.control.diagnosis.runs.stages import run_data
+    from topdress.control.diagnosis.runs.channels import make_channels
+    from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
+    from topdress.control.diagnosis.runs.log import clean_run_log
+    from topdress.control.diagnosis.runs.stages import make_run_data
     from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-    plan = schedule(list_stages(machine), ())
+    plan = make_schedule(list_stages(machine), ())
     return {
         name: Seen(c.grid.even_s, c.grid.step_s, c.measured, c.predict(plan, MAX_MODEL_STEP_S))
-        for name, c in channels(run_data(gate(columns), machine), machine).items()
+        for name, c in make_channels(
+            make_run_data(clean_run_log(columns), machine), machine
+        ).items()
     }
 
 

@@ -532,8 +532,8 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
     stands."""
     from topdress.control.diagnosis.runs.channels import simulate_drive_rows
     from topdress.control.diagnosis.runs.drives import read_whole_drives
-    from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
-    from topdress.control.diagnosis.runs.log import gate
+    from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
+    from topdress.control.diagnosis.runs.log import clean_run_log
     from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
     from topdress.drivers.files.config import load
     from topdress.drivers.files.kinds import MACHINE
@@ -554,11 +554,11 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
             )
             for name, values in columns.items()
         }
-    clean = gate(columns)
+    clean = clean_run_log(columns)
     drive = read_whole_drives(clean, machine)[case.stage]
-    predicted = simulate_drive_rows(drive)(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)[
-        :, 1
-    ]
+    predicted = simulate_drive_rows(drive)(
+        make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S
+    )[:, 1]
     off = clean.columns[COLUMNS_OF[case.stage][1]] - predicted
     off = off[1:rows] if case.settled else off
     return float(np.sqrt(np.nanmean(np.square(off))))

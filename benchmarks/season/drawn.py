@@ -198,10 +198,10 @@ def main() -> int:
         for count in given.logs:
             logs = _as_logs(season_of(seed, count))
             before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-            from topdress.control.diagnosis.season.effect_timelines import fitted
+            from topdress.control.diagnosis.season.effect_timelines import fit_season
 
             begin = time.process_time()
-            found = fitted(logs)
+            found = fit_season(logs)
             took_s, most_mb = (
                 time.process_time() - begin,
                 resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from topdress.control.diagnosis.season.effect_timelines import Cause, wears
+from topdress.control.diagnosis.season.effect_timelines import Cause, is_wearing
 from truth import DAYS, MACHINES, OTHER_FLOW, OTHER_PRODUCT, PLANTED, PRODUCTS, Planted
 
 # machines with an effect reported that was not planted, of all
@@ -86,7 +86,7 @@ def _held(planted: Planted, course: Cause) -> bool:
         right = planted.effect in OTHER_FORM or abs(slope - planted.per_day) < SLOPE_OFF * abs(
             planted.per_day
         )
-        return wears(course) and right
+        return is_wearing(course) and right
     if planted.repaired:
         return any(abs(one - (planted.last + 0.5)) < DATE_OFF_D for one in _repaired_d(course))
     if planted.first > 0:
@@ -116,4 +116,4 @@ def _words(course: Cause) -> str:
         for piece in course.pieces
     )
     repairs = "".join(f", repaired at {one:.1f}" for one in _repaired_d(course))
-    return f"{course.effect} {pieces}{', wears' if wears(course) else ''}{repairs}"
+    return f"{course.effect} {pieces}{', wears' if is_wearing(course) else ''}{repairs}"

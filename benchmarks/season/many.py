@@ -194,8 +194,8 @@ def command(words: list[str], model: bool, together: int) -> None:
         its, work, todo, max(together, several)
     )
     if not model:
-        fleet_season.fitted = lambda logs: SeasonFit((), (), (), ())
-    fleet_season.fitted = timed("model", fleet_season.fitted)
+        fleet_season.fit_season = lambda logs: SeasonFit((), (), (), ())
+    fleet_season.fit_season = timed("model", fleet_season.fit_season)
     fleet_season.make_season = timed("season, the model in it", fleet_season.make_season)
     fleet_tables.write_tables = timed("tables", fleet_tables.write_tables)
     app(["fleet", *words])

@@ -26,11 +26,11 @@ from hidden.plant import Plant  # noqa: E402
 from hidden.programmes import chosen, drive  # noqa: E402
 from hidden.run_cases import within_tolerance  # noqa: E402
 from judged import judge  # noqa: E402
-from topdress.control.diagnosis.season.effect_timelines import fitted  # noqa: E402
+from topdress.control.diagnosis.season.effect_timelines import fit_season  # noqa: E402
 from topdress.control.diagnosis.season.evidence import (  # noqa: E402
     OneLog,
     QuadraticForm,
-    evidence,
+    collect_log_evidence,
 )
 from topdress.control.machine.machine import Machine  # noqa: E402
 from topdress.drivers.files.config import load  # noqa: E402
@@ -117,19 +117,19 @@ def main() -> int:
     given = parser.parse_args()
     machine: Machine = load("huanghai", MACHINE).model
     real = [
-        evidence(
+        collect_log_evidence(
             columns_of(Day("m00", 0, day, "urea", "Zhao", "", ()), given.minutes), machine
         ).forms
         for day in range(REAL)
     ]
-    weak = evidence(
+    weak = collect_log_evidence(
         columns_of(Day(WEAK, 15, 0, "urea", "Zhao", "", ()), given.minutes), machine
     ).forms
     promises: dict[str, object] = {}
     for seed in given.seeds:
         logs = season_of(seed, real, weak)
         begin = time.process_time()
-        fit = fitted(logs)
+        fit = fit_season(logs)
         print(
             f"seed {seed}: {len(logs)} logs of {MACHINES} machines put together in "
             f"{time.process_time() - begin:.1f} s of processor",

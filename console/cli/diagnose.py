@@ -180,12 +180,12 @@ def _print_term_notes(found: Diagnosis) -> None:
 
 
 def _make_empty_exit(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
-    from topdress.control.diagnosis.extend import adoptable
+    from topdress.control.diagnosis.extend import list_adoptable_causes
 
     why = "no effect and no term was found that a machine file could take up"
     if refused:
         why = "a machine file with what was found would predict no better"
-    elif adoptable(found):
+    elif list_adoptable_causes(found):
         why = "what was found is undecided, and nothing of it was picked"
     typer.echo(f"{out}: not written: {why}", err=True)
     return typer.Exit(NOT_JUDGED)
@@ -376,7 +376,7 @@ def _diagnose_run_log(data: Path, machine: Machine, seed: int) -> tuple[Diagnosi
 
 def _diagnose_several_logs(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
     """Diagnose logs of one machine: effects that they share, and each log's own."""
-    from topdress.control.diagnosis.runs.several import diagnose_runs, joined
+    from topdress.control.diagnosis.runs.several import diagnose_runs, join_logs
 
     twice = next(
         (
@@ -402,7 +402,7 @@ def _diagnose_several_logs(data: list[Path], machine: Machine) -> tuple[Several,
         logs.append(columns)
     with ThreadPoolExecutor(PARALLEL_GROUPS) as pool:
         found = diagnose_runs(logs, machine, paths=names, progress=_make_progress(), each=pool.map)
-    return found, {"columns": joined(logs, names, machine), "machine": machine}
+    return found, {"columns": join_logs(logs, names, machine), "machine": machine}
 
 
 def _diagnose_bench_tables(
@@ -446,10 +446,10 @@ def _load_job_setup(machine: str, job: str) -> Setup:
 def _simulate_findings(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
     """Simulate control with and without knowing the effects. The sizes found are taken for true, so
     the result is the worth of knowing them, not whether they are right."""
-    from topdress.control.diagnosis.extend import extend, planted
+    from topdress.control.diagnosis.extend import extend, make_planted_effects
     from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
 
-    effects = planted(setup.machine, found)
+    effects = make_planted_effects(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
     known = extend(setup.machine, found)

@@ -8,7 +8,7 @@ from topdress.console.reports import diagnosis_wording
 from topdress.console.reports.numbers import format_p_value
 from topdress.console.reports.term_words import describe_compensation, describe_term
 from topdress.control.diagnosis.result import Cause, Diagnosis
-from topdress.control.diagnosis.runs.rates import in_words
+from topdress.control.diagnosis.runs.rates import describe_rate_value
 from topdress.control.diagnosis.runs.several import Several
 from topdress.control.machine.machine import CATALOGUE
 
@@ -39,7 +39,8 @@ def summarise_terminal(found: Diagnosis) -> list[str]:
             f"{'pass':>4s} {'from s':>9s} {'to s':>9s} {'rows':>6s}  applied against target",
         ]
         lines += [
-            f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  {in_words(fit)}"
+            f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  "
+            f"{describe_rate_value(fit)}"
             for fit in found.rates
             if fit.number is not None
         ]

@@ -19,7 +19,7 @@ from topdress.console.reports.html import (
     make_page,
 )
 from topdress.console.reports.numbers import format_fixed
-from topdress.control.diagnosis.season.effect_timelines import Cause, Same, SeasonFit, wears
+from topdress.control.diagnosis.season.effect_timelines import Cause, Same, SeasonFit, is_wearing
 from topdress.control.diagnosis.season.mixed import Alternative
 from topdress.control.diagnosis.season.season_cost import Low, MachineSeason, is_still_there
 from topdress.control.machine.machine import CATALOGUE
@@ -288,7 +288,7 @@ def describe_course(course: Cause, unit: str, kg: str) -> str:
         half=format_fixed(last.end_half, 2),
         unit=unit,
     )
-    if wears(course):
+    if is_wearing(course):
         said += _(", growing by {slope} {unit} a day (wear)").format(
             slope=f"{last.per_day:+.3f}", unit=unit
         )

@@ -19,17 +19,17 @@ from topdress.console.reports.binned import (
 )
 from topdress.control.diagnosis.prediction.on_log import OnLog
 from topdress.control.diagnosis.result import Cause
-from topdress.control.diagnosis.runs.channels import ChannelSeries, channels
+from topdress.control.diagnosis.runs.channels import ChannelSeries, make_channels
 from topdress.control.diagnosis.runs.drives import Drive
 from topdress.control.diagnosis.runs.hypothesis import (
     MAX_SWITCHES,
     EffectInstance,
     list_stages,
-    schedule,
+    make_schedule,
 )
-from topdress.control.diagnosis.runs.log import gate
+from topdress.control.diagnosis.runs.log import clean_run_log
 from topdress.control.diagnosis.runs.model import shape_over_time
-from topdress.control.diagnosis.runs.stages import RunData, run_data
+from topdress.control.diagnosis.runs.stages import RunData, make_run_data
 from topdress.control.machine.machine import CATALOGUE, Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
@@ -203,11 +203,11 @@ def make_run_views(
     file: the extended machine file; of_this_run: further effects that no file adopts. Raises
     ValueError with one line where the log has no usable time column.
     """
-    log = gate(columns)
-    data = run_data(log, machine)
+    log = clean_run_log(columns)
+    data = make_run_data(log, machine)
     found: list[ChannelView] = []
     of_file = {} if file is None else OnLog(log, data, machine).predicted(file, parts=of_this_run)
-    for name, channel in channels(data, machine).items():
+    for name, channel in make_channels(data, machine).items():
         if name == "scale":
             found.append(
                 _make_flow_view(channel, data, machine)._replace(of_file=of_file.get(name))
@@ -228,16 +228,16 @@ def _make_predictor(
         """What grows is no switch of the schedule: what it would do all along, weighted with
         its course."""
         whole = channel.predict(
-            schedule(base, (EffectInstance(part.id, part.size, member=part.member),)),
+            make_schedule(base, (EffectInstance(part.id, part.size, member=part.member),)),
             MAX_MODEL_STEP_S,
         )
         return shape_over_time(
-            whole - channel.predict(schedule(base, ()), MAX_MODEL_STEP_S), channel, part
+            whole - channel.predict(make_schedule(base, ()), MAX_MODEL_STEP_S), channel, part
         )
 
     def predict_with(parts: tuple[EffectInstance, ...]) -> Array:
         if parts not in known:
-            steady = channel.predict(schedule(base, parts), MAX_MODEL_STEP_S)
+            steady = channel.predict(make_schedule(base, parts), MAX_MODEL_STEP_S)
             known[parts] = steady + sum(_calc_grown_effect(part) for part in parts if part.grows)
         return known[parts]
 

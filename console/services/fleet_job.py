@@ -151,7 +151,7 @@ def read_first_line(error: Exception) -> str:
 def _diagnose_log(
     where: str, options: StoreOptions, path: Path, default: Machine
 ) -> dict[str, Any]:
-    from topdress.control.diagnosis.season.evidence import evidence
+    from topdress.control.diagnosis.season.evidence import collect_log_evidence
     from topdress.drivers.files.any_log import open_log
     from topdress.drivers.files.config import validated
     from topdress.drivers.files.kinds import MACHINE
@@ -165,7 +165,7 @@ def _diagnose_log(
     machine = default
     if log.meta is not None and log.meta.machine is not None:
         machine = validated(log.meta.machine, MACHINE, f"{where}: machine")
-    seen = evidence(log.columns, machine, where)
+    seen = collect_log_evidence(log.columns, machine, where)
     found = seen.found
     return {
         "format": FORMAT,

@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from topdress.control.diagnosis.season.effect_timelines import SeasonFit, fitted
+from topdress.control.diagnosis.season.effect_timelines import SeasonFit, fit_season
 from topdress.control.diagnosis.season.evidence import LogWork, OneLog
 from topdress.control.diagnosis.season.season_cost import (
     Low,
     MachineSeason,
     OwnersLog,
     find_low_hoppers,
-    machines,
+    rank_machines_by_cost,
 )
 from topdress.drivers import day_clock
 
@@ -79,9 +79,9 @@ def make_season(
     units: dict[str, str] = {}
     for one in named:
         units |= one["units"]
-    fit = fitted(logs)
+    fit = fit_season(logs)
     return Season(
-        tuple(machines(owners, fit)),
+        tuple(rank_machines_by_cost(owners, fit)),
         fit,
         tuple(find_low_hoppers(owners)),
         tuple(owners),

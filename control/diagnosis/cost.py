@@ -40,7 +40,7 @@ class OperatingPoint(NamedTuple):
     refills: float = 0.0  # number of refills so far
 
 
-def dose(machine: Machine, points: Sequence[OperatingPoint]) -> float:
+def integrate_dose_kg(machine: Machine, points: Sequence[OperatingPoint]) -> float:
     """What leaves the machine over operating points, in kg for a second at each, under a
     control that believes its sensors: the speed at each point, the mass that the scale tells
     over all of them (its trim is slow)."""
@@ -92,8 +92,8 @@ def rate_error_percent(
     wanted : as the nominal machine stands at them. applied : as the changed one does when it is
     asked for the same.
     """
-    asked = dose(nominal, wanted)
-    return 100.0 * (dose(changed, applied) / asked - 1.0) if asked > 0.0 else None
+    asked = integrate_dose_kg(nominal, wanted)
+    return 100.0 * (integrate_dose_kg(changed, applied) / asked - 1.0) if asked > 0.0 else None
 
 
 def find_consequence(cost: FieldCost) -> float:

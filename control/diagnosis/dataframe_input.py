@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.result import notebook
+from topdress.control.diagnosis.result import load_notebook_room
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
 from topdress.control.machine.machine import Machine
 
@@ -56,11 +56,11 @@ ALLOWED = (
 )
 
 
-def machine_of(machine: Machine | str) -> Machine:
+def load_machine(machine: Machine | str) -> Machine:
     """A machine, or the machine file of a path or a shipped name. Raises ValueError."""
     if isinstance(machine, Machine):
         return machine
-    found: Machine = notebook().load_named_machine(machine)
+    found: Machine = load_notebook_room().load_named_machine(machine)
     return found
 
 
@@ -85,7 +85,7 @@ def find_misspelt_columns(columns: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def columns_of(data: LogTable) -> Columns:
+def read_columns(data: LogTable) -> Columns:
     """Columns (n,) by name: float64 with NaN for not known, texts as objects; `time_s` in seconds.
 
     data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates
@@ -95,7 +95,7 @@ def columns_of(data: LogTable) -> Columns:
 
     Raises ValueError, one line that names the column, the row and what is allowed.
     """
-    named = _named(data)
+    named = _name_columns(data)
     if not named:
         raise ValueError(f"no columns in the data: {ALLOWED}")
     lengths = {name: len(values) for name, values in named.items()}
@@ -103,15 +103,17 @@ def columns_of(data: LogTable) -> Columns:
     if not next(iter(lengths.values())):
         raise ValueError(f"column {next(iter(lengths))}: no rows: allowed is one row a reading")
     found = {
-        name: values for name, raw in named.items() if (values := _values(name, raw)) is not None
+        name: values
+        for name, raw in named.items()
+        if (values := _convert_values(name, raw)) is not None
     }
-    return _with_time(found)
+    return _add_time_column(found)
 
 
-def _named(data: Any) -> dict[str, Any]:
+def _name_columns(data: Any) -> dict[str, Any]:
     """Columns by name, as they come."""
     if isinstance(data, Mapping):
-        return {str(name): _column(str(name), values) for name, values in data.items()}
+        return {str(name): _read_column(str(name), values) for name, values in data.items()}
     fields = getattr(getattr(data, "dtype", None), "names", None)
     if fields:
         return {name: np.ravel(data[name]) for name in fields}
@@ -120,7 +122,7 @@ def _named(data: Any) -> dict[str, Any]:
         and hasattr(data, "__getitem__")
         and not isinstance(data, np.ndarray)
     ):
-        return _frame(data)
+        return _read_data_frame(data)
     if (
         isinstance(data, Sequence)
         and not isinstance(data, str | bytes)
@@ -134,7 +136,7 @@ def _named(data: Any) -> dict[str, Any]:
     raise ValueError(f"{what} has no names for its columns: {ALLOWED}")
 
 
-def _frame(data: Any) -> dict[str, Any]:
+def _read_data_frame(data: Any) -> dict[str, Any]:
     """A data frame of any library; an index of dates is a column of times."""
     names = [str(name) for name in data.columns]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -151,7 +153,7 @@ def _frame(data: Any) -> dict[str, Any]:
     return found
 
 
-def _column(name: str, values: Any) -> Any:
+def _read_column(name: str, values: Any) -> Any:
     """A column of a dictionary as an array of one dimension."""
     if hasattr(values, "to_numpy"):
         values = values.to_numpy()
@@ -191,7 +193,7 @@ def _equally_long(lengths: Mapping[str, int]) -> None:
             )
 
 
-def _values(name: str, raw: Any) -> npt.NDArray[Any] | None:
+def _convert_values(name: str, raw: Any) -> npt.NDArray[Any] | None:
     """Numbers as float64, dates as datetime64, texts as objects; None for a column without a
     value."""
     array = np.asarray(raw)
@@ -202,18 +204,18 @@ def _values(name: str, raw: Any) -> npt.NDArray[Any] | None:
     if array.dtype.kind in "biuf":
         return array.astype(np.float64, copy=False)
     if array.dtype.kind in "OUS" and name not in TEXT_COLUMNS:
-        return _of_objects(name, array.astype(object, copy=False))
+        return _convert_objects(name, array.astype(object, copy=False))
     return array.astype(object, copy=False)
 
 
-def _of_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+def _convert_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
     """A column of anything: numbers where all that is there are numbers, dates of the time's
     own columns."""
-    there = [(row, value) for row, value in enumerate(array) if not _nothing(value)]
+    there = [(row, value) for row, value in enumerate(array) if not _is_missing(value)]
     if not there:
         return None
     if name in (TIME, *DATES) and not _is_number(there[0][1]):
-        return _dates(name, array)
+        return _convert_dates(name, array)
     numbers = np.full(len(array), np.nan)
     for row, value in there:
         if not _is_number(value):
@@ -226,7 +228,7 @@ def _of_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
     return numbers
 
 
-def _nothing(value: Any) -> bool:
+def _is_missing(value: Any) -> bool:
     return (
         value is None
         or value == ""
@@ -243,11 +245,11 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-def _dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _convert_dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Dates of datetime objects or ISO 8601 texts."""
     found = np.full(len(array), np.datetime64("NaT", "ns"))
     for row, value in enumerate(array):
-        if not _nothing(value):
+        if not _is_missing(value):
             text = value.isoformat() if hasattr(value, "isoformat") else str(value).strip()
             try:
                 found[row] = np.datetime64(text.removesuffix("Z").split("+")[0], "ns")
@@ -260,12 +262,12 @@ def _dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return found
 
 
-def _with_time(columns: Columns) -> Columns:
+def _add_time_column(columns: Columns) -> Columns:
     """The columns with `time_s` in seconds. Raises ValueError where no column tells the time."""
     if TIME in columns:
-        return columns | {TIME: _seconds(columns[TIME])}
+        return columns | {TIME: _convert_to_seconds(columns[TIME])}
     if "utc" in columns and columns["utc"].dtype == object:
-        columns = columns | {"utc": _dates("utc", columns["utc"])}
+        columns = columns | {"utc": _convert_dates("utc", columns["utc"])}
     dated = [
         name
         for name in DATES
@@ -274,7 +276,7 @@ def _with_time(columns: Columns) -> Columns:
     counted = [name for name in COUNTS_S if name in columns and columns[name].dtype == np.float64]
     if dated:
         rest = {key: values for key, values in columns.items() if key != dated[0]}
-        return {TIME: _seconds(columns[dated[0]]), **rest}
+        return {TIME: _convert_to_seconds(columns[dated[0]]), **rest}
     if counted:
         name = counted[0]
         rest = {key: values for key, values in columns.items() if key != name}
@@ -286,7 +288,7 @@ def _with_time(columns: Columns) -> Columns:
     )
 
 
-def _seconds(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _convert_to_seconds(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Seconds as they are; dates as seconds since the first."""
     if not np.issubdtype(values.dtype, np.datetime64):
         return values

@@ -96,7 +96,7 @@ class EffectRow:
         scale = calc_size_scale(self.id, machine)
         tried = tuple(scale * size for size in self.tried)
         if self.threshold:
-            tried = (*_finer(tried[0], machine), *tried)
+            tried = (*_list_finer_thresholds(tried[0], machine), *tried)
         return replace(self, usual=scale * self.usual, tried=tried)
 
     @property
@@ -149,7 +149,7 @@ class EffectRow:
         )
 
 
-def _finer(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
+def _list_finer_thresholds(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
     """Thresholds below the lowest trial size that this shaft's commands pass; none where no
     command is so low.
 
@@ -379,7 +379,7 @@ if _unmatched:
     raise RuntimeError(f"effects without a row, or rows without an effect: {', '.join(_unmatched)}")
 
 
-def reach(effect_id: str, machine: Machine) -> SizeBounds:
+def find_size_range(effect_id: str, machine: Machine) -> SizeBounds:
     """Range of an effect's size on top of a machine file: that of the catalogue, and no time
     that it adds to falls below nothing (the model holds it there: what is further off predicts
     the same). Raises KeyError."""

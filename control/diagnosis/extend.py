@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from topdress.control.diagnosis.dataframe_input import machine_of
-from topdress.control.diagnosis.effects import ROWS, reach
+from topdress.control.diagnosis.dataframe_input import load_machine
+from topdress.control.diagnosis.effects import ROWS, find_size_range
 from topdress.control.machine.fault_injection import PlantedEffect
 from topdress.control.machine.form import FORMS, SHAFT_ANGLE
 from topdress.control.machine.history import append_history
@@ -66,14 +66,14 @@ def extend(
     >>> list_effect_sizes(extend(Machine(), found, date="2026-07-01"))
     {'flow.gain': 6.0}
     """
-    was = machine = machine_of(machine)
+    was = machine = load_machine(machine)
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
-    for cause in adoptable(diagnosis):
+    for cause in list_adoptable_causes(diagnosis):
         if is_taken_whole(diagnosis, cause):
             continue
         assert cause.size.value is not None
-        machine = add_effect(machine, cause.id, _total(machine, cause), cause.member)
+        machine = add_effect(machine, cause.id, _calc_total_size(machine, cause), cause.member)
         adopted.append(
             Adopted(
                 id=cause.id,
@@ -90,7 +90,7 @@ def extend(
         )
     for effect_id, size in diagnosis.fitted.sizes if diagnosis.fitted else ():
         assert size.value is not None
-        machine = add_effect(machine, effect_id, _on_top(machine, effect_id, size.value))
+        machine = add_effect(machine, effect_id, _add_within_bounds(machine, effect_id, size.value))
         adopted.append(
             Adopted(
                 id=effect_id,
@@ -142,7 +142,7 @@ def term_not_adoptable(found: TermFound) -> str:
     return found.refused
 
 
-def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
+def list_adoptable_causes(diagnosis: Diagnosis) -> tuple[Cause, ...]:
     """Causes that can be modelled from the start of a run: those with a size that was there all
     along."""
     return tuple(c for c in diagnosis.causes if not not_adoptable(c))
@@ -181,21 +181,22 @@ def refuse_to_adopt(cause: Cause) -> None:
         )
 
 
-def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[PlantedEffect, ...]:
+def make_planted_effects(machine: Machine, diagnosis: Diagnosis) -> tuple[PlantedEffect, ...]:
     """The adoptable causes as effects of a simulated `machine`, on top of what its file has of
     them already."""
     return tuple(
-        PlantedEffect(c.id, _total(machine, c), 0.0, c.member) for c in adoptable(diagnosis)
+        PlantedEffect(c.id, _calc_total_size(machine, c), 0.0, c.member)
+        for c in list_adoptable_causes(diagnosis)
     )
 
 
-def _total(machine: Machine, cause: Cause) -> float:
-    return _on_top(machine, cause.id, cause.size.value or 0.0)
+def _calc_total_size(machine: Machine, cause: Cause) -> float:
+    return _add_within_bounds(machine, cause.id, cause.size.value or 0.0)
 
 
-def _on_top(machine: Machine, effect_id: str, size: float) -> float:
+def _add_within_bounds(machine: Machine, effect_id: str, size: float) -> float:
     """A size on top of what the machine has of an effect, within its bounds."""
     entry = CATALOGUE[effect_id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
     low, high = find_size_bounds(effect_id, machine)
-    return float(min(high, max(low, before + max(size, reach(effect_id, machine).low))))
+    return float(min(high, max(low, before + max(size, find_size_range(effect_id, machine).low))))

@@ -278,7 +278,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """Verdict, causes, rival and gain in at most 15 lines."""
-        return str(notebook().summarise_diagnosis(self))
+        return str(load_notebook_room().summarise_diagnosis(self))
 
     def to_frame(self) -> Any:
         """The named causes as a data frame, a row each, of the library that the log came in
@@ -287,7 +287,7 @@ class Diagnosis:
         Columns: id, size, low, high (90 %), unit, probability, onset_s, rate_percent, advice.
         Raises ValueError, one line, where the library is not installed.
         """
-        return notebook().make_causes_frame(self)
+        return load_notebook_room().make_causes_frame(self)
 
     def residuals(self) -> Any:
         """What was measured and predicted, as a data frame of the library that the log came in.
@@ -296,7 +296,7 @@ class Diagnosis:
         predicted (with the named causes), residual (measured less predicted). Raises ValueError,
         one line, where the log is not known or the library is not installed.
         """
-        return notebook().make_residuals_frame(self)
+        return load_notebook_room().make_residuals_frame(self)
 
     def to_json(self) -> dict[str, Any]:
         plain = asdict(replace(self, seen_with=None))
@@ -310,11 +310,11 @@ class Diagnosis:
 
         Raises ValueError, one line, where the log is not known.
         """
-        return notebook().draw_diagnosis(self)
+        return load_notebook_room().draw_diagnosis(self)
 
     def _repr_html_(self) -> str:
         """What a notebook shows below a cell that ends with a diagnosis."""
-        return str(notebook().format_notebook_html(self))
+        return str(load_notebook_room().format_notebook_html(self))
 
 
 class Departure(NamedTuple):
@@ -323,7 +323,7 @@ class Departure(NamedTuple):
     `cause`: id of an effect, "" where it has no name. `percent`: by how much the dose is wrong,
     None where that is not known or nothing. `since_s`: of the log; None: since it began, or
     before the stretch that was looked at. `certain`: no other effect would do as well.
-    `next_run`: what would tell the rivals apart (`NextRun.plan`).
+    `find_separating_run`: what would tell the rivals apart (`NextRun.plan`).
     """
 
     channel: str
@@ -337,7 +337,7 @@ class Departure(NamedTuple):
     unit: str = ""
 
 
-def notebook() -> Any:
+def load_notebook_room() -> Any:
     """The room that draws, asked for by name when it is wanted: control knows nothing of it.
     Raises ValueError, one line, where only `control` is installed."""
     try:

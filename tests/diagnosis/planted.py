@@ -13,8 +13,8 @@ from topdress.control.diagnosis.result import UNKNOWN, Cause, Diagnosis
 from topdress.control.diagnosis.runs.channels import simulate_drive_rows
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.drives import read_whole_drives
-from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
-from topdress.control.diagnosis.runs.log import gate
+from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
+from topdress.control.diagnosis.runs.log import clean_run_log
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
@@ -182,11 +182,13 @@ def answered_wrongly(found: Diagnosis, said: Mapping[str, Any]) -> dict[str, Any
 
 def shaft_predicted(columns: Columns, machine: Machine) -> tuple[Any, Any]:
     """Shaft speeds as they were read, and as a machine file predicts them (rows,)."""
-    clean = gate({name: np.asarray(values) for name, values in columns.items()}, machine.has_stage)
+    clean = clean_run_log(
+        {name: np.asarray(values) for name, values in columns.items()}, machine.has_stage
+    )
     rows = simulate_drive_rows(read_whole_drives(clean, machine)["shaft"])
-    return clean.columns["shaft_rpm"], rows(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)[
-        :, 1
-    ]
+    return clean.columns["shaft_rpm"], rows(
+        make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S
+    )[:, 1]
 
 
 def error_on(columns: Columns, machine: Machine) -> float:

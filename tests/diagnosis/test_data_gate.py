@@ -6,15 +6,15 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from topdress.control.diagnosis.runs.channels import hopper_channel
+from topdress.control.diagnosis.runs.channels import make_hopper_channel
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.drives import repeated_in_motion
 from topdress.control.diagnosis.runs.findings import note_faults_between_rows
-from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
-from topdress.control.diagnosis.runs.log import Clean, gate
-from topdress.control.diagnosis.runs.row_order import COMMANDS, in_order
-from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.diagnosis.runs.hypothesis import list_stages, make_schedule
+from topdress.control.diagnosis.runs.log import Clean, clean_run_log
+from topdress.control.diagnosis.runs.row_order import COMMANDS, order_log_rows
+from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
@@ -54,7 +54,7 @@ def columns(speed_mps):
     ],
 )
 def test_a_machine_that_stood_shows_nothing_of_speeds_and_heads(speed_mps, stages):
-    clean = gate(columns(speed_mps))
+    clean = clean_run_log(columns(speed_mps))
     assert clean.stages == stages
     assert any("stood all the time" in text for text in clean.findings) is (stages == ("shaft",))
 
@@ -71,7 +71,7 @@ def test_a_shaft_that_never_turned_is_not_judged():
         "0 in every row, though up to 120 r/min were commanded" in said for said in found.findings
     )
     # it was not asked to turn
-    assert "shaft" in gate(still | {"shaft_rpm_cmd": np.zeros(ROWS)}).stages
+    assert "shaft" in clean_run_log(still | {"shaft_rpm_cmd": np.zeros(ROWS)}).stages
 
 
 def test_rows_against_the_way_are_counted_where_files_are_compared_and_said_so():
@@ -124,7 +124,7 @@ def test_a_short_log_far_from_its_prediction_is_not_called_healthy():
 
 
 def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():
-    clean = gate(columns(np.full(ROWS, 1.3)))  # ten rows a second
+    clean = clean_run_log(columns(np.full(ROWS, 1.3)))  # ten rows a second
     said = note_faults_between_rows(clean, {"gate.slow", "flow.gain"})
     assert len(said) == 1 and said[0].startswith("gate.slow: rows come every 0.1 s")
     assert note_faults_between_rows(clean, {"flow.gain"}) == []
@@ -149,11 +149,11 @@ def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:
         name: values + (1e-11 * rng.standard_normal(600) if name != "time_s" else 0.0)
         for name, values in columns.items()
     }
-    one, other = gate(columns), gate(moved)
+    one, other = clean_run_log(columns), clean_run_log(moved)
     for name in ("hopper_kg", "speed_mps"):
         assert np.array_equal(one.columns[name], other.columns[name]), name
     assert np.array_equal(one.further["x_load"], other.further["x_load"])
-    huge = gate({**columns, "hopper_kg": np.full(600, 1e305)})
+    huge = clean_run_log({**columns, "hopper_kg": np.full(600, 1e305)})
     assert np.isnan(huge.columns["hopper_kg"]).all() and any(
         "beyond 1e+09" in one for one in huge.findings
     )
@@ -185,14 +185,14 @@ def in_force(log: Columns) -> Columns:
 
 
 def as_said(log: Columns) -> Clean:
-    return in_order(gate(log), HUANGHAI)
+    return order_log_rows(clean_run_log(log), HUANGHAI)
 
 
 @pytest.mark.parametrize("step_s", STEPS_S)
 def test_a_log_in_our_order_stays_as_it_is(step_s: float) -> None:
     log = every(WORK, step_s)
     seen = as_said(log)
-    assert seen.findings == gate(log).findings
+    assert seen.findings == clean_run_log(log).findings
     assert all(np.array_equal(seen.columns[name], log[name]) for name in (*ANSWERS, *COMMANDS))
 
 
@@ -232,7 +232,7 @@ def test_a_shaft_half_a_row_late_within_its_tolerance_hides_no_order_of_rows() -
     time_s = WORK["time_s"]
     # 25 ms by the file
     later = {**WORK, "shaft_rpm": np.interp(time_s - 0.045, time_s, WORK["shaft_rpm"])}
-    assert as_said(later).findings == gate(later).findings
+    assert as_said(later).findings == clean_run_log(later).findings
     assert any("moved a row" in finding for finding in as_said(in_force(later)).findings)
 
 
@@ -260,7 +260,7 @@ def test_a_shaft_that_is_early_by_a_row_is_in_the_rows_of_others_and_one_that_is
         "opening_mm": np.r_[WORK["opening_mm_cmd"][:2], WORK["opening_mm_cmd"][:-2]]
         + 0.1 * np.random.default_rng(7).standard_normal(len(time_s)),
     }
-    assert as_said(quick).findings == gate(quick).findings
+    assert as_said(quick).findings == clean_run_log(quick).findings
     slow |= {name: WORK[name] for name in ("opening_mm_cmd", "opening_mm")}
     slow = taken(slow, slice(4000))  # 200 s
     found = diagnose_run(
@@ -277,7 +277,7 @@ def test_a_shaft_that_is_early_by_a_row_is_in_the_rows_of_others_and_one_that_is
 @pytest.mark.exam
 def test_what_one_drive_answers_late_is_no_order_of_rows() -> None:
     slow = {**WORK, "shaft_rpm": np.r_[WORK["shaft_rpm"][:2], WORK["shaft_rpm"][:-2]]}
-    assert as_said(slow).findings == gate(slow).findings
+    assert as_said(slow).findings == clean_run_log(slow).findings
     found = diagnose_run(slow, HUANGHAI)
     assert found.verdict != "none"
     assert {left.channel for left in found.unexplained} | {
@@ -313,9 +313,9 @@ def test_a_reading_that_is_held_while_the_shaft_moves_is_none() -> None:
         noise=Noise(shaft_rpm=0.3),
         shaft=Shaft(dead_time_s=0.02, time_constant_s=0.06),
     )
-    clean = gate(stairs)
+    clean = clean_run_log(stairs)
     assert repeated_in_motion(clean.columns["shaft_rpm"], 0.3).any()
-    assert run_data(clean, machine).shaft.grid.rows.tolist().count(30) == 1
+    assert make_run_data(clean, machine).shaft.grid.rows.tolist().count(30) == 1
 
 
 def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:
@@ -325,9 +325,11 @@ def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:
     log["hopper_kg"] = (
         290.0 - np.cumsum(5.5e-3 * WORK["shaft_rpm"] * WORK["opening_mm"] / 60.0) * 0.05
     )[::20]
-    data = run_data(gate(log), HUANGHAI)
-    left = hopper_channel(data.hopper, HUANGHAI)
-    off_kg = left.measured - left.predict(schedule(list_stages(HUANGHAI), ()), MAX_MODEL_STEP_S)
+    data = make_run_data(clean_run_log(log), HUANGHAI)
+    left = make_hopper_channel(data.hopper, HUANGHAI)
+    off_kg = left.measured - left.predict(
+        make_schedule(list_stages(HUANGHAI), ()), MAX_MODEL_STEP_S
+    )
     assert np.allclose(data.hopper.read_at, 0.0)
     assert np.std(np.diff(off_kg)) < 0.02, (
         "half a second of a flow of 0.05 to 0.4 kg/s makes 0.04 kg"
@@ -339,7 +341,7 @@ def test_a_speed_that_happens_to_be_a_sentinel_is_a_reading_where_the_others_com
     table = columns(np.full(ROWS, 1.2))
     table["shaft_rpm"] = np.linspace(-120.0, 120.0, ROWS).round()
     table["shaft_rpm"][7] = -9999.0
-    clean = gate(table)
+    clean = clean_run_log(table)
     assert np.sum(clean.columns["shaft_rpm"] == -99.0) >= 1
     assert np.isnan(clean.columns["shaft_rpm"][7])
     assert [text for text in clean.findings if "shaft_rpm:" in text] == [
@@ -358,7 +360,7 @@ def test_a_notebook_s_times_and_units_are_mended_as_a_file_s_are():
         "lat_deg": 34.0 + 1.2 * time_s / 111_200.0,
         "lon_deg": np.full(ROWS, 119.0),
     }
-    good = gate(plain)
+    good = clean_run_log(plain)
     for spoilt, word in (
         ({"time_s": 1.7e12 + 1000.0 * time_s}, "milliseconds"),
         (
@@ -370,14 +372,16 @@ def test_a_notebook_s_times_and_units_are_mended_as_a_file_s_are():
         ),
         ({"ndvi_1": 100.0 * plain["ndvi_1"]}, "in percent"),
     ):
-        clean = gate(plain | spoilt)
+        clean = clean_run_log(plain | spoilt)
         assert any(word in text for text in clean.findings), (word, clean.findings)
         assert clean.step_s == pytest.approx(good.step_s, rel=1e-6) and clean.stages == good.stages
         assert all(
             np.allclose(clean.columns[name], good.columns[name], equal_nan=True)
             for name in good.columns
         )
-    coarse = gate(plain | {"time_s": np.floor(time_s)})
+    coarse = clean_run_log(plain | {"time_s": np.floor(time_s)})
     assert len(coarse.time_s) == ROWS and coarse.step_s == pytest.approx(0.1)
-    back = gate(plain | {"time_s": time_s - np.where(np.arange(ROWS) < ROWS // 2, 0.0, 5.03)})
+    back = clean_run_log(
+        plain | {"time_s": time_s - np.where(np.arange(ROWS) < ROWS // 2, 0.0, 5.03)}
+    )
     assert len(back.time_s) == ROWS - 50 and np.diff(back.time_s).min() > 0.05

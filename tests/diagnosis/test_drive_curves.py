@@ -21,7 +21,7 @@ from topdress.console.services.diagnosis_job import DiagnosisOrder, carry_out_or
 from topdress.control.diagnosis.extend import extend, not_adoptable
 from topdress.control.diagnosis.result import Cause, Diagnosis, Rival
 from topdress.control.diagnosis.runs.adoption import select_adoptable
-from topdress.control.diagnosis.runs.channels import channels
+from topdress.control.diagnosis.runs.channels import make_channels
 from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.runs.search import Search
@@ -79,7 +79,7 @@ def test_two_speeds_are_a_line_and_no_curve() -> None:
 def test_freedom_of_form_moves_no_size() -> None:
     columns = {name: np.asarray(values) for name, values in staircase(1).items()}
     _, data, _ = series_of_log(columns, DRIVE)
-    search = Search([channels(data, DRIVE)["shaft"]], DRIVE, data)
+    search = Search([make_channels(data, DRIVE)["shaft"]], DRIVE, data)
     parts = (EffectInstance("shaft.gain", 100.0), EffectInstance("shaft.dead_zone", 90.0))
     slopes = search.columns.slopes(parts)
     for form in search.columns.form_columns(parts, slopes):

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.console.cli import diagnose
-from topdress.control.diagnosis.dataframe_input import columns_of
+from topdress.control.diagnosis.dataframe_input import read_columns
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.control.diagnosis.runs.log import UNREAD, gate
+from topdress.control.diagnosis.runs.log import UNREAD, clean_run_log
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.read_log import read_log
@@ -31,8 +31,8 @@ def printed() -> dict[str, np.ndarray]:
 
 
 def test_readings_as_a_log_prints_them_are_not_copied(printed) -> None:
-    given = columns_of(printed)
-    clean = gate(given)
+    given = read_columns(printed)
+    clean = clean_run_log(given)
     assert all(np.shares_memory(given[name], printed[name]) for name in printed)
     assert all(
         np.shares_memory(clean.columns[name], printed[name])
@@ -44,7 +44,7 @@ def test_what_is_put_right_is_a_copy(printed) -> None:
     spoilt = printed["speed_mps"].copy()
     spoilt[7], spoilt[8], spoilt[9] = 1e12, -0.0, 1.23456789123
     before = spoilt.copy()
-    clean = gate(printed | {"speed_mps": spoilt})
+    clean = clean_run_log(printed | {"speed_mps": spoilt})
     assert np.array_equal(spoilt, before) and np.signbit(spoilt[8])
     found = clean.columns["speed_mps"]
     assert np.isnan(found[7]) and not np.signbit(found[8]) and found[9] == 1.23456789

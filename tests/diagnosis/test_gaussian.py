@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from topdress.control.diagnosis.judgement.gaussian import Gaussian, gain
+from topdress.control.diagnosis.judgement.gaussian import Gaussian, calc_elementwise_gain
 from topdress.control.diagnosis.runs import whitened
 
 approx = pytest.approx
@@ -28,13 +28,13 @@ def test_the_gain_is_what_the_columns_make_the_data_likelier() -> None:
     found = OF_ROWS.fit(SD, MEAN)
     assert found.gain == approx(log_density(1.0) - multivariate_normal(np.zeros(40)).logpdf(R))
     assert found.b[3] == MEAN[3] and found.cov[3, 3] == 0.0, "no prior s.d.: it stands"
-    assert gain(OF_ROWS.A[0, 0], OF_ROWS.s[0], 0.5) == approx(
+    assert calc_elementwise_gain(OF_ROWS.A[0, 0], OF_ROWS.s[0], 0.5) == approx(
         OF_ROWS.of(np.array([0])).fit(SD[:1]).gain
     )
 
 
 def test_the_strength_of_the_noise_is_that_of_every_v() -> None:
-    v, along = np.array([0.4, 1.0, 3.0]), OF_ROWS.along_axes(SD)
+    v, along = np.array([0.4, 1.0, 3.0]), OF_ROWS.find_independent_axes(SD)
     assert along.log_evidence(v) == approx(
         [log_density(one, np.zeros(4)) + 20.0 * np.log(2.0 * np.pi * one) for one in v]
     )

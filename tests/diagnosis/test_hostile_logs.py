@@ -10,9 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from topdress.control.diagnosis.runs import diagnose
-from topdress.control.diagnosis.runs.diagnose import diagnose_run, is_finite
-from topdress.control.diagnosis.runs.log import LONGEST_NAME, MOST_KEPT, gate, select_variables
-from topdress.control.diagnosis.runs.terms import _id
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, has_finite_numbers
+from topdress.control.diagnosis.runs.log import (
+    LONGEST_NAME,
+    MOST_KEPT,
+    clean_run_log,
+    select_variables,
+)
+from topdress.control.diagnosis.runs.terms import _make_term_id
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.terms import Term
 from topdress.drivers.files.any_log import open_log
@@ -64,7 +69,7 @@ def speeds(**more: np.ndarray) -> dict[str, np.ndarray]:
 def test_cells_that_no_machine_reads_are_left_out_and_said(value: float, said: str) -> None:
     columns = speeds()
     columns["speed_mps"][5:9] = value
-    log = gate(columns)
+    log = clean_run_log(columns)
     assert (
         np.isnan(log.columns["speed_mps"][5:9]).all()
         and np.isfinite(log.columns["speed_mps"][9:]).all()
@@ -99,7 +104,7 @@ def test_our_own_trouble_with_one_group_leaves_the_others_judged(
 
 
 def test_numbers_that_are_none_are_left_out_of_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    report = diagnose.report
+    report = diagnose.make_report
 
     def broken(data: Any, machine: Any, groups: Any, *rest: Any) -> Any:
         from dataclasses import replace
@@ -113,9 +118,9 @@ def test_numbers_that_are_none_are_left_out_of_the_result(monkeypatch: pytest.Mo
             ),
         )
 
-    monkeypatch.setattr(diagnose, "report", broken)
+    monkeypatch.setattr(diagnose, "make_report", broken)
     found = diagnose_run(speeds(), Machine())
-    assert is_finite(found) and {row.channel for row in found.channels} == {"speed"}
+    assert has_finite_numbers(found) and {row.channel for row in found.channels} == {"speed"}
     assert any(
         text.startswith("shaft: left out: the numbers of this log lead beyond")
         for text in found.findings
@@ -151,7 +156,7 @@ def test_a_term_over_a_column_of_any_name(name: str) -> None:
     found = diagnose_run({key: values[: ROWS // 2] for key, values in columns.items()}, Machine())
     terms = [Term.model_validate(one.term) for one in found.terms]
     assert terms[0].over[0].name == name, found.findings
-    assert len(terms[0].id) <= 80 and len(_id("flow.slope_" + "x" * 300)) <= 80
+    assert len(terms[0].id) <= 80 and len(_make_term_id("flow.slope_" + "x" * 300)) <= 80
 
 
 def test_what_is_no_further_column_is_left_out_and_said() -> None:
@@ -183,7 +188,7 @@ def test_of_too_many_columns_those_that_go_with_a_reading_are_kept() -> None:
     columns["wheel_speed_mps"] = columns["wheel_speed_mps"] * (1.0 + 0.06 * load)
     columns |= {f"signal {k}": RNG.normal(0.0, 1.0, ROWS).cumsum() for k in range(1990)}
     columns["signal 777"] = 40.0 + 10.0 * load + RNG.normal(0.0, 0.3, ROWS)
-    log = gate(columns)
+    log = clean_run_log(columns)
     assert len(log.further) == MOST_KEPT and "signal 777" in log.further
     assert any(
         f"the {MOST_KEPT} that go best with the readings are kept" in text for text in log.findings

@@ -11,11 +11,11 @@ from scipy.signal import lfilter
 from topdress.control.diagnosis.judgement.noise import (
     coefficients,
     leave_out_bands,
-    segments,
-    series_of,
+    make_segments,
+    make_series_of,
 )
-from topdress.control.diagnosis.judgement.noise_fit import solved
-from topdress.control.diagnosis.runs.held_out import BLOCKS, GAP_S, HELD_OUT, held_out
+from topdress.control.diagnosis.judgement.noise_fit import solve_linear_system
+from topdress.control.diagnosis.runs.held_out import BLOCKS, GAP_S, HELD_OUT, hold_out_blocks
 from topdress.control.diagnosis.runs.quantised import (
     find_reading_step,
     noise_before_rounding,
@@ -31,7 +31,7 @@ from topdress.control.diagnosis.runs.robust import find_tail_excess
 def test_segments_alike_have_the_same_bands_wherever_they_lie(
     bounds: tuple[tuple[int, int], ...],
 ) -> None:
-    one, both = segments(400), segments(1000, bounds)
+    one, both = make_segments(400), make_segments(1000, bounds)
     assert one.bounds == ((0, 400),) and both.bounds == bounds
     assert both.members == pytest.approx(2.0 * one.members)
     assert both.omega == pytest.approx(one.omega)
@@ -41,7 +41,7 @@ def test_segments_alike_have_the_same_bands_wherever_they_lie(
 def test_a_wave_lies_in_the_band_of_its_frequency() -> None:
     """In the second segment as in the first: sin(0.5 k) is found where omega is about 0.5 rad
     per sample."""
-    cut = segments(2000, ((0, 1000), (1000, 2000)))
+    cut = make_segments(2000, ((0, 1000), (1000, 2000)))
     wave = np.where(np.arange(2000) < 1000, 0.0, np.sin(0.5 * np.arange(2000)))
     power = np.add.reduceat(coefficients(wave, cut) ** 2, cut.starts)
     assert cut.omega[power.argmax()] == pytest.approx(0.5, rel=0.3)
@@ -49,19 +49,19 @@ def test_a_wave_lies_in_the_band_of_its_frequency() -> None:
 
 def test_coefficients_give_the_series_again() -> None:
     series = np.random.default_rng(1).standard_normal(900)
-    cut = segments(900, ((0, 400), (500, 900)))
-    again = series_of(coefficients(series, cut), cut)
+    cut = make_segments(900, ((0, 400), (500, 900)))
+    again = make_series_of(coefficients(series, cut), cut)
     assert again[:400] == pytest.approx(series[:400]) and again[500:] == pytest.approx(series[500:])
     assert np.all(again[400:500] == 0.0)
 
 
 def test_bands_left_out_are_in_no_coefficient_and_in_no_series() -> None:
-    series, cut = np.random.default_rng(2).standard_normal(3000), segments(3000)
+    series, cut = np.random.default_rng(2).standard_normal(3000), make_segments(3000)
     bands = np.arange(len(cut.starts)) % 5 == 2
     less = leave_out_bands(cut, bands)
     kept, every = coefficients(series, less), coefficients(series, cut)
     assert len(kept) == less.members.sum() == len(every) - cut.members[bands].sum()
-    again = series_of(kept, less)
+    again = make_series_of(kept, less)
     assert again.shape == series.shape
     assert np.sum(again**2) == pytest.approx(np.sum(kept**2))
     assert np.abs(coefficients(again, leave_out_bands(cut, ~bands))).max() < 1e-9
@@ -152,14 +152,14 @@ def test_the_step_is_that_of_lapack(seed: int) -> None:
     square, right = rng.normal(size=(4, 4)) * 10.0 ** rng.uniform(-3.0, 3.0, 4), rng.normal(size=4)
     for matrix in (square, square @ square.T):  # rows must change places; as Fisher's is
         expected = np.linalg.solve(matrix, right)
-        off = matrix @ solved(matrix.copy(), right.copy()) - right
+        off = matrix @ solve_linear_system(matrix.copy(), right.copy()) - right
         assert np.abs(off).max() <= 1e-12 + 10.0 * np.abs(matrix @ expected - right).max()
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
 def test_what_has_no_step_is_refused(value: float) -> None:
     with pytest.raises(np.linalg.LinAlgError):
-        solved(np.full((4, 4), value), np.ones(4))
+        solve_linear_system(np.full((4, 4), value), np.ones(4))
 
 
 # --- Blocks of a log that no size is fitted to: where they lie, and that a short log has none
@@ -171,7 +171,7 @@ class Steps(NamedTuple):
 
 
 class Series(NamedTuple):
-    """What `held_out` asks of a channel."""
+    """What `hold_out_blocks` asks of a channel."""
 
     measured: np.ndarray
     grid: Steps
@@ -181,7 +181,7 @@ class Series(NamedTuple):
 @pytest.mark.parametrize("step_s", [0.1, 0.2])
 def test_held_out_blocks_keep_their_distance_from_those_that_are_fitted(step_s: float) -> None:
     length, gap = 4800, round(GAP_S / step_s)
-    blocks = held_out(Series(np.zeros(length), Steps(step_s)))  # type: ignore[arg-type]
+    blocks = hold_out_blocks(Series(np.zeros(length), Steps(step_s)))  # type: ignore[arg-type]
     assert [(piece.start, piece.stop) for piece in blocks.pieces] == [
         (length * k // BLOCKS + gap, length * (k + 1) // BLOCKS - gap) for k in HELD_OUT
     ]
@@ -189,5 +189,5 @@ def test_held_out_blocks_keep_their_distance_from_those_that_are_fitted(step_s: 
 
 @pytest.mark.parametrize("seconds", [8.0, 80.0, 8.0 * 2.0 * GAP_S])
 def test_a_log_shorter_than_the_gaps_holds_nothing_out(seconds: float) -> None:
-    blocks = held_out(Series(np.zeros(round(10.0 * seconds)), Steps(0.1)))  # type: ignore[arg-type]
+    blocks = hold_out_blocks(Series(np.zeros(round(10.0 * seconds)), Steps(0.1)))  # type: ignore[arg-type]
     assert blocks.pieces == ()

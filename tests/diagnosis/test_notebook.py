@@ -13,7 +13,7 @@ import pandas as pd
 import polars as pl
 import pytest
 from topdress.control.diagnosis import compared, diagnose_run
-from topdress.control.diagnosis.dataframe_input import columns_of
+from topdress.control.diagnosis.dataframe_input import read_columns
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.machine.machine import Machine
 
@@ -49,7 +49,7 @@ REST = {name: values for name, values in PLAIN.items() if name != "time_s"}
     ids=range(17),
 )
 def test_any_table_is_the_same_log(data: Any) -> None:
-    found = columns_of(data)
+    found = read_columns(data)
     assert set(found) - {"remark"} == set(PLAIN)
     for name, values in PLAIN.items():
         assert found[name].dtype == np.float64 and np.allclose(found[name], values, atol=1e-6), name

@@ -15,10 +15,10 @@ from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.runs import grid
 from topdress.control.diagnosis.runs.diagnose import Cancelled, diagnose_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
-from topdress.control.diagnosis.runs.log import gate
-from topdress.control.diagnosis.runs.model import nuisances
+from topdress.control.diagnosis.runs.log import clean_run_log
+from topdress.control.diagnosis.runs.model import list_nuisances
 from topdress.control.diagnosis.runs.report import find_separation
-from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.experiments.manoeuvres import list_manoeuvres
 from topdress.control.machine.machine import CATALOGUE, Machine, list_effect_sizes
 from topdress.drivers.files.config import load
@@ -407,7 +407,7 @@ def test_progress_is_told_and_cancel_obeyed_in_the_middle_of_the_work_of_one_sta
 
 def test_the_gate_s_speed_may_be_off_by_its_share_of_the_nominal_one() -> None:
     machine = Machine()
-    sizes = {one.key: one.sd for one in nuisances("gate", machine)}
+    sizes = {one.key: one.sd for one in list_nuisances("gate", machine)}
     assert sizes["gate.slew_mm_s"] == approx(
         machine.gate.slew_mm_s * 0.01 * machine.tolerance.gate_slew_percent
     )
@@ -627,7 +627,7 @@ def test_a_refill_is_a_share_of_the_hopper(name: str, knock_kg: float, refilled:
         metering_run(machine, 1, 200.0, 200.0, 200.0),
         hopper_kg=lambda c: c.hopper_kg - np.where(c.time_s < 100.0, knock_kg, 0.0),
     )
-    hopper = run_data(gate(columns), machine).hopper
+    hopper = make_run_data(clean_run_log(columns), machine).hopper
     assert hopper is not None and bool(hopper.jumps) == refilled
 
 

@@ -12,18 +12,22 @@ import pytest
 from scipy.signal import lfilter
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.judgement.evidence import Role
-from topdress.control.diagnosis.judgement.noise import coefficients, series_of, strengths
+from topdress.control.diagnosis.judgement.noise import (
+    calc_coefficient_strengths,
+    coefficients,
+    make_series_of,
+)
 from topdress.control.diagnosis.result import UNKNOWN
 from topdress.control.diagnosis.runs import intermittent, onset
 from topdress.control.diagnosis.runs.changepoint import END_S, find_best_onsets
-from topdress.control.diagnosis.runs.channels import channels, hopper_channel
+from topdress.control.diagnosis.runs.channels import make_channels, make_hopper_channel
 from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
-from topdress.control.diagnosis.runs.log import gate
-from topdress.control.diagnosis.runs.model import GROUPS, apply_course, course
-from topdress.control.diagnosis.runs.nominal_values import settle
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
+from topdress.control.diagnosis.runs.log import clean_run_log
+from topdress.control.diagnosis.runs.model import GROUPS, apply_course, calc_part_course
+from topdress.control.diagnosis.runs.nominal_values import settle_nominal_values
 from topdress.control.diagnosis.runs.search import Search
-from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.diagnosis.runs.whitened import find_even_gain
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
@@ -50,7 +54,7 @@ approx, exam = pytest.approx, pytest.mark.exam
 def search_of(log: Columns, channel: str, machine: Machine = HUANGHAI) -> Search:
     """The group of channels that one belongs to, as far as the log has them."""
     _, data, _ = series_of_log(log, machine)
-    seen = channels(data, machine)
+    seen = make_channels(data, machine)
     return Search(
         [seen[name] for name in next(g for g in GROUPS.values() if channel in g) if name in seen],
         machine,
@@ -199,7 +203,7 @@ def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s: float) -
         "gate",
         machine,
     )
-    settle(found.columns, ())
+    settle_nominal_values(found.columns, ())
     assert found.model.offsets["gate.dead_time_s"] == approx(off_s, abs=0.004)
 
 
@@ -217,7 +221,7 @@ def test_a_gate_whose_last_move_came_late_is_not_stuck(moves_on: bool) -> None:
     model = search_of(
         {"time_s": time_s, "opening_mm_cmd": command, "opening_mm": read}, "gate", machine
     ).model
-    assert [one.part.id for one in onset.stops(model)] == ["gate.stuck"] * moves_on
+    assert [one.part.id for one in onset.find_stopped_drives(model)] == ["gate.stuck"] * moves_on
 
 
 # --- Speeds and heads alone
@@ -619,10 +623,10 @@ def test_how_a_cause_may_differ_in_form_is_confined_to_when_it_is_there(
     freedom = [c for c in columns.of_hypothesis((late,)) if c.label.role is Role.FORM]
     one = columns.model.channel(channel)
     before = one.grid.even_s < 299.0
-    shapes = [series_of(c.coefficients[channel], one.cut) for c in freedom]
+    shapes = [make_series_of(c.coefficients[channel], one.cut) for c in freedom]
     assert shapes and all(np.abs(s[before]).max() < 1e-3 * np.abs(s).max() for s in shapes)
     (own,) = columns.slopes((late,))
-    does = np.abs(series_of(own.coefficients[channel], one.cut))
+    does = np.abs(make_series_of(own.coefficients[channel], one.cut))
     # the drive follows: a leap would tell one reading
     not_yet = (one.grid.even_s < 301.0) & (does < 1e-3 * does.max())
     assert all(np.abs(s[not_yet]).max() < 1e-2 * np.abs(s).max() for s in shapes)
@@ -647,8 +651,10 @@ def test_the_gain_of_a_box_is_that_of_least_squares(id_: str, channel: str) -> N
 
     rows, left, basis = [], [], []
     for one in model.channels:
-        scale = 1.0 / np.sqrt(strengths(noise[one.name], one.prior, one.cut, one.grid.step_s))
-        there = course(one, box.part)
+        scale = 1.0 / np.sqrt(
+            calc_coefficient_strengths(noise[one.name], one.prior, one.cut, one.grid.step_s)
+        )
+        there = calc_part_course(one, box.part)
         summed = one.name == "scale"
         boxed = (
             apply_course(trace[one.name] / candidate.part.size, there, one.copies, summed)
@@ -692,12 +698,14 @@ def test_a_gap_that_ends_while_the_hopper_is_filled_starts_no_new_level() -> Non
         WORK,
         hopper_kg=lambda c: c.hopper_kg + 150.0 * np.clip((c.time_s - 300.0) / 20.0, 0, 1) - 100.0,
     )
-    hopper = run_data(
-        gate(taken(log, (WORK["time_s"] < 296.0) | (WORK["time_s"] >= 303.0))), HUANGHAI
+    hopper = make_run_data(
+        clean_run_log(taken(log, (WORK["time_s"] < 296.0) | (WORK["time_s"] >= 303.0))), HUANGHAI
     ).hopper
     assert [end for end, _ in hopper.gaps] == [303] and 303 not in hopper.grid.rows
-    channel = hopper_channel(hopper, HUANGHAI)
-    left = channel.measured - channel.predict(schedule(list_stages(HUANGHAI), ()), MAX_MODEL_STEP_S)
+    channel = make_hopper_channel(hopper, HUANGHAI)
+    left = channel.measured - channel.predict(
+        make_schedule(list_stages(HUANGHAI), ()), MAX_MODEL_STEP_S
+    )
     before, after = (
         np.median(left[rows]) for rows in (channel.grid.even_s < 290.0, channel.grid.even_s > 330.0)
     )
@@ -708,7 +716,7 @@ def test_a_gap_that_ends_while_the_hopper_is_filled_starts_no_new_level() -> Non
 def test_steps_of_the_scale_where_rows_are_missing_are_no_bridges(in_gaps: bool) -> None:
     """Four steps of 0.5 kg up: what was metered in a gap nobody knows, elsewhere the hopper
     bridged. A log of this kind gave flow.bridging, 0.98 %, p = 0.95."""
-    hopper = run_data(gate(WORK), HUANGHAI).hopper
+    hopper = make_run_data(clean_run_log(WORK), HUANGHAI).hopper
     at, nowhere, seconds = (
         np.array([100, 220, 340, 460]),
         np.array([], int),
@@ -732,7 +740,7 @@ def test_a_tolerance_of_the_shaft_may_differ_by_speed_and_by_way(key: str) -> No
     )
     rpm, cut = search.model.predicted(())["shaft"], search.model.channel("shaft").cut
     tolerance, by_speed, by_way = (
-        series_of(one.coefficients["shaft"], cut)
+        make_series_of(one.coefficients["shaft"], cut)
         for one in search.columns.fixed(())
         if one.label.name == key
     )
@@ -748,13 +756,14 @@ def test_so_many_of_forty_dips_that_begin_in_one_class_of_sixteen_follow_its_var
 ) -> None:
     begins = [*range(2, 2 + 2 * in_one, 2), *np.linspace(110, 1590, 40 - in_one).astype(int)]
     assert (
-        intermittent._follows(np.isin(np.arange(1600), begins), np.arange(1600.0), 1.0) > 0.0
+        intermittent._calc_class_evidence(np.isin(np.arange(1600), begins), np.arange(1600.0), 1.0)
+        > 0.0
     ) is follows
 
 
 def test_a_logger_that_only_lost_rows_tells_of_moves_as_before() -> None:
-    log = gate(taken(WORK, np.random.default_rng(1).random(len(WORK["time_s"])) > 0.08))
-    data = run_data(log, HUANGHAI)
+    log = clean_run_log(taken(WORK, np.random.default_rng(1).random(len(WORK["time_s"])) > 0.08))
+    data = make_run_data(log, HUANGHAI)
     assert data.gate.left_out == 0 and data.gate.moves_seen
 
 

@@ -13,11 +13,11 @@ from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.calibration.lag_fit import fit_lag
 from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.diagnosis.tables import diagnose_tables
-from topdress.control.diagnosis.tables.cross_calibration import across
+from topdress.control.diagnosis.tables.cross_calibration import compare_lag_series
 from topdress.control.diagnosis.tables.problem import make_problem
-from topdress.control.diagnosis.tables.rows import make_pieces
-from topdress.control.diagnosis.tables.search import search
-from topdress.control.diagnosis.tables.verdict import judged
+from topdress.control.diagnosis.tables.rows import make_table_pieces
+from topdress.control.diagnosis.tables.search import search_table_models
+from topdress.control.diagnosis.tables.verdict import judge_table_search
 from topdress.control.machine.fall import calc_drop_s, find_start_drop_s
 from topdress.control.machine.machine import CATALOGUE
 from topdress.control.machine.start import calc_response_s
@@ -677,7 +677,9 @@ def test_what_is_planted_is_said(seed: int, tables: Tables, said: Mapping[str, A
 
 
 def test_what_a_refused_name_showed_is_not_forgotten() -> None:
-    found = judged(search(make_problem(make_pieces(FAR_TOO_LATE, MACHINE), MACHINE)), True)
+    found = judge_table_search(
+        search_table_models(make_problem(make_table_pieces(FAR_TOO_LATE, MACHINE), MACHINE)), True
+    )
     assert not found.named and found.nearest is not None and found.nothing < 1e-6
 
 
@@ -749,11 +751,11 @@ def test_json_has_every_field_of_the_contract() -> None:
 
 
 def test_a_running_shaft_is_predicted_with_its_settled_drop() -> None:
-    (piece,) = make_pieces(timed(RUNNING_S), MACHINE)
+    (piece,) = make_table_pieces(timed(RUNNING_S), MACHINE)
     assert piece.predict(MACHINE) == approx(RUNNING_S)
     # 0 or not known: it stood
     standing = np.where(BEFORE > 20.0, BEFORE, np.where(RPM > 40.0, 0.0, np.nan))
-    (piece,) = make_pieces(timed(RUNNING_S, standing), MACHINE)
+    (piece,) = make_table_pieces(timed(RUNNING_S, standing), MACHINE)
     assert piece.predict(MACHINE) == approx(np.where(BEFORE > 20.0, RUNNING_S, START_S))
 
 
@@ -765,7 +767,7 @@ def test_the_line_of_starts_leaves_a_running_shaft_out() -> None:
     with pytest.raises(ValueError, match="0 different shaft speeds"):
         fit_lag(timed(times), MACHINE)
     assert (
-        across(
+        compare_lag_series(
             [timed(times), BenchTable("lag", {"shaft_rpm": RPM, "lag_s": times}, path="b")], MACHINE
         )
         == ()

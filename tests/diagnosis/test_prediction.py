@@ -14,15 +14,15 @@ from topdress.console.reports.notebook import format_notebook_html
 from topdress.control.diagnosis.extend import extend, not_adoptable
 from topdress.control.diagnosis.prediction.blocks import (
     BLOCKS,
+    calc_block_errors,
+    calc_errors_by_channel,
     cut_into_blocks,
-    errors,
-    held,
     is_surely_positive,
-    numbers_of,
+    list_added_numbers,
 )
 from topdress.control.diagnosis.prediction.on_log import OnLog
 from topdress.control.diagnosis.prediction.predictive_validation import (
-    adoptable,
+    select_predictive_causes,
     validate_prediction,
 )
 from topdress.control.diagnosis.prediction.rival import find_rival
@@ -110,7 +110,7 @@ def test_a_name_whose_file_predicts_worse_is_no_longer_sure_and_nothing_is_writt
     sound: tuple[Diagnosis, OnLog],
 ) -> None:
     found, on_log = wrong_name(sound[0]), sound[1]
-    taken = adoptable(on_log, found, ["shaft.gain"], ())
+    taken = select_predictive_causes(on_log, found, ["shaft.gain"], ())
     assert taken.found.causes == () and [name for name, _ in taken.refused] == ["shaft.gain"]
     after = validate_prediction(on_log, found, ())
     assert (
@@ -134,17 +134,20 @@ def test_a_block_is_predicted_as_by_least_squares_without_it() -> None:
     columns = steps(2)
     on_log = seen(columns, DRIVE)
     file = add_effect(DRIVE, "shaft.gain", 30.0)
-    (number,) = numbers_of(file, DRIVE)
-    judged = held(on_log, file, ("shaft",), [number])
-    left = errors(on_log, file, ("shaft",))["shaft"]
-    column = left - errors(on_log, add_effect(DRIVE, "shaft.gain", 31.0), ("shaft",))["shaft"]
+    (number,) = list_added_numbers(file, DRIVE)
+    judged = calc_block_errors(on_log, file, ("shaft",), [number])
+    left = calc_errors_by_channel(on_log, file, ("shaft",))["shaft"]
+    column = (
+        left
+        - calc_errors_by_channel(on_log, add_effect(DRIVE, "shaft.gain", 31.0), ("shaft",))["shaft"]
+    )
     best = float(column @ left) / float(column @ column)
     for k, block in enumerate(cut_into_blocks(len(left))):
         rest = np.ones(len(left), bool)
         rest[block] = False
         without = float(column[rest] @ left[rest]) / float(column[rest] @ column[rest])
         moved = add_effect(DRIVE, "shaft.gain", 30.0 + without - best)
-        piece = errors(on_log, moved, ("shaft",))["shaft"][block]
+        piece = calc_errors_by_channel(on_log, moved, ("shaft",))["shaft"][block]
         assert judged.blocks["shaft"][k] == pytest.approx(float(np.mean(piece**2)), rel=1e-6)
     assert len(judged.blocks["shaft"]) == BLOCKS
 

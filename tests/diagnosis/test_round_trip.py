@@ -13,11 +13,11 @@ import pytest
 from topdress.control.diagnosis.effects import ROWS
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
-from topdress.control.diagnosis.runs.channels import channels
+from topdress.control.diagnosis.runs.channels import make_channels
 from topdress.control.diagnosis.runs.diagnose import series_of_log
-from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
 from topdress.control.diagnosis.runs.model import GROUPS, GroupModel
-from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import ANGLES, FORMS, ScaledVariable, TriedForm, scale_variable
 from topdress.control.machine.forms import LostConstantForm, ProductForm
@@ -101,7 +101,7 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
     clean, data = seen
     low, high = find_size_bounds(name, BOTH_WAYS)
     member = 2 if CATALOGUE[name].effect.member_field else None
-    every = channels(data, BOTH_WAYS)
+    every = make_channels(data, BOTH_WAYS)
     # a gain of -210 %: the other way round
     for size in {0.1 * low, 0.7 * low, 0.2 * high} - {0.0}:
         part = EffectInstance(name, float(size), member=member)
@@ -116,7 +116,7 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
             FieldCost(0.0, 0.0),
         )
         file = written(BOTH_WAYS, diagnosis(causes=(cause,)), tmp_path)
-        again = channels(run_data(clean, file), file)
+        again = make_channels(make_run_data(clean, file), file)
         names = next(
             (names for names in GROUPS.values() if set(ROWS[name].channels) & set(names)), ()
         )
@@ -125,7 +125,7 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
         )
         for channel, predicted in fit.items():
             own = every[channel]._replace(predict=again[channel].predict)
-            of_file = own.predict(schedule(list_stages(file), ()), MAX_MODEL_STEP_S)
+            of_file = own.predict(make_schedule(list_stages(file), ()), MAX_MODEL_STEP_S)
             assert np.abs(of_file - predicted).max() < 1e-9 * max(1.0, np.abs(predicted).max()), (
                 channel
             )

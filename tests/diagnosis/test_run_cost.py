@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.runs import log, stages
-from topdress.control.diagnosis.runs.cost import field_cost
+from topdress.control.diagnosis.runs.cost import calc_field_cost
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.diagnosis.tables import report as tables
 from topdress.control.diagnosis.tables.table_series import SizedEffect, TableCandidate
@@ -42,7 +42,7 @@ def a_log(shaft_rpm, seconds=400.0):
 
 
 def data_of(columns):
-    return stages.run_data(log.gate(columns), Machine())
+    return stages.make_run_data(log.clean_run_log(columns), Machine())
 
 
 @pytest.mark.parametrize(
@@ -58,10 +58,12 @@ def data_of(columns):
 )
 def test_runs_and_tables_tell_the_same_dose_at_the_same_operating_point(effect, size, percent):
     machine = Machine()
-    of_run = field_cost(
+    of_run = calc_field_cost(
         EffectInstance(effect.id, size), machine, data_of(a_log(machine.set_points.shaft_rpm))
     )
-    of_table = tables.field_cost(machine, SizedEffect(TableCandidate(effect.id), size), SPEED_MPS)
+    of_table = tables.calc_table_field_cost(
+        machine, SizedEffect(TableCandidate(effect.id), size), SPEED_MPS
+    )
     assert of_run.rate_error_percent == pytest.approx(of_table.rate_error_percent, abs=0.02)
     if percent is not None:
         assert of_run.rate_error_percent == pytest.approx(percent, abs=0.02)
@@ -78,7 +80,7 @@ def test_runs_and_tables_tell_the_same_dose_at_the_same_operating_point(effect, 
 )
 def test_what_comes_late_lands_late(effect, size, late_s):
     data = data_of(a_log(np.tile([20.0, 80.0], 50)))
-    found = field_cost(EffectInstance(effect.id, size), Machine(), data)
+    found = calc_field_cost(EffectInstance(effect.id, size), Machine(), data)
     assert found.rate_error_percent == 0.0
     assert found.place_error_m == pytest.approx(late_s * SPEED_MPS, abs=0.01)
 
@@ -87,7 +89,7 @@ def test_a_late_receiver_lands_late_where_the_speed_changes():
     columns = a_log(50.0)
     for name in ("speed_mps", "wheel_speed_mps"):
         columns[name] = columns[name] + 0.2 * np.sin(columns["time_s"] / 7.0)
-    found = field_cost(
+    found = calc_field_cost(
         EffectInstance(effects.SPEED_GNSS_LATENCY.id, 0.3), Machine(), data_of(columns)
     )
     assert found.place_error_m == pytest.approx(0.3 * SPEED_MPS, rel=0.05)
@@ -96,12 +98,12 @@ def test_a_late_receiver_lands_late_where_the_speed_changes():
 def test_what_begins_in_the_middle_is_counted_from_then_on():
     data = data_of(a_log(50.0))
     assert (
-        field_cost(
+        calc_field_cost(
             EffectInstance(effects.SHAFT_STALL.id, 1.0, 300.0), Machine(), data
         ).rate_error_percent
         < -97.0
     )
-    blocked = field_cost(
+    blocked = calc_field_cost(
         EffectInstance(effects.FLOW_BLOCKED_OUTLET.id, 16.7, 300.0), Machine(), data
     )
     assert blocked.rate_error_percent == pytest.approx(-16.7)
@@ -109,9 +111,9 @@ def test_what_begins_in_the_middle_is_counted_from_then_on():
 
 def test_what_has_no_cost_that_a_log_can_tell_says_so():
     data = data_of(a_log(50.0))
-    fouled = field_cost(
+    fouled = calc_field_cost(
         EffectInstance(effects.CANOPY_HEAD_FOULED.id, 5.0, None, 1), Machine(), data
     )
     assert fouled.rate_error_percent is None and fouled.place_error_m is None
-    steps = field_cost(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, 2.0), Machine(), data)
+    steps = calc_field_cost(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, 2.0), Machine(), data)
     assert steps.rate_error_percent == steps.place_error_m == 0.0

@@ -18,7 +18,7 @@ from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.runs import report
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
-from topdress.control.diagnosis.runs.model import nuisances
+from topdress.control.diagnosis.runs.model import list_nuisances
 from topdress.control.diagnosis.runs.residual_analysis import Remains
 from topdress.control.diagnosis.runs.search import Search
 from topdress.control.diagnosis.runs.selection import InPlace, RivalOf
@@ -166,7 +166,7 @@ def test_what_rows_refer_to_is_there() -> None:
     for row in effects.ROWS.values():
         assert set(row.siblings) <= set(CATALOGUE)
         assert {row.form_over} - {""} <= set(MIN_RANGE)
-        assert not row.moves or row.moves in {n.field for n in nuisances(row.stage, machine)}
+        assert not row.moves or row.moves in {n.field for n in list_nuisances(row.stage, machine)}
         for sibling in row.siblings:
             assert effects.ROWS[sibling].trial_sizes, (
                 f"{row.id}: {sibling} has no trial sizes to take its slope on"
@@ -181,7 +181,9 @@ def test_a_name_in_whose_place_something_unknown_stands_for_certain_is_not_liste
     before; it is named where nothing unknown stands (the test before)."""
     left = Remains("shaft", "loud")
     monkeypatch.setattr(
-        report, "remains", lambda one, _: [left] if one.search.model.names[0] == "shaft" else []
+        report,
+        "find_remains",
+        lambda one, _: [left] if one.search.model.names[0] == "shaft" else [],
     )
     monkeypatch.setattr(report, "unknown_share", lambda one, k, rest: 1.0)
     found = diagnose_run(too_fast(), HUANGHAI)

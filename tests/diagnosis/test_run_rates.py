@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from topdress.console.cli import app
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.control.diagnosis.runs.rates import rates
+from topdress.control.diagnosis.runs.rates import fit_rate_passes
 from topdress.control.machine.machine import Machine
 from typer.testing import CliRunner
 
@@ -124,7 +124,7 @@ def test_lag_and_gain_are_had_from_our_own_exports(exported, name):
 def test_intervals_hold_the_truth_as_often_as_they_say(correlation):
     lag, gain = [], []
     for seed in range(60):
-        fits, why = rates(driven(seed, correlation=correlation))
+        fits, why = fit_rate_passes(driven(seed, correlation=correlation))
         assert not why and fits[0].passes == 3
         lag.append(fits[0].lag.low <= LAG_S <= fits[0].lag.high)
         gain.append(fits[0].gain.low <= GAIN <= fits[0].gain.high)
@@ -132,7 +132,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(correlation):
 
 
 def test_a_rate_that_comes_early_has_a_negative_lag():
-    fits, _why = rates(driven(1, lag_s=-2.0))
+    fits, _why = fit_rate_passes(driven(1, lag_s=-2.0))
     assert fits[0].lag.value == pytest.approx(-2.0, abs=0.1) and fits[0].place_m == pytest.approx(
         -3.0, abs=0.15
     )
@@ -140,9 +140,9 @@ def test_a_rate_that_comes_early_has_a_negative_lag():
 
 def test_where_in_its_row_a_value_holds_widens_the_lag_of_other_programs_rows():
     columns = driven(1)
-    narrow = rates(columns)[0][0].lag
+    narrow = fit_rate_passes(columns)[0][0].lag
     del columns["x_duration_s"]
-    wide = rates(columns)[0][0].lag
+    wide = fit_rate_passes(columns)[0][0].lag
     assert wide.value == narrow.value and wide.high - wide.low > 0.8 > narrow.high - narrow.low
 
 
@@ -152,7 +152,7 @@ def test_a_target_that_does_not_change_shows_a_gain_and_no_lag():
     columns["applied_rate_kg_ha"] = 186.0 + np.random.default_rng(2).normal(
         0.0, 3.0, len(columns["time_s"])
     )
-    fits, why = rates(columns)
+    fits, why = fit_rate_passes(columns)
     assert not why and fits[0].lag.value is None and fits[0].place_m is None
     assert (
         fits[0].gain.low < 0.93 < fits[0].gain.high and fits[0].gain.high - fits[0].gain.low < 0.02
@@ -162,22 +162,22 @@ def test_a_target_that_does_not_change_shows_a_gain_and_no_lag():
 def test_passes_that_differ_are_said_to_differ():
     columns = driven(1)
     columns["applied_rate_kg_ha"][columns["time_s"] > 215.0] *= 0.8
-    fits, _why = rates(columns)
+    fits, _why = fit_rate_passes(columns)
     assert fits[0].differ and "the passes differ" in diagnose_run(columns, Machine()).findings[-1]
     assert [one.gain.value for one in fits[1:]] == pytest.approx([0.93, 0.93, 0.744], abs=0.02)
-    assert fits[0].gain.low < 0.8 and not rates(driven(1))[0][0].differ
+    assert fits[0].gain.low < 0.8 and not fit_rate_passes(driven(1))[0][0].differ
 
 
 def test_turns_gaps_and_standing_end_a_pass():
     columns = driven(1, passes=2)
-    assert [one.number for one in rates(columns)[0]] == [None, 1, 2]
+    assert [one.number for one in fit_rate_passes(columns)[0]] == [None, 1, 2]
     joined = dict(columns, time_s=np.arange(len(columns["time_s"]), dtype=float))
-    assert rates(joined)[0][0].passes == 2, "by the course alone"
+    assert fit_rate_passes(joined)[0][0].passes == 2, "by the course alone"
     held = dict(joined, heading_deg=np.zeros(len(columns["time_s"])))
-    assert rates(held)[0][0].passes == 1
+    assert fit_rate_passes(held)[0][0].passes == 1
     state = np.array(["working"] * len(columns["time_s"]), object)
     state[60:80] = "held"
-    fits, _why = rates(dict(held, state=state))
+    fits, _why = fit_rate_passes(dict(held, state=state))
     assert fits[0].passes == 2 and fits[1].end_s == 59.0
 
 

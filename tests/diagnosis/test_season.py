@@ -3,9 +3,9 @@ through, nothing is made up."""
 
 import numpy as np
 import pytest
-from topdress.control.diagnosis.season.effect_timelines import Cause, fitted
-from topdress.control.diagnosis.season.evidence import OneLog, QuadraticForm, stacked
-from topdress.control.diagnosis.season.mixed import found as causes_found
+from topdress.control.diagnosis.season.effect_timelines import Cause, fit_season
+from topdress.control.diagnosis.season.evidence import OneLog, QuadraticForm, stack_logs
+from topdress.control.diagnosis.season.mixed import find_season_causes as causes_found
 
 NAMES = ("flow.gain", "flow.fill_falloff", "flow.slope", "gate.offset")
 GRAM = np.array(
@@ -42,12 +42,12 @@ def form(
 
 
 def courses(logs: list[OneLog]) -> tuple[list[Cause], list[Cause]]:
-    fit = fitted(logs)
+    fit = fit_season(logs)
     return list(fit.courses), list(fit.shared)
 
 
 def selected(logs: list[OneLog]) -> list[tuple[str, float]]:
-    every = stacked(logs)
+    every = stack_logs(logs)
     return [(every.names[one.effect], one.log_odds) for one in causes_found(every).causes]
 
 
@@ -112,7 +112,7 @@ def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() ->
             logs.append(
                 log(rng, k, truth, machine=machine, product=product, operator="o" + machine)
             )
-    fit = fitted(logs)
+    fit = fit_season(logs)
     found, (seen,) = fit.courses, fit.shared
     assert (seen.factor, seen.level, seen.effect) == ("product", "compound", "flow.gain")
     assert seen.size == pytest.approx(5.0, abs=1.5 * seen.half)
@@ -184,7 +184,7 @@ def test_a_gate_that_stands_surely_wrong_does_not_hide_what_a_product_does() -> 
                 "gate.offset": 0.8 * (machine == "a"),
             }
             logs.append(log(rng, k, truth, machine=machine, gram=gram, product=product))
-    fit = fitted(logs)
+    fit = fit_season(logs)
     assert [(one.factor, one.level, one.effect) for one in fit.shared] == [
         ("product", "compound", "flow.gain")
     ]
@@ -218,7 +218,7 @@ def test_what_the_forms_of_many_machines_may_leave_is_no_more_than_a_product_sho
                     product=("urea", "compound")[k % 2],
                 )
             )
-    assert [(one.factor, one.level) for one in fitted(logs).shared] == [("product", "compound")]
+    assert [(one.factor, one.level) for one in fit_season(logs).shared] == [("product", "compound")]
 
 
 @pytest.mark.exam
@@ -239,7 +239,7 @@ def test_of_look_alikes_on_many_machines_none_is_sure_because_all_bear_its_name(
     ]
     sets = {
         one.level: {each.effect: each.probability for each in one.alternatives}
-        for one in fitted(logs).courses
+        for one in fit_season(logs).courses
     }
     said = [
         (sets.get(f"m{machine}", {}).get(name, 0.0), name == names[machine % 3 == 0])
@@ -287,7 +287,7 @@ def season_with_operators(rng: np.random.Generator, share: float = 0.6) -> list[
 
 
 def test_the_commonest_operator_is_examined_as_any_other() -> None:
-    fit = fitted(season_with_operators(np.random.default_rng(21)))
+    fit = fit_season(season_with_operators(np.random.default_rng(21)))
     assert [(one.factor, one.level, one.effect) for one in fit.shared] == [
         ("operator", "Wang", "flow.gain")
     ]
@@ -325,7 +325,7 @@ def test_what_scatters_about_shared_causes_is_what_all_of_them_leave() -> None:
                     operator=operator,
                 )
             )
-    season = causes_found(stacked(logs))
+    season = causes_found(stack_logs(logs))
     scatter = [float(one.scatter[0]) for one in season.causes]
     assert len(scatter) >= 3 and scatter == pytest.approx([1.0] * len(scatter), rel=0.2)
 
@@ -337,7 +337,7 @@ def test_ninety_of_a_hundred_intervals_hold_the_truth() -> None:
     for _ in range(12):
         held += [
             abs(one.size - (-5.0 if one.level == "Wang" else 0.0)) <= one.half
-            for one in fitted(season_with_operators(rng)).levels
+            for one in fit_season(season_with_operators(rng)).levels
             if one.factor == "operator"
         ]
     assert len(held) == 36 and 28 <= sum(held), sum(held)
@@ -347,11 +347,11 @@ def test_ninety_of_a_hundred_intervals_hold_the_truth() -> None:
 def test_a_repair_is_told_with_its_probability_from_the_first_log_after(after: int) -> None:
     rng = np.random.default_rng(23)
     logs = [log(rng, k, {"flow.gain": 8.0 if k < 20 else 0.0}, sd=0.8) for k in range(20 + after)]
-    (course,) = fitted(logs).courses
+    (course,) = fit_season(logs).courses
     change = course.changes[-1]
     assert change.logs_after == after and change.time_d == 19.5 and change.repair > 0.9
     assert abs(course.pieces[-1].end) < course.pieces[-1].end_half
-    never = fitted(logs[:20]).courses[0]
+    never = fit_season(logs[:20]).courses[0]
     assert not never.changes and never.pieces[-1].end == pytest.approx(8.0, abs=1.0)
 
 
@@ -360,7 +360,7 @@ def test_look_alikes_are_a_set_and_stay_one_with_more_logs() -> None:
     close[0, 1] = close[1, 0] = 0.9995
     logs = [log(rng, k, {"flow.gain": 6.0}, gram=close) for k in range(30)]
     for count in (5, 10, 30):
-        (course,) = fitted(logs[:count]).courses
+        (course,) = fit_season(logs[:count]).courses
         sets = {one.effect: one.probability for one in course.alternatives}
         assert set(sets) == {"flow.gain", "flow.fill_falloff"} and min(sets.values()) > 0.05
 
@@ -372,7 +372,7 @@ def test_a_scale_reads_wrong_on_a_machine_and_by_nobodys_hand() -> None:
     for one in season_with_operators(rng):
         truly = np.array([-2.0 * (one.shared["operator"] == "Wang"), 5.0 * (one.machine == "e")])
         logs.append(one._replace(forms=(form(rng, names, normal, truly),)))
-    fit = fitted(logs)
+    fit = fit_season(logs)
     (wang,) = fit.shared
     assert (wang.factor, wang.level, wang.effect, wang.alike) == (
         "operator",
@@ -401,7 +401,7 @@ def test_a_machine_called_a_scale_keeps_its_only_operators_flow_in_the_set() -> 
         for machine in "abc"
         for k in range(30)
     ]
-    (course,) = fitted(logs).courses
+    (course,) = fit_season(logs).courses
     assert course.effect == "scale.gain"
     assert {(one.factor, one.effect) for one in course.alternatives} == {
         ("machine", "scale.gain"),

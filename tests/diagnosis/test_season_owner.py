@@ -12,17 +12,17 @@ from topdress.control.diagnosis.season.effect_timelines import (
     Cause,
     CoursePiece,
     SeasonFit,
-    _nearer_zero,
-    wears,
+    _calc_repair_probability,
+    is_wearing,
 )
 from topdress.control.diagnosis.season.evidence import LogWork
 from topdress.control.diagnosis.season.mixed import Alternative
 from topdress.control.diagnosis.season.season_cost import (
     OwnersLog,
-    at,
     find_low_hoppers,
+    find_size_at,
     is_still_there,
-    machines,
+    rank_machines_by_cost,
 )
 
 
@@ -48,12 +48,18 @@ def course(*pieces: CoursePiece) -> Cause:
 def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: float) -> None:
     exact = 1e-6
     left = (1.0 - REPAIR_SHARE) * 10.0
-    assert _nearer_zero(sign * 10.0, exact, sign * (left - 0.1), exact) == pytest.approx(1.0)
-    assert _nearer_zero(sign * 10.0, exact, sign * (left + 0.1), exact) == pytest.approx(0.0)
-    assert _nearer_zero(sign * 10.0, exact, -sign * 9.0, exact) == pytest.approx(0.0), (
+    assert _calc_repair_probability(
+        sign * 10.0, exact, sign * (left - 0.1), exact
+    ) == pytest.approx(1.0)
+    assert _calc_repair_probability(
+        sign * 10.0, exact, sign * (left + 0.1), exact
+    ) == pytest.approx(0.0)
+    assert _calc_repair_probability(sign * 10.0, exact, -sign * 9.0, exact) == pytest.approx(0.0), (
         "as wrong the other way"
     )
-    assert _nearer_zero(sign * 10.0, 1.0, sign * left, 1.0) == pytest.approx(0.5), "on the edge"
+    assert _calc_repair_probability(sign * 10.0, 1.0, sign * left, 1.0) == pytest.approx(0.5), (
+        "on the edge"
+    )
 
 
 def one_log(percent: dict[str, float], kg: float = 100.0, **shared: str) -> OwnersLog:
@@ -78,7 +84,7 @@ def test_the_dose_is_what_a_set_makes_likely_between_what_it_agrees_on_and_its_m
     found = [
         each
         for set_ in (one, two_doses, no_dose)
-        for each in machines([one_log(percent)], SeasonFit((set_,)))
+        for each in rank_machines_by_cost([one_log(percent)], SeasonFit((set_,)))
     ]
     assert [(each.least_kg, each.most_kg) for each in found] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
     assert [each.wrong_kg for each in found] == pytest.approx([5.0, 4.2, 3.0])
@@ -95,7 +101,7 @@ def test_what_is_to_be_expected_lies_between_its_bounds_however_sure_the_cause_i
     probability: float,
 ) -> None:
     cause = course(piece(0.0, 10.0, -3.755, -3.755))._replace(probability=probability)
-    (found,) = machines([one_log({"flow.gain": 1.0})], SeasonFit((cause,)))
+    (found,) = rank_machines_by_cost([one_log({"flow.gain": 1.0})], SeasonFit((cause,)))
     assert found.now_percent == pytest.approx(-3.755 * probability)
     assert found.now_most <= found.now_percent <= found.now_least
 
@@ -103,17 +109,19 @@ def test_what_is_to_be_expected_lies_between_its_bounds_however_sure_the_cause_i
 def test_the_sums_of_a_machine_are_the_same_in_any_order_of_arrival() -> None:
     logs = [one_log({"flow.gain": 1.0}, kg)._replace(key=str(kg)) for kg in (0.1, 0.2, 0.3, 1e6)]
     fit = SeasonFit((course(piece(0.0, 10.0, -5.0, -5.0)),))
-    assert machines(logs, fit) == machines(logs[::-1], fit)
+    assert rank_machines_by_cost(logs, fit) == rank_machines_by_cost(logs[::-1], fit)
 
 
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
     by_li = Cause("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
-    (one,) = machines(
+    (one,) = rank_machines_by_cost(
         [one_log({"flow.gain": 1.0}, operator="Li")],
         SeasonFit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)),
     )
     assert one.now_percent == 1.0 and one.others_percent == -4.0 and one.wrong_kg == 3.0
-    (other,) = machines([one_log({"flow.gain": 1.0}, operator="Wang")], SeasonFit((), (by_li,)))
+    (other,) = rank_machines_by_cost(
+        [one_log({"flow.gain": 1.0}, operator="Wang")], SeasonFit((), (by_li,))
+    )
     assert other.others_percent == 0.0 and not other.costs
 
 
@@ -124,11 +132,11 @@ def test_what_was_repaired_is_not_there_any_more() -> None:
 
 def test_it_wears_where_its_last_piece_surely_grows_away_from_zero() -> None:
     sure, unsure = 0.5 * WEAR_P, 2.0 * WEAR_P
-    assert wears(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=sure)))
-    assert wears(course(piece(0.0, 10.0, -1.0, -2.0, per_day_p=sure)))
-    assert not wears(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=unsure)))
-    assert not wears(course(piece(0.0, 10.0, 2.0, 1.0, per_day_p=sure))), "it gets better"
-    assert not wears(
+    assert is_wearing(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=sure)))
+    assert is_wearing(course(piece(0.0, 10.0, -1.0, -2.0, per_day_p=sure)))
+    assert not is_wearing(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=unsure)))
+    assert not is_wearing(course(piece(0.0, 10.0, 2.0, 1.0, per_day_p=sure))), "it gets better"
+    assert not is_wearing(
         course(
             piece(0.0, 10.0, 1.0, 2.0, per_day_p=sure), piece(12.0, 20.0, 0.5, 0.4, per_day_p=sure)
         )
@@ -152,11 +160,11 @@ def test_it_wears_where_its_last_piece_surely_grows_away_from_zero() -> None:
 def test_a_size_at_a_time_lies_on_its_piece(time_d: float, size: float) -> None:
     """Before the first and after the last as there; between two pieces as the next begins."""
     one = course(piece(0.0, 10.0, 1.0, 3.0), piece(12.0, 16.0, 8.0, 6.0))
-    assert math.isclose(at(one, time_d), size)
+    assert math.isclose(find_size_at(one, time_d), size)
 
 
 def test_a_piece_of_one_log_has_one_size() -> None:
-    assert at(course(CoursePiece(3.0, 3.0, 2.0, 2.0, 0.1, 0.1, 0.0, 1.0)), 7.0) == 2.0
+    assert find_size_at(course(CoursePiece(3.0, 3.0, 2.0, 2.0, 0.1, 0.1, 0.0, 1.0)), 7.0) == 2.0
 
 
 def test_the_owner_reads_the_dearest_first() -> None:
@@ -188,7 +196,7 @@ def test_the_owner_reads_the_dearest_first() -> None:
             alternative("flow.gain", -8.0, 0.5, "c"),
         ),
     )
-    found = machines(logs, SeasonFit(courses))
+    found = rank_machines_by_cost(logs, SeasonFit(courses))
     wrong = [(one.wrong_kg, one.most_kg) for one in found]
     assert wrong == sorted(wrong, reverse=True) and wrong[0][0] == 13.0 and len(set(wrong)) == 4
     for one in found:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.console.cli import app
-from topdress.control.diagnosis.runs.several import Several, diagnose_runs, joined
+from topdress.control.diagnosis.runs.several import Several, diagnose_runs, join_logs
 from topdress.control.log_row import COMMANDS_HELD
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.config import load
@@ -107,7 +107,7 @@ def test_logs_are_put_one_after_the_other_with_what_they_lack_empty() -> None:
         "shaft_rpm": np.arange(10.0, 15.0),
         "state": np.full(5, "working", object),
     }
-    found = joined([first, later], ["a", "b"], Machine())
+    found = join_logs([first, later], ["a", "b"], Machine())
     assert found["time_s"].tolist() == [0.0, 1.0, 61.0, 62.0, 63.0, 64.0, 65.0]
     assert (
         np.isnan(found["x_torque"][2:]).all()
@@ -118,9 +118,9 @@ def test_logs_are_put_one_after_the_other_with_what_they_lack_empty() -> None:
     )
     held = {**first, "events": np.array([COMMANDS_HELD, ""], object)}
     with pytest.raises(ValueError, match="b holds settled answers, a does not"):
-        joined([first, held], ["a", "b"], Machine())
+        join_logs([first, held], ["a", "b"], Machine())
     with pytest.raises(ValueError, match="allowed two or more"):
-        joined([first], ["a"], Machine())
+        join_logs([first], ["a"], Machine())
 
 
 @pytest.mark.exam

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from topdress.control.diagnosis.effects import SPEED_GNSS_LATENCY
-from topdress.control.diagnosis.runs.channels import channels
-from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
-from topdress.control.diagnosis.runs.log import gate
-from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.diagnosis.runs.channels import make_channels
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
+from topdress.control.diagnosis.runs.log import clean_run_log
+from topdress.control.diagnosis.runs.stages import make_run_data
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.drivers.files.config import load
 from topdress.drivers.files.kinds import MACHINE
@@ -46,14 +46,14 @@ def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
     noises["wheel"] = noises["wheel"]._replace(**wheel)
     late = hidden.nominal.Effect("speed.gnss_latency", late_s)
     columns = hidden.runlog.columns(plant, hidden.nominal.Physics(), (late,), noises, 5)
-    speed = channels(run_data(gate(columns), machine), machine)["speed"]
+    speed = make_channels(make_run_data(clean_run_log(columns), machine), machine)["speed"]
 
     def left(size: float) -> float:
         parts = (EffectInstance(SPEED_GNSS_LATENCY.id, size),)
         return float(
             np.var(
                 speed.measured
-                - speed.predict(schedule(list_stages(machine), parts), MAX_MODEL_STEP_S)
+                - speed.predict(make_schedule(list_stages(machine), parts), MAX_MODEL_STEP_S)
             )
         )
 

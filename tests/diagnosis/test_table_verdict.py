@@ -8,7 +8,7 @@ import doctest
 import pytest
 from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.tables import diagnose
-from topdress.control.diagnosis.tables.report import field_cost
+from topdress.control.diagnosis.tables.report import calc_table_field_cost
 from topdress.control.diagnosis.tables.table_series import SizedEffect, TableCandidate
 from topdress.control.experiments.bench_tests import list_bench_tests
 from topdress.control.machine.machine import Machine
@@ -72,14 +72,16 @@ def test_bench_tests_are_at_settings_of_the_machines_own_ranges() -> None:
 def test_the_field_cost_goes_through_the_model(
     row: effects.EffectRow, size: float, rate: float | None, place: float | None
 ) -> None:
-    cost = field_cost(MACHINE, SizedEffect(TableCandidate(row.id, 1), size), 1.25)
+    cost = calc_table_field_cost(MACHINE, SizedEffect(TableCandidate(row.id, 1), size), 1.25)
     assert cost.rate_error_percent == (rate if rate is None else pytest.approx(rate, abs=1e-9))
     assert cost.place_error_m == (place if place is None else pytest.approx(place, abs=1e-9))
 
 
 def test_a_lag_off_distances_at_a_wrong_speed_is_wrong_by_as_much() -> None:
     at_10, at_20 = (
-        field_cost(MACHINE, SizedEffect(TableCandidate(effects.LAG_SPEED_SCALE.id), percent), 1.25)
+        calc_table_field_cost(
+            MACHINE, SizedEffect(TableCandidate(effects.LAG_SPEED_SCALE.id), percent), 1.25
+        )
         for percent in (10.0, 20.0)
     )
     lag_s = 0.383 + 1.8288 - 0.0083 * MACHINE.set_points.shaft_rpm

@@ -8,7 +8,7 @@ import pytest
 from topdress.console.reports.table_views import make_table_views
 from topdress.control.calibration.bench_table import BenchTable
 from topdress.control.diagnosis.result import Diagnosis
-from topdress.control.diagnosis.tables.cross_calibration import across, sentence
+from topdress.control.diagnosis.tables.cross_calibration import compare_lag_series, describe_pair
 from topdress.control.diagnosis.tables.duplicate_rows import without_duplicates
 
 from tests.diagnosis.planted import check
@@ -31,14 +31,14 @@ def test_distances_and_times_are_reconciled_by_a_speed_where_the_speed_was_wrong
     driven = table("d.csv", 0.02, 1, lag_m=1.5 * TIME_S, speed_kmh=np.full(len(RPM), 4.0))
     timed = table("t.csv", 0.01, 2, lag_s=TIME_S)
     for order in ([driven, timed], [timed, driven]):
-        (pair,) = across(order, MACHINE)
+        (pair,) = compare_lag_series(order, MACHINE)
         assert (
             pair.kind == "speed"
             and pair.low <= 1.5 <= pair.high
             and pair.rows == 7
             and pair.holds >= 5
         )
-        said = sentence(pair)
+        said = describe_pair(pair)
         assert said.startswith(
             (
                 "d.csv (m) and t.csv (s) are reconciled by a speed of 5.3",
@@ -50,7 +50,7 @@ def test_distances_and_times_are_reconciled_by_a_speed_where_the_speed_was_wrong
 
 def test_a_constant_delay_is_told_as_a_delay() -> None:
     slow = BenchTable("lag", {"shaft_rpm": RPM, "lag_s": TIME_S + 0.4}, path="field.csv")
-    (pair,) = across(
+    (pair,) = compare_lag_series(
         [slow, BenchTable("lag", {"shaft_rpm": RPM, "lag_s": TIME_S}, path="rig.csv")], MACHINE
     )
     assert (
@@ -61,15 +61,15 @@ def test_a_constant_delay_is_told_as_a_delay() -> None:
 
 
 def test_the_same_twice_is_said_to_be_the_same_and_scatter_to_be_none() -> None:
-    (pair,) = across(
+    (pair,) = compare_lag_series(
         [table("a.csv", 0.001, 1, lag_s=TIME_S), table("b.csv", 0.001, 2, lag_s=TIME_S)], MACHINE
     )
-    assert "a.csv and b.csv say the same" in sentence(pair)
+    assert "a.csv and b.csv say the same" in describe_pair(pair)
     wild = TIME_S + np.where(RPM % 20.0 == 0.0, 0.5, -0.5)
-    (pair,) = across(
+    (pair,) = compare_lag_series(
         [table("a.csv", 0.001, 1, lag_s=TIME_S), table("b.csv", 0.001, 2, lag_s=wild)], MACHINE
     )
-    assert "no one quantity reconciles them" in sentence(pair)
+    assert "no one quantity reconciles them" in describe_pair(pair)
 
 
 def test_few_shared_speeds_say_nothing() -> None:
@@ -78,7 +78,7 @@ def test_few_shared_speeds_say_nothing() -> None:
         {"shaft_rpm": np.array([10.0, 20.0, 30.0]), "lag_s": np.array([2.1, 2.0, 1.9])},
         path="s",
     )
-    assert across([short, table("t.csv", 0.01, 2, lag_s=TIME_S)], MACHINE) == ()
+    assert compare_lag_series([short, table("t.csv", 0.01, 2, lag_s=TIME_S)], MACHINE) == ()
 
 
 def test_the_papers_tables_across_each_other() -> None:

@@ -18,7 +18,7 @@ from topdress.console.reports.diagnosis_wording import sort_adoptable
 from topdress.console.services import diagnosis
 from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.separating_run import _DRIVE_MAKERS, is_drivable, make_drive
-from topdress.control.diagnosis.extend import adoptable
+from topdress.control.diagnosis.extend import list_adoptable_causes
 from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
 from topdress.control.experiments.manoeuvres import list_manoeuvres
 from topdress.control.orders import State
@@ -281,7 +281,7 @@ def test_scoped_late_and_sizeless_effects_are_refused():
         "gate.gain",
     ]
     assert "ended during the run" in refused[4] and "grew during the run" in refused[5]
-    assert [one.id for one in adoptable(found)] == ["lag.offset", "flow.gain"]
+    assert [one.id for one in list_adoptable_causes(found)] == ["lag.offset", "flow.gain"]
     assert "holds in the rows of t.csv after only" in refused[0] and "during the run" in refused[1]
 
 

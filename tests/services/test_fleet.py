@@ -38,8 +38,8 @@ from topdress.console.services.fleet_metadata import apply_list_row, match_rows
 from topdress.console.services.fleet_season import make_season
 from topdress.console.services.fleet_tables import TABLE_COLUMNS, write_tables
 from topdress.control.diagnosis.season.effect_timelines import Cause, SeasonFit
-from topdress.control.diagnosis.season.evidence import evidence
-from topdress.control.diagnosis.season.season_cost import machines
+from topdress.control.diagnosis.season.evidence import collect_log_evidence
+from topdress.control.diagnosis.season.season_cost import rank_machines_by_cost
 from topdress.control.machine.machine import Machine
 from topdress.drivers import day_clock
 from topdress.drivers.files.log_store import write_store
@@ -151,7 +151,7 @@ def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> N
     sizes, errors = [], []
     for seed in range(8):
         log = read_rows(wheel_log(tmp_path / f"{seed}.csv", 1.0, seed=seed))
-        form = evidence(log.columns, Machine()).forms[0]
+        form = collect_log_evidence(log.columns, Machine()).forms[0]
         at = form.names.index("speed.wheel_radius")
         sizes.append(form.right[at] / form.normal[at][at])
         errors.append(form.normal[at][at] ** -0.5)
@@ -163,7 +163,7 @@ def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> Non
     """A wheel off by its tolerance moves the log's score as said."""
     machine = Machine()
     off = [
-        evidence(
+        collect_log_evidence(
             read_rows(
                 wheel_log(tmp_path / f"{k}.csv", k * machine.tolerance.wheel_percent)
             ).columns,
@@ -178,7 +178,9 @@ def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> Non
 
 def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> None:
     told = [
-        evidence(read_rows(wheel_log(tmp_path / f"{k}.csv", percent)).columns, Machine()).forms[0]
+        collect_log_evidence(
+            read_rows(wheel_log(tmp_path / f"{k}.csv", percent)).columns, Machine()
+        ).forms[0]
         for k, percent in enumerate((0.0, 0.5))
     ]
     at = told[0].names.index("speed.wheel_radius")
@@ -652,7 +654,7 @@ def test_page_and_tables(tmp_path: Path) -> None:
         for one in whole.logs
         if one.machine == "two"
     ]
-    (costs,) = machines(told, SeasonFit((), (product,)))
+    (costs,) = rank_machines_by_cost(told, SeasonFit((), (product,)))
     assert costs.wrong_kg == pytest.approx(costs.costs[0].kg) and costs.wrong_kg > 0.0
     assert list_service_steps([costs])[0].startswith("product compound: ") and describe_costliest(
         costs

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import fdtrc, log_ndtr, stdtr
 
-from .noise import Noise, NoisePrior, Segments, start, strengths
+from .noise import Noise, NoisePrior, Segments, calc_coefficient_strengths, find_starting_noise
 
 Array = npt.NDArray[np.float64]
 
@@ -32,33 +32,35 @@ def is_noise_loud(noise: Noise, prior: NoisePrior, left: Array | None = None) ->
     """Whether the fast noise, or all that is left (banded coefficients (m,)), is stronger than
     the machine file's noise can be: in a short log a noise of long memory need not be strong to
     be large."""
-    return _beyond(_strongest(noise, prior, left), prior.spread[0])
+    return _count_sd_beyond(find_strongest_noise(noise, prior, left), prior.spread[0])
 
 
 def estimate_noise_ratio(noise: Noise, prior: NoisePrior, left: Array) -> float:
     """How many times the machine file's noise what is left (m,) is, where that is more than the
     file's figure can be off by itself; else 0. A sensor may be so loud, but somebody has to say
     so: a drive may, too."""
-    off = _strongest(noise, prior, left)
-    return float(np.exp(off)) if _beyond(off, FILE_SD) else 0.0
+    off = find_strongest_noise(noise, prior, left)
+    return float(np.exp(off)) if _count_sd_beyond(off, FILE_SD) else 0.0
 
 
-def _strongest(noise: Noise, prior: NoisePrior, left: Array | None) -> float:
+def find_strongest_noise(noise: Noise, prior: NoisePrior, left: Array | None) -> float:
     """Logarithm of the fast noise, or of all that is left if that is more, over the machine
     file's."""
     beyond = float(np.mean(left**2)) - prior.floor_sd**2 if left is not None and len(left) else 0.0
     strongest = max(noise.theta[0], 0.5 * float(np.log(beyond)) if beyond > 0.0 else -np.inf)
-    return float(strongest - start(prior).theta[0])
+    return float(strongest - find_starting_noise(prior).theta[0])
 
 
-def drifts(noise: Noise, prior: NoisePrior) -> bool:
+def is_drift_excessive(noise: Noise, prior: NoisePrior) -> bool:
     """Whether the slow noise is stronger, with the fast one fitted, than a sensor's drift can
     be."""
-    fast = max(noise.theta[0], start(prior).theta[0])
-    return _beyond(noise.theta[2] - fast - float(np.log(prior.slow_share)), prior.spread[2])
+    fast = max(noise.theta[0], find_starting_noise(prior).theta[0])
+    return _count_sd_beyond(
+        noise.theta[2] - fast - float(np.log(prior.slow_share)), prior.spread[2]
+    )
 
 
-def _beyond(off: float, sd: float) -> bool:
+def _count_sd_beyond(off: float, sd: float) -> bool:
     return bool(log_ndtr(-off / sd) < np.log(LEVEL))
 
 
@@ -75,26 +77,28 @@ def by_chance_together(one: Array, other: Array, level: float = 1.0) -> float:
     if count < FEWEST_PAIRS:
         return 1.0
     held = np.clip(one, *np.quantile(one, (OUTER, 1.0 - OUTER)))
-    a, b = held - held.mean(), _ranks(other)
+    a, b = held - held.mean(), _rank_values(other)
     size = float(np.sqrt((a @ a) * (b @ b)))
     if size <= 0.0:
         return 1.0
     rho = float(a @ b) / size
-    if (least := _by_chance(rho, count)) > level:
+    if (least := _calc_chance_probability(rho, count)) > level:
         return least
     lags = np.arange(1, len(a) // 2)
-    remembered = float(_memory(a)[lags] * _memory(b)[lags] @ (1.0 - lags / count))
-    return max(least, _by_chance(rho, count / max(1.0, 1.0 + 2.0 * remembered)))
+    remembered = float(
+        _calc_autocorrelation(a)[lags] * _calc_autocorrelation(b)[lags] @ (1.0 - lags / count)
+    )
+    return max(least, _calc_chance_probability(rho, count / max(1.0, 1.0 + 2.0 * remembered)))
 
 
-def _ranks(series: Array) -> Array:
+def _rank_values(series: Array) -> Array:
     """Ranks about 0; equals share theirs. (scipy.stats takes a second to load.)"""
     _, place, count = np.unique(series, return_inverse=True, return_counts=True)
     shared = np.cumsum(count) - 0.5 * (count - 1.0)
     return np.asarray(shared[place] - 0.5 * (len(series) + 1.0))
 
 
-def _by_chance(rho: float, pairs: float) -> float:
+def _calc_chance_probability(rho: float, pairs: float) -> float:
     """Of a correlation of so many independent pairs: Student's t, from two sides."""
     free = pairs - 2.0
     return (
@@ -104,7 +108,7 @@ def _by_chance(rho: float, pairs: float) -> float:
     )
 
 
-def _memory(series: Array) -> Array:
+def _calc_autocorrelation(series: Array) -> Array:
     """Correlation of a series (n,) of mean 0 with itself, by lag (n,)."""
     power = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2
     by_lag = np.fft.irfft(power)[: len(series)]
@@ -129,7 +133,7 @@ def find_line_period_s(
 ) -> float | None:
     """Period of a frequency that stands out of the noise in banded coefficients (m,), s; None
     where none does."""
-    power = left**2 / strengths(noise, prior, cut, step_s)
+    power = left**2 / calc_coefficient_strengths(noise, prior, cut, step_s)
     omega = np.concatenate(
         [np.pi * np.arange(end - begin) / (end - begin) for begin, end in cut.bounds]
     )[cut.order]

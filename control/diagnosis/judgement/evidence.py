@@ -82,7 +82,7 @@ class Products(NamedTuple):
         """What is known of the channel's noise beforehand, and how it is cut."""
         return self.channel.prior, self.channel.cut, self.channel.grid.step_s
 
-    def power(self, chosen: Indices, amplitude: Array) -> Array:
+    def calc_residual_power(self, chosen: Indices, amplitude: Array) -> Array:
         """Residual power by band."""
         full = np.zeros(max(self.columns.max(initial=-1), chosen.max(initial=-1)) + 1)
         full[chosen] = amplitude
@@ -105,13 +105,15 @@ class Problem(NamedTuple):
         """Places of the columns of one role."""
         return [k for k, label in enumerate(self.labels) if label.role is role]
 
-    def under(self, noise: Mapping[str, Noise]) -> Gaussian:
+    def weigh_columns(self, noise: Mapping[str, Noise]) -> Gaussian:
         """All columns under a given noise, their priors left out."""
         size = len(self.labels)
         a, s = np.zeros((size, size)), np.zeros(size)
         for one in self.products:
             total = np.tensordot(
-                1.0 / noises.variances(noise[one.channel.name], *one.known), one.gram, axes=1
+                1.0 / noises.calc_band_variances(noise[one.channel.name], *one.known),
+                one.gram,
+                axes=1,
             )
             a[np.ix_(one.columns, one.columns)] += total[1:, 1:]
             s[one.columns] += total[1:, 0]
@@ -119,7 +121,7 @@ class Problem(NamedTuple):
 
     def sizes(self, chosen: Indices, noise: Mapping[str, Noise]) -> Sizes:
         """Of the chosen columns, under a given noise."""
-        return self.under(noise).of(chosen).fit(self.sd[chosen], self.mean[chosen])
+        return self.weigh_columns(noise).of(chosen).fit(self.sd[chosen], self.mean[chosen])
 
 
 class Fit(NamedTuple):
@@ -131,7 +133,7 @@ class Fit(NamedTuple):
     noise: dict[str, Noise]
 
 
-def problem(
+def make_evidence_problem(
     channels: Sequence[MeasuredChannel], data: Mapping[str, Array], columns: Sequence[Column]
 ) -> Problem:
     """`data`: cosine coefficients of the residual by channel."""
@@ -154,7 +156,7 @@ def problem(
     )
 
 
-def fitted(
+def fit_amplitudes_and_noise(
     p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS
 ) -> Fit:
     """Most probable amplitudes and noise together: each in turn until nothing is gained, at
@@ -168,13 +170,15 @@ def fitted(
     for _ in range(rounds):
         for one in p.products:
             name = one.channel.name
-            now[name] = noises.fit(one.power(chosen, sizes.b), now[name], *one.known)
+            now[name] = noises.fit_noise(
+                one.calc_residual_power(chosen, sizes.b), now[name], *one.known
+            )
         sizes = p.sizes(chosen, now)
-        value = _value(p, chosen, sizes.b, now)
+        value = _calc_log_posterior(p, chosen, sizes.b, now)
         if value - before < SETTLED:
             break
         before = value
-    value = _value(p, chosen, sizes.b, now)
+    value = _calc_log_posterior(p, chosen, sizes.b, now)
     return Fit(sizes.b, sizes.cov, value, value + float(sizes.log_occam), now)
 
 
@@ -186,7 +190,10 @@ def choose_better_fit(
     What one hypothesis left of the noise may be far from where another must start.
     """
     return max(
-        (fitted(p, chosen, start) for start in (noise, calm(noise, channels))),
+        (
+            fit_amplitudes_and_noise(p, chosen, start)
+            for start in (noise, limit_slow_noise(noise, channels))
+        ),
         key=lambda fit: fit.log_evidence,
     )
 
@@ -208,7 +215,10 @@ def fit_first_noise(
             for quick_s in QUICK_S
         ),
     ]
-    return max((fitted(p, chosen, one) for one in starts), key=lambda fit: fit.log_evidence).noise
+    return max(
+        (fit_amplitudes_and_noise(p, chosen, one) for one in starts),
+        key=lambda fit: fit.log_evidence,
+    ).noise
 
 
 def adapt_noise(
@@ -217,18 +227,20 @@ def adapt_noise(
     """A noise with each band's own factor as the residual of chosen columns says."""
     return {
         one.channel.name: noises.scale_bands(
-            one.power(chosen, amplitude), noise[one.channel.name], *one.known
+            one.calc_residual_power(chosen, amplitude), noise[one.channel.name], *one.known
         )
         for one in p.products
     }
 
 
-def calm(noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> dict[str, Noise]:
+def limit_slow_noise(
+    noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
+) -> dict[str, Noise]:
     """A noise whose slow part is no stronger than the machine file's: where a fit must start
     that is to tell a steady effect from a drift."""
     found = {}
     for channel in channels:
-        here, usual = noise[channel.name].theta, noises.start(channel.prior).theta
+        here, usual = noise[channel.name].theta, noises.find_starting_noise(channel.prior).theta
         fast = here[:2] if here[1] < here[3] and here[1] < usual[3] - np.log(SLOWER) else usual[:2]
         found[channel.name] = Noise((*fast, min(here[2], usual[2] - float(np.log(CALM))), usual[3]))
     return found
@@ -248,23 +260,27 @@ def subtract_columns(
 def find_residual_power(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
     """Sum of squares that the chosen columns with their amplitudes leave of one channel."""
     return next(
-        float(np.sum(one.power(chosen, amplitude)))
+        float(np.sum(one.calc_residual_power(chosen, amplitude)))
         for one in p.products
         if one.channel.name == channel
     )
 
 
-def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:
+def _calc_log_posterior(
+    p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]
+) -> float:
     of_sizes = p.log_weight - 0.5 * float(
         np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2)
     )
     return of_sizes + sum(
-        noises.log_likelihood(one.power(chosen, amplitude), noise[one.channel.name], *one.known)
+        noises.log_likelihood(
+            one.calc_residual_power(chosen, amplitude), noise[one.channel.name], *one.known
+        )
         for one in p.products
     )
 
 
-def projected(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> Gaussian:
+def project_out_fixed(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> Gaussian:
     """All columns once the `fixed` ones are fitted."""
-    every = p.under(noise)
+    every = p.weigh_columns(noise)
     return every.beyond(every.A[:, fixed], every.of(fixed).fit(p.sd[fixed], p.mean[fixed]))

@@ -117,7 +117,7 @@ class Gaussian(NamedTuple):
         a = np.einsum("kn,kn->n", mixes, self.A @ mixes)
         return np.where(a > LEAST_ENERGY, (self.s @ mixes) ** 2 / np.maximum(a, LEAST_ENERGY), 0.0)
 
-    def gain_of(self, mix: Array) -> float:
+    def calc_gain_of_mixes(self, mix: Array) -> float:
         """Twice the log-likelihood that the best sizes of mixes of columns gain together: mix
         (k, p)."""
         part, side = mix.T @ self.A @ mix, mix.T @ self.s
@@ -128,7 +128,7 @@ class Gaussian(NamedTuple):
         stiff = part / scale[:, None] / scale + STIFF * np.eye(len(side))
         return float(np.linalg.solve(stiff, side / scale) @ (side / scale))
 
-    def along_axes(self, sd: Array) -> Axes:
+    def find_independent_axes(self, sd: Array) -> Axes:
         """Under priors of s.d. (k,), none inf, and mean 0, for noises of any strength."""
         length, turn = np.linalg.eigh(self.A * sd[:, None] * sd)
         return Axes(
@@ -164,6 +164,6 @@ class Axes(NamedTuple):
         return (self.score[..., None, :] / over) @ np.swapaxes(self.axes, -1, -2), v[:, None] / over
 
 
-def gain(a: Array, z: Array, sd: Array | float) -> Array:
+def calc_elementwise_gain(a: Array, z: Array, sd: Array | float) -> Array:
     """(5), element by element."""
     return np.asarray(0.5 * z**2 * sd**2 / (1.0 + a * sd**2) - 0.5 * np.log1p(a * sd**2))

@@ -37,7 +37,7 @@ class Segments(NamedTuple):
     omega: Array  # mean angular frequency per band, rad per sample
 
 
-def segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> Segments:
+def make_segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> Segments:
     """Bands for a series of `length`, cut in equal segments or at given `bounds` (what lies
     outside is not used).
 
@@ -91,7 +91,7 @@ def coefficients(series: Array, cut: Segments) -> Array:
     return np.take(np.concatenate(parts, axis=-1), cut.order, axis=-1)
 
 
-def series_of(banded: Array, cut: Segments) -> Array:
+def make_series_of(banded: Array, cut: Segments) -> Array:
     """The series (n,) of cosine coefficients sorted by band (m,); zero outside the segments."""
     plain = np.zeros(sum(end - begin for begin, end in cut.bounds))
     plain[cut.order] = banded
@@ -146,11 +146,11 @@ class Noise(NamedTuple):
         return float(np.exp(self.theta[2]))
 
 
-def _noise(theta: Array) -> Noise:
+def _make_noise(theta: Array) -> Noise:
     return Noise((float(theta[0]), float(theta[1]), float(theta[2]), float(theta[3])))
 
 
-def start(prior: NoisePrior) -> Noise:
+def find_starting_noise(prior: NoisePrior) -> Noise:
     return Noise(
         (
             float(np.log(prior.fast_sd)),
@@ -161,7 +161,7 @@ def start(prior: NoisePrior) -> Noise:
     )
 
 
-def spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
+def calc_spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
     """Variance of one coefficient in each band (bands,)."""
     return np.asarray(
         find_spectrum(
@@ -170,16 +170,18 @@ def spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> A
     )
 
 
-def variances(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
+def calc_band_variances(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
     """Variance of one coefficient in each band, its own factor included (bands,); of other
     bands, without it."""
-    plain = spectrum(np.array(noise.theta), prior, cut, step_s)
+    plain = calc_spectrum(np.array(noise.theta), prior, cut, step_s)
     return plain * np.array(noise.louder) if len(noise.louder) == len(plain) else plain
 
 
-def strengths(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
+def calc_coefficient_strengths(
+    noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
+) -> Array:
     """Variance of every coefficient, sorted by band (m,)."""
-    return np.repeat(variances(noise, prior, cut, step_s), cut.members.astype(np.int64))
+    return np.repeat(calc_band_variances(noise, prior, cut, step_s), cut.members.astype(np.int64))
 
 
 def log_likelihood(
@@ -192,14 +194,14 @@ def log_likelihood(
             theta,
             power,
             cut.members,
-            spectrum(theta, prior, cut, step_s),
-            np.array(start(prior).theta),
+            calc_spectrum(theta, prior, cut, step_s),
+            np.array(find_starting_noise(prior).theta),
             np.array(prior.spread),
         )
     )
 
 
-def fit(
+def fit_noise(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float, rounds: int = 12
 ) -> Noise:
     """Most probable noise for residual band powers (bands,): Fisher scoring with step halving."""
@@ -210,19 +212,19 @@ def fit(
         np.cos(cut.omega),
         prior.floor_sd,
         prior.walk_sd,
-        np.array(start(prior).theta),
+        np.array(find_starting_noise(prior).theta),
         np.array(prior.spread),
         step_s,
         rounds,
     )
-    return scale_bands(power, _noise(theta), prior, cut, step_s)
+    return scale_bands(power, _make_noise(theta), prior, cut, step_s)
 
 
 def scale_bands(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> Noise:
     """A noise with each band's factor as residual band powers (bands,) say."""
-    plain = spectrum(np.array(noise.theta), prior, cut, step_s)
+    plain = calc_spectrum(np.array(noise.theta), prior, cut, step_s)
     return Noise(
         noise.theta, tuple(((BAND_DOF + power / plain) / (BAND_DOF + cut.members)).tolist())
     )

@@ -61,7 +61,7 @@ def find_spectrum(
 
 
 @compile_function
-def width(k: int, off: float, spread: float) -> float:
+def choose_prior_sd(k: int, off: float, spread: float) -> float:
     """S.d. of the prior of theta's k-th number on the side where it stands: many sensors hardly
     drift at all."""
     return LITTLE_DRIFT if k == 2 and off < 0.0 else spread
@@ -80,13 +80,13 @@ def find_likelihood(
             + members[band] * np.log(strength[band])
         )
     for k in range(4):
-        away = (theta[k] - centre[k]) / width(k, theta[k] - centre[k], spread[k])
+        away = (theta[k] - centre[k]) / choose_prior_sd(k, theta[k] - centre[k], spread[k])
         total -= 0.5 * away * away
     return total
 
 
 @compile_function
-def total_of(values: Array) -> float:
+def sum_values(values: Array) -> float:
     """Their sum, one after the other."""
     total = 0.0
     for value in values:
@@ -95,7 +95,7 @@ def total_of(values: Array) -> float:
 
 
 @compile_function
-def moved_by(theta: Array, step: Array, part: float) -> Array:
+def add_scaled_step(theta: Array, step: Array, part: float) -> Array:
     """theta + part x step (4,)."""
     there = np.empty(4)
     for k in range(4):
@@ -104,7 +104,7 @@ def moved_by(theta: Array, step: Array, part: float) -> Array:
 
 
 @compile_function
-def solved(matrix: Array, right: Array) -> Array:
+def solve_linear_system(matrix: Array, right: Array) -> Array:
     """x of matrix x = right, by elimination with the largest pivot of each column; both are
     written over.
 
@@ -138,7 +138,7 @@ def solved(matrix: Array, right: Array) -> Array:
 
 
 @compile_function
-def step_run(
+def calc_scoring_step(
     theta: Array,
     power: Array,
     members: Array,
@@ -152,7 +152,7 @@ def step_run(
 ) -> Array:
     """The step of theta that Fisher scoring asks for (4,)."""
     # number by number: whole arrays take long to compile
-    bands, count = len(power), total_of(members)
+    bands, count = len(power), sum_values(members)
     slopes = np.empty((4, bands))
     for k in range(4):
         moved = theta.copy()
@@ -169,15 +169,15 @@ def step_run(
                 (BAND_DOF + members[band]) * power[band] / (BAND_DOF * strength[band] + power[band])
             )
             pulled += slopes[k, band] * (louder - members[band])
-        gradient[k] = 0.5 * pulled - off / width(k, off, spread[k]) ** 2
+        gradient[k] = 0.5 * pulled - off / choose_prior_sd(k, off, spread[k]) ** 2
         for other in range(4):
             shared = 0.0
             for band in range(bands):
                 known = members[band] * BAND_DOF / (BAND_DOF + members[band] + 2.0)
                 shared += slopes[k, band] * known * slopes[other, band]
             fisher[k, other] = 0.5 * shared
-        fisher[k, k] += 1.0 / width(k, off, spread[k]) ** 2
-    step: Array = solved(fisher, gradient)
+        fisher[k, k] += 1.0 / choose_prior_sd(k, off, spread[k]) ** 2
+    step: Array = solve_linear_system(fisher, gradient)
     for k in range(4):
         if abs(step[k]) > LONGEST_STEP:
             step[k] = LONGEST_STEP if step[k] > 0.0 else -LONGEST_STEP
@@ -198,16 +198,16 @@ def fit_spectrum(
     rounds: int,
 ) -> Array:
     """Fisher scoring with step halving from `start`: the most probable theta (4,)."""
-    theta, count = start.copy(), total_of(members)
+    theta, count = start.copy(), sum_values(members)
     strength = find_spectrum(theta, floor_sd, walk_sd, cos, count, step_s)
     best = find_likelihood(theta, power, members, strength, centre, spread)
     for _ in range(rounds):
-        step = step_run(
+        step = calc_scoring_step(
             theta, power, members, cos, strength, floor_sd, walk_sd, centre, spread, step_s
         )
         tried, part = best - 1.0, 1.0
         for _ in range(HALVINGS):
-            moved = moved_by(theta, step, part)
+            moved = add_scaled_step(theta, step, part)
             there = find_spectrum(moved, floor_sd, walk_sd, cos, count, step_s)
             tried = find_likelihood(moved, power, members, there, centre, spread)
             if moved[1] > moved[3] - np.log(SLOWER):

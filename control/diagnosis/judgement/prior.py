@@ -67,12 +67,12 @@ def name_course(onset_s: float | None, until_s: float | None, grows: bool) -> st
     return "grows" if grows else "begins" if until_s is None else "ends"
 
 
-def log_odds(course: str, names: int) -> float:
+def calc_log_prior_odds(course: str, names: int) -> float:
     """Log prior odds of one effect of `names`, on top of whatever else is wrong."""
     return log(FAULTY * COURSE[course] / max(1, names))
 
 
-def log_of_sign(size: float, only_adds: bool) -> float:
+def calc_log_of_sign(size: float, only_adds: bool) -> float:
     """What the sign of a size adds to a prior that is even about 0: of an effect that only
     adds, one sign is rare."""
     if not only_adds or size == 0.0:
@@ -100,7 +100,11 @@ def log_odds_of_unit(ratio: float, usual: float, names: int) -> float:
     percent = 100.0 * (ratio - 1.0)
     # per unit of the ratio's logarithm
     by_effect = usual / (pi * (usual**2 + percent**2)) * 100.0 * ratio
-    return log(MISTAKEN_UNIT / (2.0 * (high - low))) - log(by_effect) - log_odds("steady", names)
+    return (
+        log(MISTAKEN_UNIT / (2.0 * (high - low)))
+        - log(by_effect)
+        - calc_log_prior_odds("steady", names)
+    )
 
 
 def log_odds_of_row(late_s: float, row_s: float, sd_s: float, usual_s: float, names: int) -> float:
@@ -109,7 +113,9 @@ def log_odds_of_row(late_s: float, row_s: float, sd_s: float, usual_s: float, na
     tails of a Cauchy distribution."""
     by_row = exp(-0.5 * ((late_s - row_s) / sd_s) ** 2) / (sqrt(2.0 * pi) * sd_s)
     by_effect = 2.0 * usual_s / (pi * (usual_s**2 + late_s**2))
-    return log(MISTAKEN_ROW * max(by_row, 1e-300) / by_effect) - log_odds("steady", names)
+    return log(MISTAKEN_ROW * max(by_row, 1e-300) / by_effect) - calc_log_prior_odds(
+        "steady", names
+    )
 
 
 def log_odds_of_form(

@@ -60,7 +60,7 @@ class Posterior(NamedTuple):
     settings_share: float
 
 
-def rows_of(
+def make_table_rows(
     y: Array,
     columns: Array,
     setting: IntArray,
@@ -104,9 +104,9 @@ def rows_of(
     return TableRows(products, np.array(log_det), log_prior, np.array(shared), len(y))
 
 
-def posterior(rows: TableRows, chosen: IntArray, sd: Array, sizes: bool = True) -> Posterior:
+def calc_posterior(rows: TableRows, chosen: IntArray, sd: Array, sizes: bool = True) -> Posterior:
     """Of the model with the chosen columns (k,), whose sizes have the prior s.d. `sd` (k,)."""
-    squares, along = STRENGTHS**2, rows.products.of(chosen).along_axes(sd)
+    squares, along = STRENGTHS**2, rows.products.of(chosen).find_independent_axes(sd)
     value = (
         along.log_evidence(squares)
         - rows.n * np.log(STRENGTHS)
@@ -128,7 +128,7 @@ def posterior(rows: TableRows, chosen: IntArray, sd: Array, sizes: bool = True) 
     return Posterior(total, mean, within + between, float(weight[rows.shared > 0.0].sum()))
 
 
-def mixed(one: Posterior, other: Posterior, share: float) -> Posterior:
+def mix_posteriors(one: Posterior, other: Posterior, share: float) -> Posterior:
     """Of two models of the same sizes, of which the first has the prior probability `share`."""
     logs = np.array([np.log(share) + one.log_evidence, np.log(1.0 - share) + other.log_evidence])
     total = float(np.logaddexp(*logs))

@@ -27,26 +27,31 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.effects import ROWS, FoundBy
-from topdress.control.diagnosis.judgement.evidence import Column, Role, choose_better_fit, problem
+from topdress.control.diagnosis.judgement.evidence import (
+    Column,
+    Role,
+    choose_better_fit,
+    make_evidence_problem,
+)
 from topdress.control.diagnosis.judgement.noise import (
     Noise,
     NoisePrior,
     coefficients,
-    segments,
-    series_of,
-    start,
+    find_starting_noise,
+    make_segments,
+    make_series_of,
 )
 from topdress.control.diagnosis.judgement.prior import COURSE, name_course
 from topdress.control.diagnosis.runs.changepoint import find_best_onsets, that_may_begin
-from topdress.control.diagnosis.runs.channels import ChannelSeries, channels
+from topdress.control.diagnosis.runs.channels import ChannelSeries, make_channels
 from topdress.control.diagnosis.runs.columns import nuisance_columns
 from topdress.control.diagnosis.runs.diagnose import series_of_log
 from topdress.control.diagnosis.runs.grid import Grid
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
-from topdress.control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
+from topdress.control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, clean_run_log
 from topdress.control.diagnosis.runs.model import GROUPS, GroupModel, is_cumulative
-from topdress.control.diagnosis.runs.row_order import Move, find_row_order, moved
-from topdress.control.diagnosis.runs.search import Candidate, candidates
+from topdress.control.diagnosis.runs.row_order import Move, find_row_order, move_log_columns
+from topdress.control.diagnosis.runs.search import Candidate, list_candidates
 from topdress.control.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]
@@ -113,7 +118,7 @@ class Rolling:
         self._until_s = -np.inf  # what is before is kept
         self._move: Move | None = None
         self._whole = True  # the next piece is the whole window
-        self._tried = _tried(machine)
+        self._tried = list_live_candidates(machine)
         # fitted at each look, by channel
         self._noises: dict[str, list[tuple[float, Noise]]] = {}
 
@@ -124,17 +129,19 @@ class Rolling:
         rows : columns of a run log since a time. Raises ValueError in one line where nothing
         can be judged.
         """
-        self._take(rows, now_s)
-        return [found for group in self._kept if (found := self._best(group)) is not None]
+        self._take_rows(rows, now_s)
+        return [
+            found for group in self._kept if (found := self._find_best_beginning(group)) is not None
+        ]
 
-    def _take(self, rows: Rows, now_s: float) -> None:
+    def _take_rows(self, rows: Rows, now_s: float) -> None:
         """The rows until now taken in."""
         until_s = float(np.floor(now_s - NOT_YET_S))
         if self._whole or self._until_s < now_s - self._window_s:
             from_s = now_s - self._window_s
             piece = rows(from_s)
             self._kept = {}
-            self._move = find_row_order(gate(piece), self._machine)
+            self._move = find_row_order(clean_run_log(piece), self._machine)
             self._until_s = -np.inf
         else:
             from_s = self._until_s - COMES_TO_S
@@ -147,12 +154,12 @@ class Rolling:
                 )
         if until_s <= self._until_s:
             return
-        self._whole = self._put(
-            _of_piece(piece, self._machine, self._move, self._tried, self._until_s, until_s)
+        self._whole = self._append_bins(
+            _bin_piece(piece, self._machine, self._move, self._tried, self._until_s, until_s)
         )
         self._until_s = until_s
 
-    def _put(self, piece: _NewBins) -> bool:
+    def _append_bins(self, piece: _NewBins) -> bool:
         """Behind what is kept; whether the next piece must begin anew."""
         if piece.broken and self._kept:
             self._kept = {}
@@ -160,18 +167,18 @@ class Rolling:
         for group, new in piece.groups.items():
             before = self._kept.get(group, {})
             self._kept[group] = before | {
-                name: _joined(before.get(name), one) for name, one in new.items()
+                name: _join_lines(before.get(name), one) for name, one in new.items()
             }
         return piece.unfinished
 
-    def _best(self, group: str) -> ChangePoint | None:
+    def _find_best_beginning(self, group: str) -> ChangePoint | None:
         """The likeliest beginning among the effects of a group; None where too little is known."""
         since_s = self._until_s - self._window_s
-        members = [_since(one, since_s) for one in self._kept.get(group, {}).values()]
+        members = [_keep_lines_since(one, since_s) for one in self._kept.get(group, {}).values()]
         members = [one for one in members if len(one.at_s) >= LEAST_BINS]
         if not members:
             return None
-        series = [_series(one) for one in members]
+        series = [_make_channel_series(one) for one in members]
         banded: dict[str, Array] = {}
         base: list[Column] = []
         tried: dict[Key, Candidate] = {}
@@ -180,19 +187,22 @@ class Rolling:
             for key, candidate in one.candidates.items():
                 if key in one.lines:
                     tried[key] = candidate
-                    traces.setdefault(key, {})[channel.name] = _whole(one, key).ravel()
+                    traces.setdefault(key, {})[channel.name] = _join_copies(one, key).ravel()
             open_ = [key for key in one.columns if key in one.lines]
-            rows = [one.measured - _whole(one, PREDICTED), *(_whole(one, key) for key in open_)]
+            rows = [
+                one.measured - _join_copies(one, PREDICTED),
+                *(_join_copies(one, key) for key in open_),
+            ]
             left, *columns = coefficients(np.array(rows).reshape(len(rows), -1), channel.cut)
             banded[channel.name] = left
             base += [
                 one.columns[key]._replace(coefficients={channel.name: column})
                 for key, column in zip(open_, columns, strict=True)
             ]
-        noise = {channel.name: start(channel.prior) for channel in series}
-        p = problem(series, banded, base)
+        noise = {channel.name: find_starting_noise(channel.prior) for channel in series}
+        p = make_evidence_problem(series, banded, base)
         fit = choose_better_fit(p, np.arange(len(base)), noise, series)
-        usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
+        usual = {name: self._find_usual_noise(name, one) for name, one in fit.noise.items()}
         found = find_best_onsets(
             series,
             banded,
@@ -215,7 +225,7 @@ class Rolling:
             group, found[0].part, float(np.logaddexp.reduce(odds)) - prior + log(times)
         )
 
-    def _usual(self, name: str, now: Noise) -> Noise:
+    def _find_usual_noise(self, name: str, now: Noise) -> Noise:
         """The noise of a channel with the drift that the last hour had: what begins now is in
         its own noise too.
 
@@ -241,12 +251,12 @@ class _NewBins(NamedTuple):
     unfinished: bool
 
 
-def _tried(machine: Machine) -> dict[str, list[Candidate]]:
+def list_live_candidates(machine: Machine) -> dict[str, list[Candidate]]:
     """The effects that are looked for, by channel that shows them: those that are a straight
     line in their size."""
     found: dict[str, list[Candidate]] = {}
     for names in GROUPS.values():
-        every = candidates(names, machine, len(HEADS), False)
+        every = list_candidates(names, machine, len(HEADS), False)
         for one in that_may_begin(
             [
                 c
@@ -261,7 +271,7 @@ def _tried(machine: Machine) -> dict[str, list[Candidate]]:
     return found
 
 
-def _of_piece(
+def _bin_piece(
     columns: Mapping[str, npt.NDArray[Any]],
     machine: Machine,
     move: Move | None,
@@ -273,10 +283,10 @@ def _of_piece(
     begin_s = float(np.asarray(columns["time_s"])[0])
 
     def ordered(log: Clean, _: Machine) -> Clean:
-        return moved(log, move)
+        return move_log_columns(log, move)
 
     _, data, _ = series_of_log(columns, machine, ordered)
-    seen = channels(data, machine)
+    seen = make_channels(data, machine)
     found: dict[str, dict[str, Lines]] = {}
     for group, names in GROUPS.items():
         members = [seen[name] for name in names if name in seen]
@@ -284,7 +294,7 @@ def _of_piece(
             model = GroupModel(members, machine, data)
             open_ = nuisance_columns(model)
             found[group] = {
-                one.name: _lines(model, one, open_, tried[one.name], begin_s, from_s, until_s)
+                one.name: _make_lines(model, one, open_, tried[one.name], begin_s, from_s, until_s)
                 for one in members
             }
     broken = unfinished = False
@@ -298,7 +308,7 @@ def _of_piece(
     return _NewBins(found, broken, unfinished)
 
 
-def _lines(
+def _make_lines(
     model: GroupModel,
     channel: ChannelSeries,
     open_: Sequence[Column],
@@ -317,7 +327,7 @@ def _lines(
         if channel.name in column.coefficients:
             key: Key = (column.label.role.value, column.label.name, k)
             rows[key], columns[key] = (
-                series_of(column.coefficients[channel.name], channel.cut),
+                make_series_of(column.coefficients[channel.name], channel.cut),
                 column,
             )
             if channel.name == "scale" and column.label.role is Role.TOLERANCE:
@@ -331,11 +341,11 @@ def _lines(
             )
             if is_cumulative(one.part, channel.name):
                 sums.add(key)
-    at_s, measured, lines = _binned(channel, begin_s, from_s, until_s, rows, sums)
+    at_s, measured, lines = _bin_channel(channel, begin_s, from_s, until_s, rows, sums)
     return Lines(channel, at_s, measured, lines, frozenset(sums), columns, kept)
 
 
-def _binned(
+def _bin_channel(
     channel: ChannelSeries,
     begin_s: float,
     from_s: float,
@@ -361,7 +371,7 @@ def _binned(
     return middle_s[new], means[0][:, new], lines
 
 
-def _joined(before: Lines | None, new: Lines) -> Lines:
+def _join_lines(before: Lines | None, new: Lines) -> Lines:
     """One behind the other; a line that only one of them has is dropped, but a step stays as it
     was last."""
     if before is None or before.measured.shape[0] != new.measured.shape[0]:
@@ -383,7 +393,7 @@ def _joined(before: Lines | None, new: Lines) -> Lines:
     )
 
 
-def _since(one: Lines, since_s: float) -> Lines:
+def _keep_lines_since(one: Lines, since_s: float) -> Lines:
     begin = int(np.searchsorted(one.at_s, since_s))
     return one._replace(
         at_s=one.at_s[begin:],
@@ -392,12 +402,12 @@ def _since(one: Lines, since_s: float) -> Lines:
     )
 
 
-def _whole(one: Lines, key: Key) -> Array:
+def _join_copies(one: Lines, key: Key) -> Array:
     line = one.lines[key]
     return np.cumsum(line, axis=1) if key in one.sums else line
 
 
-def _series(one: Lines) -> ChannelSeries:
+def _make_channel_series(one: Lines) -> ChannelSeries:
     """A channel as the search for beginnings sees it."""
     like, count = one.like, len(one.at_s)
     step_s = max(BIN_S, like.grid.step_s)
@@ -407,12 +417,12 @@ def _series(one: Lines) -> ChannelSeries:
     return like._replace(
         measured=one.measured.ravel(),
         grid=grid,
-        cut=segments(count * like.copies, bounds),
-        prior=_of_means(like.prior, like.grid.step_s, in_bin),
+        cut=make_segments(count * like.copies, bounds),
+        prior=_calc_noise_of_means(like.prior, like.grid.step_s, in_bin),
     )
 
 
-def _of_means(prior: NoisePrior, step_s: float, in_bin: int) -> NoisePrior:
+def _calc_noise_of_means(prior: NoisePrior, step_s: float, in_bin: int) -> NoisePrior:
     """The noise of means over so many samples: of a first-order one, and of a white floor."""
     apart = np.abs(np.subtract.outer(np.arange(in_bin), np.arange(in_bin)))
     share = float(np.sqrt(np.mean(np.exp(-apart * step_s / prior.fast_s))))

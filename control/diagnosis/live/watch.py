@@ -107,13 +107,13 @@ class LiveCheck:
         """What stands after a look at the newest rows. Never raises for what is in them."""
         self._looked_s = self.now_s
         if self.now_s - self._diagnosed_s >= QUARTER_S:
-            self._quarter()
-        elif _works(self._since(self.now_s - LOOK_S)):
-            self._named()
-            self._sequential()
+            self._diagnose_quarter()
+        elif _is_mostly_working(self._select_rows_since(self.now_s - LOOK_S)):
+            self._name_departure()
+            self._test_sequentially()
         return self.standing
 
-    def _named(self) -> None:
+    def _name_departure(self) -> None:
         """A name for what began and has none yet."""
         found = self.standing
         if (
@@ -125,11 +125,11 @@ class LiveCheck:
             return
         departure = self._departure(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel))
         if departure is not None and departure.cause:
-            self.standing = _dated(departure, found.since_s)
+            self.standing = _add_begin_time(departure, found.since_s)
 
-    def _sequential(self) -> None:
+    def _test_sequentially(self) -> None:
         try:
-            found = self._test(self._since, self.now_s)
+            found = self._test(self._select_rows_since, self.now_s)
         except ValueError:  # too few rows of anything
             return
         said = None if self.standing is None else _GROUP_OF.get(self.standing.channel)
@@ -146,37 +146,43 @@ class LiveCheck:
         self._asked[first.group] = self.now_s
         onset_s = self.now_s if first.part.onset_s is None else first.part.onset_s
         departure = self._departure(onset_s - BEFORE_S, first.group)
-        if departure is None or not _borne_out(first, departure):
+        if departure is None or not _is_confirmed_by(first, departure):
             return
         seen_s = self._nameless.get(first.group, -np.inf)
         if departure.cause:
-            self.standing = _dated(departure, onset_s)
+            self.standing = _add_begin_time(departure, onset_s)
         # what has no name must be seen twice, as a moment's noise has none
         elif self.now_s - seen_s >= QUARTER_S:
             self._nameless[first.group] = self.now_s
         # either: the second time in rows of its own
         elif self._departure(seen_s, first.group) is not None:
-            self.standing = _dated(departure, onset_s)
+            self.standing = _add_begin_time(departure, onset_s)
 
-    def _quarter(self) -> None:
+    def _diagnose_quarter(self) -> None:
         this, self._diagnosed_s = _Quarter(self._diagnosed_s, self.now_s), self.now_s
         if self.standing is None and self._last is None:
             self._last = this  # whatever it says, it says nothing alone
             return
-        departure = self._of_stretch(this)
+        departure = self._describe_stretch(this)
         if departure is None and self.standing is None:
             self._last = None
             return
-        last = self._of_stretch(self._last) if isinstance(self._last, _Quarter) else self._last
-        if departure is not None and self.standing is not None and _same(departure, self.standing):
+        last = (
+            self._describe_stretch(self._last) if isinstance(self._last, _Quarter) else self._last
+        )
+        if (
+            departure is not None
+            and self.standing is not None
+            and _is_same_departure(departure, self.standing)
+        ):
             self.standing = departure._replace(since_s=self.standing.since_s)
-        elif departure is not None and last is not None and _same(departure, last):
+        elif departure is not None and last is not None and _is_same_departure(departure, last):
             self.standing = departure._replace(since_s=last.since_s)
         elif departure is None and last is None:
             self.standing = None  # gone for half an hour: repaired, or never there
         self._last = departure
 
-    def _of_stretch(self, stretch: _Quarter) -> Departure | None:
+    def _describe_stretch(self, stretch: _Quarter) -> Departure | None:
         return self._departure(stretch.begin_s, None, stretch.end_s)
 
     def _departure(
@@ -186,7 +192,7 @@ class LiveCheck:
         the log."""
         self.diagnoses += 1
         self._reported_s = self.now_s
-        rows = self._since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
+        rows = self._select_rows_since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
         try:
             found = find_departure(self._diagnose(rows, self._machine), group)
         except ValueError:
@@ -196,14 +202,14 @@ class LiveCheck:
         # counted from its first row
         return found._replace(since_s=found.since_s + float(rows["time_s"][0]))
 
-    def _since(self, begin_s: float, end_s: float = np.inf) -> dict[str, Array]:
+    def _select_rows_since(self, begin_s: float, end_s: float = np.inf) -> dict[str, Array]:
         """Columns of the rows from a time to another."""
         pieces = [
             piece
             for piece in self._rows
             if piece["time_s"][-1] >= begin_s and piece["time_s"][0] <= end_s
         ]
-        rows = _joined(pieces or [self._rows[-1]])
+        rows = _join_columns(pieces or [self._rows[-1]])
         inside = (rows["time_s"] >= begin_s) & (rows["time_s"] <= end_s)
         return rows if inside.all() else {name: array[inside] for name, array in rows.items()}
 
@@ -220,7 +226,7 @@ def find_departure(found: Diagnosis, group: str | None = None) -> Departure | No
             and cause.until_s is None
             and not any(rival.id == UNKNOWN for rival in cause.rivals)
         ):
-            return _of_cause(cause, found)
+            return _make_departure_of_cause(cause, found)
     for left in found.unexplained:
         if group is None or _GROUP_OF.get(left.channel) == group:
             return Departure(left.channel, "", left.dose_percent, left.from_s, False)
@@ -231,7 +237,7 @@ def find_departure(found: Diagnosis, group: str | None = None) -> Departure | No
 BY_THE_SCALE_ALONE = ("flow.gain", "scale.gain")
 
 
-def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
+def _make_departure_of_cause(cause: Cause, found: Diagnosis) -> Departure:
     percent = cause.field_cost.rate_error_percent
     return Departure(
         ROWS[cause.id].channels[0] if ROWS[cause.id].stage != "flow" else "flow",
@@ -246,7 +252,7 @@ def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
     )
 
 
-def _borne_out(change: ChangePoint, found: Departure) -> bool:
+def _is_confirmed_by(change: ChangePoint, found: Departure) -> bool:
     """Whether a diagnosis agrees that something began: it dates it, names the same effect, or
     has no name for it.
 
@@ -256,19 +262,19 @@ def _borne_out(change: ChangePoint, found: Departure) -> bool:
     return found.since_s is not None or found.cause in ("", change.part.id)
 
 
-def _dated(found: Departure, since_s: float) -> Departure:
+def _add_begin_time(found: Departure, since_s: float) -> Departure:
     """With the time from which on it is seen, where the diagnosis itself does not say."""
     return found if found.since_s is not None else found._replace(since_s=since_s)
 
 
-def _same(one: Departure, other: Departure) -> bool:
+def _is_same_departure(one: Departure, other: Departure) -> bool:
     """The same name; or, of what has none, the same channel."""
     return one.channel == other.channel and (
         one.cause == other.cause or not one.certain or not other.certain
     )
 
 
-def _works(rows: Columns) -> bool:
+def _is_mostly_working(rows: Columns) -> bool:
     """Whether the machine worked for most of these rows, as far as they say."""
     state = rows.get("state")
     if state is not None and np.any(state != ""):
@@ -276,7 +282,7 @@ def _works(rows: Columns) -> bool:
     return True
 
 
-def _joined(pieces: Sequence[Columns]) -> dict[str, Array]:
+def _join_columns(pieces: Sequence[Columns]) -> dict[str, Array]:
     """One after the other; where a piece lacks a column, its cells are empty."""
     found = {}
     for name in dict.fromkeys(name for piece in pieces for name in piece):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from topdress.control.diagnosis.effects import reach
+from topdress.control.diagnosis.effects import find_size_range
 from topdress.control.machine.forms import Form
 from topdress.control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
 from topdress.control.machine.terms import Term
@@ -56,7 +56,7 @@ class BlockErrors(NamedTuple):
     sd: tuple[float, ...] = ()
 
 
-def numbers_of(machine: Machine, was: Machine) -> list[Number]:
+def list_added_numbers(machine: Machine, was: Machine) -> list[Number]:
     """The numbers that a file has beyond another: sizes of effects, coefficients of terms."""
     before, known = list_effect_sizes(was), set(was.terms)
     found = [
@@ -73,7 +73,7 @@ def effect_number(name: str, machine: Machine, size: float) -> Number:
     entry = CATALOGUE[name]
     stage = getattr(machine, entry.stage)
     member = int(getattr(stage, entry.effect.member_field)) if entry.effect.member_field else None
-    low, high = reach(
+    low, high = find_size_range(
         name,
         machine.model_copy(update={entry.stage: stage._replace(**{entry.field: entry.neutral})}),
     )
@@ -91,26 +91,30 @@ def list_term_numbers(term: Term) -> list[Number]:
     """Of a term that a file has: its coefficients that it is linear in, of a table its values."""
     spread = max(map(abs, term.values), default=0.0)
     knee = (
-        [_number(term, KNEE, term.coefficients["high_end"], STEP * term.coefficients["high_end"])]
-        if is_knee(term)
+        [
+            _make_number(
+                term, KNEE, term.coefficients["high_end"], STEP * term.coefficients["high_end"]
+            )
+        ]
+        if is_knee_term(term)
         else []
     )
     return (
         knee
         + [
-            _number(term, name, value, STEP * abs(value))
+            _make_number(term, name, value, STEP * abs(value))
             for name, value in term.coefficients.items()
             if name in LINEAR and value != 0.0
         ]
         + [
-            _number(term, k, value, STEP * spread)
+            _make_number(term, k, value, STEP * spread)
             for k, value in enumerate(term.values)
             if spread > 0.0
         ]
     )
 
 
-def is_knee(term: Term) -> bool:
+def is_knee_term(term: Term) -> bool:
     """Whether a term changes the slope of a curve beyond the same value either way."""
     return (
         term.form is Form.DEAD_ZONE
@@ -118,10 +122,11 @@ def is_knee(term: Term) -> bool:
     )
 
 
-def _number(term: Term, which: str | int, value: float, step: float) -> Number:
+def _make_number(term: Term, which: str | int, value: float, step: float) -> Number:
     def turned(machine: Machine, to: float) -> Machine:
         terms = tuple(
-            _changed(one, which, to) if one.id == term.id else one for one in machine.terms
+            _change_coefficient(one, which, to) if one.id == term.id else one
+            for one in machine.terms
         )
         return machine.model_copy(update={"terms": terms})
 
@@ -130,7 +135,7 @@ def _number(term: Term, which: str | int, value: float, step: float) -> Number:
     )
 
 
-def _changed(term: Term, which: str | int, to: float) -> Term:
+def _change_coefficient(term: Term, which: str | int, to: float) -> Term:
     if which == KNEE:
         return term.model_copy(
             update={"coefficients": {**term.coefficients, "low_end": -to, "high_end": to}}
@@ -140,13 +145,15 @@ def _changed(term: Term, which: str | int, to: float) -> Term:
     return term.model_copy(update={"values": (*term.values[:which], to, *term.values[which + 1 :])})
 
 
-def errors(on_log: OnLog, machine: Machine, channels: Sequence[str]) -> dict[str, Array]:
+def calc_errors_by_channel(
+    on_log: OnLog, machine: Machine, channels: Sequence[str]
+) -> dict[str, Array]:
     """Measured less predicted, by channel."""
     predicted = on_log.predicted(machine, channels)
     return {name: on_log.errors(name, predicted[name]) for name in channels}
 
 
-def slopes(
+def calc_slopes_of_numbers(
     on_log: OnLog,
     machine: Machine,
     channels: Sequence[str],
@@ -161,7 +168,7 @@ def slopes(
             if number.value + number.step <= number.high
             else number.value - number.step
         )
-        moved = errors(on_log, number.turned(machine, to), channels)
+        moved = calc_errors_by_channel(on_log, number.turned(machine, to), channels)
         for name in channels:
             columns[name].append((left[name] - moved[name]) / (to - number.value))
     return {
@@ -170,7 +177,7 @@ def slopes(
     }
 
 
-def held(
+def calc_block_errors(
     on_log: OnLog,
     machine: Machine,
     channels: Sequence[str],
@@ -182,11 +189,11 @@ def held(
     weighed; left out: its own. over : recorded variable whose ranges are the blocks, in place
     of stretches of time: what a few levels of it show, all of them seen in every stretch, says
     nothing of the levels between them."""
-    left = errors(on_log, machine, channels)
+    left = calc_errors_by_channel(on_log, machine, channels)
     square = {name: float(np.mean(one**2)) if len(one) else 0.0 for name, one in left.items()}
     rms = {name: float(np.sqrt(one)) for name, one in square.items()}
     cuts = {
-        name: in_ranges(on_log.at_errors(name, over, len(one)))
+        name: split_by_ranges(on_log.align_with_errors(name, over, len(one)))
         if over
         else cut_into_blocks(len(one))
         for name, one in left.items()
@@ -195,7 +202,7 @@ def held(
         return BlockErrors(
             rms, {name: average_by_block(left[name], cuts[name]) for name in channels}
         )
-    columns = slopes(on_log, machine, channels, numbers, left)
+    columns = calc_slopes_of_numbers(on_log, machine, channels, numbers, left)
     weight = {
         name: 1.0 / max(1e-300, (usual or square)[name] * max(1, len(left[name])))
         for name in channels
@@ -243,7 +250,7 @@ def cut_into_blocks(count: int) -> list[Rows]:
     return [np.arange(a, b) for a, b in pairwise(edges)]
 
 
-def in_ranges(values: Array) -> list[Rows]:
+def split_by_ranges(values: Array) -> list[Rows]:
     """Samples by the range of a variable (m,) that they lie in, each level in one range: as
     many ranges as blocks, or fewer where it has fewer levels."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1]))
@@ -256,7 +263,7 @@ def average_by_block(left: Array, cuts: Sequence[Rows]) -> Array:
     return np.array([float(np.mean(left[cut] ** 2)) if len(cut) else 0.0 for cut in cuts])
 
 
-def gained(one: BlockErrors, other: BlockErrors, usual: dict[str, float]) -> Array:
+def calc_gain_by_block(one: BlockErrors, other: BlockErrors, usual: dict[str, float]) -> Array:
     """By how much one file's error is below another's, block by block (BLOCKS,), as a share of
     what is usual; channels taken together."""
     return np.asarray(

@@ -8,16 +8,21 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.effects import ROWS
 from topdress.control.diagnosis.runs.channels import (
-    channels,
-    hopper_channel,
+    make_channels,
+    make_hopper_channel,
+    make_speed_channel,
     simulate_drive_rows,
-    speed_channel,
 )
 from topdress.control.diagnosis.runs.drives import Drive
-from topdress.control.diagnosis.runs.held_out import FLOW_S, HeldOut, errors_of
-from topdress.control.diagnosis.runs.hopper import sum_terms
-from topdress.control.diagnosis.runs.hypothesis import Hypothesis, Schedule, list_stages, schedule
-from topdress.control.diagnosis.runs.inputs import make_term_inputs, rows_of
+from topdress.control.diagnosis.runs.held_out import FLOW_S, HeldOut, list_held_out_errors
+from topdress.control.diagnosis.runs.hopper import sum_term_flows
+from topdress.control.diagnosis.runs.hypothesis import (
+    Hypothesis,
+    Schedule,
+    list_stages,
+    make_schedule,
+)
+from topdress.control.diagnosis.runs.inputs import make_log_rows, make_term_inputs
 from topdress.control.diagnosis.runs.log import Clean
 from topdress.control.diagnosis.runs.model import shape_over_time
 from topdress.control.diagnosis.runs.stages import RunData
@@ -43,10 +48,10 @@ class OnLog:
 
     def __init__(self, log: Clean, data: RunData, machine: Machine) -> None:
         self.machine, self.data, self.settled = machine, data, log.held
-        self._every = rows_of(log, machine)
+        self._every = make_log_rows(log, machine)
         self.time_s = self._every.time_s
         with np.errstate(all="ignore"):
-            self.seen = channels(data, machine)
+            self.seen = make_channels(data, machine)
             self.inputs = make_term_inputs(log, self._every, machine)
 
     def predicted(
@@ -72,11 +77,11 @@ class OnLog:
         flow, which is what it is read for."""
         series = self.seen[channel]
         whole = HeldOut(series, series, (slice(0, len(series.measured)),))
-        found = errors_of(whole, series.measured, series.measured - predicted)[3]
+        found = list_held_out_errors(whole, series.measured, series.measured - predicted)[3]
         # of several heads time by time
         return np.ascontiguousarray(found.reshape(series.copies, -1).T).ravel()
 
-    def at_errors(self, channel: str, variable: str, count: int) -> Array:
+    def align_with_errors(self, channel: str, variable: str, count: int) -> Array:
         """A recorded variable where a channel's errors stand, of which there are `count`."""
         even_s = self.seen[channel].grid.even_s
         time_s = np.interp(np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, len(even_s)), even_s)
@@ -100,15 +105,15 @@ class OnLog:
     def _run(
         self, machine: Machine, only: Collection[str] | None, parts: Hypothesis
     ) -> dict[str, Array]:
-        plan = schedule(list_stages(machine), parts)
-        made = self._with_terms(machine)
+        plan = make_schedule(list_stages(machine), parts)
+        made = self._predict_with_terms(machine)
         return {
             name: made.get(name, series.predict)(plan, MAX_MODEL_STEP_S)
             for name, series in self.seen.items()
             if only is None or name in only
         }
 
-    def _with_terms(self, machine: Machine) -> dict[str, Predict]:
+    def _predict_with_terms(self, machine: Machine) -> dict[str, Predict]:
         """The channels that the file's terms bear on, where these are not those of the file
         that the log was seen with."""
         if machine.terms == self.machine.terms and (
@@ -134,25 +139,25 @@ class OnLog:
             )
 
         if (shaft := data.shaft) is not None:
-            found["shaft"] = _of_drive(
+            found["shaft"] = _predict_drive(
                 shaft._replace(
                     more=at("shaft_percent", shaft.time_s), more_rpm=at("shaft_rpm", shaft.time_s)
                 )
             )
         if (gate := data.gate) is not None:
-            found["gate"] = _of_drive(gate._replace(more=at("gate_mm", gate.time_s)))
+            found["gate"] = _predict_drive(gate._replace(more=at("gate_mm", gate.time_s)))
         if (hopper := data.hopper) is not None:
-            percent, kg_s, kg = sum_terms(every._replace(more=more), hopper.time_s)
-            found["scale"] = hopper_channel(
+            percent, kg_s, kg = sum_term_flows(every._replace(more=more), hopper.time_s)
+            found["scale"] = make_hopper_channel(
                 hopper._replace(more_percent=percent, more_kg_s=kg_s, more_kg=kg), self.machine
             ).predict
         if (speed := data.speed) is not None:
-            found["speed"] = speed_channel(
+            found["speed"] = make_speed_channel(
                 speed._replace(more_percent=at("wheel_percent", speed.time_s)), self.machine
             ).predict
         return found
 
 
-def _of_drive(drive: Drive) -> Predict:
+def _predict_drive(drive: Drive) -> Predict:
     run = simulate_drive_rows(drive)
     return lambda plan, step_s: drive.grid.of(run(plan, step_s)[:, 1])

@@ -43,14 +43,14 @@ from topdress.control.machine.terms import Term
 from .blocks import (
     BlockErrors,
     average_by_block,
+    calc_block_errors,
+    calc_gain_by_block,
     cut_into_blocks,
-    gained,
-    held,
     is_surely_positive,
-    numbers_of,
+    list_added_numbers,
 )
 from .on_log import OnLog
-from .rival import AGAIN, STAGE, find_rival, fitted
+from .rival import AGAIN, STAGE, find_rival, fit_machine_file
 from .rival import PlainRival as PlainRival
 
 Array = npt.NDArray[np.float64]
@@ -92,7 +92,7 @@ class _TriedFile(NamedTuple):
     held: BlockErrors
 
 
-def adoptable(
+def select_predictive_causes(
     on_log: OnLog, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]
 ) -> Adoptable:
     """The chosen causes (by id) with the diagnosis' terms, as far as the file with them
@@ -110,18 +110,18 @@ def adoptable(
     )
     refused: list[tuple[str, str]] = []
     said: list[Predicted] = []
-    for channels in _groups(on_log):
-        own = _own(found, channels, read_off)
+    for channels in _group_channels(on_log):
+        own = _list_own_causes(found, channels, read_off)
         every = [one for one in own if not not_adoptable(one)]
         terms = tuple(
             one
             for one in found.terms
-            if _channel_of(one.stage) in channels and not term_not_adoptable(one)
+            if _find_channel_of(one.stage) in channels and not term_not_adoptable(one)
         )
         whole = (
             found.fitted if found.fitted is not None and found.fitted.channel in channels else None
         )
-        of_rival = {_channel_of(one.stage) for one in terms if one.predicts_best}
+        of_rival = {_find_channel_of(one.stage) for one in terms if one.predicts_best}
         every = [
             one
             for one in every
@@ -130,7 +130,7 @@ def adoptable(
         picked = tuple(one for one in every if one.id in chosen)
         if not picked and not terms and whole is None:
             continue
-        usual, best = _best(
+        usual, best = _find_best_file(
             on_log, found, channels, picked, terms, whole, refit=len(picked) < len(every)
         )
         if best is None:
@@ -154,12 +154,14 @@ def adoptable(
 def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[str]) -> Diagnosis:
     """A diagnosis held against what its file, and the plain rival, predict."""
     decided = [one.id for one in found.causes if one.probability >= NAMED and not one.rivals]
-    taken = adoptable(on_log, found, decided, read_off)
+    taken = select_predictive_causes(on_log, found, decided, read_off)
     worse = {name for name, _ in taken.refused}
     kept = {one.term["id"] for one in taken.found.terms}
     found = replace(
         found,
-        causes=tuple(_suspected(one, EVEN) if one.id in worse else one for one in found.causes),
+        causes=tuple(
+            _limit_probability(one, EVEN) if one.id in worse else one for one in found.causes
+        ),
         terms=tuple(
             one
             if one.term["id"] in kept or term_not_adoptable(one)
@@ -169,7 +171,7 @@ def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[st
     )
     predicted, left = [], [*found.unexplained]
     findings = [f"{name}: {why}: it is only suspected" for name, why in taken.refused]
-    for channel in (name for channels in _groups(on_log) for name in channels):
+    for channel in (name for channels in _group_channels(on_log) for name in channels):
         found, one, more = _against_rival(on_log, found, taken.found, channel, read_off)
         predicted.append(one)
         left += [
@@ -177,7 +179,7 @@ def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[st
             for each in more
             if not any((each.channel, each.variable) == (old.channel, old.variable) for old in left)
         ]
-        findings += [_ahead(one)] if more else []
+        findings += [_describe_lead(one)] if more else []
     verdict = found.verdict
     if len(left) > len(found.unexplained):
         verdict = "unexplained"
@@ -196,12 +198,14 @@ def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[st
 # ----------------------------------------------------------------------------------------------
 
 
-def _groups(on_log: OnLog) -> list[tuple[str, ...]]:
+def _group_channels(on_log: OnLog) -> list[tuple[str, ...]]:
     found = [tuple(name for name in names if name in on_log.seen) for names in GROUPS.values()]
     return [one for one in found if one]
 
 
-def _own(found: Diagnosis, channels: Collection[str], read_off: Collection[str]) -> list[Cause]:
+def _list_own_causes(
+    found: Diagnosis, channels: Collection[str], read_off: Collection[str]
+) -> list[Cause]:
     return [
         one
         for one in found.causes
@@ -211,11 +215,11 @@ def _own(found: Diagnosis, channels: Collection[str], read_off: Collection[str])
     ]
 
 
-def _channel_of(stage: str) -> str:
+def _find_channel_of(stage: str) -> str:
     return next((channel for channel, name in STAGE.items() if name == stage), stage)
 
 
-def _best(
+def _find_best_file(
     on_log: OnLog,
     found: Diagnosis,
     channels: tuple[str, ...],
@@ -228,7 +232,7 @@ def _best(
     the best; None where that is nothing, or where any channel of the log is predicted worse by
     it. refit : something that was fitted along is left out. Along with it the mean square
     errors of the log's own file."""
-    nothing = held(on_log, on_log.machine, channels, ())
+    nothing = calc_block_errors(on_log, on_log.machine, channels, ())
     usual = {name: rms**2 for name, rms in nothing.rms.items()}
     of_rival = whole is not None or any(one.predicts_best for one in terms)
     sets = (
@@ -236,7 +240,7 @@ def _best(
     )
     tried = []
     for some, more in sets:
-        one = _tried(on_log, found, channels, some, more, whole, refit, usual)
+        one = _try_file(on_log, found, channels, some, more, whole, refit, usual)
         tried += [one] if one is not None else []
     every = [nothing, *(one.held for one in tried)]
     least = min(
@@ -246,14 +250,16 @@ def _best(
         ),
     )
     place = next(
-        k for k, one in enumerate(every) if not is_surely_positive(gained(least, one, usual))
+        k
+        for k, one in enumerate(every)
+        if not is_surely_positive(calc_gain_by_block(least, one, usual))
     )
     if place == 0 or any(tried[place - 1].held.rms[name] > nothing.rms[name] for name in channels):
         return usual, None
     return usual, tried[place - 1]
 
 
-def _tried(
+def _try_file(
     on_log: OnLog,
     found: Diagnosis,
     channels: tuple[str, ...],
@@ -266,18 +272,20 @@ def _tried(
     """A file as it would be written and read; None where no file may hold it."""
     machine = on_log.machine
     try:
-        file = as_written(extend(machine, replace(found, causes=causes, terms=terms, fitted=whole)))
-        if refit and numbers_of(file, machine):
-            file = as_written(fitted(on_log, channels, file, AGAIN))
+        file = round_trip_machine(
+            extend(machine, replace(found, causes=causes, terms=terms, fitted=whole))
+        )
+        if refit and list_added_numbers(file, machine):
+            file = round_trip_machine(fit_machine_file(on_log, channels, file, AGAIN))
     except ValueError:
         return None
-    numbers = numbers_of(file, machine)
-    judged = held(on_log, file, channels, numbers, usual)
+    numbers = list_added_numbers(file, machine)
+    judged = calc_block_errors(on_log, file, channels, numbers, usual)
     if refit:
         sds = {number.name: sd for number, sd in zip(numbers, judged.sd, strict=True)}
         was, now = list_effect_sizes(machine), list_effect_sizes(file)
         causes = tuple(
-            _resized(
+            _resize_cause(
                 one,
                 now.get(one.id, CATALOGUE[one.id].neutral)
                 - was.get(one.id, CATALOGUE[one.id].neutral),
@@ -295,12 +303,12 @@ def _tried(
     return _TriedFile(causes, terms, whole, file, judged)
 
 
-def as_written(machine: Machine) -> Machine:
+def round_trip_machine(machine: Machine) -> Machine:
     """A machine file after it was written and read. Raises ValueError for what no file may hold."""
     return Machine.model_validate(machine.model_dump(mode="json"))
 
 
-def _resized(cause: Cause, size: float, sd: float) -> Cause:
+def _resize_cause(cause: Cause, size: float, sd: float) -> Cause:
     return replace(
         cause, size=replace(cause.size, value=size, low=size - Z90 * sd, high=size + Z90 * sd)
     )
@@ -315,13 +323,20 @@ def _against_rival(
 ) -> tuple[Diagnosis, Predicted, list[Unexplained]]:
     """The diagnosis held against the plain rival of one channel: its file is taken up where it
     wins, and where it is clearly ahead of what is said nothing is named."""
-    nothing = held(on_log, on_log.machine, (channel,), ())
-    said, file = _said(on_log, found, channel, read_off), _file(on_log, taken, channel)
+    nothing = calc_block_errors(on_log, on_log.machine, (channel,), ())
+    said, file = (
+        _calc_errors_of_report(on_log, found, channel, read_off),
+        _calc_errors_of_file(on_log, taken, channel),
+    )
     usual = {channel: max(1e-300, nothing.rms[channel] ** 2)}
     errors = Predicted(
         channel, on_log.unit(channel), nothing.rms[channel], file.rms[channel], said.rms[channel]
     )
-    own = [one for one in _own(found, (channel,), read_off) if ROWS[one.id].channels[0] == channel]
+    own = [
+        one
+        for one in _list_own_causes(found, (channel,), read_off)
+        if ROWS[one.id].channels[0] == channel
+    ]
     open_ = bool(own) or any(channel == one.channel for one in found.unexplained)
     if min(said.rms[channel], file.rms[channel]) ** 2 <= (1.0 + LOUD) * on_log.noise(channel) ** 2:
         return found, errors, []  # nothing can be ahead by as much as the noise
@@ -339,20 +354,25 @@ def _against_rival(
     # what a sound machine may do by its file's tolerances, and as far, is ahead of nothing
     if sound:
         said = min(
-            said, _said(on_log, found, channel, read_off, sound), key=lambda one: one.rms[channel]
+            said,
+            _calc_errors_of_report(on_log, found, channel, read_off, sound),
+            key=lambda one: one.rms[channel],
         )
         file = file if open_ else min(file, said, key=lambda one: one.rms[channel])
     errors = replace(
         errors, rival=rival.held.rms[channel], over=rival.over or _OWN.get(channel, ())
     )
-    over_said, over_file = gained(rival.held, said, usual), gained(rival.held, file, usual)
+    over_said, over_file = (
+        calc_gain_by_block(rival.held, said, usual),
+        calc_gain_by_block(rival.held, file, usual),
+    )
     noise = LOUD * on_log.noise(channel) ** 2 / usual[channel]
-    ahead = _clearly(over_said, said, rival.held, channel) and float(over_said.mean()) > noise
+    ahead = _is_clear_gain(over_said, said, rival.held, channel) and float(over_said.mean()) > noise
     stands = any(one.id in {cause.id for cause in taken.causes} for one in own) or any(
-        _channel_of(one.stage) == channel for one in taken.terms
+        _find_channel_of(one.stage) == channel for one in taken.terms
     )
     if not (
-        _clearly(over_file, file, rival.held, channel) and float(over_file.mean()) > noise
+        _is_clear_gain(over_file, file, rival.held, channel) and float(over_file.mean()) > noise
         if stands or not open_
         else is_surely_positive(over_file)
     ):
@@ -363,20 +383,20 @@ def _against_rival(
     share = 1.0 - rival.held.rms[channel] ** 2 / max(1e-300, said.rms[channel] ** 2)
     if agree:
         sizes = {name: (size, sd) for name, size, sd in rival.sizes}
-        causes = [_resized(one, *sizes[one.id]) if one in own else one for one in found.causes]
+        causes = [_resize_cause(one, *sizes[one.id]) if one in own else one for one in found.causes]
     else:
         causes = [
-            _suspected(one, min(EVEN, 1.0 - share)) if one in own and ahead else one
+            _limit_probability(one, min(EVEN, 1.0 - share)) if one in own and ahead else one
             for one in found.causes
         ]
     found = replace(
         found,
         causes=tuple(causes),
         terms=(
-            *(one for one in found.terms if _channel_of(one.stage) != channel),
-            *(_term_found(on_log, term, rival, share) for term in rival.terms),
+            *(one for one in found.terms if _find_channel_of(one.stage) != channel),
+            *(_make_term_found(on_log, term, rival, share) for term in rival.terms),
         ),
-        fitted=_fitted(on_log, rival, nothing) if rival.sizes else found.fitted,
+        fitted=_fit_rival(on_log, rival, nothing) if rival.sizes else found.fitted,
     )
     left = (
         [
@@ -392,13 +412,13 @@ def _against_rival(
 _OWN = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",)}
 
 
-def _clearly(gain: Array, one: BlockErrors, other: BlockErrors, channel: str) -> bool:
+def _is_clear_gain(gain: Array, one: BlockErrors, other: BlockErrors, channel: str) -> bool:
     return is_surely_positive(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(
         other.blocks[channel].mean()
     )
 
 
-def _said(
+def _calc_errors_of_report(
     on_log: OnLog,
     found: Diagnosis,
     channel: str,
@@ -423,7 +443,9 @@ def _said(
     )
     parts = (*parts, *(EffectInstance(name, size) for name, size in sound.items()))
     terms = tuple(
-        Term.model_validate(one.term) for one in found.terms if _channel_of(one.stage) == channel
+        Term.model_validate(one.term)
+        for one in found.terms
+        if _find_channel_of(one.stage) == channel
     )
     machine = on_log.machine.model_copy(update={"terms": (*on_log.machine.terms, *terms)})
     left = on_log.errors(channel, on_log.predicted(machine, (channel,), parts)[channel])
@@ -433,14 +455,17 @@ def _said(
     )
 
 
-def _file(on_log: OnLog, taken: Diagnosis, channel: str) -> BlockErrors:
+def _calc_errors_of_file(on_log: OnLog, taken: Diagnosis, channel: str) -> BlockErrors:
     file = extend(on_log.machine, taken)
-    return held(
-        on_log, file, (channel,), numbers_of(file, on_log.machine) if file != on_log.machine else ()
+    return calc_block_errors(
+        on_log,
+        file,
+        (channel,),
+        list_added_numbers(file, on_log.machine) if file != on_log.machine else (),
     )
 
 
-def _suspected(cause: Cause, most: float) -> Cause:
+def _limit_probability(cause: Cause, most: float) -> Cause:
     """A name that is no likelier than `most`; what is left is something else's."""
     if cause.probability <= most:
         return cause
@@ -448,7 +473,7 @@ def _suspected(cause: Cause, most: float) -> Cause:
     return replace(cause, probability=most, rivals=(*rivals, Rival(UNKNOWN, 1.0 - most)))
 
 
-def _fitted(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> Fitted:
+def _fit_rival(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> Fitted:
     sizes = tuple(
         (name, Size(size, size - Z90 * sd, size + Z90 * sd, describe_unit(name, on_log.machine)))
         for name, size, sd in rival.sizes
@@ -457,13 +482,13 @@ def _fitted(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> Fitted:
     return Fitted("shaft", sizes, before, after, on_log.unit("shaft"))
 
 
-def _term_found(on_log: OnLog, term: Term, rival: PlainRival, share: float) -> TermFound:
+def _make_term_found(on_log: OnLog, term: Term, rival: PlainRival, share: float) -> TermFound:
     return TermFound(
         term.model_dump(mode="json"), term.stage, term.unit, share, 0.0, 0.0, share, (), True
     )
 
 
-def _ahead(one: Predicted) -> str:
+def _describe_lead(one: Predicted) -> str:
     return (
         f"{one.channel}: least squares over {', '.join(one.over)} predicts this log better "
         "than what is said: "

@@ -27,10 +27,10 @@ from topdress.control.diagnosis.effects import (
     SHAFT_NEUTRAL,
     SHAFT_SATURATION,
     SHAFT_SLOW,
-    reach,
+    find_size_range,
 )
 from topdress.control.diagnosis.extend import find_free_id
-from topdress.control.diagnosis.runs.drives import Drive, off_zero
+from topdress.control.diagnosis.runs.drives import Drive, read_off_zero
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
 from topdress.control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from topdress.control.machine.form import ANGLES
@@ -53,13 +53,13 @@ from topdress.control.machine.terms import (
 from .blocks import (
     KNEE,
     BlockErrors,
-    errors,
-    gained,
-    held,
+    calc_block_errors,
+    calc_errors_by_channel,
+    calc_gain_by_block,
+    calc_slopes_of_numbers,
     is_surely_positive,
+    list_added_numbers,
     list_term_numbers,
-    numbers_of,
-    slopes,
 )
 from .on_log import OnLog
 
@@ -126,7 +126,7 @@ def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
     """The rival of a channel; None where nothing of it is better than the machine file as it is."""
     if channel not in ACTS:
         return None
-    nothing = held(on_log, on_log.machine, (channel,), ())
+    nothing = calc_block_errors(on_log, on_log.machine, (channel,), ())
     usual = {channel: nothing.rms[channel] ** 2}
     if usual[channel] <= 0.0:
         return None
@@ -134,13 +134,14 @@ def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
     lines: list[Term] = []
     curved = channel != "shaft"
     for _ in range(MOST_STEPS):
-        tried = None if curved else _curve(on_log, machine, best, usual)
+        tried = None if curved else _choose_drive_curve(on_log, machine, best, usual)
         curved = curved or tried is not None
         if tried is None and len(lines) < MOST_LINES:
-            line = _line(on_log, channel, machine, lines)
+            line = _find_best_line(on_log, channel, machine, lines)
             if (
                 line is not None
-                and (tried := _with_line(on_log, channel, machine, line, best, usual)) is not None
+                and (tried := _add_best_line(on_log, channel, machine, line, best, usual))
+                is not None
             ):
                 lines.append(line)
         if tried is None:
@@ -149,12 +150,12 @@ def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
     if machine is on_log.machine or (
         curved
         and channel == "shaft"
-        and not _over_ranges(
+        and not _is_better_over_ranges(
             on_log, channel, machine, on_log.machine, name_own_command(channel, "shaft_rpm"), usual
         )
     ):
         return None
-    names = [number.name for number in numbers_of(machine, on_log.machine)]
+    names = [number.name for number in list_added_numbers(machine, on_log.machine)]
     was, now = list_effect_sizes(on_log.machine), list_effect_sizes(machine)
     sizes = tuple(
         (name, now[name] - was.get(name, CATALOGUE[name].neutral), best.sd[names.index(name)])
@@ -167,7 +168,7 @@ def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
     )
 
 
-def _with_line(
+def _add_best_line(
     on_log: OnLog,
     channel: str,
     machine: Machine,
@@ -178,9 +179,11 @@ def _with_line(
     """A file with one line more, all its numbers fitted again; None where that is not surely
     better."""
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
-    tried = fitted(on_log, (channel,), tried, AGAIN)
-    after = held(on_log, tried, (channel,), numbers_of(tried, on_log.machine), usual)
-    stands = is_surely_positive(gained(after, best, usual)) and _over_ranges(
+    tried = fit_machine_file(on_log, (channel,), tried, AGAIN)
+    after = calc_block_errors(
+        on_log, tried, (channel,), list_added_numbers(tried, on_log.machine), usual
+    )
+    stands = is_surely_positive(calc_gain_by_block(after, best, usual)) and _is_better_over_ranges(
         on_log,
         channel,
         tried,
@@ -191,7 +194,7 @@ def _with_line(
     return (tried, after) if stands else None
 
 
-def _over_ranges(
+def _is_better_over_ranges(
     on_log: OnLog,
     channel: str,
     machine: Machine,
@@ -202,22 +205,26 @@ def _over_ranges(
     """Whether a file is surely better than one with less on ranges of a variable that its
     numbers did not see."""
     one, other = (
-        held(on_log, file, (channel,), numbers_of(file, on_log.machine), usual, over)
+        calc_block_errors(
+            on_log, file, (channel,), list_added_numbers(file, on_log.machine), usual, over
+        )
         for file in (machine, without)
     )
-    return is_surely_positive(gained(one, other, usual))
+    return is_surely_positive(calc_gain_by_block(one, other, usual))
 
 
-def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) -> Machine:
+def fit_machine_file(
+    on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int
+) -> Machine:
     """A file with what it has beyond the log's own where least squares over all rows has it,
     channels weighed by what the log's own file leaves of them."""
     # three tenths of a second: where it is asked for
     from scipy.optimize import least_squares
 
-    numbers = numbers_of(machine, on_log.machine)
+    numbers = list_added_numbers(machine, on_log.machine)
     weight = {
         name: 1.0 / max(1e-150, float(np.linalg.norm(one)))
-        for name, one in errors(on_log, on_log.machine, channels).items()
+        for name, one in calc_errors_by_channel(on_log, on_log.machine, channels).items()
     }
     low, high = np.array([(number.low, number.high) for number in numbers]).T
     start = np.array([number.value for number in numbers])
@@ -231,7 +238,10 @@ def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) 
 
     def left(values: Array) -> Array:
         return np.concatenate(
-            [weight[name] * one for name, one in errors(on_log, at(values), channels).items()]
+            [
+                weight[name] * one
+                for name, one in calc_errors_by_channel(on_log, at(values), channels).items()
+            ]
         )
 
     def jacobian(values: Array) -> Array:
@@ -240,7 +250,9 @@ def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) 
             for number, value in zip(numbers, values, strict=True)
         ]
         now = at(values)
-        columns = slopes(on_log, now, channels, there, errors(on_log, now, channels))
+        columns = calc_slopes_of_numbers(
+            on_log, now, channels, there, calc_errors_by_channel(on_log, now, channels)
+        )
         return -np.concatenate([weight[name] * columns[name] for name in channels])
 
     found = least_squares(
@@ -266,10 +278,10 @@ def find_curves(on_log: OnLog) -> list[Hypothesis]:
     one."""
     if on_log.data.shaft is None:
         return []
-    sets = [names for names in _sets(on_log) if KNEE not in names]
+    sets = [names for names in _list_parameter_sets(on_log) if KNEE not in names]
     was, found = list_effect_sizes(on_log.machine), []
     if any(SHAFT_DEAD_ZONE.id in names for names in sets):
-        for names, (_, file) in _fits(on_log, on_log.machine, sets).items():
+        for names, (_, file) in _fit_parameter_sets(on_log, on_log.machine, sets).items():
             now = list_effect_sizes(file)
             found += [
                 tuple(
@@ -281,7 +293,7 @@ def find_curves(on_log: OnLog) -> list[Hypothesis]:
     return found
 
 
-def _curve(
+def _choose_drive_curve(
     on_log: OnLog, machine: Machine, best: BlockErrors, usual: dict[str, float]
 ) -> tuple[Machine, BlockErrors] | None:
     """The simplest set of the drive's own numbers within one standard error of the best; None
@@ -289,16 +301,25 @@ def _curve(
     tried = [
         (machine, best),
         *(
-            (file, held(on_log, file, ("shaft",), numbers_of(file, on_log.machine), usual))
-            for _, file in _fits(on_log, machine, _sets(on_log)).values()
+            (
+                file,
+                calc_block_errors(
+                    on_log, file, ("shaft",), list_added_numbers(file, on_log.machine), usual
+                ),
+            )
+            for _, file in _fit_parameter_sets(
+                on_log, machine, _list_parameter_sets(on_log)
+            ).values()
         ),
     ]
     least = min(tried, key=lambda one: float(one[1].blocks["shaft"].mean()))
-    chosen = next(one for one in tried if not is_surely_positive(gained(least[1], one[1], usual)))
+    chosen = next(
+        one for one in tried if not is_surely_positive(calc_gain_by_block(least[1], one[1], usual))
+    )
     return None if chosen[0] is machine else chosen
 
 
-def _fits(
+def _fit_parameter_sets(
     on_log: OnLog, machine: Machine, sets: Sequence[tuple[str, ...]]
 ) -> dict[tuple[str, ...], tuple[float, Machine]]:
     """Of each set of a drive's own numbers, from few to all: the sum of squares that a file
@@ -312,16 +333,23 @@ def _fits(
         new = [name for name in names if name not in smaller]
         files = []
         for share in ZONES if SHAFT_DEAD_ZONE.id in new else ZONES[:1]:
-            file = _started(
+            file = _make_starting_machine(
                 found[smaller][1] if smaller else machine, on_log.data.shaft, new, share
             )
-            file = fitted(on_log, ("shaft",), file, RUNS)
-            files.append((float(np.sum(errors(on_log, file, ("shaft",))["shaft"] ** 2)), file))
+            file = fit_machine_file(on_log, ("shaft",), file, RUNS)
+            files.append(
+                (
+                    float(np.sum(calc_errors_by_channel(on_log, file, ("shaft",))["shaft"] ** 2)),
+                    file,
+                )
+            )
         found[names] = min(files, key=lambda one: one[0])
     return found
 
 
-def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share: float) -> Machine:
+def _make_starting_machine(
+    machine: Machine, drive: Drive | None, names: Sequence[str], share: float
+) -> Machine:
     """A file with numbers to start from. share : of the range, of a zone."""
     for name in names:
         if name == KNEE:
@@ -338,7 +366,7 @@ def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share:
             )
             machine = machine.model_copy(update={"terms": (*machine.terms, knee)})
             continue
-        low, high = reach(name, machine)
+        low, high = find_size_range(name, machine)
         zone = name == SHAFT_DEAD_ZONE.id
         size = (
             share * machine.limits.shaft_high_rpm
@@ -349,7 +377,7 @@ def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share:
     return machine
 
 
-def _sets(on_log: OnLog) -> list[tuple[str, ...]]:
+def _list_parameter_sets(on_log: OnLog) -> list[tuple[str, ...]]:
     """Names of numbers that are fitted together, from few to all: of a curve no more than
     speeds were asked for."""
     drive, machine = on_log.data.shaft, on_log.machine
@@ -358,7 +386,7 @@ def _sets(on_log: OnLog) -> list[tuple[str, ...]]:
     back = BACKWARDS if np.min(drive.command) < 0.0 < np.max(drive.command) else ()
     moves = () if drive.settled or speeds < 2 else MOVES
     curves = CURVES if machine.shaft.regulated <= 0.0 else CURVES[:1]
-    if machine.shaft.regulated <= 0.0 and off_zero(drive, machine).off:
+    if machine.shaft.regulated <= 0.0 and read_off_zero(drive, machine).off:
         curves = (*curves, *OFF_ZERO)
     found = [moves] if moves else []
     for curve in curves:
@@ -372,19 +400,25 @@ def _sets(on_log: OnLog) -> list[tuple[str, ...]]:
 # --------------------------------------------------------------------------------------------------
 
 
-def _line(on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term]) -> Term | None:
+def _find_best_line(
+    on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term]
+) -> Term | None:
     """The line that takes most away from what a file leaves; None where none takes away what is
     worth a look."""
-    left = errors(on_log, machine, (channel,))
-    known = slopes(on_log, machine, (channel,), numbers_of(machine, on_log.machine), left)[channel]
+    left = calc_errors_by_channel(on_log, machine, (channel,))
+    known = calc_slopes_of_numbers(
+        on_log, machine, (channel,), list_added_numbers(machine, on_log.machine), left
+    )[channel]
     free = np.linalg.qr(known)[0] if known.shape[1] else np.empty((len(left[channel]), 0))
     rest = left[channel] - free @ (free.T @ left[channel])
     best, most = None, LEAST_SHARE * float(np.sum(rest**2))
-    numbers = [number.name for number in numbers_of(machine, on_log.machine)]
-    for term in _lines(on_log, channel, before, SHAFT_GAIN.id not in numbers):
+    numbers = [number.name for number in list_added_numbers(machine, on_log.machine)]
+    for term in _list_lines(on_log, channel, before, SHAFT_GAIN.id not in numbers):
         tried = machine.model_copy(update={"terms": (*machine.terms, term)})
         own = list_term_numbers(term)
-        columns = slopes(on_log, tried, (channel,), own, errors(on_log, tried, (channel,)))[channel]
+        columns = calc_slopes_of_numbers(
+            on_log, tried, (channel,), own, calc_errors_by_channel(on_log, tried, (channel,))
+        )[channel]
         columns = columns - free @ (free.T @ columns)
         sizes, *_ = np.linalg.lstsq(columns, rest, rcond=1e-9)
         taken = float(np.sum(rest**2) - np.sum((rest - columns @ sizes) ** 2))
@@ -399,7 +433,9 @@ def _line(on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term])
     return best
 
 
-def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool) -> list[Term]:
+def _list_lines(
+    on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
+) -> list[Term]:
     """Lines over every recorded variable, of a size that can be seen. level_open : nothing else
     is their level."""
     stage, machine = STAGE.get(channel, channel), on_log.machine
@@ -424,7 +460,7 @@ def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
             continue
         level = {"level": LEVEL} if level_open else {}
         found += [
-            _term(
+            _make_line_term(
                 machine,
                 acts,
                 stage,
@@ -438,7 +474,7 @@ def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
     return found
 
 
-def _term(
+def _make_line_term(
     machine: Machine,
     acts: TermTarget,
     stage: str,

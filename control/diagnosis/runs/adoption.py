@@ -10,7 +10,11 @@ import numpy as np
 from topdress.control.diagnosis.effects import ROWS, FoundBy
 from topdress.control.diagnosis.extend import extend, not_adoptable
 from topdress.control.diagnosis.prediction.on_log import OnLog
-from topdress.control.diagnosis.prediction.predictive_validation import WORSE, Adoptable, adoptable
+from topdress.control.diagnosis.prediction.predictive_validation import (
+    WORSE,
+    Adoptable,
+    select_predictive_causes,
+)
 from topdress.control.diagnosis.result import Cause, Diagnosis
 from topdress.control.machine.machine import CATALOGUE
 
@@ -30,7 +34,7 @@ def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
     columns, machine = found.seen_with
     log, data, read_off = series_of_log(columns, machine)
     with np.errstate(all="ignore"):
-        taken = adoptable(
+        taken = select_predictive_causes(
             OnLog(log, data, machine), found, chosen, {one.part.id for one in read_off}
         )
     worse = [one.id for one in taken.found.causes if not _reads_better(found, one)]

@@ -23,10 +23,10 @@ from topdress.control.diagnosis.effects import ROWS
 from topdress.control.diagnosis.judgement.evidence import (
     Column,
     adapt_noise,
-    calm,
     choose_better_fit,
-    fitted,
-    problem,
+    fit_amplitudes_and_noise,
+    limit_slow_noise,
+    make_evidence_problem,
 )
 from topdress.control.diagnosis.judgement.noise import Noise, coefficients
 from topdress.control.machine.machine import CATALOGUE
@@ -34,7 +34,7 @@ from topdress.control.machine.machine import CATALOGUE
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import EffectInstance, Hypothesis
-from .model import apply_course, course, is_cumulative
+from .model import apply_course, calc_part_course, is_cumulative
 from .search import Candidate, ScoreTest
 from .whitened import WhitenedResidual
 
@@ -72,7 +72,7 @@ class Tried(NamedTuple):
         return max((c.grid.even_s for c in self.channels), key=len)
 
 
-def changes(
+def find_best_changes(
     columns: Columns,
     parts: Hypothesis,
     noise: dict[str, Noise],
@@ -94,11 +94,14 @@ def changes(
         columns.model.banded_residual(parts),
         columns.of_hypothesis(parts),
     )
-    p, every = problem(channels, banded, base), np.arange(len(base))
+    p, every = make_evidence_problem(channels, banded, base), np.arange(len(base))
     fit = choose_better_fit(p, every, noise, channels)
-    at_ease = adapt_noise(p, every, fit.amplitude, calm(fit.noise, channels))
+    at_ease = adapt_noise(p, every, fit.amplitude, limit_slow_noise(fit.noise, channels))
     under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
-    behind = [fit.log_evidence - fitted(p, every, one, rounds=0).log_evidence for one in under]
+    behind = [
+        fit.log_evidence - fit_amplitudes_and_noise(p, every, one, rounds=0).log_evidence
+        for one in under
+    ]
     return find_best_onsets(
         channels, banded, base, under, begins, traces, temporary=temporary, behind=behind
     )
@@ -154,16 +157,21 @@ def find_best_onsets(
             tuple((trace[c.name] / candidate.part.size).reshape(c.copies, -1) for c in there),
         )
         within = (float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s)
-        scores = _scores(weighted, one, grows=False)
-        found += _begins(residuals, one, scores, within, matters, grows=False)
+        scores = _calc_onset_scores(weighted, one, grows=False)
+        found += _find_begin_times(residuals, one, scores, within, matters, grows=False)
         if ROWS[candidate.part.id].threshold:  # half the size does not do half as much
             continue
-        found += _begins(
-            residuals, one, _scores(weighted, one, grows=True), within, matters, grows=True
+        found += _find_begin_times(
+            residuals,
+            one,
+            _calc_onset_scores(weighted, one, grows=True),
+            within,
+            matters,
+            grows=True,
         )
         if temporary and within[1] - within[0] >= 2.0 * MIN_SPAN_S:
             for at, span in enumerate(
-                _best_spans(residuals, one, scores, np.linspace(*within, EDGES), BETWEEN)
+                _find_best_spans(residuals, one, scores, np.linspace(*within, EDGES), BETWEEN)
             ):
                 if span.gain >= matters:
                     spans.setdefault((at, *(c.name for c in there), *one.summed), []).append(
@@ -172,7 +180,8 @@ def find_best_onsets(
     for (at, *_), alike in spans.items():
         alike.sort(key=lambda each: -each[0].gain)
         found += [
-            (at, _finer(residuals[at], one, score, span, end_s)) for span, one, score in alike[:FEW]
+            (at, _refine_span(residuals[at], one, score, span, end_s))
+            for span, one, score in alike[:FEW]
         ]
         found += [(at, span) for span, _, _ in alike[FEW:]]
     best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
@@ -184,7 +193,7 @@ def find_best_onsets(
     return sorted(best.values(), key=lambda test: -test.evidence)
 
 
-def _likeliest(
+def _find_likeliest_onset(
     candidate: Candidate,
     score: Array,
     information: Array,
@@ -215,7 +224,7 @@ def _likeliest(
     )
 
 
-def _begins(
+def _find_begin_times(
     residuals: Sequence[WhitenedResidual],
     one: Tried,
     scores: Array,
@@ -231,14 +240,14 @@ def _begins(
     left, found = list(range(len(residuals))), dict[int, ScoreTest]()
     for count in TIMES:
         exact_s = np.linspace(*within, count)
-        traces = _traces(one, exact_s, grows)
+        traces = _make_onset_traces(one, exact_s, grows)
         for at in left:
-            rows, taken = _whitened(residuals[at], one, traces)
+            rows, taken = _whiten_traces(residuals[at], one, traces)
             exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(
                 taken**2, axis=1
             )
             information = np.interp(one.time_s[inside], exact_s, exact)
-            found[at] = _likeliest(
+            found[at] = _find_likeliest_onset(
                 one.candidate,
                 scores[at, inside],
                 information,
@@ -251,7 +260,7 @@ def _begins(
     return list(found.items())
 
 
-def _finer(
+def _refine_span(
     residual: WhitenedResidual, one: Tried, score: Array, span: ScoreTest, end_s: float
 ) -> ScoreTest:
     """The best times to begin and to end about those of `span`."""
@@ -266,7 +275,7 @@ def _finer(
             first_s,
             last_s,
         )
-        finer = _best_spans([residual], one, score[None], np.unique(about_s))
+        finer = _find_best_spans([residual], one, score[None], np.unique(about_s))
         if not finer:  # the log is too short for two times so near
             break
         spent = max(finer[0].spent + 2.0 * np.log(FINER), span.spent)
@@ -274,7 +283,7 @@ def _finer(
     return span
 
 
-def _best_spans(
+def _find_best_spans(
     residuals: Sequence[WhitenedResidual],
     one: Tried,
     scores: Array,
@@ -292,9 +301,9 @@ def _best_spans(
     begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
     if not len(begin):
         return []
-    found, traces = list[ScoreTest](), _traces(one, exact_s, grows=False)
+    found, traces = list[ScoreTest](), _make_onset_traces(one, exact_s, grows=False)
     for residual, score in zip(residuals, scores, strict=True):
-        rows, taken = _whitened(residual, one, traces)
+        rows, taken = _whiten_traces(residual, one, traces)
         exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
         own = np.interp(edges_s, exact_s, np.diag(exact))
         # both ways: straight between times
@@ -303,7 +312,7 @@ def _best_spans(
         at_edges = np.interp(edges_s, one.time_s, score)
         information = own[begin] + own[end] - 2.0 * across
         found.append(
-            _likeliest(
+            _find_likeliest_onset(
                 one.candidate,
                 at_edges[begin] - at_edges[end],
                 information,
@@ -317,40 +326,42 @@ def _best_spans(
     return found
 
 
-def _scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grows: bool) -> Array:
+def _calc_onset_scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grows: bool) -> Array:
     """By noise the sum of weighted residual x trace, were it to begin at each time of the
     finest channel: (noises, m)."""
     scores = np.zeros((len(weighted), len(one.time_s)))
     for score, left in zip(scores, weighted, strict=True):
         for channel, unit, adds in zip(one.channels, one.units, one.summed, strict=True):
             time_s = channel.grid.even_s
-            sums = _sums_from(left[channel.name], time_s, unit, adds, grows)
+            sums = _sum_from_each_sample(left[channel.name], time_s, unit, adds, grows)
             score += sums if time_s is one.time_s else np.interp(one.time_s, time_s, sums)
     return scores
 
 
-def _sums_from(weighted: Array, time_s: Array, trace: Array, summed: bool, grows: bool) -> Array:
+def _sum_from_each_sample(
+    weighted: Array, time_s: Array, trace: Array, summed: bool, grows: bool
+) -> Array:
     """Sum of weighted residual x trace, were it to begin at each sample: (m,). weighted, trace
     : (copies, m)."""
     if not grows:
-        level = trace.sum(axis=0) * _ahead(weighted) if summed else 0.0
-        return np.asarray(_ahead(weighted * trace) - level)
+        level = trace.sum(axis=0) * _sum_ahead(weighted) if summed else 0.0
+        return np.asarray(_sum_ahead(weighted * trace) - level)
     if not summed:
-        sums = _ahead(weighted * trace * time_s) - time_s * _ahead(weighted * trace)
+        sums = _sum_ahead(weighted * trace * time_s) - time_s * _sum_ahead(weighted * trace)
     else:
         rate = np.diff(trace, prepend=trace[:, :1])
         moment, level = np.cumsum(rate * time_s, axis=-1), np.cumsum(rate, axis=-1)
-        sums = _ahead(weighted * moment) - moment[0] * _ahead(weighted)
-        sums = sums - time_s * (_ahead(weighted * level) - level[0] * _ahead(weighted))
+        sums = _sum_ahead(weighted * moment) - moment[0] * _sum_ahead(weighted)
+        sums = sums - time_s * (_sum_ahead(weighted * level) - level[0] * _sum_ahead(weighted))
     return np.asarray(sums / np.maximum(time_s[-1] - time_s, 1.0))
 
 
-def _ahead(values: Array) -> Array:
+def _sum_ahead(values: Array) -> Array:
     """Sum over copies of all samples from each one on: (m,) of (copies, m)."""
     return np.asarray(np.cumsum(values[:, ::-1].sum(axis=0))[::-1])
 
 
-def _traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
+def _make_onset_traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
     """What one unit does that begins at each time, the same under every noise: cosine
     coefficients (onsets, m) by channel."""
     return [
@@ -359,7 +370,7 @@ def _traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
                 unit.ravel(),
                 np.array(
                     [
-                        course(channel, EffectInstance("", 1.0, float(at), grows=grows))
+                        calc_part_course(channel, EffectInstance("", 1.0, float(at), grows=grows))
                         for at in onsets_s
                     ]
                 ),
@@ -372,7 +383,7 @@ def _traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
     ]
 
 
-def _whitened(
+def _whiten_traces(
     residual: WhitenedResidual, one: Tried, traces: Sequence[Array]
 ) -> tuple[list[Array], Array]:
     """Traces whitened (onsets, m) by channel, and what the hypothesis takes up of them, in its

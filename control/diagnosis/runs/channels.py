@@ -11,7 +11,12 @@ import numpy.typing as npt
 from scipy.special import fdtrc
 from topdress.control.diagnosis.judgement import noise as noises
 from topdress.control.diagnosis.judgement.checks import LEVEL
-from topdress.control.diagnosis.judgement.noise import NoisePrior, Segments, merge_bands, segments
+from topdress.control.diagnosis.judgement.noise import (
+    NoisePrior,
+    Segments,
+    make_segments,
+    merge_bands,
+)
 from topdress.control.diagnosis.judgement.noise_fit import BAND_DOF
 from topdress.control.machine.compiled import (
     run_flow,
@@ -41,9 +46,9 @@ from topdress.control.machine.stage_runner import (
 
 from .drives import Drive
 from .effort import DriveEffort
-from .grid import Grid, joined
+from .grid import Grid, join_clock
 from .hopper import Hopper
-from .hypothesis import MAX_SWITCHES, Schedule, list_stages, schedule
+from .hypothesis import MAX_SWITCHES, Schedule, list_stages, make_schedule
 from .speed_and_heads import HeadContrasts, TwoSpeeds
 from .stages import RunData
 
@@ -85,7 +90,7 @@ class ChannelSeries(NamedTuple):
     settled: bool = False
 
 
-def switches(
+def list_parameter_switches(
     plan: Schedule, stage: str, time_s: Array
 ) -> tuple[tuple[Any, ...], npt.NDArray[np.int64]]:
     """Parameter sets of one stage and the rows from which they hold, always MAX_SWITCHES + 1 of
@@ -98,7 +103,7 @@ def switches(
     return tuple(sets), np.array(rows, np.int64)
 
 
-def in_force(rows: npt.NDArray[np.int64], count: int) -> list[tuple[int, slice]]:
+def list_sets_in_force(rows: npt.NDArray[np.int64], count: int) -> list[tuple[int, slice]]:
     """The sets of `switches` that hold in some of `count` rows, by their place, with those rows."""
     edges = np.clip(np.concatenate(([0], rows, [count])), 0, count).tolist()
     return [(k, slice(begin, end)) for k, (begin, end) in enumerate(pairwise(edges)) if begin < end]
@@ -131,7 +136,7 @@ def simulate_drive_rows(drive: Drive) -> Rows:
         inputs = make_input_rows(GateInput, count, command_mm=command, more_mm=drive.more)
 
     def run(plan: Schedule, step_s: float) -> Array:
-        sets, rows = switches(plan, drive.name, drive.time_s)
+        sets, rows = list_parameter_switches(plan, drive.name, drive.time_s)
         return np.asarray(
             run_stage(
                 sets,
@@ -147,7 +152,7 @@ def simulate_drive_rows(drive: Drive) -> Rows:
     return run
 
 
-def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
+def make_drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
     """What is read of shaft or gate."""
     run = simulate_drive_rows(drive)
 
@@ -155,14 +160,14 @@ def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
         return drive.grid.of(run(plan, step_s)[:, 1])
 
     sd = machine.noise.shaft_rpm if drive.name == "shaft" else machine.noise.opening_mm
-    floor = max(_floor(drive.measured), drive.step / np.sqrt(12.0), 0.02 * sd)
+    floor = max(_estimate_rounding_sd(drive.measured), drive.step / np.sqrt(12.0), 0.02 * sd)
     prior = NoisePrior(sd, WHITE_S, floor)
     # each row is the mean of an answer: what one leaves the next knows nothing of
     if drive.settled:
         prior = prior._replace(
             slow_share=NO_DRIFT, spread=(prior.spread[0], NO_SPREAD, NO_SPREAD, NO_SPREAD)
         )
-    found = _channel(
+    found = _make_channel(
         drive.name,
         "r/min" if drive.name == "shaft" else "mm",
         drive.grid,
@@ -173,7 +178,7 @@ def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
     return found._replace(settled=True, cut=merge_bands(found.cut)) if drive.settled else found
 
 
-def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
+def make_hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
     """Scale reading, kg."""
     count = len(h.time_s) - 1
     over_full_kg = scale_nominal(machine, HOPPER_CAPACITY) * OVER_FULL_KG
@@ -181,7 +186,7 @@ def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
     read_s = h.time_s[:-1] + h.read_at * np.diff(h.time_s)
 
     def predict(plan: Schedule, step_s: float) -> Array:
-        scales, rows = switches(plan, "scale", h.time_s)
+        scales, rows = list_parameter_switches(plan, "scale", h.time_s)
         seen = make_input_rows(
             ScaleInput,
             count,
@@ -191,12 +196,14 @@ def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
             more_kg=h.more_kg,
         )
         return h.grid.of(
-            np.concatenate([run_scale(scales[k], seen[now]) for k, now in in_force(rows, count)])
+            np.concatenate(
+                [run_scale(scales[k], seen[now]) for k, now in list_sets_in_force(rows, count)]
+            )
         )
 
     noise = machine.noise
     per_bin = max(1.0, h.grid.step_s / 0.05)
-    return _channel(
+    return _make_channel(
         "scale",
         "kg",
         h.grid,
@@ -218,15 +225,15 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
     """
     count = len(h.time_s)
     turns = h.shaft_rpm > 0.0
-    pieces = _pieces(h)
+    pieces = _list_predicted_pieces(h)
     refill_kg = h.refill_kg.copy()
     refill_kg[[begin for begin, _, _ in pieces]] = 0.0
     # the model fills in what it is given in every one of its steps
     share = refill_kg / MIN_STEPS_PER_ROW
 
     def levels(plan: Schedule) -> Array:
-        flow_sets, rows = switches(plan, "flow", h.time_s)
-        gates, _ = switches(plan, "gate", h.time_s)
+        flow_sets, rows = list_parameter_switches(plan, "flow", h.time_s)
+        gates, _ = list_parameter_switches(plan, "gate", h.time_s)
         offset = np.array([p.offset_mm for p in gates])[
             np.searchsorted(rows, np.arange(count), side="right")
         ]
@@ -262,7 +269,7 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
     return levels
 
 
-def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
+def _list_predicted_pieces(h: Hopper) -> list[tuple[int, int, float]]:
     """(first bin, last bin + 1, level at its begin in kg) of the stretches that are predicted
     in one go.
 
@@ -276,11 +283,14 @@ def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
     level_known = set(h.grid.rows.tolist())
     gap_ends = {end for end, _ in h.gaps if end in level_known}
     begins = [0, *sorted({j for j in (*fills, *gap_ends) if 0 < j < count})]
-    levels = [h.start_kg, *(_level(h.reading_kg[j : j + 6], h.start_kg) for j in begins[1:])]
+    levels = [
+        h.start_kg,
+        *(_estimate_level_kg(h.reading_kg[j : j + 6], h.start_kg) for j in begins[1:]),
+    ]
     return list(zip(begins, [*begins[1:], count], levels, strict=True))
 
 
-def _level(reading_kg: Array, unknown_kg: float) -> float:
+def _estimate_level_kg(reading_kg: Array, unknown_kg: float) -> float:
     known = reading_kg[np.isfinite(reading_kg)]
     return float(np.median(known)) if len(known) else unknown_kg
 
@@ -288,7 +298,7 @@ def _level(reading_kg: Array, unknown_kg: float) -> float:
 def select_speed_rows(s: TwoSpeeds) -> Rows:
     """Wheel and GNSS speed at the log's readings, m/s. The true speed runs on between them, in
     rows of FINE_S."""
-    clock = joined(s.time_s, SEAM_S)
+    clock = join_clock(s.time_s, SEAM_S)
     fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
     in_log_s = np.interp(fine_s, clock, s.time_s)
     middle = fine_s + 0.5 * FINE_S
@@ -306,7 +316,7 @@ def select_speed_rows(s: TwoSpeeds) -> Rows:
     first = float(s.true_mps[0])
 
     def run(plan: Schedule, step_s: float) -> Array:
-        sets, rows = switches(plan, "speed", in_log_s)
+        sets, rows = list_parameter_switches(plan, "speed", in_log_s)
         return np.asarray(
             run_speed(
                 sets,
@@ -322,7 +332,7 @@ def select_speed_rows(s: TwoSpeeds) -> Rows:
     return run
 
 
-def speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
+def make_speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
     """Wheel less GNSS speed, m/s: what both have in common is the ground's."""
     run = select_speed_rows(s)
 
@@ -331,7 +341,7 @@ def speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
         return s.grid.of(out[:, 0] - out[:, 1])
 
     sd = float(np.hypot(machine.noise.gnss_mps, machine.noise.wheel_mps))
-    return _channel(
+    return _make_channel(
         "speed",
         "m/s",
         s.grid,
@@ -341,7 +351,7 @@ def speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
     )
 
 
-def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
+def make_heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     """Each head less the mean of all, one after the other."""
     used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
     measured = h.ndvi[used] - h.mean
@@ -351,8 +361,8 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     ]
 
     def predict(plan: Schedule, step_s: float) -> Array:
-        sets, rows = switches(plan, "heads", h.time_s)
-        there = in_force(rows, len(h.time_s))
+        sets, rows = list_parameter_switches(plan, "heads", h.time_s)
+        there = list_sets_in_force(rows, len(h.time_s))
         reads = np.array(
             [np.concatenate([run_heads(sets[k], one[now]) for k, now in there]) for one in seen]
         )
@@ -367,13 +377,13 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
         h.grid.of(measured).ravel(),
         predict,
         h.grid,
-        segments(length * len(used), bounds),
+        make_segments(length * len(used), bounds),
         prior,
         len(used),
     )
 
 
-def bin_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
+def predict_binned_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
     """How hard a drive works in the mean of each bin, in the machine file's unit, NaN of one
     that is left out: (m,)."""
     ways = _EFFORT[e.name]
@@ -386,11 +396,11 @@ def bin_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
     )
 
     def predict(plan: Schedule) -> Array:
-        efforts, rows = switches(plan, "effort", e.time_s)
-        flows, _ = switches(plan, "flow", e.time_s)
-        gates, _ = switches(plan, "gate", e.time_s)
+        efforts, rows = list_parameter_switches(plan, "effort", e.time_s)
+        flows, _ = list_parameter_switches(plan, "flow", e.time_s)
+        gates, _ = list_parameter_switches(plan, "gate", e.time_s)
         reads = []
-        for k, now in in_force(rows, len(e.time_s)):
+        for k, now in list_sets_in_force(rows, len(e.time_s)):
             seen = inputs[now].copy()
             if e.name == "effort":  # the gate moves no material
                 opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
@@ -404,25 +414,25 @@ def bin_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
                     e.refilled,
                 ).T
             reads.append(ways(efforts[k], seen))
-        return e.binned(np.concatenate(reads))
+        return e.bin_row_means(np.concatenate(reads))
 
     return predict
 
 
-def effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
+def make_effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
     """How hard a drive works, on an even grid."""
-    bins = bin_effort(e)
+    bins = predict_binned_effort(e)
 
     def predict(plan: Schedule, step_s: float) -> Array:
         return e.grid.of(bins(plan))
 
     noise = machine.noise.effort
     floor = noise / np.sqrt(max(1.0, e.rows_a_bin))
-    return _channel(
+    return _make_channel(
         e.name,
         machine.effort_unit,
         e.grid,
-        e.binned(e.measured),
+        e.bin_row_means(e.measured),
         predict,
         NoisePrior(noise, 1.0, floor),
     )
@@ -431,26 +441,26 @@ def effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
 _EFFORT = {"effort": run_shaft_effort, "gate_effort": run_gate_effort}
 
 
-def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
+def make_channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
     """Every channel that the log can show, by name; flow and scale are read off the same
     reading."""
     found: dict[str, ChannelSeries] = {}
     if data.shaft is not None:
-        found["shaft"] = drive_channel(data.shaft, machine)
+        found["shaft"] = make_drive_channel(data.shaft, machine)
     if data.gate is not None:
-        found["gate"] = drive_channel(data.gate, machine)
+        found["gate"] = make_drive_channel(data.gate, machine)
     if data.hopper is not None:
-        found["scale"] = hopper_channel(data.hopper, machine)
+        found["scale"] = make_hopper_channel(data.hopper, machine)
     if data.speed is not None:
-        found["speed"] = speed_channel(data.speed, machine)
+        found["speed"] = make_speed_channel(data.speed, machine)
     for effort in data.efforts:
-        found[effort.name] = effort_channel(effort, machine)
+        found[effort.name] = make_effort_channel(effort, machine)
     if data.heads is not None:
-        found["heads"] = heads_channel(data.heads, machine)
+        found["heads"] = make_heads_channel(data.heads, machine)
     return found
 
 
-def _channel(
+def _make_channel(
     name: str,
     unit: str,
     grid: Grid,
@@ -459,10 +469,10 @@ def _channel(
     prior: NoisePrior,
 ) -> ChannelSeries:
     series = grid.of(measured)
-    return ChannelSeries(name, unit, series, predict, grid, segments(len(series)), prior)
+    return ChannelSeries(name, unit, series, predict, grid, make_segments(len(series)), prior)
 
 
-def _floor(measured: Array) -> float:
+def _estimate_rounding_sd(measured: Array) -> float:
     """s.d. of rounding to the smallest step found among the readings."""
     known = np.unique(measured[np.isfinite(measured)][:20000])
     steps = np.diff(known)
@@ -509,11 +519,19 @@ def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
     those that its variance is worth (`BAND_DOF`). All bands together have the level of the
     other checks.
     """
-    left = channel.measured - channel.predict(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
+    left = channel.measured - channel.predict(
+        make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S
+    )
     cut, step_s = channel.cut, channel.grid.step_s
     power = np.add.reduceat(noises.coefficients(left, cut) ** 2, cut.starts)
-    fitted = noises.fit(power, noises.start(channel.prior), channel.prior, cut, step_s)
-    over = power / cut.members / noises.spectrum(np.array(fitted.theta), channel.prior, cut, step_s)
+    fitted = noises.fit_noise(
+        power, noises.find_starting_noise(channel.prior), channel.prior, cut, step_s
+    )
+    over = (
+        power
+        / cut.members
+        / noises.calc_spectrum(np.array(fitted.theta), channel.prior, cut, step_s)
+    )
     about = [
         np.r_[max(0, k - ABOUT) : k, k + 1 : min(len(over), k + 1 + ABOUT)]
         for k in range(len(over))

@@ -14,10 +14,10 @@ from topdress.control.diagnosis.judgement.evidence import (
     Label,
     Problem,
     Role,
-    problem,
-    projected,
+    make_evidence_problem,
+    project_out_fixed,
 )
-from topdress.control.diagnosis.judgement.noise import coefficients, series_of
+from topdress.control.diagnosis.judgement.noise import coefficients, make_series_of
 from topdress.control.diagnosis.judgement.prior import FORM_SHARE, find_size_sd
 from topdress.control.machine.effect import HOPPER_CAPACITY
 from topdress.control.machine.machine import Machine, find_size_bounds, scale_nominal
@@ -25,17 +25,17 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.control.machine.terms import name_own_command
 
 from .channels import ChannelSeries
-from .hypothesis import EffectInstance, Hypothesis, schedule
+from .hypothesis import EffectInstance, Hypothesis, make_schedule
 from .model import (
     HALT_S,
     GroupModel,
     apply_course,
-    course,
+    calc_part_course,
     find_replaced_nominals,
     find_stamp_sd_s,
     is_cumulative,
 )
-from .smooth import TABLES, series, span
+from .smooth import TABLES, find_variable_span, list_shape_series
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +66,7 @@ LATENCY_STEP_S = 0.05
 DEAD_TIME = "dead_time_s"
 
 
-def _column(
+def _make_column(
     model: GroupModel,
     label: Label,
     series_of_channel: dict[str, Array],
@@ -92,7 +92,10 @@ def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
     return [
         column
         for channel in model.channels
-        for column in (*_of_tolerances(model, channel, late), *_of_readings(model, channel))
+        for column in (
+            *_of_tolerances(model, channel, late),
+            *_list_reading_columns(model, channel),
+        )
     ]
 
 
@@ -107,10 +110,10 @@ def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) 
         if one is not channel:
             continue
         value = getattr(model.base.by_name[n.stage], n.field) + n.step
-        plan = schedule(model.base.put(n.stage, **{n.field: value}), here)
+        plan = make_schedule(model.base.put(n.stage, **{n.field: value}), here)
         change = (channel.predict(plan, MAX_MODEL_STEP_S) - now) / n.step
         found.append(
-            _column(
+            _make_column(
                 model,
                 Label(Role.TOLERANCE, n.key),
                 {channel.name: change},
@@ -130,19 +133,19 @@ def _by_speed_and_way(
     middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
     way = np.sign(np.gradient(rpm))
     return [
-        _column(model, Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
-        _column(model, Label(Role.TRAIT, key), {"shaft": change * way}, sd),
+        _make_column(model, Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
+        _make_column(model, Label(Role.TRAIT, key), {"shaft": change * way}, sd),
     ]
 
 
-def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
+def _list_reading_columns(model: GroupModel, channel: ChannelSeries) -> list[Column]:
     """What the readings themselves leave open: rounding, level and refills, time stamps, heads."""
     label, data = Label(Role.READING), model.data
     if channel.name == "shaft" and data.shaft is not None and data.shaft.step > 0.0:
         turning = (model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
         if data.shaft.steps_from_s is not None:
             turning = turning * (channel.grid.even_s >= data.shaft.steps_from_s)
-        return [_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
+        return [_make_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
     if channel.name == "scale" and data.hopper is not None:
         bins, hopper = (
             np.arange(len(data.hopper.reading_kg)),
@@ -150,9 +153,11 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
         )
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
         return [
-            _column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
+            _make_column(
+                model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG
+            ),
             *(
-                _column(
+                _make_column(
                     model,
                     Label(Role.READING, WRITTEN) if written else label,
                     {"scale": after},
@@ -161,7 +166,7 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
                 for after, written in zip(steps, data.hopper.written, strict=True)
             ),
             *(
-                _column(
+                _make_column(
                     model,
                     label,
                     {"scale": channel.grid.of((bins >= end).astype(np.float64))},
@@ -173,17 +178,21 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
     if channel.name == "speed":
         late = model.difference((), EffectInstance(effects.SPEED_GNSS_LATENCY.id, LATENCY_STEP_S))
         stamp = {name: change / LATENCY_STEP_S for name, change in late.items()}
-        found = [_column(model, label, stamp, find_stamp_sd_s(model.machine, channel.grid.step_s))]
+        found = [
+            _make_column(model, label, stamp, find_stamp_sd_s(model.machine, channel.grid.step_s))
+        ]
         if data.speed is not None and data.speed.unseen_percent > 0.0:
             short = model.difference((), EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0))
-            found.append(_column(model, label, short, data.speed.unseen_percent))
+            found.append(_make_column(model, label, short, data.speed.unseen_percent))
         return found
     if channel.name == "heads":
         ones = [
             model.difference((), EffectInstance(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
             for k in range(model.heads)
         ]
-        return [_column(model, label, one, model.machine.tolerance.head_percent) for one in ones]
+        return [
+            _make_column(model, label, one, model.machine.tolerance.head_percent) for one in ones
+        ]
     return []
 
 
@@ -194,7 +203,7 @@ class Forms:
     def __init__(self, model: GroupModel) -> None:
         self._model = model
         self._units = {
-            stage: _unit(model, table.unit)
+            stage: _calc_unit_response(model, table.unit)
             for stage, table in TABLES.items()
             if table.channel in model.names and stage != "scale"
         }
@@ -205,25 +214,27 @@ class Forms:
         of a hypothesis that change how the stage's drive moves: a form comes when the drive
         does."""
         if moves:
-            return self._columns(stage, variable, moves)
+            return self._list_form_columns(stage, variable, moves)
         if (stage, variable) not in self._made:
-            self._made[(stage, variable)] = self._columns(stage, variable, ())
+            self._made[(stage, variable)] = self._list_form_columns(stage, variable, ())
         return self._made[(stage, variable)]
 
-    def _columns(self, stage: str, variable: str, moves: Hypothesis) -> list[Column]:
+    def _list_form_columns(self, stage: str, variable: str, moves: Hypothesis) -> list[Column]:
         model, name, data = self._model, TABLES[stage].channel, self._model.data
-        over = span(data, variable, model.machine)
+        over = find_variable_span(data, variable, model.machine)
         if over is None or name not in model.names:
             return []
         unit = (
-            _unit(model, TABLES[stage].unit, moves) if moves else self._units.get(stage, np.ones(1))
+            _calc_unit_response(model, TABLES[stage].unit, moves)
+            if moves
+            else self._units.get(stage, np.ones(1))
         )
         own = (
             model.predicted(moves)[name]
             if moves and name_own_command(stage, variable) != variable
             else None
         )
-        rows = series(
+        rows = list_shape_series(
             stage,
             over,
             model.channel(name),
@@ -233,10 +244,10 @@ class Forms:
             machine=model.machine,
             own=own,
         )
-        return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
+        return [_make_column(model, Label(Role.FORM), {name: row}) for row in rows]
 
 
-def _unit(model: GroupModel, part: EffectInstance, others: Hypothesis = ()) -> Array:
+def _calc_unit_response(model: GroupModel, part: EffectInstance, others: Hypothesis = ()) -> Array:
     """What one unit of an effect does to the first channel that it moves, from the slope at its
     probe."""
     size = ROWS[part.id].on(model.machine).probe
@@ -258,7 +269,7 @@ class Columns:
         self._fixed: dict[Hypothesis, list[Column]] = {}
         self._made_at = -1  # of the model's moves
 
-    def _refresh(self) -> None:
+    def _refresh_model(self) -> None:
         if self._made_at != self.model.moves:
             self._made_at = self.model.moves
             self._kept.clear()
@@ -268,30 +279,30 @@ class Columns:
     def fixed(self, parts: Hypothesis = ()) -> list[Column]:
         """The nuisances, at the nominal values as they stand, but for those that a part of the
         hypothesis moves."""
-        self._refresh()
+        self._refresh_model()
         moved = find_replaced_nominals(parts)
         return [
             *(
                 c
-                for c in self._nuisances(parts)
+                for c in self._list_nuisance_columns(parts)
                 if c.label.role is not Role.TOLERANCE or c.label.name not in moved
             ),
-            *self.of_stops(parts),
+            *self.list_stop_columns(parts),
         ]
 
-    def of_stops(self, parts: Hypothesis) -> list[Column]:
+    def list_stop_columns(self, parts: Hypothesis) -> list[Column]:
         """Where each gate that stuck stands."""
         return [
             self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id
         ] + [
-            self._how_packed(parts)
+            self._make_packing_column(parts)
             for part in parts
             if part.id == effects.FLOW_BLOCKED_OUTLET.id
             and "effort" in self.model.names
             and self.model.machine.effort.jam > 0.0
         ]
 
-    def _nuisances(self, parts: Hypothesis) -> list[Column]:
+    def _list_nuisance_columns(self, parts: Hypothesis) -> list[Column]:
         late = tuple(
             part for part in parts if ROWS[part.id].moves == DEAD_TIME and part.onset_s is None
         )
@@ -314,14 +325,14 @@ class Columns:
             sd=model.machine.gate.slew_mm_s * model.channel("gate").grid.step_s,
         )
 
-    def _how_packed(self, parts: Hypothesis) -> Column:
+    def _make_packing_column(self, parts: Hypothesis) -> Column:
         """What stands before a closed outlet turns harder or easier, by the product and by how
         it closed."""
         jam = self.model.base.by_name["effort"].jam
         harder = self.model.run(parts, self.model.base.put("effort", jam=jam + 1.0), ("effort",))[
             "effort"
         ]
-        return _column(
+        return _make_column(
             self.model,
             Label(Role.READING),
             {"effort": harder - self.model.predicted(parts)["effort"]},
@@ -335,7 +346,7 @@ class Columns:
             row = ROWS[part.id]
             if not row.has_slope:
                 continue
-            step = _slope_step(part, model.machine)
+            step = _choose_slope_step(part, model.machine)
             moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1 :])
             now = model.predicted(parts)
             change = {
@@ -343,7 +354,7 @@ class Columns:
                 for name, one in model.run(moved, only=row.channels).items()
             }
             found.append(
-                _column(
+                _make_column(
                     self.model,
                     Label(Role.SLOPE, part.id, k),
                     change,
@@ -360,13 +371,13 @@ class Columns:
         fixed = self.fixed(parts)
         for slope in slopes:
             part = parts[slope.label.part]
-            found += self._bends(parts, slope.label.part)
-            wobbles = self._wobbles(parts, part)
+            found += self._list_growth_bends(parts, slope.label.part)
+            wobbles = self._list_form_wobbles(parts, part)
             if not wobbles:
                 continue
             nothing = {c.name: np.zeros(len(c.cut.order)) for c in self.model.channels}
-            p = problem(self.model.channels, nothing, [*fixed, slope, *wobbles])
-            normal = projected(p, np.arange(len(fixed)), self.model.noise).A
+            p = make_evidence_problem(self.model.channels, nothing, [*fixed, slope, *wobbles])
+            normal = project_out_fixed(p, np.arange(len(fixed)), self.model.noise).A
             own = normal[len(fixed), len(fixed)]
             for k, wobble in enumerate(wobbles):
                 at = len(fixed) + 1 + k
@@ -375,10 +386,10 @@ class Columns:
                 free = wobble._replace(
                     label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd))
                 )
-                found.append(_less_slopes(free, slopes))
+                found.append(_remove_slopes(free, slopes))
         return found
 
-    def _bends(self, parts: Hypothesis, k: int) -> list[Column]:
+    def _list_growth_bends(self, parts: Hypothesis, k: int) -> list[Column]:
         """Shapes in time by which part k may grow unevenly: none where it does not grow."""
         part, model = parts[k], self.model
         if not part.grows or part.size == 0.0:
@@ -391,13 +402,13 @@ class Columns:
         channels = [c for c in model.channels if c.name in ROWS[part.id].channels]
         whole = {c.name: grown[c.name] - steady[c.name] for c in channels}
         return [
-            _column(
+            _make_column(
                 model,
                 Label(Role.FORM, part.id, k),
                 {
                     c.name: apply_course(
                         whole[c.name],
-                        np.sin(waves * np.pi * course(c, part)),
+                        np.sin(waves * np.pi * calc_part_course(c, part)),
                         c.copies,
                         is_cumulative(part, c.name),
                     )
@@ -409,7 +420,7 @@ class Columns:
             for waves, bend in enumerate(BENDS, start=1)
         ]
 
-    def _wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
+    def _list_form_wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
         """Shapes by which a part's form may differ, where and as it is there: over its own
         variable, and those of its siblings."""
         row = ROWS[part.id]
@@ -419,41 +430,41 @@ class Columns:
             if ROWS[p.id].stage == row.stage and ROWS[p.id].move_shaped and p.id != part.id
         )
         over = self.forms.over(row.stage, row.form_over, moves) if row.form_over else []
-        found = [self._while_there(column, part, row.stage) for column in over]
+        found = [self._restrict_to_course(column, part, row.stage) for column in over]
         for sibling in row.siblings:
             step = ROWS[sibling].on(self.model.machine).trial_sizes[1]
             change = self.model.difference(parts, part._replace(id=sibling, size=step))
             found.append(
-                _column(
+                _make_column(
                     self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}
                 )
             )
         return found
 
-    def _while_there(self, column: Column, part: EffectInstance, stage: str) -> Column:
+    def _restrict_to_course(self, column: Column, part: EffectInstance, stage: str) -> Column:
         """A column of a stage's form in the course of a part that begins, ends or grows."""
         if part.onset_s is None:
             return column
         found = {}
         for channel in self.model.channels:
             if channel.name in column.coefficients:
-                whole = series_of(column.coefficients[channel.name], channel.cut)
+                whole = make_series_of(column.coefficients[channel.name], channel.cut)
                 # it goes there with the motor, as the part's own column does
                 if stage == "shaft":
                     found[channel.name] = whole * self._shaft_course(channel, part)
                 else:
                     found[channel.name] = apply_course(
                         whole,
-                        course(channel, part),
+                        calc_part_course(channel, part),
                         channel.copies,
                         is_cumulative(part, channel.name),
                     )
-        return _column(self.model, column.label, found)
+        return _make_column(self.model, column.label, found)
 
     def _shaft_course(self, channel: ChannelSeries, part: EffectInstance) -> Array:
         """How much of a constant gain of the shaft shows at each sample if it is there as a
         part is: (m,)."""
-        self._refresh()
+        self._refresh_model()
         unit = TABLES["shaft"].unit
         size = ROWS[unit.id].on(self.model.machine).probe
         assert size is not None
@@ -467,18 +478,18 @@ class Columns:
             )
             turns = np.abs(all_along) > TURNS_SHARE * float(np.abs(all_along).max(initial=1e-12))
             self._courses[here] = np.divide(
-                there, all_along, out=course(channel, part), where=turns
+                there, all_along, out=calc_part_course(channel, part), where=turns
             )
         return self._courses[here]
 
     def of_candidate(self, parts: Hypothesis, part: EffectInstance) -> Column:
         """What one unit of a further part does on top of a hypothesis."""
-        self._refresh()
+        self._refresh_model()
         if (parts, part) not in self._kept:
             if len(self._kept) > MAX_KEPT:
                 self._kept.clear()
             change = self.model.difference(parts, part)
-            self._kept[(parts, part)] = _column(
+            self._kept[(parts, part)] = _make_column(
                 self.model,
                 Label(Role.CANDIDATE, part.id),
                 {name: one / part.size for name, one in change.items()},
@@ -486,14 +497,14 @@ class Columns:
             )
         return self._kept[(parts, part)]
 
-    def over_time(self, slope: Column, part: EffectInstance) -> list[Column]:
+    def list_time_shapes(self, slope: Column, part: EffectInstance) -> list[Column]:
         """A part's slope in the course of smooth shapes of the time for which it is there: its
         size, were it not the same all along."""
         found: list[dict[str, Array]] = [{} for _ in range(WAVES)]
         for channel in (c for c in self.model.channels if c.name in slope.coefficients):
             time_s, series = (
                 channel.grid.even_s,
-                series_of(slope.coefficients[channel.name], channel.cut),
+                make_series_of(slope.coefficients[channel.name], channel.cut),
             )
             begin_s = time_s[0] if part.onset_s is None else part.onset_s
             end_s = time_s[-1] if part.until_s is None else part.until_s
@@ -506,7 +517,7 @@ class Columns:
                     is_cumulative(part, channel.name),
                 )
         return [
-            _column(
+            _make_column(
                 self.model,
                 Label(Role.FORM, part.id, slope.label.part),
                 shape,
@@ -517,7 +528,7 @@ class Columns:
 
     def trace(self, parts: Hypothesis, k: int) -> Column:
         """What the whole of part k does, the others in place."""
-        return _column(
+        return _make_column(
             self.model,
             Label(Role.TRACE, parts[k].id, k),
             self.model.difference((*parts[:k], *parts[k + 1 :]), parts[k]),
@@ -527,7 +538,7 @@ class Columns:
         """What a hypothesis does more than another: the others' sizes may have moved far in its
         place."""
         with_it, without = self.model.predicted(parts), self.model.predicted(others)
-        return _column(
+        return _make_column(
             self.model,
             Label(Role.TRACE),
             {name: one - without[name] for name, one in with_it.items()},
@@ -538,16 +549,18 @@ class Columns:
         slopes = self.slopes(parts)
         return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes)]
 
-    def compressed(self, parts: Hypothesis, more: Sequence[Column] = ()) -> tuple[Problem, int]:
+    def compress_hypothesis(
+        self, parts: Hypothesis, more: Sequence[Column] = ()
+    ) -> tuple[Problem, int]:
         """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come
         before `more`."""
         base = self.of_hypothesis(parts)
         self.model.ask()
-        return problem(self.model.channels, self.model.banded_residual(parts), [*base, *more]), len(
-            base
-        )
+        return make_evidence_problem(
+            self.model.channels, self.model.banded_residual(parts), [*base, *more]
+        ), len(base)
 
-    def by_channel(self, parts: Hypothesis) -> dict[str, list[tuple[Column, Array]]]:
+    def group_by_channel(self, parts: Hypothesis) -> dict[str, list[tuple[Column, Array]]]:
         """By channel: nuisances and slopes of a hypothesis that touch it, along with their
         series (m,)."""
         found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.model.channels}
@@ -555,12 +568,12 @@ class Columns:
             for channel in self.model.channels:
                 if channel.name in column.coefficients:
                     found[channel.name].append(
-                        (column, series_of(column.coefficients[channel.name], channel.cut))
+                        (column, make_series_of(column.coefficients[channel.name], channel.cut))
                     )
         return found
 
 
-def _less_slopes(form: Column, slopes: Sequence[Column]) -> Column:
+def _remove_slopes(form: Column, slopes: Sequence[Column]) -> Column:
     """A form without what the sizes of the parts do, over all rows alike: sizes are then those
     with which the machine file, which has no freedom of form, predicts best (Plumlee, JASA 112,
     2017, 1274: orthogonal discrepancy)."""
@@ -574,7 +587,7 @@ def _less_slopes(form: Column, slopes: Sequence[Column]) -> Column:
     return form._replace(coefficients=found)
 
 
-def _slope_step(part: EffectInstance, machine: Machine) -> float:
+def _choose_slope_step(part: EffectInstance, machine: Machine) -> float:
     """Difference of size over which a part's slope is taken, away from the bound of its size."""
     row = ROWS[part.id].on(machine)
     step = row.probe or max(0.002, 0.02 * abs(part.size))

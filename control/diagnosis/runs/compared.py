@@ -9,18 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
-from topdress.control.diagnosis.dataframe_input import LogTable, columns_of, machine_of
-from topdress.control.diagnosis.result import notebook
+from topdress.control.diagnosis.dataframe_input import LogTable, load_machine, read_columns
+from topdress.control.diagnosis.result import load_notebook_room
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-from .channels import ChannelSeries, channels
+from .channels import ChannelSeries, make_channels
 from .findings import note_reverse_turning
-from .held_out import HeldOut, errors_of
-from .hypothesis import list_stages, schedule
-from .log import Clean, gate
-from .row_order import find_row_order, moved
-from .stages import run_data
+from .held_out import HeldOut, list_held_out_errors
+from .hypothesis import list_stages, make_schedule
+from .log import Clean, clean_run_log
+from .row_order import find_row_order, move_log_columns
+from .stages import make_run_data
 
 Array = npt.NDArray[np.float64]
 
@@ -62,11 +62,11 @@ class Compared(NamedTuple):
 
     def summary(self) -> str:
         """Errors of each channel under both machine files, a line each."""
-        return str(notebook().summarise_compared(self))
+        return str(load_notebook_room().summarise_compared(self))
 
     def plot(self) -> Any:
         """A picture of each channel, as of `Diagnosis.plot`."""
-        return notebook().draw_compared(self)
+        return load_notebook_room().draw_compared(self)
 
     def _repr_html_(self) -> str:
         """What a notebook shows below a cell that ends with a comparison."""
@@ -126,35 +126,36 @@ def compared(
     >>> shaft.channel, shaft.new < shaft.old, shaft.low > 0.0
     ('shaft', True, True)
     """
-    old, new = machine_of(old), machine_of(new)
-    log = gate(columns_of(columns), old.has_stage)
-    log = moved(log, find_row_order(log, old))
+    old, new = load_machine(old), load_machine(new)
+    log = clean_run_log(read_columns(columns), old.has_stage)
+    log = move_log_columns(log, find_row_order(log, old))
     step(0.1, "data")
     # what comes of it is looked at: a channel without numbers is left out
     with np.errstate(all="ignore"):
-        of_old = _predictions(log, old, old, lambda share, word: step(0.1 + 0.4 * share, word))
-        of_new = _predictions(log, new, old, lambda share, word: step(0.5 + 0.4 * share, word))
+        of_old = _predict_channels(log, old, old, lambda share, word: step(0.1 + 0.4 * share, word))
+        of_new = _predict_channels(log, new, old, lambda share, word: step(0.5 + 0.4 * share, word))
         found = [
             one
             for name, series in of_old.items()
             if name in of_new and len(series.predicted) == len(of_new[name].predicted)
-            for one in _channels_of(series, of_new[name])
+            for one in _list_compared_channels(series, of_new[name])
         ]
     step(1.0, "")
     return Compared(tuple(found), (*log.findings, *note_reverse_turning(log, old, counted=True)))
 
 
-def _predictions(
+def _predict_channels(
     log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]
 ) -> dict[str, _PredictedSeries]:
     """Every channel that the log can show, as a machine file predicts it, on the rows that are
     judged by the sensors of `other`: also those that ask a shaft for what it cannot do by its
     file, for that may be the file's error."""
     shaft = machine.shaft._replace(one_way=0.0)
-    seen = channels(
-        run_data(log, machine.model_copy(update={"shaft": shaft, "noise": other.noise})), machine
+    seen = make_channels(
+        make_run_data(log, machine.model_copy(update={"shaft": shaft, "noise": other.noise})),
+        machine,
     )
-    plan = schedule(list_stages(machine), ())
+    plan = make_schedule(list_stages(machine), ())
     found = {}
     for number, (name, series) in enumerate(seen.items()):
         step(number / len(seen), name)
@@ -162,13 +163,13 @@ def _predictions(
     return found
 
 
-def _channels_of(old: _PredictedSeries, new: _PredictedSeries) -> list[ComparedChannel]:
+def _list_compared_channels(old: _PredictedSeries, new: _PredictedSeries) -> list[ComparedChannel]:
     """The channel itself; of the scale also the flow, which is what it is read for."""
     name, unit = old.series.name, old.series.unit
     measured = old.series.measured
     time_s = np.tile(old.series.grid.even_s, old.series.copies)
     found = [
-        _of_errors(
+        _compare_errors(
             name,
             unit,
             measured - old.predicted,
@@ -181,17 +182,17 @@ def _channels_of(old: _PredictedSeries, new: _PredictedSeries) -> list[ComparedC
     ]
     if name == "scale":
         whole = HeldOut(old.series, old.series, (slice(0, len(measured)),))
-        flow, flow_unit, before, after = errors_of(
+        flow, flow_unit, before, after = list_held_out_errors(
             whole, measured - old.predicted, measured - new.predicted
         )
-        read = errors_of(whole, measured, measured)[2]
+        read = list_held_out_errors(whole, measured, measured)[2]
         at = np.interp(
             np.linspace(0.0, 1.0, len(before)), np.linspace(0.0, 1.0, len(time_s)), time_s
         )
         if len(before):
             found.insert(
                 0,
-                _of_errors(
+                _compare_errors(
                     flow,
                     flow_unit,
                     before,
@@ -205,7 +206,7 @@ def _channels_of(old: _PredictedSeries, new: _PredictedSeries) -> list[ComparedC
     return [one for one in found if np.isfinite([one.old, one.new]).all()]
 
 
-def _of_errors(
+def _compare_errors(
     name: str,
     unit: str,
     before: Array,
@@ -218,11 +219,11 @@ def _of_errors(
 ) -> ComparedChannel:
     low, high = interval_of_difference(before, after)
     return ComparedChannel(
-        name, unit, rms(before), rms(after), low, high, time_s, measured, of_old, of_new
+        name, unit, calc_rms(before), calc_rms(after), low, high, time_s, measured, of_old, of_new
     )
 
 
-def rms(errors: Array) -> float:
+def calc_rms(errors: Array) -> float:
     """Root of the mean square of errors (m,)."""
     return float(np.sqrt(np.mean(np.square(errors))))
 
@@ -238,7 +239,10 @@ def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
     count = int(
         min(
             MOST_BLOCKS,
-            max(LEAST_BLOCKS, len(before) / (MEMORIES * max(_memory(before), _memory(after)))),
+            max(
+                LEAST_BLOCKS,
+                len(before) / (MEMORIES * max(_calc_memory_rows(before), _calc_memory_rows(after))),
+            ),
         )
     )
     if len(before) < 2 * LEAST_BLOCKS:
@@ -256,11 +260,11 @@ def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
     left_out = without[0] - without[1]
     sd = float(np.sqrt((count - 1) / count * np.sum(np.square(left_out - left_out.mean()))))
     half = float(stdtrit(count - 1, 0.5 + 0.5 * SHARE)) * sd
-    difference = rms(before) - rms(after)
+    difference = calc_rms(before) - calc_rms(after)
     return difference - half, difference + half
 
 
-def _memory(errors: Array) -> float:
+def _calc_memory_rows(errors: Array) -> float:
     """Rows over which the squares of errors (m,) stay alike: what they are correlated with the
     next row's, as the time constant of a first-order noise, 1 row at least."""
     squares = np.square(errors) - np.mean(np.square(errors))

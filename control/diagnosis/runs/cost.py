@@ -15,8 +15,8 @@ from topdress.control.recordings.speeds import MOVING_MPS
 
 from .channels import SEAM_S, select_speed_rows, simulate_drive_rows
 from .drives import Drive
-from .grid import joined
-from .hypothesis import EffectInstance, Schedule, add_part, list_stages, schedule
+from .grid import join_clock
+from .hypothesis import EffectInstance, Schedule, add_part, list_stages, make_schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -26,7 +26,7 @@ MAX_POINTS = 500  # of a log, evenly over it
 MIN_WINDOW_S = 5.0
 
 
-def field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCost:
+def calc_field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCost:
     """Mean change of the dose, %, and of the landing place, m (late positive), over the log
     from the effect's onset on.
 
@@ -37,15 +37,15 @@ def field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCo
     if costs in WITHOUT_MODEL:
         return WITHOUT_MODEL[costs]
     if costs is Costs.PLACE:
-        late_s = _late_s(part, machine, data)
-        return FieldCost(0.0, None if late_s is None else round(late_s * _mean_speed(data), 3))
+        late_s = _calc_extra_lag_s(part, machine, data)
+        return FieldCost(0.0, None if late_s is None else round(late_s * _calc_mean_speed(data), 3))
     rate = _rate_percent(part, machine, data)
     return FieldCost(None if rate is None else round(rate, 2), 0.0)
 
 
-def _plans(part: EffectInstance, machine: Machine) -> tuple[Schedule, Schedule]:
+def _make_both_schedules(part: EffectInstance, machine: Machine) -> tuple[Schedule, Schedule]:
     base = list_stages(machine)
-    return schedule(base, ()), schedule(base, (part,))
+    return make_schedule(base, ()), make_schedule(base, (part,))
 
 
 def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
@@ -58,17 +58,26 @@ def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> floa
     if not len(rows):
         return None
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
-    points = _points(data, machine, time_s[rows], float(Needs.REFILL in ROWS[part.id].needs))
+    points = _list_operating_points(
+        data, machine, time_s[rows], float(Needs.REFILL in ROWS[part.id].needs)
+    )
     changed = machine.model_copy(update=add_part(list_stages(machine), part).by_name)
     if drive is None:
         return rate_error_percent(machine, points, changed, points)
-    wanted, applied = (_standing(drive, plan)[rows] for plan in _plans(part, machine))
+    wanted, applied = (
+        _find_standing_rows(drive, plan)[rows] for plan in _make_both_schedules(part, machine)
+    )
     return rate_error_percent(
-        machine, _placed(points, drive, wanted), changed, _placed(points, drive, applied)
+        machine,
+        _place_operating_points(points, drive, wanted),
+        changed,
+        _place_operating_points(points, drive, applied),
     )
 
 
-def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> list[OperatingPoint]:
+def _list_operating_points(
+    data: RunData, machine: Machine, time_s: Array, refills: float
+) -> list[OperatingPoint]:
     """Operating points at times of the log (n,), as it was asked for; what it does not tell is
     as usual."""
     at = np.maximum(0, np.searchsorted(data.time_s, time_s, side="right") - 1)
@@ -90,7 +99,7 @@ def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> l
     ]
 
 
-def _standing(drive: Drive, plan: Schedule) -> Array:
+def _find_standing_rows(drive: Drive, plan: Schedule) -> Array:
     """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off
     by what that is off."""
     if drive.name == "shaft":
@@ -99,7 +108,9 @@ def _standing(drive: Drive, plan: Schedule) -> Array:
     return np.asarray(np.maximum(0.0, 2.0 * true - read))
 
 
-def _placed(points: list[OperatingPoint], drive: Drive, standing: Array) -> list[OperatingPoint]:
+def _place_operating_points(
+    points: list[OperatingPoint], drive: Drive, standing: Array
+) -> list[OperatingPoint]:
     field = "shaft_rpm" if drive.name == "shaft" else "opening_mm"
     return [
         point._replace(**{field: float(value)})
@@ -107,25 +118,25 @@ def _placed(points: list[OperatingPoint], drive: Drive, standing: Array) -> list
     ]
 
 
-def _late_s(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
+def _calc_extra_lag_s(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
     """By how much later a drive or a sensor follows, s; None where the log does not move it."""
-    plans = _plans(part, machine)
+    plans = _make_both_schedules(part, machine)
     stage = ROWS[part.id].stage
     drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
     if drive is not None:
         moves = np.flatnonzero(np.diff(drive.command)) + 1
-        now, late = (_standing(drive, plan) for plan in plans)
-        return _behind_s(
+        now, late = (_find_standing_rows(drive, plan) for plan in plans)
+        return _calc_behind_s(
             now, late, drive.clock_s, moves[drive.time_s[moves] >= (part.onset_s or -np.inf)]
         )
     if stage == "speed" and data.speed is not None:
         every = np.flatnonzero(data.speed.time_s >= (part.onset_s or -np.inf))
         now, late = (select_speed_rows(data.speed)(plan, MAX_MODEL_STEP_S)[:, 1] for plan in plans)
-        return _behind_s(now, late, joined(data.speed.time_s, SEAM_S), every)
+        return _calc_behind_s(now, late, join_clock(data.speed.time_s, SEAM_S), every)
     return None
 
 
-def _behind_s(
+def _calc_behind_s(
     now: Array, late: Array, clock_s: Array, moves: npt.NDArray[np.int64]
 ) -> float | None:
     """What falls behind from one move to a later one, over how far it went meanwhile: least
@@ -143,7 +154,7 @@ def _behind_s(
     return float(fell @ went / (went @ went)) if np.any(went) else None
 
 
-def _mean_speed(data: RunData) -> float:
+def _calc_mean_speed(data: RunData) -> float:
     speed = data.variables.get("speed_mps")
     if speed is None:
         return USUAL_SPEED_MPS

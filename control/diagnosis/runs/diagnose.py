@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.dataframe_input import (
     LogTable,
-    columns_of,
     find_misspelt_columns,
-    machine_of,
+    load_machine,
     name_frame_library,
+    read_columns,
 )
 from topdress.control.diagnosis.prediction.on_log import OnLog
 from topdress.control.diagnosis.prediction.predictive_validation import validate_prediction
@@ -30,7 +30,7 @@ from topdress.control.diagnosis.result import Diagnosis
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.values import blank_unreadable
 
-from .channels import ChannelSeries, channels, without_narrowband
+from .channels import ChannelSeries, make_channels, without_narrowband
 from .findings import (
     hidden_by_load,
     note_faults_between_rows,
@@ -42,15 +42,15 @@ from .findings import (
 )
 from .hypothesis import Hypothesis
 from .intermittent import ReadOff, without_spells
-from .log import Clean, gate
+from .log import Clean, clean_run_log
 from .model import GROUPS
 from .quantised import without_steps
-from .rates import rates, sentence
-from .report import report
-from .row_order import in_order
+from .rates import describe_rate_fit, fit_rate_passes
+from .report import make_report
+from .row_order import order_log_rows
 from .search import Search
 from .selection import GroupResult, judge_group
-from .stages import RunData, run_data
+from .stages import RunData, make_run_data
 
 T = TypeVar("T")
 # runs of the model, in which a group is half judged: how many it needs nobody knows
@@ -63,12 +63,13 @@ class Cancelled(Exception):
     """The diagnosis was asked to end."""
 
 
-def attempt(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
+def attempt_step(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
     """What `work` gives; None where it fails, and a sentence on `what` among the findings.
 
     Numbers that overflow or vanish on the way raise no warning: what comes of them is looked at
-    (`is_finite`). Whatever fails is caught, for nobody knows beforehand what a stranger's log
-    makes of a formula; the place stands in the sentence, so that it can be reported.
+    (`has_finite_numbers`). Whatever fails is caught, for nobody knows beforehand what a
+    stranger's log makes of a formula; the place stands in the sentence, so that it can be
+    reported.
     """
     try:
         with np.errstate(all="ignore"):
@@ -78,12 +79,12 @@ def attempt(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
     except Exception as error:
         findings.append(
             f"{what}: left out: the program's own arithmetic fails on this log "
-            f"({type(error).__name__} at {_place(error)}; please report it)"
+            f"({type(error).__name__} at {_locate_error(error)}; please report it)"
         )
         return None
 
 
-def _place(error: Exception) -> str:
+def _locate_error(error: Exception) -> str:
     """File and line of ours that the error came from."""
     trace, found = error.__traceback__, "?"
     while trace is not None:
@@ -94,18 +95,18 @@ def _place(error: Exception) -> str:
     return found
 
 
-def is_finite(value: Any) -> bool:
+def has_finite_numbers(value: Any) -> bool:
     """Whether every number in a result is one."""
     if isinstance(value, float):
         return math.isfinite(value)
     if is_dataclass(value):
-        return all(is_finite(getattr(value, one.name)) for one in fields(value))
+        return all(has_finite_numbers(getattr(value, one.name)) for one in fields(value))
     if isinstance(value, dict):
-        return all(map(is_finite, value.values()))
-    return all(map(is_finite, value)) if isinstance(value, list | tuple) else True
+        return all(map(has_finite_numbers, value.values()))
+    return all(map(has_finite_numbers, value)) if isinstance(value, list | tuple) else True
 
 
-def named(channels: Iterable[str]) -> str:
+def join_channel_names(channels: Iterable[str]) -> str:
     """Channels as a sentence names them."""
     found = list(channels)
     return found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}"
@@ -204,7 +205,7 @@ def diagnose_run(
     >>> found.gain[0].after < 0.9 * found.gain[0].before
     True
     """
-    given, of = columns_of(columns), machine_of(machine)
+    given, of = read_columns(columns), load_machine(machine)
     found = judge_run(given, of, path=path, progress=progress, cancelled=cancelled, each=each).found
     misspelt = find_misspelt_columns(given)
     return replace(
@@ -249,9 +250,9 @@ def judge_run(
         *hidden_by_load(data, machine),
     ]
     with np.errstate(all="ignore"):  # what comes of it is looked at (`_sound`)
-        seen = channels(data, machine)
+        seen = make_channels(data, machine)
     step(0.05, "channels")
-    without = attempt(
+    without = attempt_step(
         "a speed sensor's narrowband noise", lambda: without_narrowband(seen, machine), findings
     )
     if without is not None:
@@ -259,35 +260,41 @@ def judge_run(
         findings += without[1]
     step(0.1, "model")
     on_log = cache(lambda: OnLog(log, data, machine))
-    groups = _judged(
+    groups = _judge_all_groups(
         seen, machine, data, cache(lambda: find_curves(on_log())), step, each, findings
     )
     findings += (
-        attempt("the drives over every row", lambda: note_whole_log(log, groups, machine), findings)
+        attempt_step(
+            "the drives over every row", lambda: note_whole_log(log, groups, machine), findings
+        )
         or []
     )
     findings += note_faults_between_rows(
         log, {part.id for one in groups for part in one.found.parts}
     )
     step(0.9, "result")
-    found = attempt("", lambda: report(data, machine, groups, read_off, path, tuple(findings)), [])
-    if found is None or not is_finite(found):
-        groups, read_off = _sound(groups, read_off, data, machine, findings)
+    found = attempt_step(
+        "", lambda: make_report(data, machine, groups, read_off, path, tuple(findings)), []
+    )
+    if found is None or not has_finite_numbers(found):
+        groups, read_off = _keep_sound_results(groups, read_off, data, machine, findings)
         with np.errstate(all="ignore"):
-            found = report(data, machine, groups, read_off, path, tuple(findings))
+            found = make_report(data, machine, groups, read_off, path, tuple(findings))
     said, ids = found, {one.part.id for one in read_off}
-    held = attempt(
+    held = attempt_step(
         "what its file predicts", lambda: validate_prediction(on_log(), said, ids), findings
     )
     found = (
-        held if held is not None and is_finite(held) else replace(said, findings=tuple(findings))
+        held
+        if held is not None and has_finite_numbers(held)
+        else replace(said, findings=tuple(findings))
     )
     return JudgedRun(
-        _with_rates(found, columns) if not found.channels else found, data, tuple(groups)
+        _add_rate_findings(found, columns) if not found.channels else found, data, tuple(groups)
     )
 
 
-def _sound(
+def _keep_sound_results(
     groups: list[GroupResult],
     read_off: tuple[ReadOff, ...],
     data: RunData,
@@ -298,20 +305,22 @@ def _sound(
     left out and said."""
 
     def holds(what: str, some: list[GroupResult], seen: tuple[ReadOff, ...]) -> bool:
-        reported = attempt(what, lambda: report(data, machine, some, seen, "", ()), findings)
-        if reported is not None and not is_finite(reported):
+        reported = attempt_step(
+            what, lambda: make_report(data, machine, some, seen, "", ()), findings
+        )
+        if reported is not None and not has_finite_numbers(reported):
             findings.append(
                 f"{what}: left out: the numbers of this log lead beyond what a computer can hold"
             )
-        return reported is not None and is_finite(reported)
+        return reported is not None and has_finite_numbers(reported)
 
     return (
-        [one for one in groups if holds(named(one.search.model.names), [one], ())],
+        [one for one in groups if holds(join_channel_names(one.search.model.names), [one], ())],
         tuple(one for one in read_off if holds(one.part.id, [], (one,))),
     )
 
 
-def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Diagnosis:
+def _add_rate_findings(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Diagnosis:
     """What such data show all the same: the applied rate against the target."""
     failed: list[str] = []
     sane = {
@@ -320,31 +329,38 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
         else values
         for name, values in columns.items()
     }
-    fits, why = attempt("applied against target", lambda: rates(sane), failed) or ((), "")
-    if not is_finite(fits):
+    fits, why = attempt_step("applied against target", lambda: fit_rate_passes(sane), failed) or (
+        (),
+        "",
+    )
+    if not has_finite_numbers(fits):
         fits, why = (), "its numbers lead beyond what a computer can hold"
-    said = failed or [sentence(fits[0]) if fits else f"applied against target is not judged: {why}"]
+    said = failed or [
+        describe_rate_fit(fits[0]) if fits else f"applied against target is not judged: {why}"
+    ]
     return replace(found, rates=fits, findings=(*found.findings, *said))
 
 
 def series_of_log(
     columns: Mapping[str, npt.NDArray[Any]],
     machine: Machine,
-    ordered: Callable[[Clean, Machine], Clean] = in_order,
+    ordered: Callable[[Clean, Machine], Clean] = order_log_rows,
 ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the
     effects that those were."""
     failed: list[str] = []
-    log = gate(columns, machine.has_stage)
-    log = attempt("the order of rows", lambda: ordered(log, machine), failed) or log
-    in_steps = attempt("steps of the shaft's readings", lambda: without_steps(log, machine), failed)
+    log = clean_run_log(columns, machine.has_stage)
+    log = attempt_step("the order of rows", lambda: ordered(log, machine), failed) or log
+    in_steps = attempt_step(
+        "steps of the shaft's readings", lambda: without_steps(log, machine), failed
+    )
     if in_steps is None:
-        data, in_spells = _without_spells(_run_data(log, machine, failed), machine, failed)
+        data, in_spells = _without_spells(_make_run_data(log, machine, failed), machine, failed)
         return log._replace(findings=(*log.findings, *failed)), data, in_spells
     log, part = in_steps.taken_back, in_steps.seen.part
-    data = _run_data(log, machine, failed)
+    data = _make_run_data(log, machine, failed)
     if data.shaft is not None:
-        turned = _run_data(in_steps.turned, machine, failed)
+        turned = _make_run_data(in_steps.turned, machine, failed)
         data = data._replace(
             shaft=data.shaft._replace(step=part.size, steps_from_s=part.onset_s),
             hopper=turned.hopper,
@@ -354,31 +370,35 @@ def series_of_log(
     return log._replace(findings=(*log.findings, *failed)), data, (in_steps.seen, *in_spells)
 
 
-def _run_data(log: Clean, machine: Machine, failed: list[str]) -> RunData:
+def _make_run_data(log: Clean, machine: Machine, failed: list[str]) -> RunData:
     """The channels that can be made of a log. Raises ValueError where none can."""
     with np.errstate(all="ignore"):
         if (
-            data := attempt("all channels together", lambda: run_data(log, machine), [])
+            data := attempt_step("all channels together", lambda: make_run_data(log, machine), [])
         ) is not None:
             return data
         stages = [
             one
             for one in log.stages
-            if attempt(one, partial(run_data, log._replace(stages=(one,)), machine), failed)
+            if attempt_step(
+                one, partial(make_run_data, log._replace(stages=(one,)), machine), failed
+            )
         ]
-        return run_data(log._replace(stages=tuple(stages)), machine)
+        return make_run_data(log._replace(stages=tuple(stages)), machine)
 
 
 def _without_spells(
     data: RunData, machine: Machine, failed: list[str]
 ) -> tuple[RunData, tuple[ReadOff, ...]]:
-    return attempt("missing pulses and bridges", lambda: without_spells(data, machine), failed) or (
+    return attempt_step(
+        "missing pulses and bridges", lambda: without_spells(data, machine), failed
+    ) or (
         data,
         (),
     )
 
 
-def _judged(
+def _judge_all_groups(
     seen: Mapping[str, ChannelSeries],
     machine: Machine,
     data: RunData,
@@ -398,8 +418,8 @@ def _judged(
             runs[word] += 1
             step(0.1 + 0.8 * sum(k / (k + HALF_WAY) for k in runs.values()) / len(words), word)
 
-        what = named(one.name for one in groups[word])
-        return attempt(
+        what = join_channel_names(one.name for one in groups[word])
+        return attempt_step(
             what, lambda: judge_group(Search(groups[word], machine, data, ask, curves)), findings
         )
 

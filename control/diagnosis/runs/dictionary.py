@@ -38,7 +38,7 @@ from topdress.control.machine.terms import (
 from .channels import simulate_drive_rows
 from .drives import Drive
 from .hopper import average_bins, average_metered
-from .hypothesis import EffectInstance, Hypothesis, schedule
+from .hypothesis import EffectInstance, Hypothesis, make_schedule
 from .model import GroupModel
 from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from .stages import RunData
@@ -75,7 +75,7 @@ LEAST_KEPT = 64  # coefficients: of a short log all
 LEAST_LEVEL = 1e-3
 
 
-def quantities(model: GroupModel) -> list[TermTarget]:
+def list_shown_quantities(model: GroupModel) -> list[TermTarget]:
     """Quantities that a group's channels show."""
     # rounding is a dependence of its own
     in_steps = model.data.shaft is not None and model.data.shaft.step > 0.0
@@ -106,7 +106,7 @@ class ActedOn:
         """Change of the channel by one unit of each series: (k, m) of (k, rows)."""
         data, channel = self._model.data, self.channel
         if channel.name in ("shaft", "gate"):
-            return channel.grid.of(self._of_drive(rows))
+            return channel.grid.of(self._respond_as_drive(rows))
         if channel.name == "speed":
             return (
                 np.array([np.interp(channel.grid.even_s, data.row_s, one) for one in rows])
@@ -123,7 +123,7 @@ class ActedOn:
         share = 0.5 * (share + np.concatenate((share[:, :1], share[:, :-1]), axis=1))
         return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
 
-    def _of_drive(self, rows: Array) -> Array:
+    def _respond_as_drive(self, rows: Array) -> Array:
         """What shows at a row was in force in the row before it; the shaft goes there as its
         stage does."""
         data = self._model.data
@@ -132,15 +132,15 @@ class ActedOn:
         picked = rows[:, np.clip(np.searchsorted(data.row_s, drive.time_s), 0, len(data.row_s) - 1)]
         if self.channel.name == "gate":
             return np.concatenate((picked[:, :1], picked[:, :-1]), axis=1)
-        was = self._shaft_rpm(drive)
-        return np.array([self._of_shaft(drive, was, one) for one in picked])
+        was = self._respond_as_shaft_rpm(drive)
+        return np.array([self._respond_as_shaft(drive, was, one) for one in picked])
 
-    def _shaft_rpm(self, drive: Drive) -> Array:
+    def _respond_as_shaft_rpm(self, drive: Drive) -> Array:
         return simulate_drive_rows(drive)(
-            schedule(self._model.base, self._parts), MAX_MODEL_STEP_S
+            make_schedule(self._model.base, self._parts), MAX_MODEL_STEP_S
         )[:, 0]
 
-    def _of_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
+    def _respond_as_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
         """Slope of the shaft's speed in so much of a series over its rows: while it runs up
         nothing of it shows."""
         share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
@@ -149,7 +149,7 @@ class ActedOn:
             if self.acts is TermTarget.SHAFT_PERCENT
             else drive._replace(more_rpm=drive.more_rpm + share * one)
         )
-        change = self._shaft_rpm(moved) - was
+        change = self._respond_as_shaft_rpm(moved) - was
         return np.asarray(
             change / share if np.abs(change).max() > SHAFT_NOTHING else np.zeros(len(change))
         )
@@ -205,8 +205,8 @@ class Dictionary:
     def __init__(self, model: GroupModel) -> None:
         self._data = model.data
         self.of = {
-            acts: (ActedOn(model, (), acts), _variables(model.data, model.machine, acts))
-            for acts in quantities(model)
+            acts: (ActedOn(model, (), acts), _list_variables(model.data, model.machine, acts))
+            for acts in list_shown_quantities(model)
         }
         self._made: dict[TermTarget, list[FormGroup]] = {}
 
@@ -214,8 +214,8 @@ class Dictionary:
         if acts not in self._made:
             acted, variables = self.of[acts]
             self._made[acts] = [
-                _entry(forms, acted, variables)
-                for forms in _tried(acts, variables, self._data)
+                _make_form_group(forms, acted, variables)
+                for forms in _list_tried_forms(acts, variables, self._data)
                 if forms
             ]
         return self._made[acts]
@@ -226,7 +226,7 @@ class Dictionary:
         return [
             one
             for acts, (acted, _) in self.of.items()
-            for one in scan(
+            for one in scan_dictionary(
                 residual,
                 acted,
                 [entry for entry in self.entries(acts) if entry.forms[0].kind.one_run == temporary],
@@ -234,7 +234,7 @@ class Dictionary:
         ]
 
 
-def scan(
+def scan_dictionary(
     residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup]
 ) -> list[FormCandidate]:
     """The best form over each variable, or two, and the best that leaps: an edge that is a
@@ -259,7 +259,7 @@ def scan(
         )
         best: dict[tuple[tuple[str, ...], bool], FormCandidate] = {}
         for k, (form, mix) in enumerate(zip(entry.forms, entry.mixes, strict=True)):
-            gain = gains[k] if k in gains else left.gain_of(mix)
+            gain = gains[k] if k in gains else left.calc_gain_of_mixes(mix)
             one = FormCandidate(acted.acts, form, gain, gain - form.price)
             place = (form.over, form.kind.leaps)
             if place not in best or one.score > best[place].score:
@@ -268,7 +268,7 @@ def scan(
     return found
 
 
-def _variables(data: RunData, machine: Machine, acts: TermTarget) -> Variables:
+def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> Variables:
     """Variables that move, by their names, and those that may be multiplied with each other."""
     stage = TARGET_STAGES[acts]
     inputs = dict(data.inputs)
@@ -280,7 +280,7 @@ def _variables(data: RunData, machine: Machine, acts: TermTarget) -> Variables:
     if stage in ("shaft", "flow") and turning.sum() > WORKS_SHARE * len(work):
         work = turning
     found: dict[str, ScaledVariable] = {}
-    for name in _names(data, acts):
+    for name in _list_variable_names(data, acts):
         values = inputs.get(name_own_command(stage, name))
         if values is None or not np.isfinite(values).all():
             continue
@@ -308,7 +308,7 @@ def _variables(data: RunData, machine: Machine, acts: TermTarget) -> Variables:
     return Variables(found, single, double if acts is not TermTarget.SHAFT_RPM else (), never_alone)
 
 
-def _names(data: RunData, acts: TermTarget) -> list[str]:
+def _list_variable_names(data: RunData, acts: TermTarget) -> list[str]:
     """What a quantity may depend on; of the shaft, temporary terms are looked for in r/min."""
     stage = TARGET_STAGES[acts]
     further = [name for name in data.variables if name not in MIN_RANGE]
@@ -324,7 +324,9 @@ def _names(data: RunData, acts: TermTarget) -> list[str]:
     return [*names, SHAFT_ANGLE] if acts is TermTarget.SHAFT_PERCENT else names
 
 
-def _tried(acts: TermTarget, variables: Variables, data: RunData) -> Iterator[list[TriedForm]]:
+def _list_tried_forms(
+    acts: TermTarget, variables: Variables, data: RunData
+) -> Iterator[list[TriedForm]]:
     """The forms of one quantity, those that share series together."""
     by_name = variables.by_name
     if acts is TermTarget.SHAFT_RPM:
@@ -359,7 +361,7 @@ def _moves_unseen(acts: TermTarget, name: str, data: RunData) -> bool:
     return drive is not None and not drive.moves_seen and name == own
 
 
-def _entry(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> FormGroup:
+def _make_form_group(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> FormGroup:
     """Forms with what the series that they share do to the channel."""
     places: dict[FormSeries, int] = {}
     for series in (series for form in forms for column in form.columns for series in column):

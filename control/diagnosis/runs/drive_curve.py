@@ -24,7 +24,7 @@ from topdress.control.diagnosis.effects import (
     SHAFT_SATURATION,
     SHAFT_SECOND_ORDER,
     SHAFT_SLOW,
-    reach,
+    find_size_range,
 )
 from topdress.control.machine.shaft import calc_time_constant_s
 
@@ -59,7 +59,7 @@ DAMPINGS = (0.1, 0.3, 0.8, 2.0)
 FITTED_FROM = 2  # best of these
 
 
-def started(
+def list_started_curves(
     search: Search, now: Hypothesis, proposed: Sequence[EffectInstance]
 ) -> Iterator[Hypothesis]:
     """Hypotheses with several effects at once, in place of whatever of the same curve a
@@ -77,7 +77,7 @@ def started(
         part.id == SHAFT_SECOND_ORDER.id and part.onset_s is None for part in (*now, *proposed)
     )
     if swings and set(SWING) <= tried and not set(SWING) <= names:
-        yield from _swings(
+        yield from _list_swing_starts(
             search, tuple(part for part in now if part.id not in (*SWING, SHAFT_DEAD_TIME.id))
         )
     if now and not model.channel("shaft").settled:
@@ -91,13 +91,13 @@ def started(
             yield (*others, *parts)
 
 
-def _swings(search: Search, others: Hypothesis) -> list[Hypothesis]:
+def _list_swing_starts(search: Search, others: Hypothesis) -> list[Hypothesis]:
     """The best of every frequency and damping: T = 2 damping / frequency, T2 = 1 / (2 damping
     frequency)."""
     model, tau_s = search.model, calc_time_constant_s(search.model.machine.shaft)
     measured, (low, high) = (
         model.channel("shaft").measured,
-        np.array([reach(one, model.machine) for one in SWING]).T,
+        np.array([find_size_range(one, model.machine) for one in SWING]).T,
     )
     found = []
     for frequency, damping in product(FREQUENCIES, DAMPINGS):

@@ -20,8 +20,8 @@ from topdress.control.machine.machine import Machine, scale_nominal
 from topdress.control.machine.shaft import calc_acceleration_rpm_s
 from topdress.control.machine.term_sums import sum_over_log
 
-from .grid import SMOOTH_S, Grid, bridged, make_grid, smoothed, windows
-from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, make_term_inputs, rows_of
+from .grid import SMOOTH_S, Grid, bridge_gaps, make_grid, select_windows, smooth_series
+from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, make_log_rows, make_term_inputs
 from .log import MIN_ROWS, MIN_SETTLED, Clean
 
 Array = npt.NDArray[np.float64]
@@ -83,7 +83,7 @@ class Drive(NamedTuple):
 def read_whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     """Shaft and gate of a log, by name, at every row even of a long log that is otherwise
     looked at in windows."""
-    every = rows_of(log, machine)
+    every = make_log_rows(log, machine)
     more = sum_over_log(
         machine.terms, make_term_inputs(log, every, machine), every.time_s, run_term
     )
@@ -96,14 +96,14 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
         since = every.time_s - np.maximum.accumulate(
             np.where(every.command_rpm != 0.0, every.time_s, -np.inf)
         )
-        read = smoothed(
-            bridged(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s
+        read = smooth_series(
+            bridge_gaps(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s
         )
         # for a while: single readings would be a choice
         still = (since > STILL_AFTER_S) & (np.abs(read) < still_rpm)
         # A shaft that stands as it was commanded tells nothing, and its reading has none of the
         # noise of a turning one.
-        sure = ~still & _sure(
+        sure = ~still & _find_settled_rows(
             every,
             every.command_rpm,
             scale_nominal(machine, SHAFT_RANGE) * SAME_RPM,
@@ -118,7 +118,7 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
         settled = log.held and every.step_s > SETTLING_TAUS * (
             machine.shaft.dead_time_s + machine.shaft.time_constant_s
         )
-        found["shaft"] = _drive(
+        found["shaft"] = _make_drive(
             "shaft",
             every,
             every.command_rpm,
@@ -131,14 +131,14 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
             least=MIN_SETTLED if log.held else MIN_ROWS,
         )
     if "gate" in log.stages:
-        sure = _sure(
+        sure = _find_settled_rows(
             every,
             every.command_mm,
             scale_nominal(machine, OPENING_RANGE) * SAME_MM,
             machine.gate.dead_time_s,
             machine.gate.slew_mm_s,
         )
-        found["gate"] = _drive(
+        found["gate"] = _make_drive(
             "gate",
             every,
             every.command_mm,
@@ -190,7 +190,7 @@ def turns_at_zero(
     return np.asarray(time_s - last <= shaft.dead_time_s + SETTLES * shaft.time_constant_s)
 
 
-def off_zero(drive: Drive | None, machine: Machine) -> ZeroOffset:
+def read_off_zero(drive: Drive | None, machine: Machine) -> ZeroOffset:
     """How a shaft stands to a command of 0."""
     if drive is None:
         return NO_ZERO_OFFSET
@@ -204,7 +204,7 @@ def off_zero(drive: Drive | None, machine: Machine) -> ZeroOffset:
     )
 
 
-def _sure(
+def _find_settled_rows(
     every: LogRows, command: Array, same: float, dead_s: float, per_s: float
 ) -> npt.NDArray[np.bool_]:
     """Rows whose drive has answered every command that can have been given since the row
@@ -229,7 +229,7 @@ def _sure(
     return np.asarray(every.time_s >= np.maximum.accumulate(unsure_until))
 
 
-def _late(every: LogRows) -> bool:
+def _is_computer_late(every: LogRows) -> bool:
     """Whether a computer did not keep up: rows are missing, and the others do not stand in
     whole steps, as they do where a logger only lost some."""
     steps = np.diff(every.time_s) / every.step_s
@@ -240,12 +240,12 @@ def _late(every: LogRows) -> bool:
     )
 
 
-def _quick(every: LogRows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
+def _find_quick_rows(every: LogRows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
     """Rows of a late computer in which a drive moves by more than its reading's noise in the
     time by which a row may be late: what is read there says when it was read, not what the
     drive did. (n,)"""
     time, known = every.time_s, np.isfinite(measured)
-    if not known.any() or not _late(every):
+    if not known.any() or not _is_computer_late(every):
         return np.zeros(len(measured), bool)
     rate = np.abs(np.gradient(np.interp(time, time[known], measured[known]), time))
     # its neighbours as well
@@ -272,7 +272,7 @@ def repeated_in_motion(measured: Array, noise: float) -> npt.NDArray[np.bool_]:
     return found
 
 
-def _drive(
+def _make_drive(
     name: str,
     every: LogRows,
     command: Array,
@@ -289,9 +289,11 @@ def _drive(
     holds a settled answer. least : rows that can be judged."""
     time = every.time_s
     pick, clock, since = (
-        (np.arange(len(time)), time, time - time[0]) if whole else windows(time, every.step_s)
+        (np.arange(len(time)), time, time - time[0])
+        if whole
+        else select_windows(time, every.step_s)
     )
-    quick = _quick(every, measured, noise)[pick]
+    quick = _find_quick_rows(every, measured, noise)[pick]
     # each row of a staircase is an answer of its own
     held = repeated_in_motion(measured, noise) & (not settled)
     known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick & ~held[pick]

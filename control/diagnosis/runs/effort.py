@@ -11,7 +11,7 @@ from scipy.ndimage import minimum_filter1d
 from topdress.control.machine.effect import HOPPER_CAPACITY, SHAFT_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
 
-from .grid import Grid, bridged, make_grid
+from .grid import Grid, bridge_gaps, make_grid
 from .inputs import WORKING_RPM, LogRows
 from .log import MIN_ROWS, Clean
 
@@ -63,7 +63,7 @@ class DriveEffort(NamedTuple):
             members=members, grid=make_grid(self.middle_s, members > 0, self.grid.step_s)
         )
 
-    def binned(self, rows: Array) -> Array:
+    def bin_row_means(self, rows: Array) -> Array:
         """Mean over the rows of each bin, NaN of one that is left out: (m,)."""
         sums = np.bincount(self.bins, weights=rows, minlength=len(self.members))
         return np.asarray(
@@ -86,13 +86,17 @@ def read_drive_effort(
     if len(time) <= rows or (name == "gate_effort" and step_s > MOST_STEP_S):
         return None
     if name == "effort":
-        speed, per_s = (_polynomial(every.shaft_rpm, rows, step_s, 1, nth) for nth in (0, 1))
+        speed, per_s = (
+            _fit_local_polynomial(every.shaft_rpm, rows, step_s, 1, nth) for nth in (0, 1)
+        )
         speed = speed if step_s < LOOKED_S else every.shaft_rpm
         least = scale_nominal(machine, SHAFT_RANGE) * WORKING_RPM
         even = np.abs(per_s) * LOOKED_S < EVEN_SHARE * machine.limits.shaft_high_rpm
         column = log.columns["shaft_effort"]
     else:
-        speed, per_s = (_polynomial(every.opening_mm, rows, step_s, 2, nth) for nth in (1, 2))
+        speed, per_s = (
+            _fit_local_polynomial(every.opening_mm, rows, step_s, 2, nth) for nth in (1, 2)
+        )
         least, even = MOVES_SHARE * machine.gate.slew_mm_s, np.ones(len(time), bool)
         column = log.columns["gate_effort"]
     near = 2 * max(1, round(SETTLES_S / step_s)) + 1
@@ -105,7 +109,7 @@ def read_drive_effort(
     bins = np.floor((time[used] - time[0]) / width).astype(np.int64)
     members = np.bincount(bins).astype(np.float64)
     members[members < FULL * members.max()] = 0.0  # it hardly moved in them
-    hopper = bridged(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
+    hopper = bridge_gaps(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
     supply = np.maximum(1.0, every.supply_v[used])
     middle = time[0] + width * (np.arange(len(members)) + 0.5)
     rises = np.diff(hopper) > scale_nominal(machine, HOPPER_CAPACITY) * 3.0
@@ -127,7 +131,7 @@ def read_drive_effort(
     )
 
 
-def _polynomial(series: Array, rows: int, step_s: float, degree: int, nth: int) -> Array:
+def _fit_local_polynomial(series: Array, rows: int, step_s: float, degree: int, nth: int) -> Array:
     """Value, slope or bend (nth: 0, 1, 2) of a series (n,) by least squares over `rows` about
     each sample (Savitzky and Golay, Anal. Chem. 36, 1964, 1627)."""
     half = rows // 2

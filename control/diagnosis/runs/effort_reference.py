@@ -16,8 +16,8 @@ from topdress.control.machine.compiled import run_flutes
 from topdress.control.machine.machine import Machine
 
 from .effort import EFFORT, DriveEffort, read_drive_effort
-from .inputs import rows_of
-from .log import gate
+from .inputs import make_log_rows
+from .log import clean_run_log
 
 Array = npt.NDArray[np.float64]
 
@@ -54,13 +54,13 @@ def fit_effort(
     Raises ValueError, one line, where no drive of the log tells how hard it works while it
     moves.
     """
-    log = gate(columns)
-    every, fits = rows_of(log, machine), list[EffortFit]()
+    log = clean_run_log(columns)
+    every, fits = make_log_rows(log, machine), list[EffortFit]()
     fitted_machine = machine.model_copy(update={"effort_unit": unit or machine.effort_unit})
     for name in EFFORT:
         drive = read_drive_effort(name, log, every, machine) if name in log.stages else None
         if drive is not None and int((drive.members > 0).sum()) >= LEAST_BINS:
-            fitted_machine, fit = _fit(drive, fitted_machine)
+            fitted_machine, fit = _fit_drive_effort(drive, fitted_machine)
             fits.append(fit)
     if not fits:
         raise ValueError(
@@ -83,7 +83,7 @@ def fit_effort(
     ), tuple(fits)
 
 
-def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
+def _fit_drive_effort(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
     of, per = ("", "r/min") if d.name == "effort" else ("gate_", "mm/s")
     stage, notes = machine.effort._replace(by_supply=float(machine.effort_unit == "%")), []
     left = d.measured / (1.0 + stage.by_supply * (d.supply_share - 1.0))
@@ -96,7 +96,9 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
             stage = stage._replace(**{f"{of}coulomb{suffix}": 0.0, f"{of}viscous{suffix}": 0.0})
             continue
         asked[f"{of}coulomb{suffix}"] = way.astype(np.float64), machine.effort_unit
-        slow, fast = np.nanquantile(np.abs(d.binned(np.where(way, d.speed, np.nan))), (0.25, 0.75))
+        slow, fast = np.nanquantile(
+            np.abs(d.bin_row_means(np.where(way, d.speed, np.nan))), (0.25, 0.75)
+        )
         stage = stage._replace(**{f"{of}viscous{suffix}": 0.0})
         if fast > SPREAD * slow:
             asked[f"{of}viscous{suffix}"] = (
@@ -120,9 +122,9 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
             )
             left = left - stage.load * flutes
     names = list(asked)
-    design = np.column_stack([d.binned(asked[name][0]) for name in names])
+    design = np.column_stack([d.bin_row_means(asked[name][0]) for name in names])
     known = d.members > 0
-    y = d.binned(left)[known]
+    y = d.bin_row_means(left)[known]
     fit = fit_linear(design[known], y, 1.0 / np.sqrt(d.members[known]))
     below = [
         k for k, name in enumerate(names) if fit.coefficients[k] <= 0.0 and "coulomb" not in name

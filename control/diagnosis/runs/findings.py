@@ -18,10 +18,10 @@ from topdress.control.machine.effect import OPENING_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-from .channels import drive_channel
-from .drives import SAME_MM, Drive, against_the_way, off_zero, read_whole_drives, turns_at_zero
-from .grid import held, looked_at
-from .hypothesis import EffectInstance, schedule
+from .channels import make_drive_channel
+from .drives import SAME_MM, Drive, against_the_way, read_off_zero, read_whole_drives, turns_at_zero
+from .grid import choose_row_windows, hold_last_value
+from .hypothesis import EffectInstance, make_schedule
 from .inputs import FINE_LOG_S
 from .log import MIN_SETTLED, Clean
 from .model import find_tolerance
@@ -44,7 +44,7 @@ def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) 
     full.
     """
     count = len(log.time_s)
-    rows = looked_at(count)
+    rows = choose_row_windows(count)
     if len(rows) == count:
         return []
     said = [
@@ -58,8 +58,8 @@ def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) 
             parts = tuple(p for p in one.found.parts if ROWS[p.id].stage == name)
             if not parts or name not in every or name not in one.search.model.names:
                 continue
-            channel = drive_channel(every[name], machine)
-            plans = [schedule(one.search.model.base, p) for p in ((), parts)]
+            channel = make_drive_channel(every[name], machine)
+            plans = [make_schedule(one.search.model.base, p) for p in ((), parts)]
             left = [channel.measured - channel.predict(plan, MAX_MODEL_STEP_S) for plan in plans]
             errors = [float(np.sqrt(np.mean(series**2))) for series in left]
             words = "holds" if errors[1] < errors[0] else "does NOT hold"
@@ -79,7 +79,7 @@ def note_reverse_turning(log: Clean, machine: Machine, counted: bool = False) ->
     command, read = log.columns["shaft_rpm_cmd"], log.columns["shaft_rpm"]
     known, back = int(np.isfinite(command).sum()), int(np.sum(command < 0.0))
     left_out = int(np.sum(against_the_way(log.time_s, command, read, machine)))
-    at_zero = int(np.sum(turns_at_zero(log.time_s, held(command), read, machine)))
+    at_zero = int(np.sum(turns_at_zero(log.time_s, hold_last_value(command), read, machine)))
     if at_zero:
         return [
             "stage shaft: it turns at commands of 0, which stop it by the machine file "
@@ -101,13 +101,13 @@ def note_reverse_turning(log: Clean, machine: Machine, counted: bool = False) ->
     )
 
 
-def answers_by(drive: Drive | None, machine: Machine) -> float:
+def calc_answer_ratio(drive: Drive | None, machine: Machine) -> float:
     """How many times its command a drive turns or opens, in the middle of the rows that ask and
     answer for much; 1 of one that does not answer. Of one that stands at another command than
     0: by how much more it turns for more of it."""
     if drive is None:
         return 1.0
-    of_zero = off_zero(drive, machine)
+    of_zero = read_off_zero(drive, machine)
     if of_zero.passed:
         return abs(of_zero.slope)
     asked, answered = np.abs(drive.command), np.abs(drive.measured)
@@ -125,7 +125,7 @@ def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
     """Probability that a shaft answers so much slower or faster than it is asked because
     command and reading are not in one unit: rather than by the steady effect that would do it
     with the widest prior."""
-    ratio = answers_by(drive, machine)
+    ratio = calc_answer_ratio(drive, machine)
     if ratio <= 0.0 or ratio == 1.0:
         return 0.0
     names = sum(row.stage == "shaft" for row in ROWS.values())
@@ -191,7 +191,7 @@ def units_doubted(data: RunData, machine: Machine) -> list[str]:
     """Said of a shaft whose command and reading are hardly in one unit."""
     if data.shaft is None or mistaken_unit(data.shaft, machine) < NAMED:
         return []
-    ratio = answers_by(data.shaft, machine)
+    ratio = calc_answer_ratio(data.shaft, machine)
     return [
         f"stage shaft: it turns {ratio:.2g} times what its commands ask (up to "
         f"{float(np.nanmax(np.abs(data.shaft.command))):.4g} r/min asked, "

@@ -13,16 +13,23 @@ from topdress.control.diagnosis.judgement.evidence import (
     Z90,
     Column,
     Role,
-    fitted,
-    problem,
-    projected,
+    fit_amplitudes_and_noise,
+    make_evidence_problem,
+    project_out_fixed,
 )
-from topdress.control.diagnosis.judgement.noise import Noise, series_of
+from topdress.control.diagnosis.judgement.noise import Noise, make_series_of
 from topdress.control.diagnosis.judgement.prior import FORM_SHARE
 from topdress.control.diagnosis.result import Gain
 
 from .columns import WAVES
-from .held_out import BLOCKS, HELD_OUT, HeldOut, errors_of, fit_amplitudes, held_out
+from .held_out import (
+    BLOCKS,
+    HELD_OUT,
+    HeldOut,
+    fit_amplitudes,
+    hold_out_blocks,
+    list_held_out_errors,
+)
 from .selection import GroupResult
 from .smooth import DOWNSTREAM, TABLES, variables_of
 
@@ -42,14 +49,14 @@ def measure_gain(judged: GroupResult) -> list[Gain]:
     if not parts:
         return []
     slopes = search.columns.slopes(parts)
-    columns = search.columns.by_channel(parts)
+    columns = search.columns.group_by_channel(parts)
     before, at_fit = search.model.residual(()), search.model.residual(parts)
     found: list[Gain] = []
     for channel in search.model.channels:
         if channel.copies == 1 and any(channel.name in c.coefficients for c in slopes):
             name = channel.name
             found += _channel_gain(
-                judged, held_out(channel), columns[name], before[name], at_fit[name]
+                judged, hold_out_blocks(channel), columns[name], before[name], at_fit[name]
             )
     return found
 
@@ -67,23 +74,29 @@ def _channel_gain(
     change = sum(
         a * s for a, (c, s) in zip(amplitude, columns, strict=True) if c.label.role is Role.SLOPE
     )
-    name, unit, errors_before, errors_after = errors_of(blocks, before, at_fit - change)
+    name, unit, errors_before, errors_after = list_held_out_errors(blocks, before, at_fit - change)
     if not len(errors_after):
         return []
     words = "blocks " + ", ".join(str(k + 1) for k in HELD_OUT) + f" of {BLOCKS}"
     rms_before = float(np.sqrt(np.mean(errors_before**2)))
-    found = [_gain(name, f"rmse, {unit}", rms_before, errors_after, words)]
+    found = [_make_gain(name, f"rmse, {unit}", rms_before, errors_after, words)]
     fixed = [pair for pair in columns if pair[0].label.role is not Role.SLOPE]
-    for word, others in _instead(judged, blocks.whole.name):
-        left = _corrected(blocks, fixed, others, before, noise)
-        gain = _gain(
-            name, f"rmse, {unit}, {word}", rms_before, errors_of(blocks, before, left)[3], words
+    for word, others in _list_substitutes(judged, blocks.whole.name):
+        left = _correct_held_out(blocks, fixed, others, before, noise)
+        gain = _make_gain(
+            name,
+            f"rmse, {unit}, {word}",
+            rms_before,
+            list_held_out_errors(blocks, before, left)[3],
+            words,
         )
         found.append(replace(gain, of="placebo" if word.startswith("placebo") else "corrector"))
     return found
 
 
-def _gain(channel: str, metric: str, before: float, errors_after: Array, held_out: str) -> Gain:
+def _make_gain(
+    channel: str, metric: str, before: float, errors_after: Array, held_out: str
+) -> Gain:
     """Low and high from the spread of the mean square between PIECES_OF_ERROR even pieces of
     the held-out rows."""
     rms = float(np.sqrt(np.mean(errors_after**2)))
@@ -98,7 +111,7 @@ def _gain(channel: str, metric: str, before: float, errors_after: Array, held_ou
     return Gain(channel, metric, before, rms, max(0.0, rms - Z90 * sd), rms + Z90 * sd, held_out)
 
 
-def _instead(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]]:
+def _list_substitutes(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]]:
     """What else might be put in: the best nameless smooth corrector, and the cause that the log
     speaks least for."""
     search, found = judged.search, []
@@ -111,8 +124,8 @@ def _instead(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]
                 [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
             )
             if columns:
-                p, count = search.columns.compressed((), columns)
-                value = fitted(
+                p, count = search.columns.compress_hypothesis((), columns)
+                value = fit_amplitudes_and_noise(
                     p, np.arange(count + len(columns)), judged.null.noise, rounds=1
                 ).log_likelihood
                 if best is None or value > best[0]:
@@ -129,7 +142,7 @@ def _instead(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]
     return found
 
 
-def _corrected(
+def _correct_held_out(
     blocks: HeldOut,
     fixed: Sequence[tuple[Column, Array]],
     others: Sequence[Column],
@@ -138,7 +151,7 @@ def _corrected(
 ) -> Array:
     """The error once `others` are fitted, along with the tolerances, to the fitted blocks, and
     taken off everywhere."""
-    shapes = [series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
+    shapes = [make_series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
     amplitude = fit_amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[
         len(fixed) :
     ]
@@ -162,12 +175,12 @@ def spread_of_sizes(one: GroupResult) -> dict[int, float]:
     shapes = [
         shape
         for k in slopes
-        for shape in columns.over_time(base[k], found.parts[base[k].label.part])
+        for shape in columns.list_time_shapes(base[k], found.parts[base[k].label.part])
     ]
-    p = problem(
+    p = make_evidence_problem(
         columns.model.channels, columns.model.banded_residual(found.parts), [*base, *shapes]
     )
-    every, of_base = p.under(found.noise).A, np.arange(len(base))
+    every, of_base = p.weigh_columns(found.noise).A, np.arange(len(base))
     spread = {}
     for k, at in zip(slopes, range(len(base), len(base) + len(shapes), WAVES), strict=True):
         own = [
@@ -178,7 +191,7 @@ def spread_of_sizes(one: GroupResult) -> dict[int, float]:
         square = 0.0
         for places in (np.arange(at, at + WAVES), np.array(own, int)):
             energy = every[np.ix_(places, places)]
-            beyond = projected(p, np.setdiff1d(of_base, places), found.noise).of(places)
+            beyond = project_out_fixed(p, np.setdiff1d(of_base, places), found.noise).of(places)
             sizes = beyond.fit(p.sd[places])
             by_noise = float(np.trace(energy @ sizes.cov @ beyond.A @ sizes.cov))
             square += max(0.0, float(sizes.b @ energy @ sizes.b) - by_noise) / max(

@@ -52,7 +52,7 @@ class Grid(NamedTuple):
         )
 
 
-def joined(time: Array, step_s: float, seam_s: float = 0.0) -> Array:
+def join_clock(time: Array, step_s: float, seam_s: float = 0.0) -> Array:
     """The clock of readings at `time` (m,), long gaps left out but for a step, or `seam_s`
     where that is longer."""
     spans = np.diff(time)
@@ -69,7 +69,7 @@ def make_grid(
 ) -> Grid:
     rows = np.flatnonzero(known)
     inner = (time if clock is None else clock)[rows]
-    inner = joined(inner, step_s, seam_s)
+    inner = join_clock(inner, step_s, seam_s)
     count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
     even = inner[0] + step_s * np.arange(count)
     as_is = count == len(rows) and bool(np.allclose(inner, even, atol=EVEN_STEPS * step_s))
@@ -77,7 +77,7 @@ def make_grid(
     return Grid(inner, rows, even, there, step_s, as_is)
 
 
-def held(series: Array) -> Array:
+def hold_last_value(series: Array) -> Array:
     """Last known value; before the first, that one."""
     known = np.isfinite(series)
     if not known.any():
@@ -86,7 +86,7 @@ def held(series: Array) -> Array:
     return np.asarray(series[np.where(at < 0, np.argmax(known), at)])
 
 
-def bridged(time: Array, series: Array, instead: Array, longest_s: float = np.inf) -> Array:
+def bridge_gaps(time: Array, series: Array, instead: Array, longest_s: float = np.inf) -> Array:
     """A series with its gaps bridged by straight lines; `instead` in the longer ones, or where
     nothing is known."""
     known = np.isfinite(series)
@@ -104,7 +104,7 @@ def bridged(time: Array, series: Array, instead: Array, longest_s: float = np.in
     return np.where(~known & (gap_s > longest_s) & np.isfinite(instead), instead, bridged)
 
 
-def smoothed(series: Array, step_s: float) -> Array:
+def smooth_series(series: Array, step_s: float) -> Array:
     half = int(round(0.5 * SMOOTH_S / step_s))
     if half < 1:
         return series
@@ -114,14 +114,14 @@ def smoothed(series: Array, step_s: float) -> Array:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
-def windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
+def select_windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
     """Rows of a log that are looked at row by row, their clock without the gaps, and the time
     since their window began.
 
     A drive's answer to its command is as well known after twenty thousand rows as after a
     million.
     """
-    rows = looked_at(len(time))
+    rows = choose_row_windows(len(time))
     if len(rows) == len(time):
         return rows, time, time - time[0]
     spans = np.diff(time[rows], prepend=time[rows[0]])
@@ -131,7 +131,7 @@ def windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, A
     return rows, clock, clock - started
 
 
-def looked_at(count: int) -> npt.NDArray[np.int64]:
+def choose_row_windows(count: int) -> npt.NDArray[np.int64]:
     """Which of `count` rows are looked at one by one: all, or WINDOWS even stretches of
     WINDOW_ROWS in all."""
     if count <= MAX_ROWS:
@@ -144,5 +144,5 @@ def looked_at(count: int) -> npt.NDArray[np.int64]:
 def select_known_rows(count: int) -> npt.NDArray[np.int64]:
     """Rows at which the recorded variables are kept: all, or those looked at and every
     EVERY_ROW-th of the others."""
-    rows = looked_at(count)
+    rows = choose_row_windows(count)
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))

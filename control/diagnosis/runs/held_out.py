@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.diagnosis.judgement.evidence import Column, problem
+from topdress.control.diagnosis.judgement.evidence import Column, make_evidence_problem
 from topdress.control.diagnosis.judgement.gaussian import Array
-from topdress.control.diagnosis.judgement.noise import Noise, coefficients, segments
+from topdress.control.diagnosis.judgement.noise import Noise, coefficients, make_segments
 
 from .channels import ChannelSeries
 
@@ -30,7 +30,7 @@ class HeldOut(NamedTuple):
     pieces: tuple[slice, ...]
 
 
-def held_out(channel: ChannelSeries) -> HeldOut:
+def hold_out_blocks(channel: ChannelSeries) -> HeldOut:
     """A channel cut into BLOCKS, of which HELD_OUT are not fitted to."""
     length = len(channel.measured)
     edges = np.linspace(0, length, BLOCKS + 1).astype(int)
@@ -39,7 +39,7 @@ def held_out(channel: ChannelSeries) -> HeldOut:
     pieces = (slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
     return HeldOut(
         channel,
-        channel._replace(cut=segments(length, kept)),
+        channel._replace(cut=make_segments(length, kept)),
         tuple(piece for piece in pieces if piece.start < piece.stop),
     )
 
@@ -51,11 +51,13 @@ def fit_amplitudes(
     out, under the noise of the whole: five blocks alone may take a constant for drift."""
     name, cut = blocks.whole.name, blocks.fitted.cut
     there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
-    p = problem([blocks.fitted], {name: coefficients(left, cut)}, there)
+    p = make_evidence_problem([blocks.fitted], {name: coefficients(left, cut)}, there)
     return p.sizes(np.arange(len(there)), noise).b
 
 
-def errors_of(blocks: HeldOut, before: Array, after: Array) -> tuple[str, str, Array, Array]:
+def list_held_out_errors(
+    blocks: HeldOut, before: Array, after: Array
+) -> tuple[str, str, Array, Array]:
     """Name, unit and held-out errors. The scale is judged by what it is read for: flow, over
     windows of FLOW_S."""
     channel, pieces = blocks.whole, blocks.pieces

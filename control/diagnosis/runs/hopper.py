@@ -10,7 +10,7 @@ import numpy.typing as npt
 from topdress.control.machine.effect import HOPPER_CAPACITY, SHAFT_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
 
-from .grid import MAX_BRIDGED_STEPS, Grid, held, make_grid
+from .grid import MAX_BRIDGED_STEPS, Grid, hold_last_value, make_grid
 from .inputs import STOPPED_RPM, LogRows
 
 Array = npt.NDArray[np.float64]
@@ -87,7 +87,7 @@ def read_hopper(
     rise_kg = max(
         scale_nominal(machine, HOPPER_CAPACITY) * REFILL_KG, REFILL_SD * machine.noise.scale_kg
     )
-    refill, jumps, hidden = _refills(kg, rise_kg)
+    refill, jumps, hidden = _find_refills(kg, rise_kg)
     stated = []
     for jump in jumps:
         close = [amount for at, amount in written if abs(at - edges[jump]) < STATED_WITHIN_S]
@@ -110,12 +110,14 @@ def read_hopper(
         jumps,
         tuple(stated),
         make_grid(edges[:-1] + 0.5 * width, good, width),
-        *_unseen(every, edges, scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
-        *sum_terms(every, edges),
+        *_bound_unseen_flow(every, edges, scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
+        *sum_term_flows(every, edges),
     )
 
 
-def sum_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
+def sum_term_flows(
+    every: LogRows, edges: Array
+) -> tuple[Array | float, Array | float, Array | float]:
     """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg
     of the reading (m,)."""
     more, time = every.more, every.time_s
@@ -142,7 +144,7 @@ def sum_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | floa
 
 def average_bins(series: Array, time: Array, edges: Array) -> Array:
     """Mean of a held series (rows,) over each bin, the last repeated: (m+1,)."""
-    mean = _sums_in(time, np.diff(time) * series[:-1], edges) / np.diff(edges)
+    mean = _share_sums_over_bins(time, np.diff(time) * series[:-1], edges) / np.diff(edges)
     return np.append(mean, mean[-1])
 
 
@@ -162,7 +164,7 @@ def average_metered(series: Array, metered: Array, time: Array, edges: Array) ->
     )
 
 
-def _unseen(
+def _bound_unseen_flow(
     every: LogRows, edges: Array, stopped_rpm: float
 ) -> tuple[float, tuple[tuple[int, float], ...]]:
     """What may have been metered between rows, over a straight line from one to the next
@@ -195,7 +197,7 @@ def _binned_inputs(
     rpm = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm)
 
     def mean(series: Array) -> Array:
-        return _sums_in(time, spans * 0.5 * (series[1:] + series[:-1]), edges) / width
+        return _share_sums_over_bins(time, spans * 0.5 * (series[1:] + series[:-1]), edges) / width
 
     turned, metered, plain, level = (
         mean(rpm),
@@ -225,18 +227,20 @@ def refills_written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, 
     return found
 
 
-def _sums_in(time: Array, amounts: Array, edges: Array) -> Array:
+def _share_sums_over_bins(time: Array, amounts: Array, edges: Array) -> Array:
     """Sums of amounts per row interval, shared out over bins: (len(edges)-1,)."""
     total = np.concatenate(([0.0], np.cumsum(amounts)))
     return np.diff(np.interp(edges, time, total))
 
 
-def _refills(kg: Array, rise_kg: float) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
+def _find_refills(
+    kg: Array, rise_kg: float
+) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
     """kg filled in by bin, the bins from which it counts, and the bins in which the reading is
     between two levels."""
     refill = np.zeros(len(kg))
     hidden = np.zeros(len(kg), bool)
-    filled = held(kg)
+    filled = hold_last_value(kg)
     rises = np.flatnonzero(filled[RISES_BINS:] - filled[:-RISES_BINS] > rise_kg)
     jumps: list[int] = []
     if len(rises):

@@ -39,12 +39,12 @@ class EffectInstance(NamedTuple):
 Hypothesis = tuple[EffectInstance, ...]
 
 
-def replaced(parts: Hypothesis, k: int, part: EffectInstance) -> Hypothesis:
+def replace_part(parts: Hypothesis, k: int, part: EffectInstance) -> Hypothesis:
     """A hypothesis with another part in place k."""
     return (*parts[:k], part, *parts[k + 1 :])
 
 
-def without(parts: Hypothesis, k: int) -> Hypothesis:
+def remove_part(parts: Hypothesis, k: int) -> Hypothesis:
     """A hypothesis without its part in place k."""
     return (*parts[:k], *parts[k + 1 :])
 
@@ -79,7 +79,7 @@ class Schedule(NamedTuple):
     from_s: tuple[float, ...]
 
 
-def schedule(stages: Stages, parts: Hypothesis) -> Schedule:
+def make_schedule(stages: Stages, parts: Hypothesis) -> Schedule:
     """When which stages are in force under a hypothesis; what grows is left out
     (`GroupModel.run` has it).
 

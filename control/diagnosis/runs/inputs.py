@@ -18,7 +18,7 @@ from topdress.control.machine.term_sums import (
 from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 from topdress.control.recordings.times import GAP_STEPS
 
-from .grid import bridged, held, smoothed
+from .grid import bridge_gaps, hold_last_value, smooth_series
 from .log import Clean
 
 Array = npt.NDArray[np.float64]
@@ -54,16 +54,19 @@ class LogRows(NamedTuple):
     more: dict[str, Array] = {}
 
 
-def rows_of(log: Clean, machine: Machine) -> LogRows:
+def make_log_rows(log: Clean, machine: Machine) -> LogRows:
     time, c = log.time_s, log.columns
-    command_rpm, command_mm = held(c["shaft_rpm_cmd"]), held(c["opening_mm_cmd"])
-    shaft_rpm = bridged(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
-    supply_v = bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
+    command_rpm, command_mm = (
+        hold_last_value(c["shaft_rpm_cmd"]),
+        hold_last_value(c["opening_mm_cmd"]),
+    )
+    shaft_rpm = bridge_gaps(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
+    supply_v = bridge_gaps(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
     # neutral
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)
     turning = np.abs(np.nan_to_num(shaft_rpm)) > scale_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
-    opening_mm = bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S)
+    opening_mm = bridge_gaps(time, c["opening_mm"], opening_mm, ASKED_AFTER_S)
     return LogRows(
         time,
         log.step_s,
@@ -71,15 +74,15 @@ def rows_of(log: Clean, machine: Machine) -> LogRows:
         command_mm,
         shaft_rpm,
         opening_mm,
-        loading_mm(time, opening_mm, machine),
-        smoothed(supply_v, log.step_s),
-        smoothed(bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
+        find_loading_opening_mm(time, opening_mm, machine),
+        smooth_series(supply_v, log.step_s),
+        smooth_series(bridge_gaps(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
         working.astype(np.float64),
         np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s),
     )
 
 
-def loading_mm(time: Array, opening_mm: Array, machine: Machine) -> Array:
+def find_loading_opening_mm(time: Array, opening_mm: Array, machine: Machine) -> Array:
     """Opening that loads the shaft from each row to the next, as its speed at the end remembers
     it: (n,).
 
@@ -127,7 +130,7 @@ def make_term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, 
                 found[written] = found[name]
     if log.has("shaft_rpm"):
         found[SHAFT_ANGLE] = calc_angle_over_log(every.shaft_rpm, time)
-    further = {name: bridged(time, series, series) for name, series in log.further.items()}
+    further = {name: bridge_gaps(time, series, series) for name, series in log.further.items()}
     return found | read_slowly(log, every) | further
 
 
@@ -141,11 +144,12 @@ def read_slowly(log: Clean, every: LogRows) -> dict[str, Array]:
     }
     for name in ("roll_deg", "hopper_kg", "speed_mps"):
         if log.has(name):
-            found[name] = smoothed(
-                bridged(every.time_s, log.columns[name], np.zeros(len(every.time_s))), log.step_s
+            found[name] = smooth_series(
+                bridge_gaps(every.time_s, log.columns[name], np.zeros(len(every.time_s))),
+                log.step_s,
             )
     if log.has("heading_deg"):
-        found["heading_deg"] = np.mod(held(log.columns["heading_deg"]), 360.0)
+        found["heading_deg"] = np.mod(hold_last_value(log.columns["heading_deg"]), 360.0)
     return found
 
 

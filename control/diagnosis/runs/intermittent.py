@@ -17,14 +17,20 @@ from scipy.ndimage import binary_dilation, binary_opening, median_filter
 from scipy.special import betainc, betaln, expit, gammaln
 from topdress.control.diagnosis import effects
 from topdress.control.diagnosis.effects import ROWS
-from topdress.control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, log_odds
+from topdress.control.diagnosis.judgement.prior import (
+    COURSE,
+    ROBUST_SD,
+    SAID,
+    UNKNOWN,
+    calc_log_prior_odds,
+)
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-from .channels import bin_effort, hopper_channel
+from .channels import make_hopper_channel, predict_binned_effort
 from .effort import EFFORT, DriveEffort
 from .hopper import Hopper
-from .hypothesis import EffectInstance, list_stages, schedule
+from .hypothesis import EffectInstance, list_stages, make_schedule
 from .model import GROUPS
 from .robust import FREEDOM
 from .search import DIPS_WITHIN_S
@@ -86,14 +92,14 @@ def find_prior_odds(part: EffectInstance) -> float:
         if name not in EFFORT
     }
     rivals = sum(bool(row.channels) and row.channels[0] in names for row in ROWS.values())
-    return log_odds("steady" if part.onset_s is None else "begins", rivals)
+    return calc_log_prior_odds("steady" if part.onset_s is None else "begins", rivals)
 
 
 def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[ReadOff, ...]]:
     """The data with spells taken out, and the effects that they were."""
     found: list[ReadOff] = []
     if data.speed is not None:
-        speed, seen = _without_dips(data.speed, _where(data))
+        speed, seen = _without_dips(data.speed, _list_where_variables(data))
         if seen is not None:
             data = data._replace(speed=speed)
             found.append(seen)
@@ -135,11 +141,11 @@ class _Unloaded(NamedTuple):
 def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     """Spells in which the material's load was gone, one of which ended at least: an empty
     hopper's does not."""
-    bins, stages = bin_effort(e), list_stages(machine)
-    full = bins(schedule(stages, ()))
-    gone = bins(schedule(stages.put("effort", load=0.0), ())) - full
+    bins, stages = predict_binned_effort(e), list_stages(machine)
+    full = bins(make_schedule(stages, ()))
+    gone = bins(make_schedule(stages.put("effort", load=0.0), ())) - full
     known = e.members > 0
-    left = e.binned(e.measured) - full
+    left = e.bin_row_means(e.measured) - full
     # From bin to bin: a load that grew for good is no noise.
     sd = ROBUST_SD * float(np.nanmedian(np.abs(np.diff(left)))) / np.sqrt(
         2.0
@@ -156,7 +162,7 @@ def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
             0.5 * (FREEDOM + 1.0) * np.log1p(((left - share * gone) / sd) ** 2 / FREEDOM)
         )
 
-    on, evidence = _spells(
+    on, evidence = _find_spells(
         np.where(loaded, np.minimum(unlike(0.0), unlike(usual)) - unlike(1.0), 0.0)
     )
     on = binary_opening(on, np.ones(max(2, round(BLOCK_S / e.grid.step_s)), bool))
@@ -176,7 +182,7 @@ def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     )
 
 
-def _where(data: RunData) -> list[Array]:
+def _list_where_variables(data: RunData) -> list[Array]:
     """What a wheel's rolling may depend on, at the speeds' rows: what follows one of these is
     no missing pulse."""
     assert data.speed is not None
@@ -196,7 +202,7 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
     ratio = s.wheel_mps / np.maximum(s.gnss_mps, FAST_MPS)
     if not moving.any():
         return s, None
-    middle, spread = _usual(ratio[moving])
+    middle, spread = _find_usual_ratio(ratio[moving])
     ratio, spread = ratio / middle, spread / middle
     usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
     deep = DIP_SD * spread
@@ -211,20 +217,20 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
     share = 100.0 * float(missing.mean()) / usual
     missed = EffectInstance(effects.SPEED_MISSED_PULSES.id, share)
     evidence = max(
-        _more_often(
+        _calc_dip_evidence(
             *(
-                _pulses(binary_opening(one, np.ones(rows, bool)), pulse_rows)
+                _count_pulses(binary_opening(one, np.ones(rows, bool)), pulse_rows)
                 for one in (dips, rises)
             )
         )
         for rows in (1, LONG_DIP)
     )
     odds = evidence - float(np.log(2.0)) + find_prior_odds(missed)  # two ways to count them
-    followed = [_follows(dips[moving], values[moving], pulse_rows) for values in where]
+    followed = [_calc_class_evidence(dips[moving], values[moving], pulse_rows) for values in where]
     # some of what follows a variable comes for a while: so may pulses that are missing
     if followed:
         steady = COURSE["steady"]
-        for_a_while = np.log(1.0 - steady) + _follows(
+        for_a_while = np.log(1.0 - steady) + _calc_class_evidence(
             dips[moving], np.arange(float(moving.sum())), pulse_rows
         )
         alone = find_prior_odds(missed) + float(np.logaddexp(np.log(steady), for_a_while))
@@ -235,18 +241,18 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
     if odds <= SAID:
         return s, None
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
-    sd = share * np.sqrt(2.0 / _starts(dips))
+    sd = share * np.sqrt(2.0 / _count_spell_starts(dips))
     return s._replace(wheel_mps=wheel, unseen_percent=UNSEEN_SD * share), ReadOff(
         missed, float(sd), odds
     )
 
 
-def _pulses(on: BoolArray, rows: float) -> float:
+def _count_pulses(on: BoolArray, rows: float) -> float:
     """How many pulses spells are worth: one each, or one for each `rows` of them."""
-    return max(float(_starts(on)), float(on.sum()) / rows)
+    return max(float(_count_spell_starts(on)), float(on.sum()) / rows)
 
 
-def _more_often(dips: float, rises: float) -> float:
+def _calc_dip_evidence(dips: float, rises: float) -> float:
     """Log evidence for dips that are likelier than rises of the same size, over outliers, of
     which either is as likely: a binomial, its share integrated over the upper half under
     Jeffreys' prior."""
@@ -256,7 +262,7 @@ def _more_often(dips: float, rises: float) -> float:
     )
 
 
-def _follows(on: BoolArray, values: Array, rows: float) -> float:
+def _calc_class_evidence(on: BoolArray, values: Array, rows: float) -> float:
     """Log evidence for spells that come in some classes of a variable more than in others, over
     such as come at any time: at rates that are alike from class to class within half of
     themselves (1 s.d.).
@@ -271,7 +277,7 @@ def _follows(on: BoolArray, values: Array, rows: float) -> float:
     if len(expected) < 2:
         return -np.inf
     inside = np.bincount(of, on, minlength=len(counts))[counts > 0]
-    inside = inside * _pulses(on, rows) / max(1, on.sum())
+    inside = inside * _count_pulses(on, rows) / max(1, on.sum())
 
     def evidence(samples: float) -> float:
         prior = samples * expected
@@ -288,7 +294,7 @@ def _follows(on: BoolArray, values: Array, rows: float) -> float:
     )
 
 
-def _usual(ratio: Array) -> tuple[float, float]:
+def _find_usual_ratio(ratio: Array) -> tuple[float, float]:
     """Where readings lie closest together, and the s.d. above that place: up to half of them
     may be dips."""
     ranked = np.sort(ratio)
@@ -304,7 +310,7 @@ def _usual(ratio: Array) -> tuple[float, float]:
     return middle, ROBUST_SD * float(np.median(above)) if len(above) else 0.0
 
 
-def _starts(on: BoolArray) -> int:
+def _count_spell_starts(on: BoolArray) -> int:
     return int((on & ~np.insert(on[:-1], 0, False)).sum())
 
 
@@ -330,8 +336,8 @@ def _without_bridges(
     prediction) for good. bare : what the drive tells of them: to the half second, and taken
     where the scale bears it out.
     """
-    channel = hopper_channel(h, machine)
-    predicted = channel.predict(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
+    channel = make_hopper_channel(h, machine)
+    predicted = channel.predict(make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
     left = channel.measured - predicted
     steps = np.abs(np.diff(left, append=left[-1:]))
     swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
@@ -346,7 +352,11 @@ def _without_bridges(
     )
     found = [
         one
-        for one in (_long_bridges(h, level), _short_bridges(h, level), _by_load(h, level, bare))
+        for one in (
+            _long_bridges(h, level),
+            _short_bridges(h, level),
+            _find_load_spells(h, level, bare),
+        )
         if one is not None
     ]
     if not found:
@@ -356,7 +366,9 @@ def _without_bridges(
     return h._replace(reading_kg=h.reading_kg - np.interp(at_s, h.grid.even_s, stayed_kg)), seen
 
 
-def _by_load(h: Hopper, level: _ScaleLevel, bare: _Unloaded | None) -> tuple[Array, ReadOff] | None:
+def _find_load_spells(
+    h: Hopper, level: _ScaleLevel, bare: _Unloaded | None
+) -> tuple[Array, ReadOff] | None:
     """The spells that the drive tells: what stayed behind (m,), kg. None where the scale fell
     meanwhile."""
     if bare is None:
@@ -394,7 +406,7 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
     used = predicted[at] - predicted[at + gap]
     z = np.where((used > 0.0) & ~near, rose / (sd * level.swell[at]), 0.0)
     places = float(np.log(max(2.0, len(at) / side)))
-    ups, downs = _peaks(z, side, places), _peaks(-z, side, places)
+    ups, downs = _find_score_peaks(z, side, places), _find_score_peaks(-z, side, places)
     if not len(ups):
         return None
     up, down = (0.5 * z[some] ** 2 - places for some in (ups, downs))
@@ -415,7 +427,7 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
     return (kept, ReadOff(bridging, float(sd_share), odds)) if odds > SAID else None
 
 
-def _peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np.int64]:
+def _find_score_peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np.int64]:
     """Peaks that gain more than their place costs, at least `apart` from each other, the higher
     ones first: places."""
     inner = z[1:-1]
@@ -453,8 +465,8 @@ def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None
     # Student's t: a refill or a knock on the scale is far from a bridge and from none alike.
     score = 0.5 * (FREEDOM + 1.0) * np.log1p((rose / sd) ** 2 / FREEDOM)
     score -= 0.5 * (FREEDOM + 1.0) * np.log1p(((rose - fell) / sd) ** 2 / FREEDOM)
-    on, evidence = _spells(np.where(fell > 0.0, score, -np.inf))
-    working, starts = fell > 0.0, _starts(on)
+    on, evidence = _find_spells(np.where(fell > 0.0, score, -np.inf))
+    working, starts = fell > 0.0, _count_spell_starts(on)
     if starts < 2:
         return None
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[working].mean()))
@@ -468,7 +480,7 @@ def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None
     )
 
 
-def _spells(score: Array) -> tuple[BoolArray, float]:
+def _find_spells(score: Array) -> tuple[BoolArray, float]:
     """Blocks that are likelier within a spell than not, (b,), and the log evidence of spells
     over none.
 

@@ -100,21 +100,23 @@ def select_variables(further: Mapping[str, Array], known: Mapping[str, Array]) -
     named = {
         name: values for name, values in further.items() if 0 < len(name.strip()) <= LONGEST_NAME
     }
-    _say(
+    _add_finding(
         said,
         [name for name in further if name not in named],
         f"without a name, or with one of more than {LONGEST_NAME} letters",
     )
-    wide = {name: values for name, values in named.items() if _spread(values) >= LEAST_SPREAD}
-    _say(
+    wide = {name: values for name, values in named.items() if _calc_spread(values) >= LEAST_SPREAD}
+    _add_finding(
         said,
         [name for name in named if name not in wide],
         f"changing by less than {LEAST_SPREAD:g}: in a smaller unit they could be judged",
     )
     single = _without_copies(wide, known)
-    _say(said, [name for name in wide if name not in single], "the same readings as another column")
-    kept = single if len(single) <= MOST_KEPT else _closest(single, known)
-    _say(
+    _add_finding(
+        said, [name for name in wide if name not in single], "the same readings as another column"
+    )
+    kept = single if len(single) <= MOST_KEPT else _select_closest(single, known)
+    _add_finding(
         said,
         [name for name in single if name not in kept],
         f"too many to be asked about: the {MOST_KEPT} that go best with the readings are "
@@ -124,19 +126,19 @@ def select_variables(further: Mapping[str, Array], known: Mapping[str, Array]) -
     return Kept(kept, tuple(said))
 
 
-def _say(said: list[str], names: list[str], why: str) -> None:
+def _add_finding(said: list[str], names: list[str], why: str) -> None:
     if names:
         shown = ", ".join(name if len(name) <= 40 else f"{name[:37]}..." for name in names[:SHOWN])
         more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
         said.append(f"further column{'s' if len(names) > 1 else ''} {shown}{more} left out: {why}")
 
 
-def _spread(values: Array) -> float:
+def _calc_spread(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(np.ptp(np.percentile(known, (1.0, 99.0)))) if len(known) else 0.0
 
 
-def _standard(columns: Mapping[str, Array], rows: npt.NDArray[np.int64]) -> Array:
+def _standardise_columns(columns: Mapping[str, Array], rows: npt.NDArray[np.int64]) -> Array:
     """Columns at some rows less their mean, of length 1, what is not known at the mean: (k,
     rows)."""
     picked = np.array([values[rows] for values in columns.values()])
@@ -154,8 +156,8 @@ def _without_copies(columns: dict[str, Array], known: Mapping[str, Array]) -> di
     count = len(next(iter(columns.values())))
     rows = np.unique(np.linspace(0, count - 1, min(count, ROWS_COMPARED)).astype(np.int64))
     ours, theirs = (
-        _standard(columns, rows),
-        _standard(known, rows) if known else np.zeros((0, len(rows))),
+        _standardise_columns(columns, rows),
+        _standardise_columns(known, rows) if known else np.zeros((0, len(rows))),
     )
     copied = np.asarray((np.abs(ours @ theirs.T) > COPY).any(axis=1))
     same = np.asarray(np.abs(ours @ ours.T) > COPY)
@@ -167,24 +169,30 @@ def _without_copies(columns: dict[str, Array], known: Mapping[str, Array]) -> di
     return {names[k]: columns[names[k]] for k in kept}
 
 
-def _closest(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str, Array]:
+def _select_closest(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str, Array]:
     """Those that go best with any channel: its reading, less what the published columns tell of
     it, piece by piece."""
     count = len(next(iter(columns.values())))
     pieces = max(LEAST_PIECES, min(PIECES, count // 10))
     edges = np.linspace(0, count, pieces + 1).astype(np.int64)
     theirs = {
-        name: _means(values, edges) for name, values in known.items() if np.isfinite(values).any()
+        name: _average_pieces(values, edges)
+        for name, values in known.items()
+        if np.isfinite(values).any()
     }
-    ours = {name: _means(values, edges) for name, values in columns.items()}
+    ours = {name: _average_pieces(values, edges) for name, values in columns.items()}
     every = np.arange(pieces)
-    ours_there = _standard(ours, every)
+    ours_there = _standardise_columns(ours, every)
     best = np.zeros(len(ours))
-    for target, by in _targets(theirs):
-        plain = _standard({"target": target}, every)[0]
-        against = np.vstack((np.ones(pieces), _standard(by, every))) if by else np.ones((1, pieces))
-        left = _less(plain[None], against)[0]
-        rest = _less(ours_there, against)
+    for target, by in _list_channel_targets(theirs):
+        plain = _standardise_columns({"target": target}, every)[0]
+        against = (
+            np.vstack((np.ones(pieces), _standardise_columns(by, every)))
+            if by
+            else np.ones((1, pieces))
+        )
+        left = _subtract_fit(plain[None], against)[0]
+        rest = _subtract_fit(ours_there, against)
         length = np.sqrt((rest**2).sum(axis=1) * float(left @ left))
         best = np.maximum(best, np.abs(rest @ left) / np.where(length > 0.0, length, 1.0))
     chosen = sorted(np.argsort(-best, kind="stable")[:MOST_KEPT].tolist())
@@ -192,7 +200,7 @@ def _closest(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str,
     return {names[k]: columns[names[k]] for k in chosen}
 
 
-def _targets(means: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
+def _list_channel_targets(means: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
     """What each channel reads, and what it is known to follow."""
     found = []
     for reading, command in (
@@ -210,14 +218,14 @@ def _targets(means: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]
     return found
 
 
-def _less(rows: Array, against: Array) -> Array:
+def _subtract_fit(rows: Array, against: Array) -> Array:
     """Rows (k, m) less their least-squares fit to others (j, m)."""
     basis = np.linalg.svd(against, full_matrices=False)
     span = basis[2][basis[1] > 1e-9 * basis[1].max()]
     return np.asarray(rows - (rows @ span.T) @ span)
 
 
-def _means(values: Array, edges: npt.NDArray[np.int64]) -> Array:
+def _average_pieces(values: Array, edges: npt.NDArray[np.int64]) -> Array:
     """Mean of what is known in each piece; the mean of all where nothing is."""
     known = np.isfinite(values)
     sums = np.add.reduceat(np.where(known, values, 0.0), edges[:-1])
@@ -254,7 +262,7 @@ class Clean(NamedTuple):
         return bool(np.isfinite(self.columns[name]).any())
 
 
-def gate(
+def clean_run_log(
     columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = lambda stage: True
 ) -> Clean:
     """The data gate: examines and cleans the columns of a run log (its contract; `time_s` in s,
@@ -300,7 +308,7 @@ def gate(
             f", though up to {asked_rpm:g} r/min were commanded: it never turned, or is not read"
         )
         found["shaft_rpm"] = _unless_still("shaft_rpm", found["shaft_rpm"], never, findings)
-    stood = _stood(found)
+    stood = _is_standing_still(found)
     if stood and (has("speed") or has("heads")):
         findings.append("the machine stood all the time: its speeds and canopy heads are left out")
     stages = []
@@ -316,8 +324,8 @@ def gate(
             stages.append(stage)
     if "flow" in stages:
         stages.append("scale")
-    stages += _of_effort(found, has, least)
-    further = _further(read, {**found, "time_s": time}, findings)
+    stages += _select_effort_drives(found, has, least)
+    further = _read_further_columns(read, {**found, "time_s": time}, findings)
     return Clean(
         time,
         step,
@@ -331,7 +339,9 @@ def gate(
     )
 
 
-def _of_effort(found: Mapping[str, Array], has: Callable[[str], bool], least: int) -> list[str]:
+def _select_effort_drives(
+    found: Mapping[str, Array], has: Callable[[str], bool], least: int
+) -> list[str]:
     """Drives that tell how hard they work; few do, and nobody misses it of the others."""
     return [
         stage
@@ -362,7 +372,7 @@ def _texts_and_further(columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt
     }
 
 
-def _further(
+def _read_further_columns(
     read: Mapping[str, npt.NDArray[Any]], published: Mapping[str, Array], findings: list[str]
 ) -> dict[str, Array]:
     """Columns of numbers that are not of the published ones and change: something may depend on
@@ -421,7 +431,7 @@ def _unless_still(name: str, values: Array, why: str, findings: list[str]) -> Ar
     return np.full(len(values), np.nan)
 
 
-def _stood(found: dict[str, Array]) -> bool:
+def _is_standing_still(found: dict[str, Array]) -> bool:
     """Whether it never moved, single outliers apart.
 
     Then wheel and GNSS show their noise alone, and each head its own piece of canopy.

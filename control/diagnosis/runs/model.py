@@ -18,7 +18,7 @@ from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
 from .channels import ChannelSeries
 from .effort import EFFORT
-from .hypothesis import EffectInstance, Hypothesis, Stages, list_stages, schedule
+from .hypothesis import EffectInstance, Hypothesis, Stages, list_stages, make_schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +53,7 @@ class Nuisance(NamedTuple):
         return f"{self.stage}.{self.field}"
 
 
-def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
+def list_nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
     """Tolerances of the machine file that bear on a channel."""
     t = machine.tolerance
     if channel == "shaft":
@@ -103,7 +103,7 @@ def find_tolerance(effect_id: str, machine: Machine) -> float:
     than the tolerance the two have kinks at different places, and no slope says so.
     """
     row = ROWS[effect_id]
-    return sum(n.sd for n in nuisances(row.stage, machine) if n.field == row.moves)
+    return sum(n.sd for n in list_nuisances(row.stage, machine) if n.field == row.moves)
 
 
 def hidden_within(effect_id: str, machine: Machine) -> float:
@@ -149,11 +149,11 @@ def shape_over_time(change: Array, channel: ChannelSeries, part: EffectInstance)
     straight line in their size.
     """
     return apply_course(
-        change, course(channel, part), channel.copies, is_cumulative(part, channel.name)
+        change, calc_part_course(channel, part), channel.copies, is_cumulative(part, channel.name)
     )
 
 
-def course(channel: ChannelSeries, part: EffectInstance) -> Array:
+def calc_part_course(channel: ChannelSeries, part: EffectInstance) -> Array:
     """How much of a part is there at each sample, from 0 to 1: (m,)."""
     time_s, onset_s = channel.grid.even_s, 0.0 if part.onset_s is None else part.onset_s
     weight = (time_s >= onset_s).astype(np.float64)
@@ -193,7 +193,7 @@ class GroupModel:
         self.names = tuple(channel.name for channel in channels)
         self.machine = machine
         self.base = list_stages(machine)
-        self.noise = {c.name: noises.start(c.prior) for c in channels}
+        self.noise = {c.name: noises.find_starting_noise(c.prior) for c in channels}
         self.offsets: dict[str, float] = {}
         self.moves = 0
         self.drawn_in: dict[str, Array] = {c.name: np.zeros(len(c.measured)) for c in channels}
@@ -226,7 +226,7 @@ class GroupModel:
     @property
     def nuisances(self) -> tuple[tuple[ChannelSeries, Nuisance], ...]:
         """Every tolerance that bears on the group, with its channel."""
-        return tuple((c, n) for c in self.channels for n in nuisances(c.name, self.machine))
+        return tuple((c, n) for c in self.channels for n in list_nuisances(c.name, self.machine))
 
     def predicted(self, parts: Hypothesis) -> dict[str, Array]:
         """What each channel would read under a hypothesis: (m,) by channel."""
@@ -243,14 +243,14 @@ class GroupModel:
         channels."""
         channels = [c for c in self.channels if only is None or c.name in only]
         if not any(part.grows for part in parts):
-            return self._steady(parts, channels, base)
+            return self._predict_steady(parts, channels, base)
         there = tuple(part for part in parts if not part.grows)
-        steady = self._known(there, channels, base)
+        steady = self._predict_cached(there, channels, base)
         now = dict(steady)
         for part in parts:
             if part.grows:
                 touched = [c for c in channels if c.name in ROWS[part.id].channels]
-                grown = self._known(
+                grown = self._predict_cached(
                     (*there, part._replace(onset_s=None, grows=False)), touched, base
                 )
                 for c in touched:
@@ -259,21 +259,21 @@ class GroupModel:
                     )
         return now
 
-    def _steady(
+    def _predict_steady(
         self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None
     ) -> dict[str, Array]:
         self.ask()
-        plan = schedule(base or self.base, parts)
+        plan = make_schedule(base or self.base, parts)
         return {c.name: c.predict(plan, MAX_MODEL_STEP_S) for c in channels}
 
-    def _known(
+    def _predict_cached(
         self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None
     ) -> dict[str, Array]:
         """The same, kept where all channels are asked for: growths of many sizes share them."""
         if base is not None or (
             parts not in self._predictions and len(channels) < len(self.channels)
         ):
-            return self._steady(parts, channels, base)
+            return self._predict_steady(parts, channels, base)
         known = self.predicted(parts)
         return {c.name: known[c.name] for c in channels}
 

@@ -6,8 +6,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from topdress.control.diagnosis.effects import ROWS, reach
-from topdress.control.diagnosis.judgement.evidence import Role, fitted, problem
+from topdress.control.diagnosis.effects import ROWS, find_size_range
+from topdress.control.diagnosis.judgement.evidence import (
+    Role,
+    fit_amplitudes_and_noise,
+    make_evidence_problem,
+)
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
 from topdress.control.diagnosis.judgement.noise import coefficients
 from topdress.control.machine.machine import Machine
@@ -33,17 +37,17 @@ HALVINGS = 5
 TIME_GAIN = 2.0
 
 
-def settle(columns: Columns, parts: Hypothesis) -> Hypothesis:
+def settle_nominal_values(columns: Columns, parts: Hypothesis) -> Hypothesis:
     """Moves the model's nominal values to where they fit best along with a hypothesis.
 
     The parts' sizes move along, for a size and a tolerance may stand for the same thing; they
     are returned. Values that a part of the hypothesis moves stand as the machine file has them.
     """
-    _try_times(columns, parts)
-    model, best = columns.model, _at_rest(columns, parts)
+    _try_time_grid(columns, parts)
+    model, best = columns.model, _calc_rest_likelihood(columns, parts)
     for _ in range(MAX_ROUNDS):
         before = dict(model.offsets)
-        steps, sizes = _wanted(columns, parts)
+        steps, sizes = _find_wanted_steps(columns, parts)
         if all(abs(size) < SETTLED_SD * n.sd for n, size in steps):
             break
         tried = parts
@@ -61,10 +65,10 @@ def settle(columns: Columns, parts: Hypothesis) -> Hypothesis:
                 }
             )
             tried = tuple(
-                _grown(part, share * sizes.get(k, 0.0), model.machine)
+                _grow_effect(part, share * sizes.get(k, 0.0), model.machine)
                 for k, part in enumerate(parts)
             )
-            now = _at_rest(columns, tried)
+            now = _calc_rest_likelihood(columns, tried)
             if now > best:
                 break
         if now <= best:
@@ -76,14 +80,14 @@ def settle(columns: Columns, parts: Hypothesis) -> Hypothesis:
     return parts
 
 
-def _wanted(
+def _find_wanted_steps(
     columns: Columns, parts: Hypothesis
 ) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
     """The step that a fit asks of each nominal value, and of the size of each part (by its
     place)."""
     model = columns.model
-    p, count = columns.compressed(parts)
-    amplitude = fitted(p, np.arange(count), model.noise, rounds=3).amplitude
+    p, count = columns.compress_hypothesis(parts)
+    amplitude = fit_amplitudes_and_noise(p, np.arange(count), model.noise, rounds=3).amplitude
     of_value = {
         label.name: float(amplitude[k])
         for k, label in enumerate(p.labels)
@@ -99,18 +103,18 @@ def _wanted(
     ], of_part
 
 
-def _at_rest(columns: Columns, parts: Hypothesis) -> float:
+def _calc_rest_likelihood(columns: Columns, parts: Hypothesis) -> float:
     """Log-likelihood with the nominal values exactly where they stand."""
     model = columns.model
     kept = [c for c in columns.fixed(parts) if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
-    p = problem(model.channels, model.banded_residual(parts), kept)
-    value = fitted(p, np.arange(len(kept)), model.noise, rounds=2).log_likelihood
+    p = make_evidence_problem(model.channels, model.banded_residual(parts), kept)
+    value = fit_amplitudes_and_noise(p, np.arange(len(kept)), model.noise, rounds=2).log_likelihood
     for _, n in model.nuisances:
         value -= 0.5 * (model.offsets.get(n.key, 0.0) / n.sd) ** 2
     return value
 
 
-def _try_times(columns: Columns, parts: Hypothesis) -> None:
+def _try_time_grid(columns: Columns, parts: Hypothesis) -> None:
     """Dead times and slews moved to the best of a grid: rows see only the end of a short move,
     so slopes lead nowhere.
 
@@ -120,10 +124,12 @@ def _try_times(columns: Columns, parts: Hypothesis) -> None:
     moved = find_replaced_nominals(parts)
     for channel, n in columns.model.nuisances:
         if n.field in TIMED and n.key not in moved:
-            _move_time(columns, parts, channel, n)
+            _move_time_value(columns, parts, channel, n)
 
 
-def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: Nuisance) -> None:
+def _move_time_value(
+    columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: Nuisance
+) -> None:
     model, name = columns.model, channel.name
     kept = [
         c
@@ -136,8 +142,11 @@ def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: N
     def value(off: float) -> float:
         base = model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)})
         left = channel.measured - model.drawn_in[name] - model.run(parts, base, (name,))[name]
-        p = problem([channel], {name: coefficients(left, channel.cut)}, kept)
-        return fitted(p, places, model.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
+        p = make_evidence_problem([channel], {name: coefficients(left, channel.cut)}, kept)
+        return (
+            fit_amplitudes_and_noise(p, places, model.noise, rounds=2).log_likelihood
+            - 0.5 * (off / n.sd) ** 2
+        )
 
     now = model.offsets.get(n.key, 0.0)
     best = climb_to_best(
@@ -172,6 +181,6 @@ def looked_for_to(effect_id: str, machine: Machine) -> float:
     )
 
 
-def _grown(part: EffectInstance, by: float, machine: Machine) -> EffectInstance:
-    low, high = reach(part.id, machine)
+def _grow_effect(part: EffectInstance, by: float, machine: Machine) -> EffectInstance:
+    low, high = find_size_range(part.id, machine)
     return part._replace(size=min(high, max(low, part.size + float(by))))

@@ -16,7 +16,7 @@ from topdress.control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from topdress.control.machine.machine import CATALOGUE, scale_nominal
 
 from .changepoint import END_S
-from .hypothesis import EffectInstance, Hypothesis, replaced
+from .hypothesis import EffectInstance, Hypothesis, replace_part
 from .intermittent import find_prior_odds
 from .model import HALT_S, GroupModel
 from .search import Candidate, FittedHypothesis, Search, log_likelihood
@@ -46,7 +46,7 @@ STOP_SD_S = 0.5  # how sharply a stop is seen
 STEPS_ROWS = (32, 8, 2, 1)
 
 
-def stops(model: GroupModel) -> list[Candidate]:
+def find_stopped_drives(model: GroupModel) -> list[Candidate]:
     """Drives that stood still to the end of the log though commanded."""
     found: list[Candidate] = []
     predicted = model.predicted(())
@@ -59,15 +59,17 @@ def stops(model: GroupModel) -> list[Candidate]:
             obeyed = asked & (
                 median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"]
             )
-            at = _last_obeyed(asked, obeyed, channel.grid.step_s)
+            at = _find_last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = effects.SHAFT_STALL.id
         elif channel.name == "gate":
             least = int(np.ceil(MIN_STILL_S / channel.grid.step_s))
-            at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
+            at = _find_still_start(
+                channel.measured, predicted["gate"], channel.prior.fast_sd, least
+            )
             effect = effects.GATE_STUCK.id
             if at is not None:
                 near_mm = scale_nominal(model.machine, OPENING_RANGE) * STUCK_MM
-                at = _stuck_at(
+                at = _find_stuck_sample(
                     channel.measured, predicted["gate"], at, channel.grid.step_s, near_mm
                 )
         else:
@@ -117,7 +119,7 @@ def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -
     )
 
 
-def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
+def _find_still_start(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
     """Sample from which a reading is better predicted by one constant than by its prediction,
     to the end of the log.
 
@@ -148,7 +150,9 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     return at if gained[min(at + least, len(gained) - 1)] > least_gain else None
 
 
-def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float, near_mm: float) -> int:
+def _find_stuck_sample(
+    measured: Array, predicted: Array, at: int, step_s: float, near_mm: float
+) -> int:
     """Sample about `at` at which the gate passed the place where it stands ever after: there it
     stopped."""
     level = float(np.median(measured[at:]))
@@ -177,7 +181,7 @@ def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float
     return min(low, at_s - STOP_SD_S), max(high, at_s + STOP_SD_S)
 
 
-def _last_obeyed(
+def _find_last_obeyed(
     asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], step_s: float
 ) -> int | None:
     """Sample after the last one at which the drive did something, where it was asked for long
@@ -187,7 +191,7 @@ def _last_obeyed(
     return last + 1 if asked[last + 1 :].sum() * step_s > MIN_STILL_S else None
 
 
-def refined(search: Search, found: FittedHypothesis) -> FittedHypothesis:
+def refine_onsets(search: Search, found: FittedHypothesis) -> FittedHypothesis:
     """A hypothesis whose last part begins within the log: onsets and ends moved to where they
     fit best, in ever smaller steps down to a row. An edge that is a row off is explained by
     nothing else."""
@@ -204,7 +208,7 @@ def refined(search: Search, found: FittedHypothesis) -> FittedHypothesis:
                 for moved in (part._replace(onset_s=part.onset_s + by_s), *ends):
                     times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
                     if times == sorted(set(times)) and times[0] >= first_s and times[-1] <= last_s:
-                        yield search.refit(replaced(now.parts, k, moved), now.noise)
+                        yield search.refit(replace_part(now.parts, k, moved), now.noise)
 
     last = found.parts[-1]
     if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:

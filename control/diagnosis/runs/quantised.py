@@ -20,9 +20,9 @@ from topdress.control.machine.effect import SHAFT_RANGE
 from topdress.control.machine.machine import Machine, scale_nominal
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-from .channels import drive_channel
+from .channels import make_drive_channel
 from .drives import read_whole_drives
-from .hypothesis import EffectInstance, list_stages, schedule
+from .hypothesis import EffectInstance, list_stages, make_schedule
 from .intermittent import ReadOff, find_prior_odds
 from .log import MIN_ROWS, Clean
 from .model import GroupModel
@@ -80,33 +80,37 @@ def steps_to_the_end(
             continue
         if begin == 0:
             return steps
-        first = _first_of(readings_rpm, steps.step_rpm, min_step_rpm)
+        first = _find_first_quantised(readings_rpm, steps.step_rpm, min_step_rpm)
         steps = find_reading_step(readings_rpm[first:], min_step_rpm)
         if steps is not None:
             return steps._replace(first=first)
     return None
 
 
-def _first_of(readings_rpm: Array, step_rpm: float, min_step_rpm: float) -> int:
+def _find_first_quantised(readings_rpm: Array, step_rpm: float, min_step_rpm: float) -> int:
     """Row from which readings are quantised: the likeliest, where those before are on steps by
     chance only."""
     turning = np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)
-    by_chance = _by_chance(step_rpm)
+    by_chance = _calc_chance_of_step(step_rpm)
     on = np.log(ON_STEPS / by_chance), np.log((1.0 - ON_STEPS) / (1.0 - by_chance))
-    speaks = np.where(turning, np.where(_off(readings_rpm, step_rpm) < _near(step_rpm), *on), 0.0)
+    speaks = np.where(
+        turning,
+        np.where(_calc_step_offset(readings_rpm, step_rpm) < _calc_near_share(step_rpm), *on),
+        0.0,
+    )
     return int(np.argmax(np.cumsum(speaks[::-1])[::-1]))
 
 
-def _near(step_rpm: float) -> float:
+def _calc_near_share(step_rpm: float) -> float:
     return 0.6 * WRITTEN_RPM + JITTER * step_rpm
 
 
-def _by_chance(step_rpm: float) -> float:
+def _calc_chance_of_step(step_rpm: float) -> float:
     """Chance that a reading without steps lies on one."""
-    return min(0.5, 2.0 * _near(step_rpm) / step_rpm)
+    return min(0.5, 2.0 * _calc_near_share(step_rpm) / step_rpm)
 
 
-def _off(readings_rpm: Array, step_rpm: float) -> Array:
+def _calc_step_offset(readings_rpm: Array, step_rpm: float) -> Array:
     """How far readings are from the next whole step."""
     return np.abs(readings_rpm - step_rpm * np.round(readings_rpm / step_rpm))
 
@@ -121,7 +125,7 @@ def find_reading_step(
     it by chance.
     """
     turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)]
-    kinds = _kinds(turning)
+    kinds = _list_distinct_readings(turning)
     gaps = np.diff(kinds)
     for parts in PARTS if len(gaps) else ():
         step = float(gaps.min()) / parts
@@ -130,16 +134,19 @@ def find_reading_step(
         for _ in range(5):
             number = np.round(turning / step)
             step = float((turning @ number) / (number @ number))
-        evidence = -(len(kinds) - 1.0) * float(np.log(_by_chance(step))) - float(
+        evidence = -(len(kinds) - 1.0) * float(np.log(_calc_chance_of_step(step))) - float(
             np.log(len(PARTS) * len(TAILS))
         )
         odds = evidence + find_prior_odds(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, step))
-        if odds > SAID and np.mean(_off(turning, step) < _near(step)) >= ON_STEPS:
+        if (
+            odds > SAID
+            and np.mean(_calc_step_offset(turning, step) < _calc_near_share(step)) >= ON_STEPS
+        ):
             return ReadingSteps(step, WRITTEN_RPM / float(np.max(number)), odds)
     return None
 
 
-def _kinds(turning: Array) -> Array:
+def _list_distinct_readings(turning: Array) -> Array:
     """The different readings, those that a clock's jitter sets apart (counts over a time that
     varies) taken as one."""
     kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
@@ -160,7 +167,7 @@ def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:
     return np.where(true_rpm > step_rpm, mean - true_rpm, 0.0)
 
 
-def _steady(readings_rpm: Array, rpm: Array, step_rpm: float) -> npt.NDArray[np.bool_]:
+def _find_steady_rows(readings_rpm: Array, rpm: Array, step_rpm: float) -> npt.NDArray[np.bool_]:
     """Rows (n,) in which the shaft turns about as fast as it should: no start, no stop."""
     return (
         np.isfinite(readings_rpm) & (rpm > step_rpm) & (np.abs(readings_rpm - rpm) < 1.5 * step_rpm)
@@ -173,7 +180,7 @@ def ratio_before(readings_rpm: Array, asked_rpm: Array, step_rpm: float) -> floa
     A shaft that is held at few speeds does not average its rounding out: its own readings do
     not say it afterwards.
     """
-    steady = _steady(readings_rpm, asked_rpm, step_rpm)
+    steady = _find_steady_rows(readings_rpm, asked_rpm, step_rpm)
     if steady.sum() < MIN_ROWS:
         return 1.0
     return float(np.median(readings_rpm[steady] / asked_rpm[steady]))
@@ -184,7 +191,7 @@ def noise_before_rounding(
 ) -> float:
     """The noise (1 s.d.) under which readings (n,) rounded to steps are most probable at their
     true speeds (n,)."""
-    steady = _steady(readings_rpm, true_rpm, step_rpm)
+    steady = _find_steady_rows(readings_rpm, true_rpm, step_rpm)
     up = readings_rpm[steady] + 0.5 * step_rpm - true_rpm[steady]
     tried = usual_rpm * NOISE_TRIED
 
@@ -213,11 +220,11 @@ def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
     steps = steps_to_the_end(readings, scale_nominal(machine, SHAFT_RANGE) * MIN_STEP_RPM)
     if steps is None:
         return None
-    channel = drive_channel(read_whole_drives(log, machine)["shaft"], machine)
+    channel = make_drive_channel(read_whole_drives(log, machine)["shaft"], machine)
     asked = np.interp(
         log.time_s,
         channel.grid.even_s,
-        channel.predict(schedule(list_stages(machine), ()), MAX_MODEL_STEP_S),
+        channel.predict(make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S),
     )
     there = slice(steps.first, None)
     true = asked[there] * ratio_before(

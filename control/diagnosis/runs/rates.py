@@ -64,7 +64,7 @@ class _RatePass(NamedTuple):
     speed_mps: float
 
 
-def rates(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...], str]:
+def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...], str]:
     """Fits of all passes together (first) and of each, and why there is none ("" where there is).
 
     columns: of a run log, arrays (n,); time_s and both rates are needed, course, place, state
@@ -84,28 +84,31 @@ def rates(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...],
     lags = np.arange(-MAX_LAG_S, MAX_LAG_S + 0.5 * LAG_STEP_S, LAG_STEP_S)
     found = [
         one
-        for one in (_fitted(columns, time, rows, lags) for rows in _passes(columns, time, step))
+        for one in (
+            _fit_one_pass(columns, time, rows, lags)
+            for rows in _list_pass_rows(columns, time, step)
+        )
         if one is not None
     ]
     if not found:
         return (), f"no pass of {MIN_PASS_S:g} s with both rates in {MIN_ROWS} rows and more"
     # where in its row a value holds is not known
     row_s = 0.0 if STRETCHES in columns else step / np.sqrt(12.0)
-    fits = tuple(_fit(number, [one], lags, row_s) for number, one in enumerate(found, 1))
+    fits = tuple(_fit_common_lag(number, [one], lags, row_s) for number, one in enumerate(found, 1))
     return (
-        (_fit(None, found, lags, row_s), *fits)
+        (_fit_common_lag(None, found, lags, row_s), *fits)
         if len(fits) > 1
-        else (_fit(None, found, lags, row_s),)
+        else (_fit_common_lag(None, found, lags, row_s),)
     ), ""
 
 
-def sentence(fit: RateFit) -> str:
+def describe_rate_fit(fit: RateFit) -> str:
     """One fit in words."""
     where = f"over {fit.passes} passes" if fit.passes > 1 else "over one pass"
-    return f"applied against target {where}: {in_words(fit)}"
+    return f"applied against target {where}: {describe_rate_value(fit)}"
 
 
-def in_words(fit: RateFit) -> str:
+def describe_rate_value(fit: RateFit) -> str:
     lag, gain = fit.lag, fit.gain
     late = (
         "lag not judged: the target changes too little"
@@ -118,11 +121,11 @@ def in_words(fit: RateFit) -> str:
     return f"{late}; gain {gain.value:.3f} (90 %: {gain.low:.3f} to {gain.high:.3f}){differ}"
 
 
-def _passes(
+def _list_pass_rows(
     columns: Mapping[str, npt.NDArray[Any]], time: Array, step: float
 ) -> list[npt.NDArray[np.int64]]:
     """Rows of each pass."""
-    course = _course(columns, time)
+    course = _find_course_deg(columns, time)
     good = np.isfinite(np.asarray(columns[TARGET], np.float64)) & np.isfinite(
         np.asarray(columns[APPLIED], np.float64)
     )
@@ -141,7 +144,7 @@ def _passes(
         ends = (
             k == len(rows)
             or time[rows[k]] - time[rows[k - 1]] > longest
-            or _turned(course, rows[begin], rows[k])
+            or _has_turned(course, rows[begin], rows[k])
         )
         if ends:
             found.append(rows[begin:k])
@@ -149,12 +152,12 @@ def _passes(
     return [one for one in found if time[one[-1]] - time[one[0]] >= MIN_PASS_S]
 
 
-def _turned(course: Array, began: int, now: int) -> bool:
+def _has_turned(course: Array, began: int, now: int) -> bool:
     # NaN: not known to be
     return bool(abs((course[now] - course[began] + 180.0) % 360.0 - 180.0) > TURN_DEG)
 
 
-def _course(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
+def _find_course_deg(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
     """Degrees from north, by heading or by the places; NaN where neither is known."""
     heading = columns.get("heading_deg")
     if heading is not None and np.isfinite(np.asarray(heading, np.float64)).mean() > 0.5:
@@ -170,7 +173,7 @@ def _course(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
     return np.where(np.hypot(*way.T) > 0.0, np.degrees(np.arctan2(way[:, 0], way[:, 1])), np.nan)
 
 
-def _fitted(
+def _fit_one_pass(
     columns: Mapping[str, npt.NDArray[Any]], time: Array, rows: npt.NDArray[np.int64], lags: Array
 ) -> _RatePass | None:
     at, target, applied = (
@@ -209,7 +212,7 @@ def _fitted(
     )
 
 
-def _independent(passes: list[_RatePass]) -> float:
+def _calc_independent_share(passes: list[_RatePass]) -> float:
     """Independent rows for each row: of all passes at once, for they share one machine.
 
     What is left is a first-order process and white noise, which is also what the target's steps
@@ -224,19 +227,21 @@ def _independent(passes: list[_RatePass]) -> float:
     return max(3.0 / rows, 1.0 / (1.0 + 2.0 * c1 / (1.0 - r)))
 
 
-def _fit(number: int | None, passes: list[_RatePass], lags: Array, row_s: float) -> RateFit:
+def _fit_common_lag(
+    number: int | None, passes: list[_RatePass], lags: Array, row_s: float
+) -> RateFit:
     """All of `passes` with one lag, each with its own gain; number None: all passes of the data."""
-    independent = _independent(passes)
+    independent = _calc_independent_share(passes)
     together = sum((one.sums for one in passes), np.zeros(len(lags)))
     drop = independent * sum(one.rows for one in passes) * np.log(together)
     best = int(np.argmin(drop))
     lag = (
-        _lag(drop, best, lags, row_s)
+        _estimate_lag(drop, best, lags, row_s)
         if any(one.changes for one in passes)
         else Size(None, None, None, "s")
     )
     at = best if lag.value is not None else int(np.argmin(np.abs(lags)))
-    value, half, differ = _gain(passes, at, independent)
+    value, half, differ = _average_gain(passes, at, independent)
     mps = float(np.mean([one.speed_mps for one in passes]))
     place = None if lag.value is None or not np.isfinite(mps) else lag.value * mps
     return RateFit(
@@ -252,7 +257,7 @@ def _fit(number: int | None, passes: list[_RatePass], lags: Array, row_s: float)
     )
 
 
-def _lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
+def _estimate_lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
     """Not known where the interval leaves the lags that were asked for."""
     inside = np.flatnonzero(drop - drop[best] <= DROP_90)
     first, last = int(inside[0]), int(inside[-1])
@@ -274,7 +279,9 @@ def _lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
     return Size(value, value - below, value + above, "s")
 
 
-def _gain(passes: list[_RatePass], at: int, independent: float) -> tuple[float, float, bool]:
+def _average_gain(
+    passes: list[_RatePass], at: int, independent: float
+) -> tuple[float, float, bool]:
     """Weighted mean, half of its 90 % interval, and whether the passes differ: then the
     interval holds that too (Birge, The calculation of errors by the method of least squares,
     Physical Review 40, 1932)."""

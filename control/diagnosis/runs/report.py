@@ -21,12 +21,12 @@ from topdress.control.diagnosis.effects import (
     SPEED_WHEEL_RADIUS,
 )
 from topdress.control.diagnosis.extend import find_free_id
-from topdress.control.diagnosis.judgement.evidence import Z90, projected
+from topdress.control.diagnosis.judgement.evidence import Z90, project_out_fixed
 from topdress.control.diagnosis.judgement.prior import (
     APART_SD,
     LISTED,
     NAMED,
-    log_odds,
+    calc_log_prior_odds,
     smallest_said,
 )
 from topdress.control.diagnosis.result import (
@@ -58,20 +58,20 @@ from topdress.control.machine.machine import (
 )
 from topdress.control.machine.shaft import calc_step_response
 
-from .channels import channels
-from .cost import field_cost
+from .channels import make_channels
+from .cost import calc_field_cost
 from .findings import find_row_shift_probability, is_steady_part, mistaken_unit, note_doubted_rows
 from .gain import measure_gain, spread_of_sizes
-from .hypothesis import EffectInstance, schedule
+from .hypothesis import EffectInstance, make_schedule
 from .intermittent import ReadOff
-from .log import gate
+from .log import clean_run_log
 from .model import GROUPS, find_tolerance, hidden_within
 from .nominal_values import looked_for_to
 from .onset import stop_interval
-from .residual_analysis import Remains, louder, remains, unknown_share
+from .residual_analysis import Remains, describe_louder_channels, find_remains, unknown_share
 from .search import Candidate, Search
 from .selection import GroupResult
-from .stages import RunData, run_data
+from .stages import RunData, make_run_data
 from .terms import FittedTerm, average_along, average_marginal
 
 Array = npt.NDArray[np.float64]
@@ -88,7 +88,7 @@ PLAINEST = {
 }
 
 
-def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
+def find_separating_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     """The shortest manoeuvre that separates the worst pair of rivals; the effect's own
     experiment where none does."""
     doubtful = [c for c in causes if c.rivals]
@@ -121,9 +121,9 @@ def find_separation(
 ) -> float:
     """What is left of an effect's trace, in standard deviations, once its rival is fitted to
     the manoeuvre's log."""
-    log = gate(manoeuvre.predict(machine))
-    data = run_data(log, machine)
-    seen = channels(data, machine)
+    log = clean_run_log(manoeuvre.predict(machine))
+    data = make_run_data(log, machine)
+    seen = make_channels(data, machine)
     names = next(names for names in GROUPS.values() if ROWS[part.id].channels[0] in names)
     members = [seen[n] for n in names if n in seen]
     if not members:
@@ -136,10 +136,10 @@ def find_separation(
         (c for c in wanted if c.part.id == part.id), key=lambda c: abs(c.part.size - part.size)
     )
     other = next(c for c in wanted if c.part.id == rival_id)
-    p, before = search.columns.compressed(
+    p, before = search.columns.compress_hypothesis(
         (), [search.columns.of_candidate((), c.part) for c in (other, own)]
     )
-    left = projected(p, np.arange(before + 1), search.model.noise).A[-1, -1]
+    left = project_out_fixed(p, np.arange(before + 1), search.model.noise).A[-1, -1]
     return float(abs(part.size) * np.sqrt(max(0.0, left)))
 
 
@@ -155,7 +155,7 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
         p = one.p_nothing
         if channel.name == "scale":
             found.append(
-                _flow(
+                _make_flow_channel(
                     channel.grid.even_s,
                     measured,
                     residual,
@@ -182,7 +182,7 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
     return found
 
 
-def _flow(
+def _make_flow_channel(
     time_s: Array,
     reading: Array,
     residual: Array,
@@ -230,25 +230,27 @@ class _Open(NamedTuple):
     information: list[float]
 
 
-def _open(one: GroupResult) -> _Open:
+def _list_open_columns(one: GroupResult) -> _Open:
     search, now = one.search, one.found
     named = {p.id for p in now.parts}
     kept = [c for c in search.candidates if c.part.id not in named]
-    p, before = search.columns.compressed(
+    p, before = search.columns.compress_hypothesis(
         now.parts, [search.columns.of_candidate(now.parts, c.part) for c in kept]
     )
     return _Open(
-        search, kept, np.diag(projected(p, np.arange(before), now.noise).A)[before:].tolist()
+        search,
+        kept,
+        np.diag(project_out_fixed(p, np.arange(before), now.noise).A)[before:].tolist(),
     )
 
 
-def _not_shown(left: _Open) -> list[NotShown]:
+def _list_not_shown(left: _Open) -> list[NotShown]:
     """Smallest size at which an effect that is not named would have been (Fisher information)."""
     search = left.search
     best: dict[str, float] = {}
-    odds = log_odds("steady", len({c.part.id for c in search.candidates}))
+    odds = calc_log_prior_odds("steady", len({c.part.id for c in search.candidates}))
     for candidate, known in zip(left.candidates, left.information, strict=True):
-        size = _detectable(candidate, known, search.model.machine, odds)
+        size = _find_detectable_size(candidate, known, search.model.machine, odds)
         best[candidate.part.id] = min(size, best.get(candidate.part.id, np.inf))
     found = []
     for effect_id in dict.fromkeys(c.part.id for c in left.candidates):
@@ -273,7 +275,9 @@ def _hardly_known(left: _Open) -> list[str]:
     ]
 
 
-def _detectable(candidate: Candidate, information: float, machine: Machine, odds: float) -> float:
+def _find_detectable_size(
+    candidate: Candidate, information: float, machine: Machine, odds: float
+) -> float:
     """Smallest size that would be said nine times in ten; inf where this column cannot show it."""
     part, row = candidate.part, ROWS[candidate.part.id]
     if CATALOGUE[part.id].effect.onset_only or information <= 0.0:
@@ -286,7 +290,7 @@ def _detectable(candidate: Candidate, information: float, machine: Machine, odds
     return np.inf if row.trial_sizes and size > abs(part.size) * 2.0 else size
 
 
-def report(
+def make_report(
     data: RunData,
     machine: Machine,
     judged: Sequence[GroupResult],
@@ -301,11 +305,13 @@ def report(
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
     for one in judged:
-        rest = remains(one, {name for each in read_off for name in ROWS[each.part.id].channels})
+        rest = find_remains(
+            one, {name for each in read_off for name in ROWS[each.part.id].channels}
+        )
         doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
         varies = spread_of_sizes(one)
         named = [
-            _cause(
+            _make_cause(
                 one,
                 k,
                 float(np.hypot(sd, varies.get(k, 0.0))),
@@ -327,28 +333,30 @@ def report(
         )
         named = [cause for cause in named if cause.probability > LISTED or not rest]
         causes += named
-        unexplained += _unexplained(one, rest, rows, bool(named))
+        unexplained += _list_unexplained(one, rest, rows, bool(named))
         gains += measure_gain(one) if named or not one.found.parts else ()
     causes += [_read_off_cause(one, machine, data) for one in read_off]
     terms = [(group, found) for group in judged for found in group.terms]
-    tables = [table for one in judged for table in _tables(one, data)]
-    left = [_open(one) for one in judged]
+    tables = [table for one in judged for table in _list_smooth_tables(one, data)]
+    left = [_list_open_columns(one) for one in judged]
     absent = [
         one
         for each in left
-        for one in _not_shown(each)
+        for one in _list_not_shown(each)
         if one.id not in {r.part.id for r in read_off}
     ]
     hardly = {effect_id for each in left for effect_id in _hardly_known(each)}
     open_ = [row.channel for row in rows if PLAINEST.get(row.channel) in hardly]
-    verdict = _verdict([row for row in rows if row.channel not in open_], causes, unexplained)
+    verdict = _choose_verdict(
+        [row for row in rows if row.channel not in open_], causes, unexplained
+    )
     findings = (
         *findings,
         *(
             sentence
             for name in open_
             if (
-                sentence := _cannot_tell(
+                sentence := _describe_cannot_tell(
                     name, absent, {c.id for c in causes}, {one.channel for one in unexplained}
                 )
             )
@@ -359,7 +367,10 @@ def report(
         *(
             sentence
             for one in judged
-            for sentence in (*_answers(one), *louder(one, {each.channel for each in unexplained}))
+            for sentence in (
+                *_describe_step_answer(one),
+                *describe_louder_channels(one, {each.channel for each in unexplained}),
+            )
         ),
     )
     excited = {
@@ -375,24 +386,24 @@ def report(
         ),
         not_shown=(
             *absent,
-            *_never_shown(
+            *_list_never_shown(
                 {c.id for c in causes} | {a.id for a in absent},
                 machine,
                 {one.name for one in data.efforts},
             ),
         ),
         unexplained=tuple(unexplained),
-        next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
+        next_run=find_separating_run(causes, machine) if verdict == "ambiguous" else None,
         gain=tuple(gains),
         extended_machine=None,
         findings=findings,
         tables=tuple(tables),
         excited=excited,
-        terms=_apart([_term(group, found, data) for group, found in terms]),
+        terms=_number_equal_terms([_make_term_found(group, found, data) for group, found in terms]),
     )
 
 
-def _verdict(
+def _choose_verdict(
     rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]
 ) -> Verdict:
     if unexplained:
@@ -404,12 +415,12 @@ def _verdict(
     return "none" if rows else "not_judged"
 
 
-def _answers(one: GroupResult) -> list[str]:
+def _describe_step_answer(one: GroupResult) -> list[str]:
     """How a shaft of second order answers a step."""
     parts = one.found.parts
     if not any(part.id == SHAFT_SECOND_ORDER.id for part in parts):
         return []
-    shaft = schedule(one.search.model.base, parts).sets[-1].by_name["shaft"]
+    shaft = make_schedule(one.search.model.base, parts).sets[-1].by_name["shaft"]
     if shaft.second_order_s <= 0.0:
         return []
     answer = calc_step_response(shaft)
@@ -427,7 +438,7 @@ def _answers(one: GroupResult) -> list[str]:
     return [f"{SHAFT_SECOND_ORDER.id}: a step of the command {how}"]
 
 
-def _cannot_tell(
+def _describe_cannot_tell(
     channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]
 ) -> str:
     """What a log cannot tell of a channel, where nothing was found there."""
@@ -444,7 +455,7 @@ def _cannot_tell(
     )
 
 
-def _never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> list[NotShown]:
+def _list_never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> list[NotShown]:
     """Effects that this log could not show at any size; of effort, where a drive of this log
     does."""
     return [
@@ -459,7 +470,7 @@ def _never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> l
     ]
 
 
-def _unexplained(
+def _list_unexplained(
     one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel], named: bool
 ) -> list[Unexplained]:
     """What of a group is not noise and has no name: its smooth dependence, else what its
@@ -500,7 +511,7 @@ def _unexplained(
     ]
 
 
-def _tables(one: GroupResult, data: RunData) -> list[TableFit]:
+def _list_smooth_tables(one: GroupResult, data: RunData) -> list[TableFit]:
     """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each
     variable's term runs."""
     return [
@@ -510,7 +521,7 @@ def _tables(one: GroupResult, data: RunData) -> list[TableFit]:
     ]
 
 
-def _term(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
+def _make_term_found(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
     search, now = group.search, group.found
     gain = None if found.tried.kind.one_run else found.held_out
     plain = found.term.model_copy(update={"held_out_gain": gain}).model_dump(mode="json")
@@ -526,7 +537,7 @@ def _term(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
     )
 
 
-def _apart(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
+def _number_equal_terms(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
     """Terms of the same form over the same variable, each with an id of its own, as a machine
     file has them."""
     found: list[TermFound] = []
@@ -548,11 +559,11 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
         (),
         None,
         effect.advice,
-        field_cost(seen.part, machine, data),
+        calc_field_cost(seen.part, machine, data),
     )
 
 
-def _cause(
+def _make_cause(
     one: GroupResult, k: int, sd: float, machine: Machine, data: RunData, left: float
 ) -> Cause:
     """sd : of the part's size. left : probability that the name is something else altogether,
@@ -584,7 +595,7 @@ def _cause(
         rivals,
         part.member,
         entry.effect.advice,
-        field_cost(part, machine, data),
+        calc_field_cost(part, machine, data),
         until_s=part.until_s,
         grows=part.grows,
     )

@@ -17,14 +17,19 @@ from topdress.control.diagnosis.judgement.checks import (
     LEVEL,
     by_chance_taken,
     by_chance_together,
-    drifts,
     estimate_noise_ratio,
     find_line_period_s,
+    is_drift_excessive,
     is_noise_loud,
 )
-from topdress.control.diagnosis.judgement.evidence import problem, subtract_columns
+from topdress.control.diagnosis.judgement.evidence import make_evidence_problem, subtract_columns
 from topdress.control.diagnosis.judgement.gaussian import Array
-from topdress.control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
+from topdress.control.diagnosis.judgement.noise import (
+    Noise,
+    calc_coefficient_strengths,
+    coefficients,
+    make_series_of,
+)
 
 from .channels import QUICK_S, ChannelSeries
 from .selection import GroupResult
@@ -76,14 +81,14 @@ def unknown_share(one: GroupResult, k: int, rest: Collection[Remains]) -> float:
     return share
 
 
-def remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
+def find_remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
     """What the channels of a group have left, once their named effects and tolerances are off,
     that is not noise.
 
     read_off : channels whose spells were taken out before the search: the short ones, unseen,
     leave a drift behind.
     """
-    found, rest = list[Remains](), _rest(one)
+    found, rest = list[Remains](), _calc_rest_of_channels(one)
     for channel in one.search.model.channels:
         if channel.copies > 1:
             continue
@@ -94,14 +99,22 @@ def remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
         walks = channel.prior.walk_sd > 0.0
         usual = channel.prior.fast_sd**2 * (1.0 + channel.prior.slow_share**2)
         expected = len(left) * (usual + channel.prior.floor_sd**2)
-        if name not in read_off and not walks and drifts(noise, channel.prior):
-            found.append(Remains(name, "drift", _nearest(one, channel, left), None, left, expected))
+        if name not in read_off and not walks and is_drift_excessive(noise, channel.prior):
+            found.append(
+                Remains(
+                    name, "drift", _find_nearest_effect(one, channel, left), None, left, expected
+                )
+            )
         elif is_noise_loud(noise, channel.prior, left):
-            found.append(Remains(name, "loud", _nearest(one, channel, left), None, left, expected))
+            found.append(
+                Remains(
+                    name, "loud", _find_nearest_effect(one, channel, left), None, left, expected
+                )
+            )
         elif period_s is not None and period_s > QUICK_S:
             found.append(Remains(name, "line", "", period_s, left, expected))
         if not one.found.parts and not one.terms:
-            variable = followed(channel, left, noise, one.search.model.data)
+            variable = find_followed_variable(channel, left, noise, one.search.model.data)
             if not variable and follows_moves(channel, left, noise, one.search.model.data):
                 variable = OWN[name]
             if found and found[-1].channel == name:
@@ -111,10 +124,10 @@ def remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
     return found
 
 
-def louder(one: GroupResult, known: Collection[str]) -> list[str]:
+def describe_louder_channels(one: GroupResult, known: Collection[str]) -> list[str]:
     """Said of channels whose rest is more than the machine file's noise, though it looks like
     noise. known : those of which it is said that their rest is none."""
-    said, rest = list[str](), _rest(one)
+    said, rest = list[str](), _calc_rest_of_channels(one)
     for channel in (channel for channel in one.search.model.channels if channel.name not in known):
         noise = (one.terms[-1].noise if one.terms else one.found.noise)[channel.name]
         times = (
@@ -132,18 +145,18 @@ def louder(one: GroupResult, known: Collection[str]) -> list[str]:
     return said
 
 
-def _rest(one: GroupResult) -> dict[str, Array]:
+def _calc_rest_of_channels(one: GroupResult) -> dict[str, Array]:
     """Banded coefficients (m,) by channel, with all taken off that the hypothesis can take up."""
     columns, parts = one.search.columns, one.found.parts
     base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
     base = [*base, *(column for term in one.terms for column in term.columns)]
-    sizes = problem(columns.model.channels, banded, base).sizes(
+    sizes = make_evidence_problem(columns.model.channels, banded, base).sizes(
         np.arange(len(base)), one.found.noise
     )
     return subtract_columns(banded, base, sizes.b)
 
 
-def _nearest(one: GroupResult, channel: ChannelSeries, left: Array) -> str:
+def _find_nearest_effect(one: GroupResult, channel: ChannelSeries, left: Array) -> str:
     """The effect whose trace is most like what is `left` of a channel (m,), noise apart; ""
     where none is like it."""
     best, like = "", LIKE
@@ -162,7 +175,7 @@ def _nearest(one: GroupResult, channel: ChannelSeries, left: Array) -> str:
     return best
 
 
-def followed(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -> str:
+def find_followed_variable(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -> str:
     """The recorded variable that the rest of a channel (banded coefficients (m,)) goes with; ""
     where none does, at the level of the other checks for all variables together.
 
@@ -172,12 +185,15 @@ def followed(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -
     """
     stage, whiten = (
         channel.name,
-        1.0 / np.sqrt(strengths(noise, channel.prior, channel.cut, channel.grid.step_s)),
+        1.0
+        / np.sqrt(
+            calc_coefficient_strengths(noise, channel.prior, channel.cut, channel.grid.step_s)
+        ),
     )
     if stage == "scale":
         stage = "flow"
     never = DOWNSTREAM.get(stage, frozenset()) | NO_ORDER
-    left = series_of(rest * whiten, channel.cut)
+    left = make_series_of(rest * whiten, channel.cut)
     names = [
         name
         for name, values in data.variables.items()
@@ -188,7 +204,7 @@ def followed(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -
         values = np.interp(channel.grid.even_s, data.time_s, data.variables[name])
         values -= values.mean()
         moved = coefficients(np.cumsum(values) if stage == "flow" else values, channel.cut)
-        by_chance = by_chance_together(left, series_of(moved * whiten, channel.cut), best)
+        by_chance = by_chance_together(left, make_series_of(moved * whiten, channel.cut), best)
         if by_chance < best:
             best, found = by_chance, name
     return found
@@ -205,17 +221,22 @@ def follows_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunDa
         return False
     if drive.step <= 0.0 and not estimate_noise_ratio(noise, channel.prior, rest):
         return False
-    whiten = 1.0 / np.sqrt(strengths(noise, channel.prior, channel.cut, channel.grid.step_s))
+    whiten = 1.0 / np.sqrt(
+        calc_coefficient_strengths(noise, channel.prior, channel.cut, channel.grid.step_s)
+    )
     asked = np.interp(channel.grid.even_s, drive.time_s, drive.command)
-    sums = [asked, *(_before(asked, 2**k) for k in range(LATEST) if 2 ** (k + 2) < len(asked))]
+    sums = [
+        asked,
+        *(_delay_series(asked, 2**k) for k in range(LATEST) if 2 ** (k + 2) < len(asked)),
+    ]
     # what moved between 2^k and 2^(k + 1) samples ago
     answers = np.diff(np.array(sums), axis=0)
     columns = np.array(
-        [series_of(coefficients(one, channel.cut) * whiten, channel.cut) for one in answers]
+        [make_series_of(coefficients(one, channel.cut) * whiten, channel.cut) for one in answers]
     )
-    return by_chance_taken(series_of(rest * whiten, channel.cut), columns) < LEVEL
+    return by_chance_taken(make_series_of(rest * whiten, channel.cut), columns) < LEVEL
 
 
-def _before(series: Array, samples: int) -> Array:
+def _delay_series(series: Array, samples: int) -> Array:
     """A series (m,) so many samples ago."""
     return np.concatenate((np.full(samples, series[0]), series[:-samples]))

@@ -13,8 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
-from topdress.control.diagnosis.judgement.evidence import Column, problem, subtract_columns
-from topdress.control.diagnosis.judgement.noise import coefficients, series_of
+from topdress.control.diagnosis.judgement.evidence import (
+    Column,
+    make_evidence_problem,
+    subtract_columns,
+)
+from topdress.control.diagnosis.judgement.noise import coefficients, make_series_of
 from topdress.control.machine.compiled import run_memory
 
 from .channels import ChannelSeries
@@ -52,7 +56,7 @@ def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     nothing = np.zeros(len(left))
     if free.sum() < MIN_SAMPLES:
         return nothing
-    memory = _memory(left, free)
+    memory = _calc_neighbour_memory(left, free)
     local = median_filter(left, LOCAL)
     off = left - local
     fresh = off - memory * np.concatenate(([0.0], off[:-1]))
@@ -70,7 +74,7 @@ def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     return np.asarray(run_memory(memory, np.where(free, fresh - drawn_in, 0.0)))
 
 
-def _memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
+def _calc_neighbour_memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
     """Correlation of neighbouring samples, slow waves and outliers left out."""
     fast = left - uniform_filter1d(left, SLOW)
     reach = 2.5 * 1.4826 * float(np.median(np.abs(fast[free])))
@@ -97,23 +101,27 @@ def draw_in_outliers(columns: Columns, parts: Hypothesis, more: Sequence[Column]
     data = {
         c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels
     }
-    sizes = problem(model.channels, data, every).sizes(np.arange(len(every)), model.noise)
+    sizes = make_evidence_problem(model.channels, data, every).sizes(
+        np.arange(len(every)), model.noise
+    )
     rest = subtract_columns(data, every, sizes.b)
     for channel in model.channels:
-        series = series_of(rest[channel.name], channel.cut)
-        model.drawn_in[channel.name] = _excess(series, channel, _at_ease(channel, model.data))
+        series = make_series_of(rest[channel.name], channel.cut)
+        model.drawn_in[channel.name] = _calc_excess(
+            series, channel, _find_rest_samples(channel, model.data)
+        )
 
 
-def _excess(rest: Array, channel: ChannelSeries, free: npt.NDArray[np.bool_]) -> Array:
+def _calc_excess(rest: Array, channel: ChannelSeries, free: npt.NDArray[np.bool_]) -> Array:
     """What to take off a channel whose richest fit leaves `rest` (m,)."""
-    lone = _lone(rest)
+    lone = _find_lone_outliers(rest)
     tails = np.zeros(len(rest))
     for begin, end in channel.cut.bounds if free.any() else ():
         tails[begin:end] = find_tail_excess((rest - lone)[begin:end], free[begin:end])
     return lone + tails
 
 
-def _lone(left: Array) -> Array:
+def _find_lone_outliers(left: Array) -> Array:
     """What single readings are off by beyond OUTLIER_SD, where their neighbours are not."""
     sd = 1.4826 * float(np.median(np.abs(left - np.median(left))))
     size = np.abs(left - np.median(left))
@@ -122,7 +130,7 @@ def _lone(left: Array) -> Array:
     return np.where(lone, left - np.sign(left) * OUTLIER_SD * sd, 0.0)
 
 
-def _at_ease(channel: ChannelSeries, data: RunData) -> npt.NDArray[np.bool_]:
+def _find_rest_samples(channel: ChannelSeries, data: RunData) -> npt.NDArray[np.bool_]:
     """Samples whose deviations are noise and nothing else: no drive answers a command there."""
     free = np.full(len(channel.measured), channel.name != "scale")
     drive = {"shaft": data.shaft, "gate": data.gate}.get(channel.name)

@@ -25,11 +25,11 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-from .channels import ChannelSeries, channels
-from .hypothesis import EffectInstance, Schedule, list_stages, schedule
+from .channels import ChannelSeries, make_channels
+from .hypothesis import EffectInstance, Schedule, list_stages, make_schedule
 from .log import Clean
 from .nominal_values import HALVINGS, MAX_OFFSET_SD
-from .stages import run_data
+from .stages import make_run_data
 
 Array = npt.NDArray[np.float64]
 
@@ -91,25 +91,25 @@ LATE, EARLY = (READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE)
 WAYS = (LATE, EARLY)
 
 
-def in_order(log: Clean, machine: Machine) -> Clean:
+def order_log_rows(log: Clean, machine: Machine) -> Clean:
     """The log with commands and answers in the rows that ours have them in, and what was moved
     among its findings."""
-    return moved(log, find_row_order(log, machine))
+    return move_log_columns(log, find_row_order(log, machine))
 
 
-def moved(log: Clean, move: Move | None) -> Clean:
+def move_log_columns(log: Clean, move: Move | None) -> Clean:
     """A log with some of its columns moved, and that among its findings; None: as it is."""
-    return log if move is None else _moved(log, move)
+    return log if move is None else _shift_columns(log, move)
 
 
 def find_row_order(log: Clean, machine: Machine) -> Move | None:
     """What must be moved for a log to have its rows in our order; None: nothing."""
-    some, nominal = _beginning(log), schedule(list_stages(machine), ())
-    seen = _channels(some, machine)
-    as_it_is = _residuals(seen, nominal)
-    tried = [_moved(some, ways[0]) for ways in WAYS]
-    left = [_residuals(_channels(one, machine), nominal) for one in tried]
-    by_way = [_gains(as_it_is, one) for one in left]
+    some, nominal = _cut_beginning(log), make_schedule(list_stages(machine), ())
+    seen = _make_order_channels(some, machine)
+    as_it_is = _calc_order_residuals(seen, nominal)
+    tried = [_shift_columns(some, ways[0]) for ways in WAYS]
+    left = [_calc_order_residuals(_make_order_channels(one, machine), nominal) for one in tried]
+    by_way = [_calc_gain_by_drive(as_it_is, one) for one in left]
     best = int(np.argmax([sum(gains.values()) for gains in by_way]))
     early, alone = WAYS[best] is EARLY, log.step_s >= ALONE_S
     telling = [
@@ -119,8 +119,11 @@ def find_row_order(log: Clean, machine: Machine) -> Move | None:
     ]
     if len(telling) < (1 if alone or early else 2):
         return None
-    further = _gains(
-        left[best], _residuals(_channels(_moved(tried[best], WAYS[best][0]), machine), nominal)
+    further = _calc_gain_by_drive(
+        left[best],
+        _calc_order_residuals(
+            _make_order_channels(_shift_columns(tried[best], WAYS[best][0]), machine), nominal
+        ),
     )
     gain, opposite, more = (
         sum(one.get(drive, 0.0) for drive in telling)
@@ -129,10 +132,15 @@ def find_row_order(log: Clean, machine: Machine) -> Move | None:
     # no further off, as by a fault
     if gain < max(LEAST_EVIDENCE, -NEARER * opposite) or more > 0.0:
         return None
-    if not alone and not _beyond_tolerance(seen, _channels(tried[best], machine), early, machine):
+    if not alone and not _beyond_tolerance(
+        seen, _make_order_channels(tried[best], machine), early, machine
+    ):
         return None
     scales = [
-        _residuals(_channels(_moved(some, way), machine), nominal, ("scale",)) for way in WAYS[best]
+        _calc_order_residuals(
+            _make_order_channels(_shift_columns(some, way), machine), nominal, ("scale",)
+        )
+        for way in WAYS[best]
     ]
     # Rough is what a flow leaves that comes too early or late; a level adds nothing.
     rough = [float(np.mean(np.square(np.diff(one.get("scale", np.zeros(2)))))) for one in scales]
@@ -148,12 +156,13 @@ def _beyond_tolerance(
     """Whether the drives are surely a row off, with any dead time within its tolerance. Early:
     more so than drives that follow at once. Late: the gate must be, more so than by slewing too
     slowly, and the shaft lose no more by the move than a tolerance costs."""
-    now, by_itself = _settled(moved, machine), [_settled(seen, machine)]
+    now, by_itself = _settle_drives(moved, machine), [_settle_drives(seen, machine)]
     if early:
-        by_itself.append(_settled(seen, _at_once(machine)))
+        by_itself.append(_settle_drives(seen, _drop_drive_lags(machine)))
     gains = {
         drive: min(
-            _gain(was[drive].squares, one.squares) + was[drive].cost - one.cost for was in by_itself
+            _calc_likelihood_gain(was[drive].squares, one.squares) + was[drive].cost - one.cost
+            for was in by_itself
         )
         for drive, one in now.items()
     }
@@ -164,7 +173,7 @@ def _beyond_tolerance(
     )
 
 
-def _at_once(machine: Machine) -> Machine:
+def _drop_drive_lags(machine: Machine) -> Machine:
     """The same with drives that are there as soon as their dead time is over."""
     return machine.model_copy(
         update={
@@ -174,21 +183,23 @@ def _at_once(machine: Machine) -> Machine:
     )
 
 
-def _settled(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, Settled]:
+def _settle_drives(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, Settled]:
     """Each drive with the dead time, within its tolerance, that leaves least of it."""
-    return {drive: _climbed(seen, drive, machine) for drive in DRIVES if drive in seen}
+    return {drive: _climb_dead_time(seen, drive, machine) for drive in DRIVES if drive in seen}
 
 
-def _climbed(seen: Mapping[str, ChannelSeries], drive: str, machine: Machine) -> Settled:
+def _climb_dead_time(seen: Mapping[str, ChannelSeries], drive: str, machine: Machine) -> Settled:
     def off(by_sd: float) -> Settled:
         dead_time_s = getattr(machine, drive).dead_time_s + by_sd * machine.tolerance.dead_time_s
-        plan = schedule(list_stages(machine).put(drive, dead_time_s=max(0.0, dead_time_s)), ())
-        return Settled(np.square(_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd**2, by_sd)
+        plan = make_schedule(list_stages(machine).put(drive, dead_time_s=max(0.0, dead_time_s)), ())
+        return Settled(
+            np.square(_calc_order_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd**2, by_sd
+        )
 
     first = off(0.0)
     return climb_to_best(
         first,
-        lambda one: _gain(first.squares, one.squares) - one.cost,
+        lambda one: _calc_likelihood_gain(first.squares, one.squares) - one.cost,
         lambda one, step: [
             off(by_sd)
             for by_sd in (one.by_sd - step, one.by_sd + step)
@@ -198,7 +209,7 @@ def _climbed(seen: Mapping[str, ChannelSeries], drive: str, machine: Machine) ->
     )
 
 
-def _beginning(log: Clean) -> Clean:
+def _cut_beginning(log: Clean) -> Clean:
     return log._replace(
         time_s=log.time_s[:ROWS],
         events=log.events[:ROWS],
@@ -208,7 +219,7 @@ def _beginning(log: Clean) -> Clean:
     )
 
 
-def _moved(log: Clean, move: Move) -> Clean:
+def _shift_columns(log: Clean, move: Move) -> Clean:
     columns = dict(log.columns)
     for name in move.columns:
         at = np.clip(np.arange(len(log.time_s)) - move.rows, 0, len(log.time_s) - 1)
@@ -216,11 +227,11 @@ def _moved(log: Clean, move: Move) -> Clean:
     return log._replace(columns=columns, findings=(*log.findings, move.said))
 
 
-def _channels(log: Clean, machine: Machine) -> Mapping[str, ChannelSeries]:
-    return channels(run_data(log, machine), machine)
+def _make_order_channels(log: Clean, machine: Machine) -> Mapping[str, ChannelSeries]:
+    return make_channels(make_run_data(log, machine), machine)
 
 
-def _residuals(
+def _calc_order_residuals(
     seen: Mapping[str, ChannelSeries], plan: Schedule, words: Sequence[str] = DRIVES
 ) -> dict[str, Array]:
     """What a machine leaves of these channels, where they are seen."""
@@ -235,24 +246,27 @@ def _slow_gate_gain(before: Array, seen: Mapping[str, ChannelSeries], machine: M
     """What a gate that slews too slowly gains at most over squares `before` (m,): with a shaft
     that is late by itself it looks like rows."""
     plans = [
-        schedule(list_stages(machine), (EffectInstance(GATE_SLOW.id, size),))
+        make_schedule(list_stages(machine), (EffectInstance(GATE_SLOW.id, size),))
         for size in GATE_SLOW.trial_sizes
     ]
     return max(
-        _gain(before, np.square(_residuals(seen, plan, ("gate",))["gate"])) for plan in plans
+        _calc_likelihood_gain(
+            before, np.square(_calc_order_residuals(seen, plan, ("gate",))["gate"])
+        )
+        for plan in plans
     )
 
 
-def _gains(before: dict[str, Array], after: dict[str, Array]) -> dict[str, float]:
+def _calc_gain_by_drive(before: dict[str, Array], after: dict[str, Array]) -> dict[str, float]:
     """What each drive that is judged gains, in log-likelihood."""
     return {
-        drive: _gain(np.square(before[drive]), np.square(after[drive]))
+        drive: _calc_likelihood_gain(np.square(before[drive]), np.square(after[drive]))
         for drive in DRIVES
         if drive in before and drive in after
     }
 
 
-def _gain(before: Array, after: Array) -> float:
+def _calc_likelihood_gain(before: Array, after: Array) -> float:
     """Of squares of Gaussian residuals with a variance of their own; far ones are drawn in.
 
     A few rows may be judged in one of them alone: means are compared.

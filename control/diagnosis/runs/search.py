@@ -14,7 +14,7 @@ from topdress.control.diagnosis.effects import (
     ROWS,
     FoundBy,
     Needs,
-    reach,
+    find_size_range,
 )
 from topdress.control.diagnosis.judgement.evidence import (
     Z90,
@@ -22,11 +22,11 @@ from topdress.control.diagnosis.judgement.evidence import (
     Problem,
     Role,
     adapt_noise,
-    calm,
     choose_better_fit,
+    fit_amplitudes_and_noise,
     fit_first_noise,
-    fitted,
-    projected,
+    limit_slow_noise,
+    project_out_fixed,
 )
 from topdress.control.diagnosis.judgement.gaussian import Gaussian
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
@@ -37,8 +37,8 @@ from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns
-from .drives import off_zero
-from .hypothesis import EffectInstance, Hypothesis, replaced
+from .drives import read_off_zero
+from .hypothesis import EffectInstance, Hypothesis, replace_part
 from .model import GroupModel
 from .stages import RunData
 
@@ -120,11 +120,11 @@ class Search:
         self.model = GroupModel(channels, machine, data, ask)
         self.columns = Columns(self.model)
         refilled = data.hopper is not None and bool(data.hopper.jumps)
-        every = candidates(self.model.names, machine, self.model.heads, refilled)
+        every = list_candidates(self.model.names, machine, self.model.heads, refilled)
         self.candidates = [
             c._replace(usual=ROWS[c.part.id].on(machine).usual)
             for c in every
-            if excited(c, data, machine)
+            if is_excited(c, data, machine)
         ]
         self._all_over: set[str] = set()  # thresholds that were looked for all over
 
@@ -141,30 +141,34 @@ class Search:
             if ROWS[c.part.id].found_by is not FoundBy.ONSET
             and not any(p.id == c.part.id and p.member == c.part.member for p in parts)
         ]
-        p, before = self.columns.compressed(
+        p, before = self.columns.compress_hypothesis(
             parts, [self.columns.of_candidate(parts, c.part) for c in tried]
         )
         fixed = np.arange(before)
         null = choose_better_fit(p, fixed, noise, self.model.channels)
         starts = [
             null.noise,
-            adapt_noise(p, fixed, null.amplitude, calm(null.noise, self.model.channels)),
+            adapt_noise(
+                p, fixed, null.amplitude, limit_slow_noise(null.noise, self.model.channels)
+            ),
         ]
-        beyond = [projected(p, fixed, start) for start in starts]
+        beyond = [project_out_fixed(p, fixed, start) for start in starts]
         best: dict[tuple[str, int | None], ScoreTest] = {}
         for k, c in enumerate(tried):
             self.model.ask()
             found = ScoreTest(c.part, -np.inf, -np.inf)
             for start, left in zip(starts, beyond, strict=True):
                 found = max(
-                    found, _added(p, before + k, c, null, start, left), key=lambda f: f.evidence
+                    found,
+                    _score_added_column(p, before + k, c, null, start, left),
+                    key=lambda f: f.evidence,
                 )
             name = (c.part.id, c.part.member)
             if name not in best or found.evidence > best[name].evidence:
                 best[name] = found
         return sorted(best.values(), key=lambda f: -f.evidence)
 
-    def as_started(self, part: EffectInstance) -> EffectInstance:
+    def name_as_started(self, part: EffectInstance) -> EffectInstance:
         """The part by the name that it has where it begins within a run: less flow at once is a
         blocked outlet, where no drive tells its load; where one does, the load tells the two
         apart, and each is a candidate."""
@@ -176,7 +180,7 @@ class Search:
         )
         return (
             part._replace(id=FLOW_BLOCKED_OUTLET.id, size=-part.size)
-            if (lost and not _load_tells(self.model.names, self.model.machine))
+            if (lost and not _is_load_telling(self.model.names, self.model.machine))
             else part
         )
 
@@ -185,14 +189,14 @@ class Search:
         stand still."""
         now, last, best = parts, noise or self.model.noise, None
         for _ in range(MAX_ROUNDS):
-            p, fit = self._fit(now, last)
+            p, fit = self._fit_about(now, last)
             if best is not None and fit.log_likelihood < best.log_likelihood - 0.5:
                 now = tuple(
                     a._replace(size=0.5 * (a.size + b.size))
                     for a, b in zip(best.parts, now, strict=True)
                 )
-                p, fit = self._fit(now, last)
-            moved, sd, biggest = _stepped(now, p, fit, self.model.machine)
+                p, fit = self._fit_about(now, last)
+            moved, sd, biggest = _step_hypothesis(now, p, fit, self.model.machine)
             last = fit.noise
             best = FittedHypothesis(
                 now,
@@ -200,7 +204,7 @@ class Search:
                 fit.log_likelihood,
                 fit.noise,
                 self._collinearity(p, fit.noise),
-                self._of_forms(p, fit),
+                self._calc_form_evidence(p, fit),
             )
             if biggest < SETTLED_SD:
                 best = best._replace(parts=moved)
@@ -208,33 +212,37 @@ class Search:
             now = moved
         # a slope leads further than the model goes: what it is worth where it was run
         else:
-            best = best and self._where_run(best, p, fit)
+            best = best and self._calc_run_likelihood(best, p, fit)
         assert best is not None
         return (
-            self._threshold(best) if any(ROWS[part.id].threshold for part in best.parts) else best
+            self._move_threshold(best)
+            if any(ROWS[part.id].threshold for part in best.parts)
+            else best
         )
 
     def find_noise(self) -> None:
         """The noise that nothing wrong leaves, from which models are fitted."""
-        p, count = self.columns.compressed(())
+        p, count = self.columns.compress_hypothesis(())
         self.model.noise = fit_first_noise(
             p, np.arange(count), self.model.noise, self.model.channels
         )
 
-    def _of_forms(self, p: Problem, fit: Fit) -> float:
+    def _calc_form_evidence(self, p: Problem, fit: Fit) -> float:
         """Log evidence of a hypothesis whose forms are, at even odds, the catalogue's own or
         free to differ."""
         forms = p.places(Role.FORM)
         if not forms:
             return fit.log_evidence
         stand = np.flatnonzero(fit.amplitude == 0.0)
-        exact = fitted(p, np.setdiff1d(np.arange(len(fit.amplitude)), [*forms, *stand]), fit.noise)
+        exact = fit_amplitudes_and_noise(
+            p, np.setdiff1d(np.arange(len(fit.amplitude)), [*forms, *stand]), fit.noise
+        )
         return float(np.logaddexp(fit.log_evidence, exact.log_evidence) - np.log(2.0))
 
-    def _fit(self, parts: Hypothesis, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
+    def _fit_about(self, parts: Hypothesis, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
         """The best fit about a hypothesis; a size at its bound that is pulled beyond stands,
         its amplitude 0."""
-        p, count = self.columns.compressed(parts)
+        p, count = self.columns.compress_hypothesis(parts)
         fit = choose_better_fit(p, np.arange(count), noise, self.model.channels)
         off = [
             k
@@ -249,7 +257,7 @@ class Search:
         stand = []
         for at in p.places(Role.SLOPE):
             part = parts[p.labels[at].part]
-            low, high = reach(part.id, self.model.machine)
+            low, high = find_size_range(part.id, self.model.machine)
             if (part.size <= low and fit.amplitude[at] < 0.0) or (
                 part.size >= high and fit.amplitude[at] > 0.0
             ):
@@ -262,7 +270,9 @@ class Search:
         amplitude[free], covariance[np.ix_(free, free)] = inside.amplitude, inside.covariance
         return p, inside._replace(amplitude=amplitude, covariance=covariance)
 
-    def _where_run(self, found: FittedHypothesis, p: Problem, fit: Fit) -> FittedHypothesis:
+    def _calc_run_likelihood(
+        self, found: FittedHypothesis, p: Problem, fit: Fit
+    ) -> FittedHypothesis:
         """The same, with the likelihood of the sizes that the model was run with."""
         held = np.setdiff1d(np.arange(len(fit.amplitude)), p.places(Role.SLOPE))
         there = choose_better_fit(p, held, found.noise, self.model.channels)
@@ -280,14 +290,14 @@ class Search:
         if len(places) < 2:
             return 0.0
         part = (
-            projected(p, np.arange(p.labels.index(p.labels[places[0]])), noise)
+            project_out_fixed(p, np.arange(p.labels.index(p.labels[places[0]])), noise)
             .of(np.array(places))
             .A
         )
         scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
         return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
 
-    def _threshold(self, found: FittedHypothesis) -> FittedHypothesis:
+    def _move_threshold(self, found: FittedHypothesis) -> FittedHypothesis:
         """The threshold moved, in ever smaller steps, to where it fits best; its interval is
         what the log leaves open.
 
@@ -296,12 +306,14 @@ class Search:
         """
         k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
         part = found.parts[k]
-        edges = self._commands_between(*reach(part.id, self.model.machine))
+        edges = self._commands_between(*find_size_range(part.id, self.model.machine))
         tried: dict[int, FittedHypothesis] = {}
 
         def value(place: int) -> float:
             if place not in tried:
-                tried[place] = self._at(found, k, 0.5 * float(edges[place] + edges[place + 1]))
+                tried[place] = self._fit_at_size(
+                    found, k, 0.5 * float(edges[place] + edges[place + 1])
+                )
             return tried[place].log_likelihood
 
         last = len(edges) - 2
@@ -310,7 +322,7 @@ class Search:
         if course not in self._all_over:  # a plateau leads nowhere: look all over once
             self._all_over.add(course)
             places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
-            here = max([here, *places, self._stood_below(edges, part.onset_s)], key=value)
+            here = max([here, *places, self._find_standing_edge(edges, part.onset_s)], key=value)
             first = max(1, last // THRESHOLDS_TRIED)
         here = climb_to_best(
             here,
@@ -323,16 +335,16 @@ class Search:
         as_good = [place for place in tried if value(place) > value(here) - 0.5 * THRESHOLD_GAP]
         low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
         best = tried[here]
-        lowest, highest = reach(part.id, self.model.machine)
+        lowest, highest = find_size_range(part.id, self.model.machine)
         best = best._replace(
             log_evidence=best.log_evidence + float(np.log((high - low) / (highest - lowest)))
         )
         return best._replace(
-            parts=replaced(best.parts, k, part._replace(size=0.5 * (low + high))),
+            parts=replace_part(best.parts, k, part._replace(size=0.5 * (low + high))),
             sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1 :]),
         )
 
-    def walked(self, found: FittedHypothesis) -> FittedHypothesis:
+    def walk_delays(self, found: FittedHypothesis) -> FittedHypothesis:
         """The hypothesis with each delay walked to where it fits best, in ever smaller steps.
 
         A drive answers stairs between two rows of the log; where all its answers pass a row at
@@ -342,13 +354,13 @@ class Search:
         for k, part in enumerate(found.parts):
             if not ROWS[part.id].trial_sizes or ROWS[part.id].threshold:
                 continue
-            low, high = reach(part.id, self.model.machine)
+            low, high = find_size_range(part.id, self.model.machine)
 
             def near(
                 now: FittedHypothesis, step: float, k: int = k, low: float = low, high: float = high
             ) -> Iterator[FittedHypothesis]:
                 for size in (now.parts[k].size - step, now.parts[k].size + step):
-                    yield self._at(now, k, float(np.clip(size, low, high)))
+                    yield self._fit_at_size(now, k, float(np.clip(size, low, high)))
 
             first = WALK_ROWS * self.model.channel(ROWS[part.id].channels[0]).grid.step_s
             halvings = int(
@@ -359,11 +371,11 @@ class Search:
             )
         return best
 
-    def _at(self, found: FittedHypothesis, k: int, size: float) -> FittedHypothesis:
+    def _fit_at_size(self, found: FittedHypothesis, k: int, size: float) -> FittedHypothesis:
         """A hypothesis with another size of one part, its noise fitted and the other sizes as
         they are."""
-        parts = replaced(found.parts, k, found.parts[k]._replace(size=size))
-        _, fit = self._fit(parts, found.noise)
+        parts = replace_part(found.parts, k, found.parts[k]._replace(size=size))
+        _, fit = self._fit_about(parts, found.noise)
         return found._replace(
             parts=parts,
             log_likelihood=fit.log_likelihood,
@@ -371,7 +383,7 @@ class Search:
             log_evidence=fit.log_evidence,
         )
 
-    def _stood_below(self, edges: Array, from_s: float | None) -> int:
+    def _find_standing_edge(self, edges: Array, from_s: float | None) -> int:
         """Place of the edge that best parts the speeds at which the shaft stood, though asked,
         from those at which it turned, by least squares: a threshold between two of its commands
         misses it by all that they are apart."""
@@ -395,12 +407,12 @@ class Search:
         )
 
 
-def _load_tells(channel_names: Collection[str], machine: Machine) -> bool:
+def _is_load_telling(channel_names: Collection[str], machine: Machine) -> bool:
     """Whether the drive tells a closed outlet, which loads it, from less flow, which unloads it."""
     return "effort" in channel_names and machine.effort.jam > 0.0
 
 
-def candidates(
+def list_candidates(
     channel_names: tuple[str, ...], machine: Machine, heads: int, refilled: bool
 ) -> list[Candidate]:
     """Effects that a run log with these channels can show by a scan; those read off the data
@@ -413,8 +425,8 @@ def candidates(
             for kind in entry.effect.seen_in
         ):
             continue
-        if row.found_by is FoundBy.ONSET:  # `as_started`
-            if not _load_tells(channel_names, machine):
+        if row.found_by is FoundBy.ONSET:  # `name_as_started`
+            if not _is_load_telling(channel_names, machine):
                 continue
         elif not (row.scanned or row.found_by is FoundBy.DIPS) or not set(row.channels[:1]) & set(
             channel_names
@@ -422,7 +434,7 @@ def candidates(
             continue
         if Needs.REFILL in row.needs and not refilled:
             continue
-        low, high = reach(effect_id, machine)
+        low, high = find_size_range(effect_id, machine)
         probe = (
             calc_size_scale(effect_id, machine) * entry.effect.probes[0]
             if row.probe is None
@@ -445,7 +457,7 @@ def candidates(
     return found
 
 
-def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
+def is_excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     """Whether the log moves what the effect needs to be moved.
 
     Missing pulses show as dips where the log is fine enough (`intermittent`); only a coarse log
@@ -458,7 +470,7 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
         data.shaft is None or not data.shaft.command.min() < 0.0 < data.shaft.command.max()
     ):
         return False
-    if Needs.OFF_ZERO in row.needs and not off_zero(data.shaft, machine).off:
+    if Needs.OFF_ZERO in row.needs and not read_off_zero(data.shaft, machine).off:
         return False
     if row.found_by is FoundBy.DIPS and data.speed is not None:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
@@ -476,7 +488,7 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     )
 
 
-def _added(
+def _score_added_column(
     p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], left: Gaussian
 ) -> ScoreTest:
     """One candidate column along with the fixed ones, its noise fitted from `start` where the
@@ -493,7 +505,7 @@ def _added(
     spread = 0.5 * float(np.log1p(stiff * sd[at] ** 2)) - find_size_log_weight(size, p.sd[at])
     p = p._replace(sd=sd)
     if gain > FITTED_FROM and not whole:
-        full = fitted(p, np.append(np.arange(before), at), start)
+        full = fit_amplitudes_and_noise(p, np.append(np.arange(before), at), start)
         size = float(np.clip(full.amplitude[-1], c.low, c.high))
         gain = (
             2.0 * (full.log_likelihood - null.log_likelihood)
@@ -505,7 +517,7 @@ def _added(
     return ScoreTest(c.part._replace(size=size), float(gain), 0.5 * float(gain) - spread)
 
 
-def _stepped(
+def _step_hypothesis(
     parts: Hypothesis, p: Problem, fit: Fit, machine: Machine
 ) -> tuple[Hypothesis, tuple[float, ...], float]:
     """Hypothesis with the sizes that a fit asks for, the s.d. of each, and the largest step in
@@ -514,7 +526,7 @@ def _stepped(
     for at in p.places(Role.SLOPE):
         k = p.labels[at].part
         sd[k] = float(np.sqrt(fit.covariance[at, at]))
-        low, high = reach(parts[k].id, machine)
+        low, high = find_size_range(parts[k].id, machine)
         size = float(np.clip(parts[k].size + fit.amplitude[at], low, high))
         biggest = max(biggest, abs(size - parts[k].size) / max(sd[k], 1e-9))
         moved[k] = parts[k]._replace(size=size)

@@ -37,21 +37,21 @@ from topdress.control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, SHAFT_N
 from topdress.control.diagnosis.judgement.checks import is_noise_loud
 from topdress.control.diagnosis.judgement.prior import (
     SAID,
+    calc_log_of_sign,
+    calc_log_prior_odds,
     find_size_log_weight,
-    log_odds,
-    log_of_sign,
     name_course,
 )
 from topdress.control.machine.machine import CATALOGUE
 
-from .changepoint import changes
+from .changepoint import find_best_changes
 from .dictionary import Dictionary
-from .drive_curve import started
-from .drives import off_zero
-from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
+from .drive_curve import list_started_curves
+from .drives import read_off_zero
+from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, remove_part, replace_part
 from .model import find_absorbed_effects, find_replaced_nominals
-from .nominal_values import TIMED, settle
-from .onset import find_standing_onset, refined, still_disobeys, stops
+from .nominal_values import TIMED, settle_nominal_values
+from .onset import find_standing_onset, find_stopped_drives, refine_onsets, still_disobeys
 from .quantised import encoder_steps
 from .robust import draw_in_outliers
 from .search import MAX_COLLINEARITY, FittedHypothesis, ScoreTest, Search
@@ -154,7 +154,7 @@ class Scores:
 
     def __init__(self, search: Search) -> None:
         self.search = search
-        self._passed = off_zero(search.model.data.shaft, search.model.machine).passed
+        self._passed = read_off_zero(search.model.data.shaft, search.model.machine).passed
         self._names = len({c.part.id for c in search.candidates})
         self._spent: dict[tuple[str, int | None, str], float] = {}
         self._kept: dict[Hypothesis, FittedHypothesis] = {}
@@ -163,13 +163,15 @@ class Scores:
 
     def prior(self, part: EffectInstance) -> float:
         """Log prior odds of a part, the price of its times taken off."""
-        course = _course(part)
+        course = _name_part_course(part)
         if CATALOGUE[part.id].effect.onset_only:
             course = "steady"  # when a drive stopped is its size
         if part.id == SHAFT_NEUTRAL.id and part.size > 0.0 and not self._passed:
             return NEVER
         row = ROWS[part.id].on(self.search.model.machine)
-        known = log_odds(course, self._names) + log_of_sign(part.size, row.only_adds)
+        known = calc_log_prior_odds(course, self._names) + calc_log_of_sign(
+            part.size, row.only_adds
+        )
         known += find_size_log_weight(part.size, row.usual) if row.has_slope else 0.0
         known += (
             float(np.log(DIRT_ENDS))
@@ -181,8 +183,8 @@ class Scores:
     def take(self, found: Iterable[ScoreTest]) -> None:
         """Keep what the times of beginning cost."""
         for one in found:
-            part = self.search.as_started(one.part)
-            self._spent[(part.id, part.member, _course(part))] = max(0.0, one.spent)
+            part = self.search.name_as_started(one.part)
+            self._spent[(part.id, part.member, _name_part_course(part))] = max(0.0, one.spent)
 
     def refit(self, parts: Hypothesis, now: FittedHypothesis) -> FittedHypothesis:
         """A model refitted from the noise of another, kept while the nominal values stand."""
@@ -223,7 +225,7 @@ class Scores:
                 more.noise,
                 columns.between(more.parts, less.parts),
                 # where a gate stopped is open in both
-                columns.of_stops(more.parts),
+                columns.list_stop_columns(more.parts),
             )
             even = min(abs(gain), even)
             gain = even if j is None else float(np.sign(gain)) * max(0.0, even)
@@ -240,23 +242,25 @@ class Scores:
 
     def rough(self, one: ScoreTest) -> float:
         """The same of what a scan adds, roughly."""
-        return one.evidence + one.spent + self.prior(self.search.as_started(one.part))
+        return one.evidence + one.spent + self.prior(self.search.name_as_started(one.part))
 
 
 def judge_group(search: Search) -> GroupResult:
     """Judge a group: forward selection, each step reviewed; then what is beyond the catalogue."""
-    null = _nothing(search)
+    null = _fit_nothing_wrong(search)
     board = Scores(search)
     first = board.scan(null)
     now = WeighedModel(null)
     for _ in range(MAX_CAUSES):
-        proposed = _proposed(board, now.fit)
-        better = _together(board, now.fit, _forward(board, now.fit, proposed), proposed)
+        proposed = _propose_parts(board, now.fit)
+        better = _add_parts_together(
+            board, now.fit, _add_best_part(board, now.fit, proposed), proposed
+        )
         if better is None:
             break
-        now = _reviewed(board, _settled(board, better))
-        if _is_split(search, now.fit.parts):
-            now = _reviewed(board, _settled(board, now.fit))
+        now = _review_parts(board, _settle_board(board, better))
+        if _is_split_review(search, now.fit.parts):
+            now = _review_parts(board, _settle_board(board, now.fit))
         if not now.fit.parts:
             break
     null = search.refit(())
@@ -264,25 +268,25 @@ def judge_group(search: Search) -> GroupResult:
     return GroupResult(search, null, now.fit, now.places, tuple(first), terms)
 
 
-def _nothing(search: Search) -> FittedHypothesis:
+def _fit_nothing_wrong(search: Search) -> FittedHypothesis:
     """The group with nothing wrong, once what is read off the drives is among the candidates."""
     search.candidates += [
         c._replace(usual=ROWS[c.part.id].on(search.model.machine).usual)
         for c in (
-            *stops(search.model),
+            *find_stopped_drives(search.model),
             *find_standing_onset(search.model),
             *encoder_steps(search.model),
         )
     ]
-    settle(search.columns, ())
+    settle_nominal_values(search.columns, ())
     search.find_noise()
-    _draw_in(search, ())
-    settle(search.columns, ())
+    _draw_in_tails(search, ())
+    settle_nominal_values(search.columns, ())
     search.find_noise()
     return search.refit(())
 
 
-def _is_split(search: Search, parts: Hypothesis) -> bool:
+def _is_split_review(search: Search, parts: Hypothesis) -> bool:
     """Whether a review put a part where the nominal value had been moved, along with another
     part: it is in both, and where no slope leads from one to the other."""
     moved = {
@@ -291,19 +295,19 @@ def _is_split(search: Search, parts: Hypothesis) -> bool:
     return any(key.endswith(TIMED) for key in moved)
 
 
-def _settled(board: Scores, now: FittedHypothesis) -> FittedHypothesis:
+def _settle_board(board: Scores, now: FittedHypothesis) -> FittedHypothesis:
     """A model once more, along with it the nominal values and outliers."""
     search = board.search
-    now = search.walked(now)
+    now = search.walk_delays(now)
     # what the nominal values took upon themselves may be the effect's
     search.model.move({})
     now = search.refit(now.parts, now.noise)
-    _draw_in(search, now.parts)
+    _draw_in_tails(search, now.parts)
     board.forget()
-    return search.refit(settle(search.columns, now.parts), now.noise)
+    return search.refit(settle_nominal_values(search.columns, now.parts), now.noise)
 
 
-def _draw_in(search: Search, parts: Hypothesis) -> None:
+def _draw_in_tails(search: Search, parts: Hypothesis) -> None:
     """Tails drawn in along with the richest fit: a hypothesis with every other candidate. Not a
     second time constant: next to a lag and a dead time it leaves less of the noise, and of
     moves nothing is drawn in."""
@@ -316,7 +320,7 @@ def _draw_in(search: Search, parts: Hypothesis) -> None:
     draw_in_outliers(search.columns, parts, more)
 
 
-def _forward(
+def _add_best_part(
     board: Scores, now: FittedHypothesis, proposed: Sequence[EffectInstance]
 ) -> FittedHypothesis | None:
     """The best model with one more part, where it is likelier than without."""
@@ -328,11 +332,11 @@ def _forward(
     best = max(refits, key=lambda one: board.worth(one, len(now.parts), now), default=None)
     if best is None:
         return None
-    best = refined(board.search, best)
+    best = refine_onsets(board.search, best)
     return best if board.worth(best, len(now.parts), now) > SAID else None
 
 
-def _together(
+def _add_parts_together(
     board: Scores,
     now: FittedHypothesis,
     better: FittedHypothesis | None,
@@ -346,14 +350,16 @@ def _together(
     if better is None and not loud:
         return None
     least = board.score(now) + SAID if better is None else board.score(better)
-    every = [board.refit(parts, now) for parts in started(board.search, now.parts, proposed)]
+    every = [
+        board.refit(parts, now) for parts in list_started_curves(board.search, now.parts, proposed)
+    ]
     ahead = [
         one for one in every if one.collinearity < MAX_COLLINEARITY and board.score(one) > least
     ]
     return max(ahead, key=board.score, default=better)
 
 
-def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
+def _propose_parts(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
     """The best parts to add by their scans, of every course in time."""
     search = board.search
     found = board.scan(now)
@@ -364,7 +370,7 @@ def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
         and still_disobeys(search.model, now.parts, f.part)
     ]
     steady = [f for f in found if not CATALOGUE[f.part.id].effect.onset_only][:REFITTED]
-    near = _near(board, now, [*steady, *_begin(board, now)])
+    near = _keep_near_best(board, now, [*steady, *_propose_beginnings(board, now)])
     # Where a threshold lies no scan says: the noise that nothing leaves in it hides all but the
     # nearest.
     thresholds = [
@@ -381,16 +387,18 @@ def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
         and find_absorbed_effects(f.part.id)
         and ids & set(ROWS[f.part.id].siblings)
     ]
-    return [search.as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
+    return [search.name_as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
 
 
-def _near(board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]) -> list[ScoreTest]:
+def _keep_near_best(
+    board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]
+) -> list[ScoreTest]:
     """Those of a scan that may be the likeliest: near the best of their course in time by their
     rough odds, as far as a refit bears these out: where a slope leads nowhere, the next one may
     be what is there. Courses are not held against each other before a refit: a scan fits the
     noise of steady effects only."""
     found = []
-    for several in _by_course(scanned):
+    for several in _group_by_course(scanned):
         best = -np.inf
         for one in sorted(several, key=board.rough, reverse=True):
             rough = board.rough(one)
@@ -399,12 +407,12 @@ def _near(board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]) -> lis
             found.append(one)
             # no refit puts the best above the rough odds of what comes later
             if rough > best:
-                fitted = board.refit((*now.parts, board.search.as_started(one.part)), now)
+                fitted = board.refit((*now.parts, board.search.name_as_started(one.part)), now)
                 best = max(best, min(rough, board.score(fitted) - board.score(now)))
     return found
 
 
-def _begin(board: Scores, now: FittedHypothesis) -> list[ScoreTest]:
+def _propose_beginnings(board: Scores, now: FittedHypothesis) -> list[ScoreTest]:
     """The best parts that begin within the log, at once or growing, or come and go, a few of
     each."""
     search = board.search
@@ -419,23 +427,25 @@ def _begin(board: Scores, now: FittedHypothesis) -> list[ScoreTest]:
         return []
     taken = {(p.id, p.member) for p in now.parts}
     tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
-    found = changes(search.columns, now.parts, now.noise, tried, switches + 2 <= MAX_SWITCHES)
+    found = find_best_changes(
+        search.columns, now.parts, now.noise, tried, switches + 2 <= MAX_SWITCHES
+    )
     board.take(found)
-    return [one for several in _by_course(found) for one in several[:REFITTED]]
+    return [one for several in _group_by_course(found) for one in several[:REFITTED]]
 
 
-def _by_course(found: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
+def _group_by_course(found: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
     courses: dict[str, list[ScoreTest]] = {}
     for one in found:
-        courses.setdefault(_course(one.part), []).append(one)
+        courses.setdefault(_name_part_course(one.part), []).append(one)
     return list(courses.values())
 
 
-def _course(part: EffectInstance) -> str:
+def _name_part_course(part: EffectInstance) -> str:
     return name_course(part.onset_s, part.until_s, part.grows)
 
 
-def _reviewed(board: Scores, fit: FittedHypothesis) -> WeighedModel:
+def _review_parts(board: Scores, fit: FittedHypothesis) -> WeighedModel:
     """The model with each part against what could stand in its place and against nothing, until
     none is better; of the models on the way whose parts are all likelier than nothing, the
     likeliest. A rival that is ahead of it where only even evidence counts, and behind where all
@@ -444,7 +454,7 @@ def _reviewed(board: Scores, fit: FittedHypothesis) -> WeighedModel:
     # where no log tells two effects apart, the catalogue's first stands for both
     order = list(ROWS)
     for left in count(REVIEWS, -1):
-        now = _weighed(board, fit)
+        now = _weigh_parts(board, fit)
         parts = now.fit.parts
         if now.is_said:
             visited.append(now)
@@ -463,11 +473,11 @@ def _reviewed(board: Scores, fit: FittedHypothesis) -> WeighedModel:
             )
         )
         if in_place.min() <= SAID or (ends and not visited):
-            fit = board.refit(without(parts, int(np.argmin(in_place))), fit)
+            fit = board.refit(remove_part(parts, int(np.argmin(in_place))), fit)
         elif ends:
             break
         else:
-            fit = board.refit(replaced(parts, k, now.places[k].rivals[0].part), fit)
+            fit = board.refit(replace_part(parts, k, now.places[k].rivals[0].part), fit)
     best = max(reversed(visited), key=lambda one: board.score(one.fit))
     return best._replace(
         places=tuple(
@@ -483,13 +493,13 @@ def _reviewed(board: Scores, fit: FittedHypothesis) -> WeighedModel:
     )
 
 
-def _weighed(board: Scores, now: FittedHypothesis) -> WeighedModel:
+def _weigh_parts(board: Scores, now: FittedHypothesis) -> WeighedModel:
     """What each part is worth, and what could stand in its place within the window. How far one
     model is ahead of another is had directly, and by what each is worth over nothing: either
     counts even evidence alone and is a lower bound, so that the higher one holds."""
     places: list[InPlace] = []
     for k, part in enumerate(now.parts):
-        alone = board.refit(without(now.parts, k), now)
+        alone = board.refit(remove_part(now.parts, k), now)
         own, place, found = board.worth(now, k, alone), len(alone.parts), []
         for rival in _in_its_place(board, alone, part):
             tried = board.refit((*alone.parts, rival), alone)
@@ -520,22 +530,22 @@ def _in_its_place(
     its other courses."""
     scanned = board.scan(alone)
     if not CATALOGUE[part.id].effect.onset_only:
-        scanned += _begin(board, alone)
+        scanned += _propose_beginnings(board, alone)
     others = [
         f
         for f in scanned
         if not CATALOGUE[f.part.id].effect.onset_only
-        and board.search.as_started(f.part)._replace(size=0.0) != part._replace(size=0.0)
+        and board.search.name_as_started(f.part)._replace(size=0.0) != part._replace(size=0.0)
     ]
     near = [
-        board.search.as_started(f.part)
-        for f in sorted(_near(board, alone, others), key=board.rough)[-MAX_RIVALS:]
+        board.search.name_as_started(f.part)
+        for f in sorted(_keep_near_best(board, alone, others), key=board.rough)[-MAX_RIVALS:]
     ]
-    course = _course(part)
+    course = _name_part_course(part)
     alike = [
         one._replace(onset_s=part.onset_s, until_s=part.until_s)
         for one in near
-        if part.onset_s is not None and one.id != part.id and _course(one) == course
+        if part.onset_s is not None and one.id != part.id and _name_part_course(one) == course
     ]
     return [*near, *alike]  # the part's times are refined: at these, too
 
@@ -560,12 +570,16 @@ def beyond_names(
     alone = tuple(find_terms(search, dictionary, null))
     names, unknown = now.fit.log_evidence + log_prior, -np.inf
     if alone:
-        unknown = _score(alone) - names
-        if _score(alone) > (log_prior + _score(with_names) if with_names else names):
+        unknown = _score_with_terms(alone) - names
+        if _score_with_terms(alone) > (
+            log_prior + _score_with_terms(with_names) if with_names else names
+        ):
             return WeighedModel(null), alone
     places = []
     for k, (part, place) in enumerate(zip(parts, now.places, strict=True)):
-        rest = search.refit(without(parts, k), now.fit.noise) if part.until_s is not None else None
+        rest = (
+            search.refit(remove_part(parts, k), now.fit.noise) if part.until_s is not None else None
+        )
         span = find_best_span(search, dictionary, rest, part) if rest is not None else None
         if rest is not None and span is not None and span.worth > place.worth:
             return WeighedModel(rest, now.places[:k] + now.places[k + 1 :]), (span,)
@@ -574,6 +588,6 @@ def beyond_names(
     return (now, with_names) if with_names else (WeighedModel(now.fit, tuple(places)), ())
 
 
-def _score(terms: Sequence[FittedTerm]) -> float:
+def _score_with_terms(terms: Sequence[FittedTerm]) -> float:
     """Log evidence with terms, and log prior odds of them."""
     return terms[-1].log_evidence + sum(one.log_prior for one in terms)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
-from topdress.control.diagnosis.dataframe_input import columns_of, machine_of
+from topdress.control.diagnosis.dataframe_input import load_machine, read_columns
 from topdress.control.diagnosis.extend import extend
 from topdress.control.diagnosis.judgement.checks import LEVEL
 from topdress.control.diagnosis.judgement.evidence import Z90
@@ -117,8 +117,8 @@ def diagnose_runs(
     >>> [cause.id for cause in found.together.causes], [one.verdict for one in found.each]
     (['speed.wheel_radius'], ['none', 'none'])
     """
-    of = machine_of(machine)
-    given = [columns_of(log) for log in logs]
+    of = load_machine(machine)
+    given = [read_columns(log) for log in logs]
     names = [*paths, *(f"log {k + 1}" for k in range(len(paths), len(given)))]
 
     def part(number: int) -> Callable[[float, str], None] | None:
@@ -127,7 +127,7 @@ def diagnose_runs(
         return lambda share, word: progress((number + share) / (1 + 2 * len(given)), word)
 
     together = diagnose_run(
-        joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each
+        join_logs(given, names, of), of, path=" + ".join(names), progress=part(0), each=each
     )
     taken = select_adoptable(together, [cause.id for cause in together.causes])
     known = extend(of, taken.found)
@@ -151,12 +151,14 @@ def diagnose_runs(
     alone = against(known, 1)
     if any(one.causes for one in alone):
         whole = against(of, 1 + len(given))
-        if kinds := of_a_kind(whole, alone):
+        if kinds := find_sizes_of_a_kind(whole, alone):
             return Several(together, of, whole, kinds)
     return Several(together, known, alone)
 
 
-def of_a_kind(each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]) -> tuple[OfAKind, ...]:
+def find_sizes_of_a_kind(
+    each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]
+) -> tuple[OfAKind, ...]:
     """The effects that every log has all along, where the size of one of them differs between
     logs, so that a log shows it even beyond what they share; none else."""
     left = {(cause.id, cause.member) for one in beyond for cause in one.causes}
@@ -174,13 +176,13 @@ def of_a_kind(each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]) -> tuple[O
     for key in steady[0]:
         if all(key in one for one in steady):
             sizes = tuple(one[key].size for one in steady)
-            found.append(OfAKind(*key, sizes, _alike_p(sizes)))
+            found.append(OfAKind(*key, sizes, _calc_cochran_p(sizes)))
     return (
         tuple(found) if any(one.p < LEVEL and (one.id, one.member) in left for one in found) else ()
     )
 
 
-def _alike_p(sizes: Sequence[Size]) -> float:
+def _calc_cochran_p(sizes: Sequence[Size]) -> float:
     """Cochran's Q: the chance of sizes so far apart, where one size is behind them all."""
     values = np.array([size.value for size in sizes], np.float64)
     half = 0.5 * (
@@ -191,7 +193,7 @@ def _alike_p(sizes: Sequence[Size]) -> float:
     return float(chdtrc(len(values) - 1, float(weights @ (values - mean) ** 2)))
 
 
-def joined(
+def join_logs(
     logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str], machine: Machine
 ) -> Columns:
     """One log of several, GAP_S between them: columns that a log has not are empty in its rows.
@@ -223,14 +225,14 @@ def joined(
         time_s = np.asarray(log["time_s"], np.float64)
         since = time_s - np.nanmin(time_s)
         for name, kind in kinds.items():
-            parts[name].append(_column(log, name, kind, since, settle_s if number else 0.0))
+            parts[name].append(_join_column(log, name, kind, since, settle_s if number else 0.0))
         parts["time_s"][-1] = begin_s + since
-        parts["events"][-1] = _with_start(parts["events"][-1], since, names[number])
+        parts["events"][-1] = _mark_start_event(parts["events"][-1], since, names[number])
         begin_s += float(np.nanmax(since)) + GAP_S
     return {name: np.concatenate(pieces) for name, pieces in parts.items()}
 
 
-def _column(
+def _join_column(
     log: Mapping[str, npt.NDArray[Any]],
     name: str,
     kind: str,
@@ -247,7 +249,7 @@ def _column(
     )
 
 
-def _with_start(
+def _mark_start_event(
     events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: str
 ) -> npt.NDArray[Any]:
     """Events with a mark in the first row that has a time, as `import` makes one."""

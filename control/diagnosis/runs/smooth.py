@@ -14,9 +14,9 @@ from topdress.control.machine.elements import Table
 from topdress.control.machine.machine import Machine, scale_nominal
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 
-from .channels import ChannelSeries, hopper_channel
+from .channels import ChannelSeries, make_hopper_channel
 from .hopper import Hopper
-from .hypothesis import EffectInstance, Stages, schedule
+from .hypothesis import EffectInstance, Stages, make_schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -84,7 +84,7 @@ class Span(NamedTuple):
     nodes: Table
 
 
-def span(data: RunData, variable: str, machine: Machine) -> Span | None:
+def find_variable_span(data: RunData, variable: str, machine: Machine) -> Span | None:
     """Eight even nodes between the variable's 1st and 99th percentile; None where it hardly
     moves."""
     values = data.variables.get(variable)
@@ -99,26 +99,26 @@ def span(data: RunData, variable: str, machine: Machine) -> Span | None:
     return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
 
 
-def shape(k: int) -> Table:
+def make_half_wave(k: int) -> Table:
     """The k-th half-wave at the nodes, k from 1."""
     return tuple(np.cos(np.pi * k * (np.arange(NODES) + 0.5) / NODES).tolist())
 
 
-def at_times(data: RunData, variable: str, time_s: Array) -> Array:
+def interpolate_variable(data: RunData, variable: str, time_s: Array) -> Array:
     return np.interp(time_s, data.time_s, data.variables[variable])
 
 
-def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) -> Array:
+def calc_flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) -> Array:
     """What further per cent of the flow in each bin (m+1,) do to the scale's reading: (m,)."""
-    nothing = schedule(base, ())
+    nothing = make_schedule(base, ())
     changed = hopper._replace(more_percent=hopper.more_percent + percent)
     return np.asarray(
-        hopper_channel(changed, machine).predict(nothing, MAX_MODEL_STEP_S)
-        - hopper_channel(hopper, machine).predict(nothing, MAX_MODEL_STEP_S)
+        make_hopper_channel(changed, machine).predict(nothing, MAX_MODEL_STEP_S)
+        - make_hopper_channel(hopper, machine).predict(nothing, MAX_MODEL_STEP_S)
     )
 
 
-def series(
+def list_shape_series(
     stage: str,
     over: Span,
     channel: ChannelSeries,
@@ -136,12 +136,16 @@ def series(
     table. own : the variable at the channel's samples, where it is what the stage's drive does.
     """
     if stage == "flow" and data.hopper is not None:
-        values = at_times(data, over.variable, data.hopper.time_s)
+        values = interpolate_variable(data, over.variable, data.hopper.time_s)
         rows = [
-            flow_change(data.hopper, machine, base, run_table(over.nodes, shape(k), values))
+            calc_flow_change(
+                data.hopper, machine, base, run_table(over.nodes, make_half_wave(k), values)
+            )
             for k in range(1, SHAPES + 1)
         ]
         return np.array(rows)
-    values = at_times(data, over.variable, channel.grid.even_s) if own is None else own
-    shaped = np.array([np.interp(values, over.nodes, shape(k)) for k in range(1, SHAPES + 1)])
+    values = interpolate_variable(data, over.variable, channel.grid.even_s) if own is None else own
+    shaped = np.array(
+        [np.interp(values, over.nodes, make_half_wave(k)) for k in range(1, SHAPES + 1)]
+    )
     return shaped if stage == "scale" else shaped * unit

@@ -11,7 +11,7 @@ from scipy.ndimage import convolve1d
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.speeds import MOVING_MPS
 
-from .grid import SMOOTH_S, Grid, looked_at, make_grid
+from .grid import SMOOTH_S, Grid, choose_row_windows, make_grid
 from .inputs import LogRows
 from .log import MIN_ROWS
 
@@ -69,9 +69,9 @@ def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> 
     nothing of.
     """
     time = every.time_s
-    fresh = _fresh(gnss)
+    fresh = _find_fresh_rows(gnss)
     known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
-    rows = looked_at(len(time))
+    rows = choose_row_windows(len(time))
     rows = rows[known[rows]]
     if len(rows) < MIN_ROWS:
         return None
@@ -80,14 +80,16 @@ def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> 
     wheel_there = wheel[rows]
     going = (gnss[rows] > MOVING_MPS) & (wheel_there > MOVING_MPS)
     ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
-    both = _weighted(gnss[rows], wheel_there / ratio, machine)
+    both = _weight_octaves(gnss[rows], wheel_there / ratio, machine)
     longest = len(both) - 1 + len(both) % 2
     windows = [min(longest, 2 * int(0.5 * one / step) + 1) for one in SPEED_WINDOWS_S]
     alike, ends = int(FORGOTTEN_S / step), min(windows[-1] // 2, len(both) // 4)
     smooth = (
         both
         if windows[0] <= 3
-        else _smoothed(both, min(windows, key=lambda one: _left_out(both, one, alike, ends)))
+        else _smooth_quadratically(
+            both, min(windows, key=lambda one: _calc_left_out_error(both, one, alike, ends))
+        )
     )
     moving = smooth > MOVING_MPS
     looked = moving if moving.sum() > MOVES_SHARE * len(at) else np.ones(len(at), bool)
@@ -105,7 +107,7 @@ def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> 
     )
 
 
-def _weighted(gnss: Array, wheel: Array, machine: Machine) -> Array:
+def _weight_octaves(gnss: Array, wheel: Array, machine: Machine) -> Array:
     """Mean of both speeds (n,), weighted in each octave of frequency with the precision that
     both have there.
 
@@ -127,7 +129,7 @@ def _weighted(gnss: Array, wheel: Array, machine: Machine) -> Array:
     return np.asarray(gnss + np.fft.irfft(trust * np.fft.rfft(wheel - gnss), len(gnss)))
 
 
-def _left_out(values: Array, window: int, alike: int, ends: int) -> float:
+def _calc_left_out_error(values: Array, window: int, alike: int, ends: int) -> float:
     """Mean square error of quadratics, each at the middle of a window (odd) of which it did not
     see the neighbours within `alike`, whose noise is alike (Burman, Chow and Nolan 1994,
     Biometrika 81, 351); the first and last `ends` do not count. What is smoothed too little
@@ -140,7 +142,7 @@ def _left_out(values: Array, window: int, alike: int, ends: int) -> float:
     return float(np.mean(error[ends : len(error) - ends] ** 2))
 
 
-def _smoothed(values: Array, window: int) -> Array:
+def _smooth_quadratically(values: Array, window: int) -> Array:
     """Quadratics fitted to every `window` (odd) neighbours, at their middle; at the ends those
     of the first and last window (Savitzky and Golay 1964, Anal. Chem. 36, 1627)."""
     reach = window // 2
@@ -160,14 +162,14 @@ def _smoothed(values: Array, window: int) -> Array:
     return np.asarray(found)
 
 
-def _fresh(series: Array) -> npt.NDArray[np.bool_]:
+def _find_fresh_rows(series: Array) -> npt.NDArray[np.bool_]:
     """Rows with a new value, where a sensor slower than the log is held between its readings."""
     changed = np.concatenate(([True], series[1:] != series[:-1]))
     known = np.isfinite(series)
     return changed if changed[known].mean() < FRESH_SHARE else np.ones(len(series), bool)
 
 
-def moves(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
+def find_moving_rows(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
     """Rows in which the machine moves, by either speed; all of them where no speed is known."""
     known = np.isfinite(gnss) | np.isfinite(wheel)
     return np.where(known, np.fmax(gnss, wheel) > MOVING_MPS, ~known.any())
@@ -183,7 +185,7 @@ def read_heads_channel(
     some = ndvi[there]
     known = np.isfinite(some).all(axis=0)
     changed = np.concatenate(([True], (some[:, 1:] != some[:, :-1]).any(axis=0)))
-    rows = looked_at(ndvi.shape[1])
+    rows = choose_row_windows(ndvi.shape[1])
     rows = rows[(known & changed & moves)[rows]]
     if len(rows) < MIN_ROWS:
         return None

@@ -13,11 +13,17 @@ from topdress.control.machine.term_sums import sum_over_log
 
 from .drives import Drive, read_drives
 from .effort import DriveEffort, read_efforts
-from .grid import bridged, select_known_rows, smoothed
+from .grid import bridge_gaps, select_known_rows, smooth_series
 from .hopper import Hopper, read_hopper, refills_written
-from .inputs import make_term_inputs, rows_of, variables_of
+from .inputs import make_log_rows, make_term_inputs, variables_of
 from .log import HEADS, Clean
-from .speed_and_heads import HeadContrasts, TwoSpeeds, moves, read_heads_channel, read_speeds
+from .speed_and_heads import (
+    HeadContrasts,
+    TwoSpeeds,
+    find_moving_rows,
+    read_heads_channel,
+    read_speeds,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -41,9 +47,9 @@ class RunData(NamedTuple):
     row_s: Array = np.empty(0)
 
 
-def run_data(log: Clean, machine: Machine) -> RunData:
+def make_run_data(log: Clean, machine: Machine) -> RunData:
     """Channels of a cleaned log; None where the log cannot show one."""
-    every, c = rows_of(log, machine), log.columns
+    every, c = make_log_rows(log, machine), log.columns
     time = every.time_s
     inputs = make_term_inputs(log, every, machine)
     every = every._replace(more=sum_over_log(machine.terms, inputs, time, run_term))
@@ -51,7 +57,7 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     hopper = speed = heads = None
     driven = read_drives(log, every, machine, whole=False)
     further = {
-        name: smoothed(bridged(time, series, series), log.step_s)
+        name: smooth_series(bridge_gaps(time, series, series), log.step_s)
         for name, series in log.further.items()
     }
     if "flow" in log.stages:
@@ -62,7 +68,9 @@ def run_data(log: Clean, machine: Machine) -> RunData:
             variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
         heads = read_heads_channel(
-            time, np.array([c[name] for name in HEADS]), moves(c["speed_mps"], c["wheel_speed_mps"])
+            time,
+            np.array([c[name] for name in HEADS]),
+            find_moving_rows(c["speed_mps"], c["wheel_speed_mps"]),
         )
     rows = select_known_rows(len(time))
     variables |= further

@@ -25,14 +25,14 @@ from topdress.control.diagnosis.judgement.evidence import (
     Label,
     Problem,
     Role,
-    calm,
     choose_better_fit,
     find_residual_power,
-    fitted,
-    problem,
+    fit_amplitudes_and_noise,
+    limit_slow_noise,
+    make_evidence_problem,
 )
 from topdress.control.diagnosis.judgement.line_search import climb_to_best
-from topdress.control.diagnosis.judgement.noise import Noise, coefficients, series_of
+from topdress.control.diagnosis.judgement.noise import Noise, coefficients, make_series_of
 from topdress.control.machine.compiled import run_term
 from topdress.control.machine.form import TriedForm
 from topdress.control.machine.forms import SPAN_PLACES, LostConstantForm, PeriodicForm, SpanForm
@@ -46,8 +46,8 @@ from topdress.control.machine.terms import (
     name_own_command,
 )
 
-from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan
-from .held_out import errors_of, fit_amplitudes, held_out
+from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan_dictionary
+from .held_out import fit_amplitudes, hold_out_blocks, list_held_out_errors
 from .hypothesis import EffectInstance
 from .search import FittedHypothesis, Search
 from .stages import RunData
@@ -126,7 +126,7 @@ class TriedOn:
         self.held = [column for one in terms for column in one.columns]
         self.base = [*search.columns.of_hypothesis(now.parts), *self.held]
         self.noise = terms[-1].noise if terms else now.noise
-        self.calm = calm(self.noise, self.channels)
+        self.calm = limit_slow_noise(self.noise, self.channels)
         self._banded = search.model.banded_residual(now.parts)
 
     def whitened(self, noise: dict[str, Noise]) -> WhitenedResidual:
@@ -135,7 +135,7 @@ class TriedOn:
     def problem(self, columns: Sequence[Column]) -> Problem:
         """Further columns behind those of the base."""
         self.search.model.ask()
-        return problem(self.channels, self._banded, [*self.base, *columns])
+        return make_evidence_problem(self.channels, self._banded, [*self.base, *columns])
 
 
 def find_terms(
@@ -148,7 +148,7 @@ def find_terms(
     not_over : variables that no term is over alone."""
     terms: list[FittedTerm] = []
     for _ in range(MAX_TERMS):
-        best = _best(TriedOn(search, dictionary, now, terms), not_over)
+        best = _find_best_term(TriedOn(search, dictionary, now, terms), not_over)
         if best is None:
             break
         terms.append(best)
@@ -177,25 +177,25 @@ def find_best_span(
                 SpanForm.make_columns(shape, time, time),
                 SPAN_PLACES**2,
             )
-            found.append(_verified(given, FormCandidate(acts, span), given.noise))
+            found.append(_verify_term(given, FormCandidate(acts, span), given.noise))
     return max(found, key=lambda one: one.worth, default=None)
 
 
-def _best(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
+def _find_best_term(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
     """The likeliest term; None where it is likelier without."""
     verified = [
-        _verified(given, candidate, given.noise)
-        for candidate in _candidates(given)
+        _verify_term(given, candidate, given.noise)
+        for candidate in _list_form_candidates(given)
         if not set(candidate.tried.over) <= not_over or candidate.tried.kind is LostConstantForm
     ]
     best = max(verified, key=lambda one: one.worth, default=None)
     if best is None or best.worth <= prior.SAID:
         return None
-    best = _form_again(given, best)
+    best = _choose_form_again(given, best)
     return best._replace(held_out=_held_out_gain(given, best))
 
 
-def _form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
+def _choose_form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
     """The best form over the same variable under the noise that a term leaves: without it drift
     stood for a part of what it does, and bent the choice."""
     if len(one.tried.over) > 1 or one.tried.kind in (SpanForm, PeriodicForm, LostConstantForm):
@@ -208,22 +208,24 @@ def _form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
         if entry.forms[0].over == one.tried.over
         for kind in dict.fromkeys(form.kind for form in entry.forms)
     ]
-    ranked = sorted(scan(residual, given.dictionary.of[acts][0], entries), key=lambda c: -c.score)[
-        :FORMS_AGAIN
-    ]
+    ranked = sorted(
+        scan_dictionary(residual, given.dictionary.of[acts][0], entries), key=lambda c: -c.score
+    )[:FORMS_AGAIN]
     return max(
-        [one, *(_verified(given, candidate, one.noise) for candidate in ranked)],
+        [one, *(_verify_term(given, candidate, one.noise) for candidate in ranked)],
         key=lambda found: found.worth,
     )
 
 
-def _candidates(given: TriedOn) -> list[FormCandidate]:
+def _list_form_candidates(given: TriedOn) -> list[FormCandidate]:
     """The best under the noise that the hypothesis leaves, which may hide a slow form, and
     under a calm one, under which drift looks like one: of each quantity and variables one form
     under each. Where something comes and goes is seen only in noise without its slow part: its
     edges are half a class off."""
     chosen: dict[tuple[TermTarget, tuple[str, ...], str, int], FormCandidate] = {}
-    temporary = given.dictionary.scanned(given.whitened(_still(given.noise)), temporary=True)
+    temporary = given.dictionary.scanned(
+        given.whitened(_drop_slow_noise(given.noise)), temporary=True
+    )
     for noise in (given.noise,) if given.calm == given.noise else (given.noise, given.calm):
         lasting = given.dictionary.scanned(given.whitened(noise), temporary=False)
         found = sorted([*lasting, *temporary], key=lambda c: -c.score)
@@ -238,7 +240,7 @@ def _candidates(given: TriedOn) -> list[FormCandidate]:
     return list(chosen.values())
 
 
-def _still(noise: dict[str, Noise]) -> dict[str, Noise]:
+def _drop_slow_noise(noise: dict[str, Noise]) -> dict[str, Noise]:
     """The noise without its slow part."""
     return {
         name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
@@ -246,7 +248,7 @@ def _still(noise: dict[str, Noise]) -> dict[str, Noise]:
     }
 
 
-def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> TriedForm:
+def _settle_form_shape(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> TriedForm:
     """The shape moved in ever smaller steps to where the form gains most under a noise."""
     form, (acted, variables) = one.tried, given.dictionary.of[one.acts]
     kind, x = form.kind, variables.by_name[form.over[0]]
@@ -257,9 +259,9 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
 
     def gain(form: TriedForm) -> float:
         series = np.concatenate((acted.of(form.calc_rows(variables.by_name)), constant))
-        return residual.beyond(acted.channel, coefficients(series, acted.channel.cut)).gain_of(
-            np.eye(len(series))
-        )
+        return residual.beyond(
+            acted.channel, coefficients(series, acted.channel.cut)
+        ).calc_gain_of_mixes(np.eye(len(series)))
 
     def near(form: TriedForm, fineness: float) -> Iterator[TriedForm]:
         for name in kind.movable:
@@ -272,11 +274,13 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
     return climb_to_best(form, gain, near, steps, again=False)
 
 
-def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:
+def _verify_term(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:
     """A candidate with its shape settled, refitted with the noise. noise : where the fits start."""
     base, (acted, variables) = len(given.base), given.dictionary.of[one.acts]
-    quiet = _still(noise) if one.tried.kind.leaps else calm(noise, given.channels)
-    form = _settled(given, one, quiet)
+    quiet = (
+        _drop_slow_noise(noise) if one.tried.kind.leaps else limit_slow_noise(noise, given.channels)
+    )
+    form = _settle_form_shape(given, one, quiet)
     name, cut = acted.channel.name, acted.channel.cut
     rows = form.calc_rows(variables.by_name)
     series = np.concatenate((acted.constant[: variables.has_level(form)], acted.of(rows)))
@@ -285,7 +289,7 @@ def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Fi
         Column(Label(Role.FORM, "term"), {name: coefficients(row, cut)}, usual) for row in series
     )
     p = given.problem(columns)
-    plain, full, log_weight = _fits(given, p, base + levels, noise, usual)
+    plain, full, log_weight = _fit_with_and_without(given, p, base + levels, noise, usual)
     sizes = full.amplitude[base + levels :]
     own, whole = (
         coefficients(sizes @ series[levels:], cut),
@@ -298,11 +302,13 @@ def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Fi
     trace = Column(Label(Role.TRACE), {name: whole}, np.inf)
     even = min(gain, find_even_gain(given.search, given.now.parts, full.noise, trace, given.held))
     left = find_residual_power(p, name, np.arange(base + levels), plain.amplitude)
-    log_prior = _log_prior(len(given.dictionary.of), one.tried, variables) + log_weight
+    log_prior = _calc_log_prior(len(given.dictionary.of), one.tried, variables) + log_weight
     level = (
-        _level(full, base, given.base, columns[0], float(np.std(sizes @ rows))) if levels else 0.0
+        _find_term_level(full, base, given.base, columns[0], float(np.std(sizes @ rows)))
+        if levels
+        else 0.0
     )
-    term = _term(one.acts, form, sizes, level, full, base + levels, variables)
+    term = _make_term(one.acts, form, sizes, level, full, base + levels, variables)
     return FittedTerm(
         term,
         form,
@@ -317,14 +323,14 @@ def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Fi
     )
 
 
-def _fits(
+def _fit_with_and_without(
     given: TriedOn, p: Problem, count: int, noise: dict[str, Noise], usual: float
 ) -> tuple[Fit, Fit, float]:
     """The best fits without a form and with it, and the log weight of the prior of its sizes.
     count : columns before it."""
     before, every, sizes = np.arange(count), np.arange(len(p.sd)), np.arange(count, len(p.sd))
     plain = choose_better_fit(p, before, noise, given.channels)
-    first = fitted(p, every, plain.noise)
+    first = fit_amplitudes_and_noise(p, every, plain.noise)
     wide = p.sd.copy()
     wide[sizes] = [prior.find_size_sd(float(size), usual) for size in first.amplitude[sizes]]
     weight = sum(prior.find_size_log_weight(float(size), usual) for size in wide[sizes])
@@ -333,11 +339,11 @@ def _fits(
         (choose_better_fit(p, every, start, given.channels) for start in (first.noise, noise)),
         key=lambda fit: fit.log_likelihood,
     )
-    again = fitted(p, before, full.noise)  # a better noise is no gain of the form
+    again = fit_amplitudes_and_noise(p, before, full.noise)  # a better noise is no gain of the form
     return max(plain, again, key=lambda fit: fit.log_likelihood), full, weight
 
 
-def _log_prior(quantities: int, form: TriedForm, variables: Variables) -> float:
+def _calc_log_prior(quantities: int, form: TriedForm, variables: Variables) -> float:
     """Log prior odds of a form."""
     count = len(variables.one) if len(form.over) == 1 else len(variables.pairs())
     return prior.log_odds_of_form(quantities, count, form.places, form.kind.one_run)
@@ -357,7 +363,7 @@ def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTe
         forms.append(len(given.base) + len(columns))
         columns += one.columns[one.levels :]
     p = given.problem(columns)
-    fit = fitted(p, np.arange(len(p.sd)), terms[-1].noise)
+    fit = fit_amplitudes_and_noise(p, np.arange(len(p.sd)), terms[-1].noise)
     found = []
     for one, at in zip(terms, forms, strict=True):
         acts, variables = one.term.acts_on, given.dictionary.of[one.term.acts_on][1]
@@ -365,14 +371,18 @@ def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTe
         spread = float(np.std(sizes @ one.tried.calc_rows(variables.by_name)))
         level_at = levels.pop(acts, None) if one.levels else None
         level = (
-            0.0 if level_at is None else _level(fit, level_at, given.base, one.columns[0], spread)
+            0.0
+            if level_at is None
+            else _find_term_level(fit, level_at, given.base, one.columns[0], spread)
         )
-        term = _term(acts, one.tried, sizes, level, fit, at, variables)
+        term = _make_term(acts, one.tried, sizes, level, fit, at, variables)
         found.append(one._replace(term=term, field_percent=_field_percent(term, given.data)))
     return found
 
 
-def _level(fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float) -> float:
+def _find_term_level(
+    fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float
+) -> float:
     """The level that a quantity has along with a form, what the tolerances give of it with it;
     0 where the log does not hold it: a slow drift of this log is no trait of the machine, and
     what a name of the hypothesis does is the name's.
@@ -390,7 +400,7 @@ def _level(fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float
         return 0.0
     share = np.zeros(len(sd))  # so much of a level a unit of each column is
     for k, column in enumerate(base):
-        share[k] = _along(column, own) if column.label.role is Role.TOLERANCE else 0.0
+        share[k] = _share_of_level(column, own) if column.label.role is Role.TOLERANCE else 0.0
     # by so much less
     moved = sum(share[k] * column.mean for k, column in enumerate(base) if share[k] != 0.0)
     share[at] = 1.0
@@ -403,7 +413,7 @@ def _level(fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float
     )
 
 
-def _along(one: Column, level: Column) -> float:
+def _share_of_level(one: Column, level: Column) -> float:
     """So much of a level a unit of a column is; 0 where it is something else."""
     name = next(iter(level.coefficients))
     if name not in one.coefficients:
@@ -413,7 +423,7 @@ def _along(one: Column, level: Column) -> float:
     return along / max(size, 1e-300) if abs(along) > A_LEVEL * np.sqrt(float(a @ a) * size) else 0.0
 
 
-def _term(
+def _make_term(
     acts: TermTarget,
     form: TriedForm,
     sizes: Array,
@@ -436,7 +446,7 @@ def _term(
     over = [{"name": name, "valid": variables.by_name[name].valid_range} for name in form.over]
     return Term.model_validate(
         {
-            "id": _id(f"{TARGET_STAGES[acts]}.{written.form}_{'_'.join(form.over)}"),
+            "id": _make_term_id(f"{TARGET_STAGES[acts]}.{written.form}_{'_'.join(form.over)}"),
             "acts_on": acts,
             "form": written.form,
             "over": over,
@@ -448,7 +458,7 @@ def _term(
     )
 
 
-def _id(words: str) -> str:
+def _make_term_id(words: str) -> str:
     """Of a term: names of columns may be in any writing, ids are not."""
     return re.sub(r"[^a-z0-9_.]+", "", words.lower())[:LONGEST_ID]
 
@@ -477,9 +487,9 @@ def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
     the other blocks."""
     name = CHANNEL_OF[one.term.acts_on]
     channel = given.search.model.channel(name)
-    blocks, before = held_out(channel), given.search.model.residual(given.now.parts)[name]
+    blocks, before = hold_out_blocks(channel), given.search.model.residual(given.now.parts)[name]
     every = [
-        (c, series_of(c.coefficients[name], channel.cut))
+        (c, make_series_of(c.coefficients[name], channel.cut))
         for c in (*given.base, *one.columns)
         if name in c.coefficients
     ]
@@ -489,7 +499,7 @@ def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
         left.append(
             before - sum(size * series for size, (_, series) in zip(sizes, columns, strict=True))
         )
-    _, _, plain, better = errors_of(blocks, *left)
+    _, _, plain, better = list_held_out_errors(blocks, *left)
     return (
         float(1.0 - np.sum(better**2) / max(float(np.sum(plain**2)), 1e-300)) if len(plain) else 0.0
     )
@@ -512,10 +522,10 @@ def average_marginal(term: Term, variable: str, data: RunData) -> tuple[Eight, E
     mean = np.bincount(nearest, weights=series, minlength=NODES) / np.maximum(1, count)
     known = count > 0
     found = np.interp(nodes, nodes[known], mean[known])
-    return _eight(nodes), _eight(found)
+    return _pack_eight(nodes), _pack_eight(found)
 
 
-def _eight(numbers: Array) -> Eight:
+def _pack_eight(numbers: Array) -> Eight:
     a, b, c, d, e, f, g, h = (float(one) for one in numbers)
     return a, b, c, d, e, f, g, h
 

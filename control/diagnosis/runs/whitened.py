@@ -31,7 +31,11 @@ import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.judgement.evidence import Column
 from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian
-from topdress.control.diagnosis.judgement.noise import Noise, series_of, strengths
+from topdress.control.diagnosis.judgement.noise import (
+    Noise,
+    calc_coefficient_strengths,
+    make_series_of,
+)
 
 from .channels import ChannelSeries
 from .hypothesis import Hypothesis
@@ -65,7 +69,8 @@ class WhitenedResidual:
         base = sorted(base, key=lambda column: column.sd < np.inf)
         self._free = sum(column.sd == np.inf for column in base)
         self._scale = {
-            c.name: 1.0 / np.sqrt(strengths(noise[c.name], c.prior, c.cut, c.grid.step_s))
+            c.name: 1.0
+            / np.sqrt(calc_coefficient_strengths(noise[c.name], c.prior, c.cut, c.grid.step_s))
             for c in channels
         }
         ends = np.cumsum([0, *(len(one) for one in self._scale.values())]).tolist()
@@ -99,14 +104,14 @@ class WhitenedResidual:
 
     def series(self, channel: ChannelSeries, rows: Array) -> Array:
         """Whitened rows of a channel as a series (copies x m,)."""
-        return series_of(rows[self._place[channel.name]], channel.cut)
+        return make_series_of(rows[self._place[channel.name]], channel.cut)
 
     def weighted(self, channel: ChannelSeries) -> Array:
         """What is left of a channel, times the inverse covariance of its noise: (copies, m)."""
         name = channel.name
-        return series_of(self.left[self._place[name]] * self._scale[name], channel.cut).reshape(
-            channel.copies, -1
-        )
+        return make_series_of(
+            self.left[self._place[name]] * self._scale[name], channel.cut
+        ).reshape(channel.copies, -1)
 
     def white(
         self, channel: ChannelSeries, banded: npt.NDArray[Any]
@@ -163,14 +168,14 @@ def find_even_gain(
             np.add.reduceat(product, edges)
             for product in (left**2, r**2, (r + size * h) ** 2, t * left, t**2, np.ones(len(r)))
         )
-        moved += _student(without, within, count)
-        stands += _student(stood, within, count)
+        moved += _calc_student_gain(without, within, count)
+        stands += _calc_student_gain(stood, within, count)
         scores.append(score)
         energies.append(energy)
-    return min(moved, stands) / _unevenness(np.concatenate(scores), np.concatenate(energies))
+    return min(moved, stands) / _calc_unevenness(np.concatenate(scores), np.concatenate(energies))
 
 
-def _student(without: Array, within: Array, count: Array) -> float:
+def _calc_student_gain(without: Array, within: Array, count: Array) -> float:
     """Gain from sums of squares without a trace to those with it, (b,): in each block a
     multivariate t."""
     return 0.5 * float(
@@ -178,7 +183,7 @@ def _student(without: Array, within: Array, count: Array) -> float:
     )
 
 
-def _unevenness(score: Array, energy: Array) -> float:
+def _calc_unevenness(score: Array, energy: Array) -> float:
     """Block-robust over model variance of a trace's score by block (b,), along with it, from
     its energy there (b,); 1 where the blocks agree better."""
     known = energy > LEAST_ENERGY * max(float(energy.sum()), 1e-300)

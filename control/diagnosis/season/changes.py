@@ -17,7 +17,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from topdress.control.diagnosis.judgement.gaussian import Array, gain
+from topdress.control.diagnosis.judgement.gaussian import Array, calc_elementwise_gain
 
 # logs between two changes of one effect: a season has some 50, a repair or none
 USUAL = 50.0
@@ -47,40 +47,48 @@ class Partition(NamedTuple):
     change: Array
     scatter: Array
 
-    def near(self, gap: int) -> float:
+    def calc_change_probability_near(self, gap: int) -> float:
         """Probability of a change at a gap or so near that the logs cannot tell."""
         return float(min(1.0, self.change[max(0, gap - NEAR) : gap + NEAR + 1].sum()))
 
 
-def share_of(times_d: Array) -> Array:
+def calc_season_shares(times_d: Array) -> Array:
     """Times in days as shares of the season, 0 at the first and 1 at the last."""
     return np.asarray((times_d - times_d.min()) / max(float(np.ptp(times_d)), 1e-9), np.float64)
 
 
-def partition(
+def find_partition(
     times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
 ) -> Partition:
     """Of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter: variance about it."""
     tried = product(SCATTERS, SHARES) if scatter > 0.0 else [(0.0, 0.0)]
     extras = [constant**2 * scatter + (share * curve) ** 2 for constant, share in tried]
-    return _cut(
+    return _choose_stretches(
         max(
-            ((_stretches(times_d, sizes, variance + extra, level_sd), extra) for extra in extras),
-            key=lambda one: _ahead(one[0])[-1],
+            (
+                (_calc_stretch_likelihoods(times_d, sizes, variance + extra, level_sd), extra)
+                for extra in extras
+            ),
+            key=lambda one: _calc_likelihood_ahead(one[0])[-1],
         )
     )
 
 
 def gain_of_course(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> float:
     """Log marginal likelihood of any course, against none."""
-    each = _stretches(times_d, sizes, variance, level_sd)
-    return float(_ahead(each)[-1] - each[0, 0, -1] - np.log(len(KINDS)) + STAYS * (len(sizes) - 1))
+    each = _calc_stretch_likelihoods(times_d, sizes, variance, level_sd)
+    return float(
+        _calc_likelihood_ahead(each)[-1]
+        - each[0, 0, -1]
+        - np.log(len(KINDS))
+        + STAYS * (len(sizes) - 1)
+    )
 
 
-def _cut(found: tuple[Array, Array]) -> Partition:
+def _choose_stretches(found: tuple[Array, Array]) -> Partition:
     """Its likeliest stretches, and how probable a change is in each gap."""
     each, extra = found
-    count, whole, ahead = len(extra), np.logaddexp.reduce(each), _ahead(each)
+    count, whole, ahead = len(extra), np.logaddexp.reduce(each), _calc_likelihood_ahead(each)
     back, best, came = np.full(count + 1, -np.inf), np.full(count + 1, -np.inf), [0] * (count + 1)
     back[count] = best[0] = 0.0
     top = each.max(axis=0)
@@ -101,7 +109,7 @@ def _cut(found: tuple[Array, Array]) -> Partition:
     )
 
 
-def _ahead(each: Array) -> Array:
+def _calc_likelihood_ahead(each: Array) -> Array:
     """(n + 1,) log likelihood of all logs before each, over all partitions."""
     whole = np.logaddexp.reduce(each)
     ahead = np.zeros(len(whole) + 1)
@@ -110,10 +118,12 @@ def _ahead(each: Array) -> Array:
     return ahead
 
 
-def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> Array:
+def _calc_stretch_likelihoods(
+    times_d: Array, sizes: Array, variance: Array, level_sd: float
+) -> Array:
     """Log marginal likelihood and prior (a change before it, none within) of every stretch
     [begin, end) by kind, (kinds, n, n + 1); -inf: there is none."""
-    count, share, weight = len(sizes), share_of(times_d), 1.0 / variance
+    count, share, weight = len(sizes), calc_season_shares(times_d), 1.0 / variance
     sums = np.concatenate(
         [
             np.zeros((7, 1)),
@@ -139,9 +149,9 @@ def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -
     # (n, n + 1)
     w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])
     gone = -0.5 * (wyy + logs)
-    stands = gone + gain(w, wy, level_sd)
+    stands = gone + calc_elementwise_gain(w, wy, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
     spread, score = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
-    line = stands + gain(spread, score, SLOPES * level_sd)
+    line = stands + calc_elementwise_gain(spread, score, SLOPES * level_sd)
     prior = STAYS * (end - 1 - begin) + CHANGES * (begin > 0) - np.log(len(KINDS))
     return np.where(outside, -np.inf, np.stack([gone, stands, line]) + prior)

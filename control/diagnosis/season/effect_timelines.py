@@ -17,8 +17,8 @@ from topdress.control.diagnosis.judgement.evidence import Z90
 from topdress.control.diagnosis.judgement.gaussian import Array
 
 from .changes import NEAR, Partition, Stretch
-from .evidence import OneLog, stacked
-from .mixed import Alternative, Levels, Season, found, judged, scan
+from .evidence import OneLog, stack_logs
+from .mixed import Alternative, Levels, Season, find_season_causes, judge_season_causes, scan_season
 
 WEAR_P = 1e-3  # of a slope, that it is noise
 REPAIR_SHARE = 0.25  # of an effect, that a repair takes away at least
@@ -112,21 +112,21 @@ class SeasonFit(NamedTuple):
     same: tuple[Same, ...] = ()
 
 
-def fitted(logs: Sequence[OneLog]) -> SeasonFit:
+def fit_season(logs: Sequence[OneLog]) -> SeasonFit:
     """The whole season at once."""
     if not logs:
         return SeasonFit()
-    season = judged(found(stacked(logs)))
-    causes = [_cause(season, number) for number in range(len(season.causes))]
+    season = judge_season_causes(find_season_causes(stack_logs(logs)))
+    causes = [_make_season_cause(season, number) for number in range(len(season.causes))]
     return SeasonFit(
         tuple(sorted(one for one in causes if one.pieces)),
         tuple(one for one in causes if not one.pieces),
-        tuple(_levels(season, causes)),
-        tuple(_same(season.levels)),
+        tuple(_list_effect_levels(season, causes)),
+        tuple(_compare_levels(season.levels)),
     )
 
 
-def _cause(season: Season, number: int) -> Cause:
+def _make_season_cause(season: Season, number: int) -> Cause:
     """Each log's own size: what all other terms leave, at their means, with this one left in."""
     cause, (mean, cov) = season.causes[number], season.sizes_of(number)
     whole = cause.columns.mean(axis=0)
@@ -147,12 +147,14 @@ def _cause(season: Season, number: int) -> Cause:
         times_d=tuple(times_d.tolist()),
         sizes=tuple(sizes.tolist()),
         halves=tuple((Z90 * variance**0.5).tolist()),
-        pieces=tuple(_pieces(cause.course.stretches, times_d, cause.columns, mean, cov, variance)),
-        changes=tuple(_changes(cause.course, times_d, sizes, variance)),
+        pieces=tuple(
+            _list_course_pieces(cause.course.stretches, times_d, cause.columns, mean, cov, variance)
+        ),
+        changes=tuple(_list_season_changes(cause.course, times_d, sizes, variance)),
     )
 
 
-def _pieces(
+def _list_course_pieces(
     stretches: Sequence[Stretch],
     times_d: Array,
     columns: Array,
@@ -182,13 +184,16 @@ def _pieces(
         )
 
 
-def _changes(
+def _list_season_changes(
     course: Partition, times_d: Array, sizes: Array, variance: Array
 ) -> Iterator[SeasonChange]:
     """Where the likeliest course breaks, and where it may well have."""
     gaps = [one.begin - 1 for one in course.stretches[1:]]
     for gap in map(int, np.argsort(-course.change, kind="stable")):
-        if all(abs(gap - one) > NEAR for one in gaps) and course.near(gap) >= SAID:
+        if (
+            all(abs(gap - one) > NEAR for one in gaps)
+            and course.calc_change_probability_near(gap) >= SAID
+        ):
             gaps.append(gap)
     for gap in sorted(gaps):
         before, after = ([one for one in gaps if one < gap], [one for one in gaps if one > gap])
@@ -201,18 +206,20 @@ def _changes(
             )
             for part in (early, late)
         )
-        probability = course.near(gap)
+        probability = course.calc_change_probability_near(gap)
         yield SeasonChange(
             0.5 * float(times_d[gap] + times_d[gap + 1]),
             probability,
-            probability * _nearer_zero(*was, *is_),
+            probability * _calc_repair_probability(*was, *is_),
             was[0],
             is_[0],
             len(sizes) - gap - 1,
         )
 
 
-def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float) -> float:
+def _calc_repair_probability(
+    was: float, was_variance: float, is_: float, is_variance: float
+) -> float:
     """Probability that a size became less by REPAIR_SHARE at least, and not as large the other
     way."""
     left = 1.0 - REPAIR_SHARE
@@ -228,12 +235,12 @@ def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float
     )
 
 
-def _levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cause]:
+def _list_effect_levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cause]:
     """Every level of every effect that is reported: as reported, else shrunk by the other
     levels of its factor. Of a set each has its share of the probability."""
     if not season.causes:
         return
-    seen, logs = scan(season), season.logs
+    seen, logs = scan_season(season), season.logs
     shown = {(one.factor, one.level, one.effect): one for one in causes}
     of_set = {
         (other.factor, other.level, other.effect): other.probability * one.probability
@@ -257,7 +264,7 @@ def _levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cause]:
             yield one._replace(probability=of_set.get(key, one.probability))
 
 
-def _same(levels: Levels) -> Iterator[Same]:
+def _compare_levels(levels: Levels) -> Iterator[Same]:
     """By all pairs of levels that some log has."""
     count = np.array([len(one) for one in levels.logs])
     for one, other in combinations(range(levels.code.shape[1]), 2):
@@ -267,7 +274,7 @@ def _same(levels: Levels) -> Iterator[Same]:
                 yield Same(*levels.keys[a], *levels.keys[b])
 
 
-def wears(course: Cause) -> bool:
+def is_wearing(course: Cause) -> bool:
     """Whether its last piece grows away from zero."""
     last = course.pieces[-1]
     return last.per_day_p < WEAR_P and last.per_day * last.end > 0.0

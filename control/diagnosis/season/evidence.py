@@ -16,10 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from topdress.control.diagnosis.effects import ROWS
-from topdress.control.diagnosis.judgement.evidence import Column, Role, calm, fitted
+from topdress.control.diagnosis.judgement.evidence import (
+    Column,
+    Role,
+    fit_amplitudes_and_noise,
+    limit_slow_noise,
+)
 from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian, Indices
 from topdress.control.diagnosis.result import Diagnosis
-from topdress.control.diagnosis.runs.cost import field_cost
+from topdress.control.diagnosis.runs.cost import calc_field_cost
 from topdress.control.diagnosis.runs.diagnose import judge_run
 from topdress.control.diagnosis.runs.selection import GroupResult
 from topdress.control.diagnosis.runs.stages import RunData
@@ -73,22 +78,26 @@ class LogEvidence(NamedTuple):
     worked: LogWork
 
 
-def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
+def collect_log_evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
     """A full diagnosis, and the forms along with it. Raises ValueError as `diagnose_run` does."""
     run = judge_run(columns, machine, path=path)
-    forms = tuple(form for one in run.groups if (form := _form(one)) is not None)
+    forms = tuple(form for one in run.groups if (form := _make_quadratic_form(one)) is not None)
     percent, units = {}, {}
     for form in forms:
         for k, name in enumerate(form.names):
             effect_id = name.split("#")[0]
             units[name] = describe_unit(effect_id, machine)
-            cost = _percent(effect_id, machine, run.data) if form.normal[k][k] > 0.0 else None
+            cost = (
+                _calc_dose_percent(effect_id, machine, run.data)
+                if form.normal[k][k] > 0.0
+                else None
+            )
             if cost is not None:
                 percent[name] = cost
-    return LogEvidence(run.found, forms, percent, units, worked(columns, machine))
+    return LogEvidence(run.found, forms, percent, units, sum_log_work(columns, machine))
 
 
-def _form(one: GroupResult) -> QuadraticForm | None:
+def _make_quadratic_form(one: GroupResult) -> QuadraticForm | None:
     """Of one group, near nothing wrong.
 
     The noise is fitted with every effect free and what was found in place: noise fitted to what
@@ -109,11 +118,13 @@ def _form(one: GroupResult) -> QuadraticForm | None:
     others = [
         part for part in one.found.parts if part.onset_s is not None or ROWS[part.id].probe is None
     ]
-    p, before = columns.compressed(
+    p, before = columns.compress_hypothesis(
         (), [columns.of_candidate((), part) for part in (*parts.values(), *others)]
     )
-    noise = fitted(p, np.arange(len(p.labels)), calm(one.found.noise, model.channels)).noise
-    every, base = p.under(noise), np.arange(before)
+    noise = fit_amplitudes_and_noise(
+        p, np.arange(len(p.labels)), limit_slow_noise(one.found.noise, model.channels)
+    ).noise
+    every, base = p.weigh_columns(noise), np.arange(before)
     here, sizes = np.arange(before, before + len(parts)), p.sizes(base, noise)
     cross = every.A[here, :before]
     left = every.of(here).beyond(cross, sizes)
@@ -126,14 +137,14 @@ def _form(one: GroupResult) -> QuadraticForm | None:
     pulls = cross @ sizes.cov[:, own] / p.sd[own]
     return QuadraticForm(
         tuple(parts),
-        _rows(left.A),
+        _list_form_rows(left.A),
         tuple(left.s.tolist()),
-        _named([columns.fixed()[k] for k in own]),
-        _rows(pulls),
+        _name_tolerances([columns.fixed()[k] for k in own]),
+        _list_form_rows(pulls),
     )
 
 
-def _named(of: Sequence[Column]) -> tuple[str, ...]:
+def _name_tolerances(of: Sequence[Column]) -> tuple[str, ...]:
     """A name for each that is the same in every log of a machine."""
     names: list[str] = []
     for column in of:
@@ -144,21 +155,23 @@ def _named(of: Sequence[Column]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _rows(of: Array) -> tuple[tuple[float, ...], ...]:
+def _list_form_rows(of: Array) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, of.tolist()))
 
 
-def _percent(effect_id: str, machine: Machine, data: RunData) -> float | None:
+def _calc_dose_percent(effect_id: str, machine: Machine, data: RunData) -> float | None:
     from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 
     probe = ROWS[effect_id].on(machine).probe
     assert probe is not None
     # it is rounded
-    error = field_cost(EffectInstance(effect_id, 4.0 * probe), machine, data).rate_error_percent
+    error = calc_field_cost(
+        EffectInstance(effect_id, 4.0 * probe), machine, data
+    ).rate_error_percent
     return None if error is None else error / (4.0 * probe)
 
 
-def worked(columns: Columns, machine: Machine) -> LogWork:
+def sum_log_work(columns: Columns, machine: Machine) -> LogWork:
     """Sums over a log; what it does not tell counts as nothing."""
     time_s = np.asarray(columns["time_s"], np.float64)
     step_s = np.minimum(np.diff(time_s, append=time_s[-1]), 5.0)
@@ -224,7 +237,7 @@ class Logs(NamedTuple):
         return slice(*np.searchsorted(self.machine, [machine, machine + 1]).tolist())
 
 
-def stacked(logs: Sequence[OneLog]) -> Logs:
+def stack_logs(logs: Sequence[OneLog]) -> Logs:
     """The logs of a season as arrays: each a Gaussian likelihood of all sizes, its machine's
     tolerances kept apart.
 
@@ -245,7 +258,7 @@ def stacked(logs: Sequence[OneLog]) -> Logs:
     for j, log in enumerate(every):
         for form in log.forms:
             here = [*(place[name] for name in form.names), *(at_open[name] for name in form.open)]
-            part, score = _taken_apart(form)
+            part, score = _decompose_form(form)
             normal[np.ix_([j], here, here)] += part
             right[j, here] += score
     number = {name: k for k, name in enumerate(machines)}
@@ -259,7 +272,7 @@ def stacked(logs: Sequence[OneLog]) -> Logs:
     )
 
 
-def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
+def _decompose_form(form: QuadraticForm) -> tuple[Array, Array]:
     """Normal and right of (x, u): in the directions that the form knows, y = A x + W u + e,
     cov(W u + e) = 1."""
     values, vectors = np.linalg.eigh(np.array(form.normal, np.float64))

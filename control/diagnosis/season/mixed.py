@@ -46,11 +46,17 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import expit
 from topdress.control.diagnosis.effects import ROWS, EffectRow
-from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian, Indices, Sizes, gain
+from topdress.control.diagnosis.judgement.gaussian import (
+    Array,
+    Gaussian,
+    Indices,
+    Sizes,
+    calc_elementwise_gain,
+)
 from topdress.control.diagnosis.judgement.prior import FORM_SHARE
 from topdress.control.machine.machine import CATALOGUE
 
-from .changes import SLOPES, Partition, gain_of_course, partition, share_of
+from .changes import SLOPES, Partition, calc_season_shares, find_partition, gain_of_course
 from .evidence import Logs, add_scatter
 
 # that one level does one effect: of the some thousand pairs of a season about one does
@@ -196,7 +202,7 @@ class Season(NamedTuple):
         return left[inside] + information[inside] * (cause.columns @ b), information[inside]
 
 
-def levels_of(logs: Logs) -> Levels:
+def list_factor_levels(logs: Logs) -> Levels:
     count, factors = len(logs.machines), sorted({name for log in logs.logs for name in log.shared})
     keys, codes = [(MACHINE, name) for name in logs.machines], [logs.machine]
     for factor in factors:
@@ -221,7 +227,7 @@ def levels_of(logs: Logs) -> Levels:
     )
 
 
-def solved(
+def solve_season(
     logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: Season | None = None
 ) -> Season:
     """The posterior of all terms: each machine's own eliminated, the shared ones solved, and
@@ -245,7 +251,7 @@ def solved(
                 for new, old in zip(of, one.of, strict=True)
             )
         ):
-            one = _terms(logs, machine, of)
+            one = _list_machine_terms(logs, machine, of)
         ends = len(one.products.s) - np.cumsum([0, *(len(cause.sd) for cause in of[::-1])])[::-1]
         one = one._replace(
             place=np.array([place[each] for each in numbers if each in place], np.int64),
@@ -268,7 +274,7 @@ def solved(
     )
 
 
-def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachine:
+def _list_machine_terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachine:
     here, q, width = logs.of(machine), len(logs.names), logs.every.s.shape[1]
     count = here.stop - here.start
     variance, shares, own = np.zeros((count, width)), list[Array](), list[Array]()
@@ -302,11 +308,11 @@ def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachin
         products,
         sd,
         variance[:, :q],
-        _eliminated(products, sd),
+        _eliminate_machine(products, sd),
     )
 
 
-def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
+def _eliminate_machine(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
     """A machine's own terms by themselves, what the others share with them, and what they leave
     of the others."""
     first, rest = np.arange(len(own)), np.arange(len(own), products.s.shape[-1])
@@ -323,15 +329,17 @@ def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
     return one._replace(b=b, cov=cov, left=one.likely.s - np.einsum("qkn,k->nq", one.cross, b))
 
 
-def _scatter(logs: Logs, one: OneMachine) -> Array:
+def _estimate_scatter(logs: Logs, one: OneMachine) -> Array:
     """(q,) variance by which sizes scatter from log to log, of what the terms leave of them
     without it."""
     information = np.diagonal(one.likely.A, axis1=1, axis2=2)
     without = 1.0 / (1.0 - one.scatter * information)
-    return smooth(_basis(logs.times_d[one.logs]), without * one.left, without * information)[1]
+    return fit_smooth_courses(
+        _make_time_basis(logs.times_d[one.logs]), without * one.left, without * information
+    )[1]
 
 
-def smooth(rows: Array, score: Array, information: Array) -> tuple[Array, Array]:
+def fit_smooth_courses(rows: Array, score: Array, information: Array) -> tuple[Array, Array]:
     """Smooth courses (n, q) through sizes score / information, and the variance (q,) of the
     sizes about them beyond their own errors, by the method of moments (DerSimonian and Laird,
     Controlled Clinical Trials 7, 1986, 177)."""
@@ -347,25 +355,27 @@ def smooth(rows: Array, score: Array, information: Array) -> tuple[Array, Array]
     return curve, np.where(enough, np.maximum(0.0, excess / np.where(enough, reach, 1.0)), 0.0)
 
 
-def _basis(times_d: Array) -> Array:
+def _make_time_basis(times_d: Array) -> Array:
     """(logs, df): one, time, and smooth bends; fewer for few logs."""
     df = min(CURVE_DF, max(1, len(times_d) // LEAST_LOGS))
-    return np.asarray(np.cos(np.pi * np.outer(share_of(times_d), np.arange(df))), np.float64)
+    return np.asarray(
+        np.cos(np.pi * np.outer(calc_season_shares(times_d), np.arange(df))), np.float64
+    )
 
 
-def row_of(name: str) -> EffectRow:
+def find_effect_row(name: str) -> EffectRow:
     """Of an effect, or of one member's."""
     return ROWS[name.partition("#")[0]]
 
 
-def slab(logs: Logs) -> Array:
+def list_slab_sds(logs: Logs) -> Array:
     """(grid, q) s.d. of what an effect is where it is."""
     return np.asarray(
-        np.array(GRID)[:, None] * [row_of(name).usual for name in logs.names], np.float64
+        np.array(GRID)[:, None] * [find_effect_row(name).usual for name in logs.names], np.float64
     )
 
 
-def scan(season: Season) -> Scan:
+def scan_season(season: Season) -> Scan:
     """Each effect also scatters from log to log as far as what is left of it does: of rank one
     in each log."""
     q, count, rows, total = (
@@ -381,14 +391,16 @@ def scan(season: Season) -> Scan:
     doubts = dict[tuple[int, int], Array]()
     for machine, one in enumerate(season.machines):
         own, information = len(one.own), np.diagonal(one.likely.A, axis1=1, axis2=2)
-        scatter = np.where(np.any(one.scatter > 0.0, axis=0), 0.0, _scatter(season.logs, one))
+        scatter = np.where(
+            np.any(one.scatter > 0.0, axis=0), 0.0, _estimate_scatter(season.logs, one)
+        )
         weight = 1.0 / (1.0 + scatter * information)
         lost = one.cross * (scatter * weight).T[:, None, :]
         products = Gaussian(
             one.products.A - lost @ one.cross.swapaxes(1, 2),
             one.products.s - np.einsum("qkn,nq->qk", lost, one.likely.s),
         )
-        fit, across, rest = _eliminated(products, one.own)
+        fit, across, rest = _eliminate_machine(products, one.own)
         shared.A[:, one.place[:, None], one.place] += rest.A
         shared.s[:, one.place] += rest.s
         which, has = _levels_of_machine(season, machine)
@@ -404,7 +416,7 @@ def scan(season: Season) -> Scan:
             np.stack([each.ravel() for each in np.meshgrid(which, one.place, indexing="ij")])
         )
         values.append((crossed[..., own:] - turned @ across.swapaxes(1, 2)).reshape(q, -1))
-        _doubts(season, one, which, has, weight * information, doubts)
+        _collect_form_doubts(season, one, which, has, weight * information, doubts)
     sizes = shared.fit(np.array([season.causes[one].sd[0] for one in season.place]))
     at, value = np.concatenate(places, axis=1), np.concatenate(values, axis=1)
     cross = tuple(csr_array((value[k], at), shape=(len(score), total)) for k in range(q))
@@ -417,7 +429,12 @@ def scan(season: Season) -> Scan:
     score = np.where(information > 0.0, score, 0.0)
     shares = {key: each / np.maximum(raw[key[0]], LEAST) for key, each in doubts.items()}
     return Scan(
-        score, information, *_odds(season, score, information, shares), shares, cross, sizes.cov
+        score,
+        information,
+        *_calc_effect_odds(season, score, information, shares),
+        shares,
+        cross,
+        sizes.cov,
     )
 
 
@@ -430,12 +447,12 @@ def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
     has = np.zeros((len(code), len(which) + 2))
     for column in code.T:
         has[np.flatnonzero(column >= 0), np.searchsorted(which, column[column >= 0])] = 1.0
-    has[:, -2] = share_of(season.logs.times_d[logs])
+    has[:, -2] = calc_season_shares(season.logs.times_d[logs])
     has[:, -1] = 1.0 - has[:, -2]
     return np.concatenate([which, [rows + machine, rows + count + machine]]), has
 
 
-def _doubts(
+def _collect_form_doubts(
     season: Season,
     one: OneMachine,
     which: Indices,
@@ -447,7 +464,7 @@ def _doubts(
     same channels: what is there may leave to others what its form does not follow."""
     for number, here in one.terms.items():
         cause = season.causes[number]
-        if not row_of(season.logs.names[cause.effect]).form_over:
+        if not find_effect_row(season.logs.names[cause.effect]).form_over:
             continue
         there = np.any(one.cross[cause.effect, here] != 0.0, axis=0)
         touched = np.any(one.likely.A[there, cause.effect] != 0.0, axis=0)
@@ -456,7 +473,9 @@ def _doubts(
             found[row, number] = found.get((row, number), 0.0) + each
 
 
-def doubt(season: Season, doubts: dict[tuple[int, int], Array], gained: Array) -> Array:
+def limit_gain_by_doubt(
+    season: Season, doubts: dict[tuple[int, int], Array], gained: Array
+) -> Array:
     """(rows, q) of what each gained: of each cause no more than its form may be wrong by, and
     no more than is gained in logs that have it: what a level shows elsewhere is not that
     cause's."""
@@ -468,14 +487,16 @@ def doubt(season: Season, doubts: dict[tuple[int, int], Array], gained: Array) -
     return result
 
 
-def _odds(
+def _calc_effect_odds(
     season: Season, score: Array, information: Array, doubts: dict[tuple[int, int], Array]
 ) -> tuple[Array, Array]:
     """s.d. of the slab, and log odds for against: prior by the machines that have each effect,
     of a set each by its probability; -inf: a level cannot have it."""
     levels, rows, count = season.levels, len(season.levels.keys), len(season.machines)
     # (grid, rows, q)
-    each = np.stack([gain(information, score, sd) for sd in slab(season.logs)])
+    each = np.stack(
+        [calc_elementwise_gain(information, score, sd) for sd in list_slab_sds(season.logs)]
+    )
     machines = np.zeros(len(season.logs.names))
     for cause in season.causes:
         for one in cause.alternatives:
@@ -484,24 +505,26 @@ def _odds(
             )
         machines[cause.effect] += cause.row < count and not cause.alternatives
     others = np.array([factor not in (MACHINE, FLEET) for factor, _ in levels.keys])
-    scale = np.array([row_of(name).stage in OF_MACHINES_ONLY for name in season.logs.names])
-    names = np.where(others[:, None] & scale, -np.inf, urn(machines))
+    scale = np.array(
+        [find_effect_row(name).stage in OF_MACHINES_ONLY for name in season.logs.names]
+    )
+    names = np.where(others[:, None] & scale, -np.inf, calc_urn_prior(machines))
     names = np.concatenate([names, names[:count], names[:count]])
     factors = np.array([one[0] for one in levels.keys] + ["rise"] * count + ["fall"] * count)
     tau, odds = np.zeros_like(score), np.zeros_like(score)
     for factor in np.unique(factors):
         of = np.flatnonzero(factors == factor)
         best = np.argmax(np.logaddexp(0.0, each[:, of] + names[of]).sum(axis=1), axis=0)
-        tau[of] = np.take_along_axis(slab(season.logs), best[None], axis=0)
+        tau[of] = np.take_along_axis(list_slab_sds(season.logs), best[None], axis=0)
         odds[of] = np.take_along_axis(each[:, of], best[None, None], axis=0)[0] + names[of]
     shapes = np.stack([odds[:count], odds[rows : rows + count], odds[rows + count :]])
     odds[:count] = np.logaddexp.reduce(shapes, axis=0) - np.log(len(shapes))
-    return tau, odds[:rows] - doubt(
+    return tau, odds[:rows] - limit_gain_by_doubt(
         season, doubts, odds[:rows] - np.where(np.isfinite(names[:rows]), names[:rows], 0.0)
     )
 
 
-def urn(counts: Array) -> Array:
+def calc_urn_prior(counts: Array) -> Array:
     """(..., q) log prior odds of each effect on a machine, by how many others have each
     (Polya's urn)."""
     return np.asarray(
@@ -509,46 +532,48 @@ def urn(counts: Array) -> Array:
     )
 
 
-def found(logs: Logs) -> Season:
+def find_season_causes(logs: Logs) -> Season:
     """What is there: greedily, then each asked again given all others; what goes may have
     hidden something else."""
-    season = solved(logs, levels_of(logs), ())
+    season = solve_season(logs, list_factor_levels(logs), ())
     if not logs.names:
         return season
     for _ in range(SWEEPS):
-        before = _names(season)
-        season = _again(_added(season))
-        if _names(season) == before:
+        before = _list_named_pairs(season)
+        season = _refit_each_cause(_add_sure_causes(season))
+        if _list_named_pairs(season) == before:
             break
     return season
 
 
-def _names(season: Season) -> set[tuple[int, int]]:
+def _list_named_pairs(season: Season) -> set[tuple[int, int]]:
     return {(one.row, one.effect) for one in season.causes}
 
 
-def _added(season: Season) -> Season:
+def _add_sure_causes(season: Season) -> Season:
     """All that is sure along with what is there, those that share no machine at a time."""
     for _ in range(ROUNDS):
-        odds = scan(season).odds.copy()
+        odds = scan_season(season).odds.copy()
         for cause in season.causes:
             odds[cause.row, cause.effect] = -np.inf
         sure = np.argwhere(expit(odds) >= SURE)
         ranked = sure[np.argsort(-odds[sure[:, 0], sure[:, 1]], kind="stable")]
         new = [
-            _rough(season, row, effect)._replace(log_odds=float(odds[row, effect]))
-            for row, effect in _apart(season.levels, map(tuple, ranked.tolist()))
+            _make_rough_effect(season, row, effect)._replace(log_odds=float(odds[row, effect]))
+            for row, effect in _skip_shared_machines(season.levels, map(tuple, ranked.tolist()))
         ]
         if not new:
             break
-        season = _made(
-            solved(season.logs, season.levels, [*season.causes, *new], season),
+        season = _make_cause_terms(
+            solve_season(season.logs, season.levels, [*season.causes, *new], season),
             range(len(season.causes), len(season.causes) + len(new)),
         )
     return season
 
 
-def _apart(levels: Levels, ranked: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+def _skip_shared_machines(
+    levels: Levels, ranked: Iterable[tuple[int, int]]
+) -> Iterator[tuple[int, int]]:
     """Of rows (and effects) those that share no machine with one before."""
     free = np.ones(int(levels.code[:, 0].max(initial=-1)) + 1, bool)
     for row, effect in ranked:
@@ -557,18 +582,20 @@ def _apart(levels: Levels, ranked: Iterable[tuple[int, int]]) -> Iterator[tuple[
             yield row, effect
 
 
-def _rough(season: Season, row: int, effect: int) -> EffectAtLevel:
+def _make_rough_effect(season: Season, row: int, effect: int) -> EffectAtLevel:
     """Before it is known how it goes: of a machine a smooth course, of any other level one size."""
     at = season.levels.logs[row]
     columns = (
-        _basis(season.logs.times_d[at]) if row < len(season.machines) else np.ones((len(at), 1))
+        _make_time_basis(season.logs.times_d[at])
+        if row < len(season.machines)
+        else np.ones((len(at), 1))
     )
     return EffectAtLevel(
-        row, effect, at, columns, np.full(columns.shape[1], slab(season.logs)[-1, effect])
+        row, effect, at, columns, np.full(columns.shape[1], list_slab_sds(season.logs)[-1, effect])
     )
 
 
-def _made(season: Season, numbers: Sequence[int]) -> Season:
+def _make_cause_terms(season: Season, numbers: Sequence[int]) -> Season:
     """With the terms of these causes, rough so far: a machine's are the stretches of its course."""
     causes = list(season.causes)
     for number in numbers:
@@ -579,10 +606,12 @@ def _made(season: Season, numbers: Sequence[int]) -> Season:
             at, score, information = cause.at[known], score[known], information[known]
             times_d, sd = (
                 season.logs.times_d[at],
-                _level_sd(season, score, information, cause.effect),
+                _choose_level_sd(season, score, information, cause.effect),
             )
-            curve, scatter = smooth(_basis(times_d), score[:, None], information[:, None])
-            course = partition(
+            curve, scatter = fit_smooth_courses(
+                _make_time_basis(times_d), score[:, None], information[:, None]
+            )
+            course = find_partition(
                 times_d, score / information, 1.0 / information, sd, curve[:, 0], float(scatter[0])
             )
             columns, sds = _of_stretches(times_d, course, sd)
@@ -590,19 +619,19 @@ def _made(season: Season, numbers: Sequence[int]) -> Season:
                 at=at, columns=columns, sd=sds, scatter=course.scatter, course=course
             )
         else:
-            sd = _level_sd(
+            sd = _choose_level_sd(
                 season, score.sum(keepdims=True), information.sum(keepdims=True), cause.effect
             )
             causes[number] = cause._replace(sd=np.array([sd]))
-    return _scattered(season._replace(causes=tuple(causes)), numbers)
+    return _estimate_all_scatter(season._replace(causes=tuple(causes)), numbers)
 
 
-def _scattered(season: Season, numbers: Sequence[int]) -> Season:
+def _estimate_all_scatter(season: Season, numbers: Sequence[int]) -> Season:
     """With the scatter about these causes that is left by all: about what several machines
     share it is one for all, for a machine's own is uncertain, and its logs would count the more
     the less it happens to be."""
     causes, count = list(season.causes), len(season.machines)
-    of = cache(lambda machine: _scatter(season.logs, season.machines[machine]))
+    of = cache(lambda machine: _estimate_scatter(season.logs, season.machines[machine]))
     for number in numbers:
         cause = causes[number]
         if cause.row >= count:
@@ -610,22 +639,22 @@ def _scattered(season: Season, numbers: Sequence[int]) -> Season:
                 of(machine)[cause.effect] for machine in season.levels.machines[cause.row].tolist()
             ]
             causes[number] = cause._replace(scatter=np.array([np.mean(each)]))
-    return solved(season.logs, season.levels, causes, season)
+    return solve_season(season.logs, season.levels, causes, season)
 
 
-def _level_sd(season: Season, score: Array, information: Array, effect: int) -> float:
+def _choose_level_sd(season: Season, score: Array, information: Array, effect: int) -> float:
     """Of the grid, what makes the sizes of a level likeliest, each log by itself: a course may
     go through zero."""
     return max(
-        map(float, slab(season.logs)[:, effect]),
-        key=lambda sd: float(np.sum(gain(information, score, sd))),
+        map(float, list_slab_sds(season.logs)[:, effect]),
+        key=lambda sd: float(np.sum(calc_elementwise_gain(information, score, sd))),
     )
 
 
 def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, Array]:
     """(n, k) and (k,): the level of each stretch that is not gone, and its slope over the
     season."""
-    columns, sds, shares = list[Array](), list[float](), share_of(times_d)
+    columns, sds, shares = list[Array](), list[float](), calc_season_shares(times_d)
     for stretch in course.stretches:
         here = slice(stretch.begin, stretch.end)
         inside = np.zeros(len(shares))
@@ -641,36 +670,39 @@ def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, 
     return np.stack(columns, axis=1), np.array(sds)
 
 
-def _again(season: Season) -> Season:
+def _refit_each_cause(season: Season) -> Season:
     """Each cause made and asked anew along with all others; what share no machine at a time."""
-    season, done = _changed(season, lambda one: one, _by_machines), set[tuple[int, int]]()
+    season, done = (
+        _replace_until_stable(season, lambda one: one, _split_by_machines),
+        set[tuple[int, int]](),
+    )
     for _ in range(ROUNDS):  # of each machine one that was not made anew
         keys = [(one.row, one.effect) for one in season.causes]
-        turn = set(_apart(season.levels, [key for key in keys if key not in done]))
+        turn = set(_skip_shared_machines(season.levels, [key for key in keys if key not in done]))
         if not turn:
             break
         done |= turn
-        season = _replaced(season, {k: [key] for k, key in enumerate(keys) if key in turn})
+        season = _replace_causes(season, {k: [key] for k, key in enumerate(keys) if key in turn})
     # those made first knew the fewest others
-    season = _scattered(season, range(len(season.causes)))
-    return _changed(season, judged, _stands)
+    season = _estimate_all_scatter(season, range(len(season.causes)))
+    return _replace_until_stable(season, judge_season_causes, _find_replacement)
 
 
-def _changed(
+def _replace_until_stable(
     season: Season, seen: Callable[[Season], Season], asked: Callable[[Season, int], Keys | None]
 ) -> Season:
     """Until nothing is to stand in any cause's place."""
     for _ in range(ROUNDS):
         season = seen(season)
         other = {k: new for k in range(len(season.causes)) if (new := asked(season, k)) is not None}
-        turn = set(_apart(season.levels, [(season.causes[k].row, k) for k in other]))
+        turn = set(_skip_shared_machines(season.levels, [(season.causes[k].row, k) for k in other]))
         if not turn:
             break
-        season = _replaced(season, {k: other[k] for _, k in turn})
+        season = _replace_causes(season, {k: other[k] for _, k in turn})
     return season
 
 
-def _replaced(season: Season, by: dict[int, Keys]) -> Season:
+def _replace_causes(season: Season, by: dict[int, Keys]) -> Season:
     """With others in place of some causes, by their number; what stands there already is not
     put there twice."""
     causes, held = (
@@ -685,16 +717,16 @@ def _replaced(season: Season, by: dict[int, Keys]) -> Season:
             if key not in held:
                 held.add(key)
                 rough.append(len(causes))
-                causes.append(_rough(season, *key)._replace(log_odds=cause.log_odds))
-    return _made(solved(season.logs, season.levels, causes, season), rough)
+                causes.append(_make_rough_effect(season, *key)._replace(log_odds=cause.log_odds))
+    return _make_cause_terms(solve_season(season.logs, season.levels, causes, season), rough)
 
 
-def _stands(season: Season, number: int) -> Keys | None:
+def _find_replacement(season: Season, number: int) -> Keys | None:
     """What is to stand in a cause's place: nothing where it is no longer sure; None: it stays."""
     cause = season.causes[number]
     if expit(cause.log_odds) < SURE:
         return []
-    held = _names(season) - {(cause.row, cause.effect)}
+    held = _list_named_pairs(season) - {(cause.row, cause.effect)}
     keys = [
         (season.levels.row[one.factor, one.level], season.logs.names.index(one.effect), one)
         for one in cause.alternatives
@@ -704,24 +736,24 @@ def _stands(season: Season, number: int) -> Keys | None:
         key=lambda one: (
             round(one[2].probability, 2),
             one[2].factor == MACHINE,
-            -ORDER.index(row_of(one[2].effect).id),
+            -ORDER.index(find_effect_row(one[2].effect).id),
         ),
     )
     return None if (row, effect) == (cause.row, cause.effect) else [(row, effect)]
 
 
-def judged(season: Season) -> Season:
+def judge_season_causes(season: Season) -> Season:
     """With what each cause gains, all others given, and what it may be just as well."""
     if not season.causes:
         return season
-    seen, held = scan(season), _names(season)
+    seen, held = scan_season(season), _list_named_pairs(season)
     tried = [_alternatives(season, seen, held, number) for number in range(len(season.causes))]
-    sets, prior = _shared_out(season.logs.names, [one for one, _ in tried])
+    sets, prior = _share_probability(season.logs.names, [one for one, _ in tried])
     gained, odds = np.zeros(seen.odds.shape), list[float]()
     for cause, (_, own), of_effects in zip(season.causes, tried, prior, strict=True):
         gained[cause.row, cause.effect] = own
         odds.append(own + float(of_effects[cause.effect]))
-    less = doubt(season, seen.doubts, gained)
+    less = limit_gain_by_doubt(season, seen.doubts, gained)
     return season._replace(
         causes=tuple(
             cause._replace(
@@ -733,7 +765,7 @@ def judged(season: Season) -> Season:
     )
 
 
-def _shared_out(
+def _share_probability(
     names: Sequence[str], sets: Sequence[Sequence[Alternative]]
 ) -> tuple[list[list[Alternative]], Array]:
     """Sets with log likelihoods as probabilities, likeliest first, and (causes, q) the log
@@ -760,7 +792,7 @@ def _shared_out(
     )
     share, counts = np.zeros(len(every)), np.zeros((len(sets), len(names)))
     for _ in range(URN_ROUNDS):
-        prior, before = urn(counts.sum(axis=0) - counts), share
+        prior, before = calc_urn_prior(counts.sum(axis=0) - counts), share
         odds = likely + prior[of, effect]
         share = np.exp(odds - np.maximum.reduceat(odds, begins[:-1])[of])
         share = share / np.add.reduceat(share, begins[:-1])[of]
@@ -791,7 +823,7 @@ def _alternatives(
         seen.odds > -np.inf,
     )
     b, cov = season.sizes_of(number)
-    precision, usual = np.linalg.inv(cov), slab(logs)[0]
+    precision, usual = np.linalg.inv(cov), list_slab_sds(logs)[0]
     own = season.machines[cause.row] if cause.row < len(season.machines) else None
     effects = np.array(
         [k for k in range(len(logs.names)) if (cause.row, k) not in held or k == cause.effect]
@@ -804,7 +836,9 @@ def _alternatives(
 
     if own is None:
         here = np.array([season.place[number]])
-        shared = np.array([_through(seen, k, np.array([cause.row]), here) for k in effects])
+        shared = np.array(
+            [_calc_shared_covariance(seen, k, np.array([cause.row]), here) for k in effects]
+        )
         sizes = gains(
             seen.information[cause.row, effects][:, None, None],
             seen.score[cause.row, effects][:, None],
@@ -841,14 +875,14 @@ def _alternatives(
         if not len(asked):
             continue
         if own is None:
-            shared = _through(seen, k, asked, here)[:, None]
+            shared = _calc_shared_covariance(seen, k, asked, here)[:, None]
         else:
             which, has = _levels_of_machine(season, cause.row)
             fit, across, _ = own.alone
             crossed = has[:, np.searchsorted(which[:-2], asked)].T @ own.cross[k].T
             shared = (
                 crossed[:, : len(own.own)] @ fit.cov[:, terms]
-                - _through(seen, k, asked, own.place) @ (across @ fit.cov[:, terms])
+                - _calc_shared_covariance(seen, k, asked, own.place) @ (across @ fit.cov[:, terms])
             )[:, None]
         fits = gains(
             seen.information[asked, k][:, None, None],
@@ -872,12 +906,12 @@ def _alternatives(
     ], base[cause.effect]
 
 
-def _through(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
+def _calc_shared_covariance(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
     """(rows, terms) covariance of some shared terms by what each row shares with all of them."""
     return np.asarray(seen.cross[effect][rows] @ seen.cov[effect][:, terms])
 
 
-def _by_machines(season: Season, number: int) -> Keys | None:
+def _split_by_machines(season: Season, number: int) -> Keys | None:
     """Machines' own courses, where they explain the season better than what several machines
     share: greedily one field is chosen before four machines that stood there when they were set
     anew."""
@@ -904,7 +938,7 @@ def _by_machines(season: Season, number: int) -> Keys | None:
         times_d = season.logs.times_d[one.logs][known]
         gained = []
         for each in (score, before):
-            sd = _level_sd(season, each[known], own[known], effect)
+            sd = _choose_level_sd(season, each[known], own[known], effect)
             gained.append(
                 np.log(PRIOR)
                 + gain_of_course(times_d, each[known] / own[known], 1.0 / own[known], sd)

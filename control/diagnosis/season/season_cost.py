@@ -73,7 +73,7 @@ class Low(NamedTuple):
     p: float
 
 
-def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
+def rank_machines_by_cost(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
     """Worst first, by kilograms. What a product shares is the product's, and counts where it
     was spread.
 
@@ -94,16 +94,16 @@ def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
             *sorted({key for one in own for key in one.shared.items()}),
             (FLEET, ""),
         ]
-        doses = {one: _doses(one, own) for key in keys for one in of_level.get(key, [])}
+        doses = {one: _calc_dose_errors(one, own) for key in keys for one in of_level.get(key, [])}
         none = np.zeros((3, len(own)))
         mine, others = (
             sum((each for one, each in doses.items() if (one.factor == MACHINE) is its_own), none)
             for its_own in (True, False)
         )
-        wrong, least, most = _kg(mine + others, kg)
+        wrong, least, most = _sum_dose_error_kg(mine + others, kg)
         now, now_least, now_most = mine[:, -1].tolist()
         costs = sorted(
-            (Cost(one, *_kg(each, kg)) for one, each in doses.items()),
+            (Cost(one, *_sum_dose_error_kg(each, kg)) for one, each in doses.items()),
             key=lambda one: (-one.kg, -one.most_kg),
         )
         result.append(
@@ -125,18 +125,18 @@ def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
     return sorted(result, key=lambda one: (-one.wrong_kg, -one.most_kg, one.machine))
 
 
-def _kg(doses: Array, kg: Array) -> tuple[float, float, float]:
+def _sum_dose_error_kg(doses: Array, kg: Array) -> tuple[float, float, float]:
     expected, least, most = (np.abs(doses) @ kg / 100.0).tolist()
     return expected, least, most
 
 
-def _doses(cause: Cause, own: Sequence[OwnersLog]) -> Array:
+def _calc_dose_errors(cause: Cause, own: Sequence[OwnersLog]) -> Array:
     """(3, n) dose error in % of each log: what is to be expected, the set's probabilities as
     weights; what all of the set agree on; and that of the set's largest. Another effect of the
     same level goes as the cause does."""
     level = cause.factor, cause.level
     set_ = cause.alternatives or (Alternative(*level, cause.effect, cause.now, 1.0),)
-    sizes = np.array([at(cause, one.time_d) * has(*level, one) for one in own])
+    sizes = np.array([find_size_at(cause, one.time_d) * is_of_level(*level, one) for one in own])
     own_size = next(
         (one.size for one in set_ if (one.factor, one.level, one.effect) == (*level, cause.effect)),
         # as the others' sizes: at the last log in which it is there
@@ -148,7 +148,7 @@ def _doses(cause: Cause, own: Sequence[OwnersLog]) -> Array:
             * (
                 sizes * (one.size / own_size if own_size else 0.0)
                 if (one.factor, one.level) == level
-                else np.array([one.size * has(one.factor, one.level, each) for each in own])
+                else np.array([one.size * is_of_level(one.factor, one.level, each) for each in own])
             )
             for one in set_
         ]
@@ -167,14 +167,14 @@ def _doses(cause: Cause, own: Sequence[OwnersLog]) -> Array:
     )
 
 
-def has(factor: str, level: str, log: OwnersLog) -> bool:
+def is_of_level(factor: str, level: str, log: OwnersLog) -> bool:
     """Whether a log is of a level."""
     return (
         factor == FLEET or (log.machine if factor == MACHINE else log.shared.get(factor)) == level
     )
 
 
-def at(cause: Cause, time_d: float) -> float:
+def find_size_at(cause: Cause, time_d: float) -> float:
     """Size by the pieces of a course; before the first and after the last as there, between two
     as the next begins."""
     if not cause.pieces:

@@ -15,7 +15,7 @@ from topdress.control.diagnosis.judgement.prior import (
     MISREAD,
     MISTAKEN,
     UNKNOWN,
-    log_of_sign,
+    calc_log_of_sign,
 )
 from topdress.control.machine.machine import CATALOGUE, find_size_bounds
 
@@ -50,7 +50,7 @@ class TableEffect(NamedTuple):
     high: float
 
     def log_of_sign(self, size: float) -> float:
-        return log_of_sign(size, ROWS[self.candidate.id].only_adds)
+        return calc_log_of_sign(size, ROWS[self.candidate.id].only_adds)
 
 
 class Unknown(NamedTuple):
@@ -90,8 +90,8 @@ def find_effects(problem: TableProblem) -> list[TableEffect]:
             continue  # the only rows that show it
         wide = 1.0 - LOCAL if any(one.scope is None for one in alike) else 0.0
         share = (1.0 - wide) / places if candidate.scope is not None else wide if places else 1.0
-        forms, worth = _forms(problem, candidate, column)
-        low, high = _bounds(problem, candidate.id)
+        forms, worth = _list_shape_columns(problem, candidate, column)
+        low, high = _find_size_bounds(problem, candidate.id)
         found.append(
             TableEffect(
                 candidate,
@@ -107,7 +107,7 @@ def find_effects(problem: TableProblem) -> list[TableEffect]:
     return found
 
 
-def _bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
+def _find_size_bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
     """Of a size on top of what the machine has: what is lost or extra by definition is never
     less than nothing."""
     entry = CATALOGUE[effect_id]
@@ -116,7 +116,9 @@ def _bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
     return (entry.neutral - has if ROWS[effect_id].only_adds else low), high
 
 
-def _forms(problem: TableProblem, candidate: TableCandidate, column: Array) -> tuple[Array, Array]:
+def _list_shape_columns(
+    problem: TableProblem, candidate: TableCandidate, column: Array
+) -> tuple[Array, Array]:
     """How an effect's shape may differ from the catalogue's (Brynjarsdottir and O'Hagan 2014):
     all of the way to each other shape that it may have, of the same root mean square, is 1 s.d.
     And what that adds to the size where it is defined.
@@ -146,7 +148,7 @@ def _forms(problem: TableProblem, candidate: TableCandidate, column: Array) -> t
 def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unknown]:
     """Every recorded setting of every piece, its labels, a constant, settings in no order, and
     one setting alone."""
-    known, found = _spanned(effects), []
+    known, found = _list_effect_bases(effects), []
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
         usual = max(
@@ -155,7 +157,7 @@ def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unk
                 *(one.usual * float(np.sqrt(np.mean(one.column[inside] ** 2))) for one in effects),
             ]
         )
-        shapes = _shapes(problem, piece, inside, known)
+        shapes = _list_dependence_shapes(problem, piece, inside, known)
         for name, several in shapes.items():
             odds = log(UNKNOWN / len(problem.pieces) / len(shapes) / len(several))
             found += [
@@ -197,7 +199,7 @@ def _only_variable(piece: TablePiece) -> str:
     return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
 
 
-def _shapes(
+def _list_dependence_shapes(
     problem: TableProblem, piece: TablePiece, inside: BoolArray, known: list[Array]
 ) -> dict[str, list[Array]]:
     """Columns (n, k) of every kind of dependence, by its variable; without those that `known`
@@ -209,16 +211,19 @@ def _shapes(
         place = (values - kinds[0]) / (kinds[-1] - kinds[0])
         counts = [k for k in WAVES if k < len(kinds)]
         found[name] = [
-            _inside(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1)))) for k in counts
+            _restrict_rows(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1))))
+            for k in counts
         ]
         if 2 < len(kinds) <= LEVELS and 2 * len(kinds) <= rows:
-            found[name].append(_inside(inside, (values[:, None] == kinds).astype(float)))
+            found[name].append(_restrict_rows(inside, (values[:, None] == kinds).astype(float)))
     texts = list(dict.fromkeys(piece.group.tolist()))
     if len(texts) > 1:
         found["label"] = [
-            _inside(inside, np.column_stack([piece.group == text for text in texts]).astype(float))
+            _restrict_rows(
+                inside, np.column_stack([piece.group == text for text in texts]).astype(float)
+            )
         ]
-    found["constant"] = [_inside(inside, np.ones((rows, 1)))]
+    found["constant"] = [_restrict_rows(inside, np.ones((rows, 1)))]
     settings = np.unique(problem.setting[inside])
     name = _only_variable(piece)
     if 2 < len(settings) < rows and not (name and len(settings) <= LEVELS):
@@ -227,17 +232,21 @@ def _shapes(
     return {
         name: kept
         for name, several in found.items()
-        if (kept := [one for one in several if not any(_within(one, basis) for basis in known)])
+        if (
+            kept := [
+                one for one in several if not any(_is_within_space(one, basis) for basis in known)
+            ]
+        )
     }
 
 
-def _inside(inside: BoolArray, columns: Array) -> Array:
+def _restrict_rows(inside: BoolArray, columns: Array) -> Array:
     whole = np.zeros((len(inside), columns.shape[1]))
     whole[inside] = columns
     return whole
 
 
-def _spanned(effects: list[TableEffect]) -> list[Array]:
+def _list_effect_bases(effects: list[TableEffect]) -> list[Array]:
     """Orthonormal bases of what one effect or two do: (n, 1) or (n, 2)."""
     wide = [one for one in effects if one.candidate.scope is None]
     pairs = [
@@ -249,7 +258,7 @@ def _spanned(effects: list[TableEffect]) -> list[Array]:
     ]
 
 
-def _within(columns: Array, basis: Array) -> bool:
+def _is_within_space(columns: Array, basis: Array) -> bool:
     """Whether all columns (n, k) lie in a space: then it is those effects."""
     inside = np.linalg.norm(basis.T @ columns, axis=0)
     return bool(np.all(inside >= ALIKE * np.linalg.norm(columns, axis=0)))

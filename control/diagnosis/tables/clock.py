@@ -86,7 +86,7 @@ def find_clock_step(
     """
     digit_s = PRINTED_S if digit_s >= COARSE_DIGIT_S else digit_s
     rows = len(times_s)
-    few = _few_values(times_s, digit_s)
+    few = _find_step_of_few_values(times_s, digit_s)
     if few is not None:
         return few
     rest = times_s - fitted_s
@@ -98,14 +98,14 @@ def find_clock_step(
         return None
     count = int((1.0 / finest - 1.0 / coarsest) * STEPS_PER_TURN * float(np.abs(times_s).max()))
     steps = 1.0 / np.linspace(1.0 / finest, 1.0 / coarsest, min(max(count, MIN_STEPS), MAX_STEPS))
-    mean, sd = _of_smooth(fitted_s, scatter, steps)
-    seen = _quantogram(times_s[None, :], steps)[0]
+    mean, sd = _calc_quantogram_moments(fitted_s, scatter, steps)
+    seen = _calc_quantogram(times_s[None, :], steps)[0]
     z = (seen - mean) / sd
     highest = float(z.max())
-    p = _p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
+    p = _calc_heaping_p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
     # of equal ones the coarsest
-    step = _coarsest(times_s, float(steps[::-1][find_first_best(z[::-1])]), coarsest)
-    step, half = _refined(times_s, step)
+    step = _find_coarsest_step(times_s, float(steps[::-1][find_first_best(z[::-1])]), coarsest)
+    step, half = _refine_clock_step(times_s, step)
     # whose full heaping would have stood out of as many
     shown = steps[ndtr((mean - 1.0) / sd) < LEVEL / len(steps)]
     return CoarseClock(
@@ -113,12 +113,12 @@ def find_clock_step(
         step - half,
         step + half,
         p,
-        _heaping(times_s, step),
+        _calc_heaping(times_s, step),
         float(shown[0]) if len(shown) else None,
     )
 
 
-def _few_values(times: Array, digit_s: float) -> CoarseClock | None:
+def _find_step_of_few_values(times: Array, digit_s: float) -> CoarseClock | None:
     """Many readings, hardly any different ones: whole steps and nothing between them."""
     kinds = np.unique(np.round(times, SAME_DIGITS))
     if (
@@ -157,7 +157,7 @@ def find_rounding_sd(clock: CoarseClock | None, scatter_s: float) -> float:
     return clock.step_s / float(np.sqrt(12.0))
 
 
-def _of_smooth(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Array]:
+def _calc_quantogram_moments(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Array]:
     """Mean and s.d. of the quantogram of normal times about their means, (steps,), in closed
     form."""
     turn = 2.0 * np.pi / steps[:, None]
@@ -170,7 +170,7 @@ def _of_smooth(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Arra
     )
 
 
-def _p_value(
+def _calc_heaping_p_value(
     highest: float, fitted: Array, scatter: float, steps: Array, mean: Array, sd: Array, seed: int
 ) -> float:
     """Share of draws of smooth times that heap as clearly at any step; few draws where it is
@@ -179,12 +179,14 @@ def _p_value(
     reached = drawn = 0
     while drawn < DRAWS and reached < MAX_REACHED:
         times = fitted + scatter * rng.standard_normal((BATCH, len(fitted)))
-        reached += int(np.sum(((_quantogram(times, steps) - mean) / sd).max(axis=1) >= highest))
+        reached += int(
+            np.sum(((_calc_quantogram(times, steps) - mean) / sd).max(axis=1) >= highest)
+        )
         drawn += BATCH
     return (reached + 1) / (drawn + 1)
 
 
-def _quantogram(times: Array, steps: Array) -> Array:
+def _calc_quantogram(times: Array, steps: Array) -> Array:
     """Mean cosine of the phase, (draws, steps); single precision is ample and quick."""
     turns = (2.0 * np.pi * times).astype(np.float32)
     rates = (1.0 / steps).astype(np.float32)
@@ -194,30 +196,30 @@ def _quantogram(times: Array, steps: Array) -> Array:
     return out
 
 
-def _coarsest(times: Array, step: float, coarsest: float) -> float:
+def _find_coarsest_step(times: Array, step: float, coarsest: float) -> float:
     """The step about `step` at which the times heap most, or the largest multiple of it at
     which they do as well."""
-    best = step = _peak(times, step)
+    best = step = _find_peak_near(times, step)
     for factor in range(2, MAX_MULTIPLE + 1):
         if factor * step > coarsest:
             break
-        tried = _peak(times, factor * step)
-        if _heaping(times, tried) >= AS_CLEAR * _heaping(times, step):
+        tried = _find_peak_near(times, factor * step)
+        if _calc_heaping(times, tried) >= AS_CLEAR * _calc_heaping(times, step):
             best = tried
     return best
 
 
-def _peak(times: Array, step: float) -> float:
+def _find_peak_near(times: Array, step: float) -> float:
     reach = 0.5 / float(np.abs(times).max())
     near = 1.0 / np.maximum(1.0 / step + np.linspace(-reach, reach, 81), 1e-6)
-    return float(near[int(np.argmax(_quantogram(times[None, :], near)[0]))])
+    return float(near[int(np.argmax(_calc_quantogram(times[None, :], near)[0]))])
 
 
-def _heaping(times: Array, step: float) -> float:
+def _calc_heaping(times: Array, step: float) -> float:
     return float(np.mean(np.cos(2.0 * np.pi * times / step)))
 
 
-def _refined(times: Array, step: float) -> tuple[float, float]:
+def _refine_clock_step(times: Array, step: float) -> tuple[float, float]:
     """Least squares of the times on their whole numbers of steps, far rows left out; half a 90
     % interval."""
     for _ in range(5):

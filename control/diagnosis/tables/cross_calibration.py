@@ -75,7 +75,7 @@ class AcrossTables(NamedTuple):
     other_worse: bool
 
 
-def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
+def list_lag_series(table: BenchTable, machine: Machine) -> list[LagSeries]:
     """Whole lags that a table holds, label by label; a drop time is completed by the machine's
     response."""
     labels = list_labels(table)
@@ -107,7 +107,7 @@ def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
                     unit,
                     rpm,
                     means,
-                    _errors(groups, means),
+                    _calc_standard_errors(groups, means),
                     None if speed is None else float(np.nanmean(speed[rows])),
                     label,
                     column,
@@ -134,7 +134,7 @@ def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machin
     return np.array([float(np.mean(early[rows & (table.columns["shaft_rpm"] == n)])) for n in rpm])
 
 
-def _errors(groups: Sequence[Array], means: Array) -> Array:
+def _calc_standard_errors(groups: Sequence[Array], means: Array) -> Array:
     """Standard errors of the means, pooled variance; a share of the value where nothing was
     repeated."""
     spare = sum(len(group) - 1 for group in groups)
@@ -145,19 +145,19 @@ def _errors(groups: Sequence[Array], means: Array) -> Array:
     return np.asarray(np.maximum(errors, ROUNDED * np.abs(means)))
 
 
-def across(tables: Sequence[BenchTable], machine: Machine) -> tuple[AcrossTables, ...]:
+def compare_lag_series(tables: Sequence[BenchTable], machine: Machine) -> tuple[AcrossTables, ...]:
     """Every pair of lag series of `tables` that share shaft speeds, in the tables' order."""
     every = [
         series
         for table in tables
         if table.kind in ("lag", "place")
-        for series in series_of(table, machine)
+        for series in list_lag_series(table, machine)
     ]
-    found = (reconciled(one, two) for one, two in combinations(every, 2))
+    found = (reconcile_pair(one, two) for one, two in combinations(every, 2))
     return tuple(pair for pair in found if pair is not None)
 
 
-def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
+def reconcile_pair(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     """None where the two share too few shaft speeds. The first named is the distance, else the
     one given first."""
     if one.unit == "s" and two.unit == "m":
@@ -165,8 +165,8 @@ def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     rpm = np.intersect1d(one.shaft_rpm, two.shaft_rpm)
     if len(rpm) < MIN_SHARED:
         return None
-    a, ea = _at(one, rpm)
-    b, eb = _at(two, rpm)
+    a, ea = _interpolate_series(one, rpm)
+    b, eb = _interpolate_series(two, rpm)
     mps = one.mps if one.unit != two.unit else None
     ratio = a / b
     shift = a / mps - b if mps is not None else a - b
@@ -208,22 +208,26 @@ def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     )
 
 
-def _at(series: LagSeries, rpm: Array) -> tuple[Array, Array]:
+def _interpolate_series(series: LagSeries, rpm: Array) -> tuple[Array, Array]:
     rows = np.searchsorted(series.shaft_rpm, rpm)
     return series.value[rows], series.error[rows]
 
 
-def sentence(pair: AcrossTables) -> str:
+def describe_pair(pair: AcrossTables) -> str:
     """For a person: which quantity makes the one of the other, its interval, and in how many
     rows."""
-    if pair.first.unit == pair.second.unit and 2 * pair.holds >= pair.rows and _alike(pair):
+    if (
+        pair.first.unit == pair.second.unit
+        and 2 * pair.holds >= pair.rows
+        and _is_same_quantity(pair)
+    ):
         return (
             f"{pair.first.name} and {pair.second.name} say the same: {pair.kind} "
-            f"{_span(pair, 1.0, '.3f')}, in "
+            f"{_describe_interval(pair, 1.0, '.3f')}, in "
             f"{pair.holds} of {pair.rows} rows"
         )
     if pair.kind == "speed":
-        by_what = f"a speed of {_span(pair, KMH_PER_MPS, '.2f')} km/h"
+        by_what = f"a speed of {_describe_interval(pair, KMH_PER_MPS, '.2f')} km/h"
         written = (
             ""
             if pair.first.mps is None
@@ -232,9 +236,9 @@ def sentence(pair: AcrossTables) -> str:
     else:
         by_what, written = (
             {
-                "factor": f"a factor of {_span(pair, 1.0, '.3f')}",
-                "delay": f"a delay of {_span(pair, 1.0, '.3f')} s",
-                "length": f"a length of {_span(pair, 1.0, '.3f')} m",
+                "factor": f"a factor of {_describe_interval(pair, 1.0, '.3f')}",
+                "delay": f"a delay of {_describe_interval(pair, 1.0, '.3f')} s",
+                "length": f"a length of {_describe_interval(pair, 1.0, '.3f')} m",
             }[pair.kind],
             "",
         )
@@ -262,12 +266,12 @@ def sentence(pair: AcrossTables) -> str:
     )
 
 
-def _alike(pair: AcrossTables) -> bool:
+def _is_same_quantity(pair: AcrossTables) -> bool:
     neutral = 1.0 if pair.kind == "factor" else 0.0
     return pair.low <= neutral <= pair.high or abs(pair.value - neutral) < ALIKE
 
 
-def _span(pair: AcrossTables, scale: float, form: str) -> str:
+def _describe_interval(pair: AcrossTables, scale: float, form: str) -> str:
     value, low, high = (
         format(scale * figure, form) for figure in (pair.value, pair.low, pair.high)
     )

@@ -10,7 +10,7 @@ from topdress.control.diagnosis.result import Data, Diagnosis
 from topdress.control.machine.machine import Machine
 
 from .duplicate_rows import without_duplicates
-from .gain import held_out_gain, not_shown, smallest_shown
+from .gain import held_out_gain, list_effects_not_shown, smallest_shown
 from .problem import make_problem
 from .report import (
     find_next_run,
@@ -20,9 +20,9 @@ from .report import (
     list_channels,
     list_findings,
 )
-from .rows import make_pieces
-from .search import search
-from .verdict import judged
+from .rows import make_table_pieces
+from .search import search_table_models
+from .verdict import judge_table_search
 
 Progress = Callable[[float, str], None]
 
@@ -105,14 +105,14 @@ def diagnose_tables(
     tables = [select_usable_rows(table) for table in tables]
     _refuse_twins(tables)
     once = without_duplicates(tables, machine)
-    pieces = [piece for table in once.tables for piece in make_pieces(table, machine)]
+    pieces = [piece for table in once.tables for piece in make_table_pieces(table, machine)]
     tell(0.1, "noise and steps in the times")
     problem = make_problem(pieces, machine, seed + 20)
     tell(0.2, "search")
-    found = search(problem)
+    found = search_table_models(problem)
     tell(0.6, "verdict")
     smallest = smallest_shown(found)
-    judgement = judged(found, bool(smallest))
+    judgement = judge_table_search(found, bool(smallest))
     causes = list_causes(problem, tables, judgement)
     shown = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
     tell(0.7, "gain")
@@ -127,7 +127,7 @@ def diagnose_tables(
         channels=list_channels(problem, judgement.nothing),
         verdict=find_verdict(judgement, causes),
         causes=causes,
-        not_shown=not_shown(smallest, shown, machine),
+        not_shown=list_effects_not_shown(smallest, shown, machine),
         unexplained=judgement.unexplained,
         next_run=find_next_run(problem, judgement) or find_two_rates(tables, machine),
         gain=held_out_gain(found, judgement.effects, seed),

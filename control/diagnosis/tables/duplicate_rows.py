@@ -24,7 +24,7 @@ from topdress.control.calibration.bench_table import (
 from topdress.control.machine.machine import Machine
 from topdress.control.recordings.speeds import KMH_PER_MPS
 
-from .cross_calibration import MIN_SHARED, AcrossTables, LagSeries, sentence, series_of
+from .cross_calibration import MIN_SHARED, AcrossTables, LagSeries, describe_pair, list_lag_series
 from .noise import find_quantum
 from .rows import list_labels
 from .table_series import BoolArray
@@ -65,12 +65,12 @@ def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> Withou
     same table become those distances again, at the written speed.
     """
     of_table = [
-        [one for one in series_of(table, machine) if one.column in MEASURED]
+        [one for one in list_lag_series(table, machine) if one.column in MEASURED]
         if table.kind in ("lag", "place")
         else []
         for table in tables
     ]
-    found = _retellings(of_table)
+    found = _find_duplicate_series(of_table)
     out = []
     for table, own in zip(tables, of_table, strict=True):
         kept = table
@@ -86,19 +86,19 @@ def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> Withou
                 ),
                 None,
             )
-            rows = _rows_of(table, series)
+            rows = _find_rows_of(table, series)
             twice = rows & np.isin(
                 table.columns["shaft_rpm"], [] if again is None else again.kept.shaft_rpm
             )
             if worked_out is not None and bool((rows & ~twice).any()):
                 out.append(_as_distances(table, rows & ~twice, worked_out))
                 twice = rows
-            kept = _without(kept, series.column, twice)
-        out.append(_filled(kept))
+            kept = _blank_column_rows(kept, series.column, twice)
+        out.append(_drop_empty_rows(kept))
     return WithoutDuplicates(tuple(table for table in out if table.rows), tuple(found))
 
 
-def _retellings(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
+def _find_duplicate_series(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
     """Every series that tells another table's once more, with the one that is kept."""
     every = sorted(
         ((k, one) for k, own in enumerate(of_table) for one in own), key=lambda pair: -pair[1].rows
@@ -107,12 +107,12 @@ def _retellings(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
     for (k, one), (other_k, other) in combinations(every, 2):
         done = [pair.again for pair in found]
         if k != other_k and not any(one is again or other is again for again in done):
-            pair = same_series(one, other)
+            pair = match_duplicate_series(one, other)
             found += [] if pair is None else [pair]
     return found
 
 
-def same_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
+def match_duplicate_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
     """Whether one series is the other, to their last digits: the same in one unit, times one
     speed in two."""
     distances, times = (again, kept) if kept.unit == "s" else (kept, again)
@@ -135,7 +135,7 @@ def same_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
     return DuplicateRows(kept, again, None if alike else ratio)
 
 
-def _rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
+def _find_rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
     return np.asarray(
         (list_labels(table) == series.label)
         & np.isfinite(table.columns[series.column])
@@ -143,13 +143,13 @@ def _rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
     )
 
 
-def _without(table: BenchTable, column: str, rows: BoolArray) -> BenchTable:
+def _blank_column_rows(table: BenchTable, column: str, rows: BoolArray) -> BenchTable:
     """The table with one column's rows not known."""
     values = np.where(rows, np.nan, table.columns[column])
     return replace(table, columns={**table.columns, column: values})
 
 
-def _filled(table: BenchTable) -> BenchTable:
+def _drop_empty_rows(table: BenchTable) -> BenchTable:
     """The table without rows in which nothing is measured any more."""
     measured = [table.columns[name] for name in (*LAG_COLUMNS, "miss_m") if name in table.columns]
     if table.kind not in ("lag", "place") or not measured:
@@ -180,7 +180,7 @@ def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> Be
     )
 
 
-def sentences(
+def describe_duplicates(
     pairs: Sequence[AcrossTables], retellings: Sequence[DuplicateRows]
 ) -> tuple[str, ...]:
     """What the tables say of each other, each thing once, and what counts once."""
@@ -188,16 +188,16 @@ def sentences(
     silent = {one.silent for one in retellings}
     return (
         *(
-            sentence(pair)
+            describe_pair(pair)
             for pair in pairs
             if frozenset((pair.first.name, pair.second.name)) in sure
             or not silent & {pair.first.name, pair.second.name}
         ),
-        *(_said(one) for one in retellings),
+        *(_describe_duplicate(one) for one in retellings),
     )
 
 
-def _said(pair: DuplicateRows) -> str:
+def _describe_duplicate(pair: DuplicateRows) -> str:
     said = f"{pair.again.name} tells {pair.kept.name} once more, to the last digit"
     if pair.speed_mps is not None:
         said += (

@@ -14,7 +14,7 @@ from topdress.control.diagnosis.result import Detectable, Gain, NotShown
 from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit
 
 from .problem import TableProblem
-from .search import Model, TableSearch, refined
+from .search import Model, TableSearch, refine_table_model
 from .table_series import Array, BoolArray, IntArray, SizedEffect, TablePiece
 
 RESAMPLES = 400  # of the settings, for the interval of the gain
@@ -37,8 +37,8 @@ def held_out_gain(
         return ()
     problem = search.problem
     before = problem.observed - problem.nominal
-    split = _split(problem, effects)
-    after = _held_out(search, effects, split)
+    split = _list_held_out_settings(problem, effects)
+    after = _predict_held_out(search, effects, split)
     rng = np.random.default_rng(seed)
     found = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
@@ -47,7 +47,7 @@ def held_out_gain(
         )
         settings = np.unique(problem.setting[rows])
         drawn = [
-            _rms(after, problem.setting, rng.choice(settings, len(settings)), rows)
+            _calc_weighted_rms(after, problem.setting, rng.choice(settings, len(settings)), rows)
             for _ in range(RESAMPLES)
         ]
         unit = next(piece.unit for piece in problem.pieces if piece.channel == channel)
@@ -71,7 +71,9 @@ def held_out_gain(
     return tuple(found)
 
 
-def _held_out(search: TableSearch, effects: Sequence[SizedEffect], split: frozenset[int]) -> Array:
+def _predict_held_out(
+    search: TableSearch, effects: Sequence[SizedEffect], split: frozenset[int]
+) -> Array:
     """Error of each row, (n,), predicted by sizes fitted without the rows of its fold."""
     problem = search.problem
     off = problem.observed - problem.nominal
@@ -85,12 +87,14 @@ def _held_out(search: TableSearch, effects: Sequence[SizedEffect], split: frozen
     named = {effect.candidate for effect in effects}
     model = Model(tuple(k for k, one in enumerate(search.effects) if one.candidate in named))
     for out in folds if len(folds) > 1 else ():
-        sized = refined(problem, search.effects, search.unknowns, model, ~out).sized
+        sized = refine_table_model(problem, search.effects, search.unknowns, model, ~out).sized
         off[out] = (problem.observed - problem.predicted(sized))[out]
     return off
 
 
-def _split(problem: TableProblem, effects: Sequence[SizedEffect]) -> frozenset[int]:
+def _list_held_out_settings(
+    problem: TableProblem, effects: Sequence[SizedEffect]
+) -> frozenset[int]:
     """Settings whose rows are held out one by one: the only one of all, or of a member's effect."""
     only_one = len(np.unique(problem.setting)) == 1
     chosen = [effect.candidate for effect in effects]
@@ -103,13 +107,13 @@ def _split(problem: TableProblem, effects: Sequence[SizedEffect]) -> frozenset[i
     )
 
 
-def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: BoolArray) -> float:
+def _calc_weighted_rms(values: Array, setting: IntArray, drawn: IntArray, rows: BoolArray) -> float:
     sums = np.bincount(setting[rows], values[rows] ** 2, minlength=int(setting.max()) + 1)
     counts = np.bincount(setting[rows], minlength=int(setting.max()) + 1)
     return float(np.sqrt(sums[drawn].sum() / counts[drawn].sum()))
 
 
-def not_shown(
+def list_effects_not_shown(
     smallest: Mapping[str, float], shown: frozenset[str], machine: Machine
 ) -> tuple[NotShown, ...]:
     """Every catalogued effect that is neither named nor a rival (`shown`). None: these rows
@@ -129,7 +133,7 @@ def smallest_shown(search: TableSearch) -> dict[str, float]:
         if one.candidate.scope is not None:
             continue
         model = Model(tuple(sorted({*search.best.model.effects, k})))
-        fit = refined(problem, search.effects, search.unknowns, model)
+        fit = refine_table_model(problem, search.effects, search.unknowns, model)
         se = fit.se[model.effects.index(k)]
         information = max(
             0.0,
@@ -171,12 +175,12 @@ def label_contrasts(problem: TableProblem) -> list[Contrast]:
         found += [
             contrast
             for text in texts[1:]
-            if (contrast := _contrast(piece, rest, texts[0], text)) is not None
+            if (contrast := _calc_label_contrast(piece, rest, texts[0], text)) is not None
         ]
     return found
 
 
-def _contrast(piece: TablePiece, rest: Array, one: str, other: str) -> Contrast | None:
+def _calc_label_contrast(piece: TablePiece, rest: Array, one: str, other: str) -> Contrast | None:
     keys = list(
         zip(
             *[

@@ -46,18 +46,18 @@ class TableNoise(NamedTuple):
     setting_sd: tuple[tuple[int, int, float], ...]  # setting, rows, s.d.
 
 
-def noise_of(piece: TablePiece, setting: IntArray, nominal: Array) -> TableNoise:
+def estimate_table_noise(piece: TablePiece, setting: IntArray, nominal: Array) -> TableNoise:
     """Noise of the rows from replicates (pure error), else about a smooth fit of what the model
     leaves.
 
     Of the relative noises that the piece allows (constant, a share of the value) the likeliest
     is taken.
     """
-    tried = [_with(piece, setting, nominal, spread) for spread in piece.spreads]
+    tried = [_try_noise_spread(piece, setting, nominal, spread) for spread in piece.spreads]
     return tried[find_first_best([likelihood for _, likelihood in tried])][0]
 
 
-def _with(
+def _try_noise_spread(
     piece: TablePiece, setting: IntArray, nominal: Array, spread: Array
 ) -> tuple[TableNoise, float]:
     """Noise if the rows' relative noise is `spread`, and the log-likelihood of that."""
@@ -66,7 +66,7 @@ def _with(
     medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
     rounding = find_quantum(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
     none = NO_SCATTER * max(rounding, float(np.max(np.abs(relative - medians[setting]))))
-    winsorised, outliers = _winsorised(relative, medians, setting, counts, none)
+    winsorised, outliers = _winsorise_rows(relative, medians, setting, counts, none)
     means = np.bincount(setting, winsorised) / counts
     inside = winsorised - means[setting]
     pure_dof = int(np.sum(counts - 1))
@@ -77,7 +77,7 @@ def _with(
             np.sum((np.log(spread) * (counts[setting] - 1) / counts[setting])[repeated])
         )
     else:
-        smooth, rank = smoothed(piece, winsorised)
+        smooth, rank = smooth_by_settings(piece, winsorised)
         dof = len(winsorised)
         sd = float(np.sqrt(np.sum((winsorised - smooth) ** 2) / max(1, dof - rank)))
         log_spread = float(np.sum(np.log(spread)))
@@ -107,7 +107,7 @@ def _with(
     )
 
 
-def _winsorised(
+def _winsorise_rows(
     relative: Array, medians: Array, setting: IntArray, counts: IntArray, none: float
 ) -> tuple[Array, IntArray]:
     """Rows with outliers among their replicates drawn in, and which those are. Scatter up to
@@ -130,7 +130,7 @@ def _winsorised(
     return winsorised, outliers
 
 
-def smoothed(piece: TablePiece, values: Array) -> tuple[Array, int]:
+def smooth_by_settings(piece: TablePiece, values: Array) -> tuple[Array, int]:
     """Values (n,) by a low polynomial in the settings, labels apart, and how many columns that
     took."""
     columns = [
@@ -145,17 +145,19 @@ def smoothed(piece: TablePiece, values: Array) -> tuple[Array, int]:
 
 def resolution_of(values: Array) -> float:
     """The last printed digit."""
-    return next((10.0**-digits for digits in range(7) if _multiples(values, 10.0**-digits)), 0.0)
+    return next(
+        (10.0**-digits for digits in range(7) if _are_multiples_of(values, 10.0**-digits)), 0.0
+    )
 
 
 def find_quantum(values: Array) -> float:
     """The coarsest of 1, 2, 2.5, 5 times a power of ten that all values are multiples of; 0:
     none."""
     steps = [step * 10.0**-digits for digits in range(7) for step in (5.0, 2.5, 2.0, 1.0)]
-    return next((step for step in steps if _multiples(values, step)), 0.0)
+    return next((step for step in steps if _are_multiples_of(values, step)), 0.0)
 
 
-def _multiples(values: Array, step: float) -> bool:
+def _are_multiples_of(values: Array, step: float) -> bool:
     return bool(np.all(np.abs(values - np.round(values / step) * step) < 1e-8))
 
 

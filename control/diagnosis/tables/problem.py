@@ -10,7 +10,7 @@ import numpy as np
 from topdress.control.machine.machine import CATALOGUE, Machine, calc_size_scale
 
 from .clock import DITHERED, CoarseClock, find_clock_step, find_rounding_sd
-from .noise import TableNoise, find_quantum, noise_of, resolution_of, smoothed
+from .noise import TableNoise, estimate_table_noise, find_quantum, resolution_of, smooth_by_settings
 from .table_series import (
     Array,
     IntArray,
@@ -18,7 +18,7 @@ from .table_series import (
     TableCandidate,
     TablePiece,
     add_effects,
-    scope_name,
+    describe_scope,
 )
 
 # replicates beyond the first of each setting, from which on their common rounding is counted
@@ -67,7 +67,7 @@ class TableProblem(NamedTuple):
             done: dict[tuple[SizedEffect, ...], Array] = {}
             for group in np.unique(self.group[inside]).tolist():
                 here = tuple(
-                    effect for effect in effects if self._holds(effect.candidate, piece, group)
+                    effect for effect in effects if self._applies_to(effect.candidate, piece, group)
                 )
                 if not here:
                     continue
@@ -77,13 +77,13 @@ class TableProblem(NamedTuple):
                 out[rows & inside] = done[here][self.group[inside] == group]
         return out
 
-    def _holds(self, candidate: TableCandidate, piece: TablePiece, group: int) -> bool:
+    def _applies_to(self, candidate: TableCandidate, piece: TablePiece, group: int) -> bool:
         if candidate.scope is None:
             return candidate.id not in piece.named_only
         return group in self.scopes[candidate.scope]
 
     def scope_name(self, scope: int) -> str:
-        return scope_name(self.group_names[group] for group in sorted(self.scopes[scope]))
+        return describe_scope(self.group_names[group] for group in sorted(self.scopes[scope]))
 
     def slopes(self, effects: Sequence[SizedEffect] = ()) -> tuple[Array, Array]:
         """Rows under the effects, (n,), and their change per unit of each candidate's size on
@@ -132,21 +132,21 @@ def make_problem(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) 
     Where times come in steps that the scatter does not even out, the rounding of each setting
     is a nuisance.
     """
-    judged = [_judged(piece, machine, seed + index) for index, piece in enumerate(pieces)]
+    judged = [_judge_piece(piece, machine, seed + index) for index, piece in enumerate(pieces)]
     starts = np.cumsum([0, *(int(one.setting.max()) + 1 for one in judged)])
     setting = np.concatenate(
         [one.setting + start for one, start in zip(judged, starts[:-1], strict=True)]
     )
     index = np.concatenate([np.full(len(piece.observed), k) for k, piece in enumerate(pieces)])
     rounding = np.concatenate([np.full(len(one.setting), one.rounding) for one in judged])
-    group, names = _groups(pieces)
+    group, names = _number_groups(pieces)
     candidates = list(
         dict.fromkeys(candidate for piece in pieces for candidate in piece.candidates)
     )
     scopes = [frozenset({number}) for number in range(len(names))]
     if len(names) > 1:
-        candidates += _scoped(pieces, group, index)
-        together, shared = _together(pieces, candidates, scopes, group, index)
+        candidates += _list_scoped_candidates(pieces, group, index)
+        together, shared = _merge_field_groups(pieces, candidates, scopes, group, index)
         scopes += together
         candidates += shared
     stated = judged[0].piece.noise_sd if len(judged) == 1 else None
@@ -162,7 +162,7 @@ def make_problem(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) 
         tuple(scopes),
         setting,
         tuple(candidates),
-        _tolerances(pieces),
+        _stack_tolerances(pieces),
         rounding,
         1.0 if stated is None else float(stated / np.median(judged[0].noise.sd)),
         tuple(one.noise for one in judged),
@@ -171,10 +171,10 @@ def make_problem(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) 
     )
 
 
-def _judged(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
-    setting, nominal = settings_of(piece), piece.predict(machine)
-    noise = noise_of(piece, setting, nominal)
-    clock = _clock(piece, setting, noise.outliers, seed) if piece.clocked else None
+def _judge_piece(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
+    setting, nominal = number_settings(piece), piece.predict(machine)
+    noise = estimate_table_noise(piece, setting, nominal)
+    clock = _find_clock_step(piece, setting, noise.outliers, seed) if piece.clocked else None
     typical = float(np.median(noise.sd))
     return _JudgedPiece(
         piece,
@@ -182,24 +182,26 @@ def _judged(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
         setting,
         noise,
         clock,
-        max(find_rounding_sd(clock, typical), _digit_sd(piece, setting, typical)),
+        max(find_rounding_sd(clock, typical), _calc_digit_sd(piece, setting, typical)),
     )
 
 
-def _clock(
+def _find_clock_step(
     piece: TablePiece, setting: IntArray, outliers: IntArray, seed: int
 ) -> CoarseClock | None:
     """Steps in the times about the medians of settings with replicates, else about a smooth fit."""
     counts = np.bincount(setting)
     medians = np.array([np.median(piece.observed[setting == k]) for k in range(len(counts))])
     centres = np.where(
-        counts[setting] >= MIN_MEDIAN_ROWS, medians[setting], smoothed(piece, piece.observed)[0]
+        counts[setting] >= MIN_MEDIAN_ROWS,
+        medians[setting],
+        smooth_by_settings(piece, piece.observed)[0],
     )
     near = np.delete(np.arange(len(setting)), outliers)
     return find_clock_step(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
 
 
-def _digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
+def _calc_digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
     """S.d. of the rounding that replicates share because they scatter less than the last digit;
     0: they do not."""
     quantum = find_quantum(piece.observed)
@@ -207,7 +209,7 @@ def _digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
     return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
 
 
-def settings_of(piece: TablePiece) -> IntArray:
+def number_settings(piece: TablePiece) -> IntArray:
     """Index of the setting of each row, (n,): rows with the same label and variables but for
     the replicate."""
     keys = [
@@ -223,7 +225,7 @@ def settings_of(piece: TablePiece) -> IntArray:
     return np.array([order[row] for row in rows], dtype=np.int64)
 
 
-def _groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
+def _number_groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
     """Group of each row and (table, label) of each group: columns of one table share theirs."""
     names: dict[tuple[str, str], int] = {}
     rows = []
@@ -232,7 +234,9 @@ def _groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[str, st
     return np.array(rows), tuple(names)
 
 
-def _scoped(pieces: Sequence[TablePiece], group: IntArray, index: IntArray) -> list[TableCandidate]:
+def _list_scoped_candidates(
+    pieces: Sequence[TablePiece], group: IntArray, index: IntArray
+) -> list[TableCandidate]:
     """Effects that may hold in one group only, group by group."""
     found = []
     for number in np.unique(group).tolist():
@@ -245,7 +249,7 @@ def _scoped(pieces: Sequence[TablePiece], group: IntArray, index: IntArray) -> l
     return found
 
 
-def _together(
+def _merge_field_groups(
     pieces: Sequence[TablePiece],
     candidates: Sequence[TableCandidate],
     scopes: Sequence[frozenset[int]],
@@ -275,7 +279,7 @@ def _together(
     return found, shared
 
 
-def _tolerances(pieces: Sequence[TablePiece]) -> Array:
+def _stack_tolerances(pieces: Sequence[TablePiece]) -> Array:
     names = list(dict.fromkeys(name for piece in pieces for name in piece.nuisances))
     parts = [
         np.column_stack(

@@ -41,8 +41,8 @@ from topdress.control.machine.machine import CATALOGUE, Machine, describe_unit, 
 from topdress.control.machine.start import calc_response_s
 
 from .clock import CoarseClock
-from .cross_calibration import across
-from .duplicate_rows import DuplicateRows, sentences
+from .cross_calibration import compare_lag_series
+from .duplicate_rows import DuplicateRows, describe_duplicates
 from .gain import label_contrasts
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .problem import TableProblem
@@ -64,11 +64,11 @@ def list_causes(
     problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement
 ) -> tuple[Cause, ...]:
     """Named effects and the clearest coarse clock, largest consequence in the field first."""
-    speed = _speed(tables)
-    causes = [_cause(problem, one, speed) for one in judgement.named]
+    speed = _find_ground_speed(tables)
+    causes = [_make_table_cause(problem, one, speed) for one in judgement.named]
     clocks = [clock for clock in problem.clocks if clock is not None and clock.shown]
     if clocks:
-        causes.append(_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
+        causes.append(_make_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
 
     return tuple(sorted(causes, key=lambda cause: find_consequence(cause.field_cost), reverse=True))
 
@@ -82,7 +82,7 @@ def find_verdict(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
     return judgement.verdict
 
 
-def _cause(problem: TableProblem, one: NamedEffect, speed: float | None) -> Cause:
+def _make_table_cause(problem: TableProblem, one: NamedEffect, speed: float | None) -> Cause:
     candidate, size = one.effect
     rivals = tuple(Rival(r.id, r.probability) for r in one.rivals)
     probability = one.probability
@@ -106,12 +106,12 @@ def _cause(problem: TableProblem, one: NamedEffect, speed: float | None) -> Caus
         rivals,
         candidate.member,
         CATALOGUE[candidate.id].effect.advice,
-        field_cost(problem.machine, one.effect, speed),
+        calc_table_field_cost(problem.machine, one.effect, speed),
         scope=None if candidate.scope is None else problem.scope_name(candidate.scope),
     )
 
 
-def _clock_cause(problem: TableProblem, clock: CoarseClock, speed: float | None) -> Cause:
+def _make_clock_cause(problem: TableProblem, clock: CoarseClock, speed: float | None) -> Cause:
     effect = CATALOGUE[LAG_COARSE_CLOCK.id].effect
     step = SizedEffect(TableCandidate(LAG_COARSE_CLOCK.id), clock.step_s)
     return Cause(
@@ -122,11 +122,11 @@ def _clock_cause(problem: TableProblem, clock: CoarseClock, speed: float | None)
         (),
         None,
         effect.advice,
-        field_cost(problem.machine, step, speed),
+        calc_table_field_cost(problem.machine, step, speed),
     )
 
 
-def _speed(tables: Sequence[BenchTable]) -> float | None:
+def _find_ground_speed(tables: Sequence[BenchTable]) -> float | None:
     speeds = [s for table in tables if (s := table.find_speed_mps()) is not None]
     return float(np.nanmean(np.concatenate(speeds))) if speeds else None
 
@@ -162,7 +162,7 @@ def find_next_run(problem: TableProblem, judgement: Judgement) -> NextRun | None
     def anywhere(effect: SizedEffect) -> SizedEffect:
         return effect._replace(candidate=effect.candidate._replace(scope=None))
 
-    plan = separating(
+    plan = find_separating_tests(
         problem.machine,
         [
             [
@@ -173,7 +173,7 @@ def find_next_run(problem: TableProblem, judgement: Judgement) -> NextRun | None
         ],
     )
     if plan is not None:
-        return _next_run(plan)
+        return _describe_next_run(plan)
     doubtful = [one.effect.candidate.id for one in judgement.named if one.rivals]
     if not doubtful:
         return None
@@ -201,8 +201,8 @@ def find_two_rates(tables: Sequence[BenchTable], machine: Machine) -> NextRun | 
     )
 
 
-def _next_run(plan: NextTests) -> NextRun:
-    why = f"this data cannot tell {_names(plan.pairs)} apart"
+def _describe_next_run(plan: NextTests) -> NextRun:
+    why = f"this data cannot tell {_join_rival_names(plan.pairs)} apart"
     if not plan.tests:
         return NextRun(
             why,
@@ -226,7 +226,7 @@ def _next_run(plan: NextTests) -> NextRun:
     )
 
 
-def _names(pairs: Sequence[Pair]) -> str:
+def _join_rival_names(pairs: Sequence[Pair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
@@ -251,7 +251,7 @@ def list_findings(
     for index, piece in enumerate(problem.pieces):
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
-    out += sentences(across(tables, problem.machine), retellings)
+    out += describe_duplicates(compare_lag_series(tables, problem.machine), retellings)
     out += [
         f"{piece.name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine "
         f"{clock.heaping:.2f}): one "
@@ -320,7 +320,8 @@ def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> li
     loud = [(k, s) for k, rows, s in noise.setting_sd if s > OUTSTANDING * usual and rows > 2]
     loud.sort(key=lambda one: -one[1])
     where = "; ".join(
-        f"{_setting(piece, own == k + first)}: {s:.3g}" for k, s in loud[:MAX_SHOWN_SETTINGS]
+        f"{_describe_setting(piece, own == k + first)}: {s:.3g}"
+        for k, s in loud[:MAX_SHOWN_SETTINGS]
     )
     out.append(
         f"{piece.name}: the scatter is not the same everywhere (p {noise.unequal_p:.2g}): usually "
@@ -354,7 +355,7 @@ def _settings_sentences(problem: TableProblem, judgement: Judgement) -> list[str
         inside = problem.piece == index
         setting = problem.setting[inside]
         means = sorted(
-            (float(rest[inside][setting == k].mean()), _setting(piece, setting == k))
+            (float(rest[inside][setting == k].mean()), _describe_setting(piece, setting == k))
             for k in np.unique(setting)
         )
         (low, at_low), (high, at_high) = means[0], means[-1]
@@ -366,7 +367,7 @@ def _settings_sentences(problem: TableProblem, judgement: Judgement) -> list[str
     return out
 
 
-def _setting(piece: TablePiece, rows: BoolArray) -> str:
+def _describe_setting(piece: TablePiece, rows: BoolArray) -> str:
     at = int(np.flatnonzero(rows)[0])
     parts = [
         f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"
@@ -385,7 +386,9 @@ class NextTests(NamedTuple):
     apart_sd: float | None
 
 
-def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> NextTests | None:
+def find_separating_tests(
+    machine: Machine, rivals: Sequence[Sequence[SizedEffect]]
+) -> NextTests | None:
     """The tests that tell the rivals of each cause apart, chosen by what each would read under
     each of them.
 
@@ -418,7 +421,9 @@ def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Nex
     )
 
 
-def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -> FieldCost:
+def calc_table_field_cost(
+    machine: Machine, effect: SizedEffect, speed_mps: float | None
+) -> FieldCost:
     """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not
     know of the effect.
 
@@ -439,15 +444,15 @@ def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -
     rate = rate_error_percent(machine, points, changed, points)
     learnt_percent = changed.fall.speed_scale_percent - machine.fall.speed_scale_percent
     place = (
-        speed * (_lag_s(changed) - _lag_s(machine))
+        speed * (_calc_start_lag_s(changed) - _calc_start_lag_s(machine))
         + changed.fall.lever_arm_m
         - machine.fall.lever_arm_m
-        + speed * _lag_s(machine) * learnt_percent / 100.0
+        + speed * _calc_start_lag_s(machine) * learnt_percent / 100.0
     )
     return FieldCost(rate, place)
 
 
-def _lag_s(machine: Machine) -> float:
+def _calc_start_lag_s(machine: Machine) -> float:
     """Whole lag of a start at the set-point, the worst of its direction; s."""
     fall, rpm = machine.fall, machine.set_points.shaft_rpm
     return (

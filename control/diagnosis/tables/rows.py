@@ -91,12 +91,12 @@ def list_labels(table: BenchTable) -> npt.NDArray[np.str_]:
     return np.full(table.rows, "") if table.label is None else table.label
 
 
-def column_of(table: BenchTable) -> str:
+def find_label_column(table: BenchTable) -> str:
     """The column that the labels come from, as a sentence names it."""
     return table.label_column or "label"
 
 
-def roles_of(table: BenchTable) -> Roles:
+def read_roles(table: BenchTable) -> Roles:
     """Reads the labels and the speeds before; a table tells start or direction only where both
     of its sides occur."""
     label, running = list_labels(table), table.find_running_rows()
@@ -124,16 +124,16 @@ def roles_of(table: BenchTable) -> Roles:
 # eq 1, 6) -------------
 
 
-def lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece for each measured column."""
     return tuple(
-        _piece(table, machine, name)
+        _make_lag_piece(table, machine, name)
         for name in LAG_COLUMNS
         if name in table.columns and np.isfinite(table.columns[name]).sum() > 0
     )
 
 
-def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
+def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
     keep = np.isfinite(table.columns[name])
     rpm = table.columns["shaft_rpm"][keep]
     speed = table.find_speed_mps()
@@ -143,14 +143,14 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
         assert speed is not None
         observed = observed / speed
     label = list_labels(table)[keep]
-    roles = roles_of(select_rows(table, keep))
+    roles = read_roles(select_rows(table, keep))
     # A column of times next to one of distances is the detector's; any other may have been read
     # off distances.
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:
         scale = 1.0 + m.fall.speed_scale_percent / 100.0 if by_distance else 1.0
-        return predicted(m, rpm, name, roles) * scale
+        return predict_lag_s(m, rpm, name, roles) * scale
 
     drops = name != "response_s"
     nuisances = (
@@ -182,20 +182,24 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
         predict,
         (spread,),
         label,
-        column_of(table),
-        tuple(TableCandidate(i) for i in _ids(name, roles)),
-        _scoped_ids(name, roles),
+        find_label_column(table),
+        tuple(TableCandidate(i) for i in _list_lag_effects(name, roles)),
+        _list_scoped_effects(name, roles),
         list_varying(variables),
         nuisances,
-        {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
-        {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
+        {LAG_REBOUND.id: list_rise_shapes(rpm, machine.fall.full_rpm)} if drops else {},
+        {
+            LAG_REBOUND.id: list_rise_shapes(
+                np.full(1, machine.fall.full_rpm), machine.fall.full_rpm
+            )[0]
+        },
         clocked=name != "lag_m",
         on_ground=name == "lag_m",
         named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}),
     )
 
 
-def _ids(name: str, roles: Roles) -> tuple[str, ...]:
+def _list_lag_effects(name: str, roles: Roles) -> tuple[str, ...]:
     """Effects that a column of lags can show."""
     drops = (LAG_OFFSET, LAG_REBOUND) if name != "response_s" else ()
     response = (SHAFT_DEAD_TIME,) if name != "drop_s" else ()
@@ -207,18 +211,18 @@ def _ids(name: str, roles: Roles) -> tuple[str, ...]:
     return tuple(row.id for row in (*drops, *response, *(by_label if drops else ()), *distance))
 
 
-def _scoped_ids(name: str, roles: Roles) -> tuple[str, ...]:
+def _list_scoped_effects(name: str, roles: Roles) -> tuple[str, ...]:
     """Those that may hold for one label only; none where the labels say how a change began.
 
     Times of one label may have been read off distances, whose written speed may be wrong.
     """
     if roles.known:
         return ()
-    ids = [*_ids(name, roles), *([LAG_SPEED_SCALE.id] if name == "lag_s" else [])]
+    ids = [*_list_lag_effects(name, roles), *([LAG_SPEED_SCALE.id] if name == "lag_s" else [])]
     return tuple(i for i in ids if i in (SHAFT_DEAD_TIME.id, LAG_OFFSET.id, LAG_SPEED_SCALE.id))
 
 
-def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
+def predict_lag_s(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
     """Lag of each row, s: the machine's own model with its effects, but for the scale of distances.
 
     A row is a start out of a standing shaft, as a rig and the papers time it, unless it carries
@@ -242,7 +246,7 @@ def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
     return total
 
 
-def rises(rpm: Array, full_rpm: float) -> Array:
+def list_rise_shapes(rpm: Array, full_rpm: float) -> Array:
     """Other shapes that a rise at high shaft speed may have, (n, k)."""
     return np.column_stack(
         [np.maximum(0.0, rpm - start * full_rpm) ** power for start, power in FORMS_OVER]
@@ -270,15 +274,15 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     rpm, speed = table.columns["shaft_rpm"], table.find_speed_mps()
     assert speed is not None
     label = list_labels(table)
-    roles = roles_of(table)
-    corrected = np.where(label == UNCORRECTED, 0.0, predicted(machine, rpm, "lag_s", roles))
+    roles = read_roles(table)
+    corrected = np.where(label == UNCORRECTED, 0.0, predict_lag_s(machine, rpm, "lag_s", roles))
     if "corrected_lag_s" in table.columns:
         given = table.columns["corrected_lag_s"]
         corrected = np.where(np.isfinite(given), given, corrected)
 
     def predict(m: Machine) -> Array:
         true_mps = speed * (1.0 + m.fall.speed_scale_percent / 100.0)
-        lag = predicted(m, rpm, "lag_s", roles)
+        lag = predict_lag_s(m, rpm, "lag_s", roles)
         return true_mps * (lag + m.fall.latency_s) - speed * corrected + m.fall.lever_arm_m
 
     by_label = (
@@ -303,13 +307,17 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             predict,
             (np.ones(len(rpm)),),
             label,
-            column_of(table),
+            find_label_column(table),
             tuple(TableCandidate(row.id) for row in effects),
             (PLACE_LEVER_ARM.id, PLACE_LATENCY.id),
             list_varying(variables),
             {"dead_time": speed * machine.tolerance.dead_time_s},
-            {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
-            {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
+            {LAG_REBOUND.id: list_rise_shapes(rpm, machine.fall.full_rpm) * speed[:, None]},
+            {
+                LAG_REBOUND.id: list_rise_shapes(
+                    np.full(1, machine.fall.full_rpm), machine.fall.full_rpm
+                )[0]
+            },
             on_ground=True,
         ),
     )
@@ -327,14 +335,16 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     outlet = columns.get("outlet")
 
     def steady(m: Machine) -> Array:
-        return _mass(m.flow, rpm, opening, lasts_s, outlet, m.geometry.outlets)
+        return _calc_catch_mass(m.flow, rpm, opening, lasts_s, outlet, m.geometry.outlets)
 
     nominal = steady(machine)
     angle = 2.0 * pi * machine.flow.flutes * rpm / 60.0 * lasts_s
-    begins = _begins(columns["mass_kg"], nominal, angle)
+    begins = _fit_pulse_phase(columns["mass_kg"], nominal, angle)
 
     def predict(m: Machine) -> Array:
-        return steady(m) + nominal * m.flow.pulsation_percent / 100.0 * _pulse(angle, begins)
+        return steady(m) + nominal * m.flow.pulsation_percent / 100.0 * _calc_mean_pulse(
+            angle, begins
+        )
 
     share = np.maximum(nominal, 1e-9) / (float(np.median(nominal)) or 1.0)
     spreads = (
@@ -371,25 +381,27 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             predict,
             spreads,
             list_labels(table),
-            column_of(table),
+            find_label_column(table),
             candidates,
             (FLOW_GAIN.id,),
             list_varying(variables),
             {
                 "flow": nominal * machine.tolerance.flow_percent / 100.0,
                 "opening_mm": predict(wide) - nominal,
-                **_each_outlet(nominal, outlet, machine),
+                **_list_outlet_tolerances(nominal, outlet, machine),
             },
             {
-                FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),
+                FLOW_FILL_FALLOFF.id: _list_falloff_shapes(
+                    nominal, rpm, rpm, machine.flow.full_rpm
+                ),
                 # of another shape: a second harmonic too
                 FLOW_PULSATION.id: np.column_stack(
-                    [nominal * _pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)]
+                    [nominal * _calc_mean_pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)]
                 ),
             },
             {
                 FLOW_FILL_FALLOFF.id: -100.0
-                * _falloffs(
+                * _list_falloff_shapes(
                     np.ones(1), np.full(1, machine.flow.full_rpm), rpm, machine.flow.full_rpm
                 )[0]
             },
@@ -406,7 +418,7 @@ def _catch_candidates(outlet: Array | None, pulsates: bool) -> tuple[TableCandid
     )
 
 
-def _mass(
+def _calc_catch_mass(
     flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array | None, outlets: int
 ) -> Array:
     grams = [
@@ -424,7 +436,9 @@ def _mass(
     )
 
 
-def _each_outlet(nominal: Array, outlet: Array | None, machine: Machine) -> dict[str, Array]:
+def _list_outlet_tolerances(
+    nominal: Array, outlet: Array | None, machine: Machine
+) -> dict[str, Array]:
     """Outlets differ by as much as leaves their sum within its tolerance."""
     if outlet is None:
         return {}
@@ -435,7 +449,7 @@ def _each_outlet(nominal: Array, outlet: Array | None, machine: Machine) -> dict
     }
 
 
-def _falloffs(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm: float) -> Array:
+def _list_falloff_shapes(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm: float) -> Array:
     """Other shapes that a loss at high shaft speed may have, (n, k); fewer where fewer speeds
     were tested."""
     fast = rpm / full_rpm
@@ -448,18 +462,22 @@ def _falloffs(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm: float) ->
     )
 
 
-def _pulse(angle: Array, begins: float) -> Array:
+def _calc_mean_pulse(angle: Array, begins: float) -> Array:
     """Mean of the model's sine (flow_step) over a catch of that many radians of flutes, started
     at `begins`, (n,)."""
     angle = np.maximum(angle, 1e-9)
     return np.asarray((np.cos(begins) - np.cos(begins + angle)) / angle)
 
 
-def _begins(mass: Array, nominal: Array, angle: Array) -> float:
+def _fit_pulse_phase(mass: Array, nominal: Array, angle: Array) -> float:
     """Where in a flute's passage the catches begin, radians: the phase that fits, the rest
     being steady."""
     known = nominal > 0.0
-    columns = [np.ones(int(known.sum())), _pulse(angle, 0.0)[known], _pulse(angle, pi / 2.0)[known]]
+    columns = [
+        np.ones(int(known.sum())),
+        _calc_mean_pulse(angle, 0.0)[known],
+        _calc_mean_pulse(angle, pi / 2.0)[known],
+    ]
     fit, *_ = np.linalg.lstsq(
         np.column_stack(columns) * nominal[known, None], mass[known], rcond=None
     )
@@ -478,7 +496,7 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     speed = table.find_speed_mps()
     mean_mps = USUAL_SPEED_MPS if speed is None else float(np.nanmean(speed))
     rpm = machine.set_points.shaft_rpm
-    turns = _turns(table, machine, mean_mps)
+    turns = _count_shaft_turns(table, machine, mean_mps)
     opening = target * 1000.0 / np.maximum(turns * calc_grams_per_rev(machine.flow, rpm, 1.0), 1e-9)
 
     def predict(m: Machine) -> Array:
@@ -515,7 +533,7 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             predict,
             (np.ones(table.rows),),
             list_labels(table),
-            column_of(table),
+            find_label_column(table),
             tuple(TableCandidate(row.id) for row in WEIGHED),
             (),
             list_varying(variables),
@@ -529,7 +547,7 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     )
 
 
-def _turns(table: BenchTable, machine: Machine, mean_mps: float) -> Array:
+def _count_shaft_turns(table: BenchTable, machine: Machine, mean_mps: float) -> Array:
     """Revolutions of the shaft on each plot, (n,).
 
     Where the table has none, they follow from the strategy: at the set-point's shaft speed they
@@ -580,7 +598,7 @@ def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     ]
     rates = WARM_UP_RATES[: max(1, len(np.unique(on_s)) - MIN_LEVELS_LEFT)]
     forms = {
-        CANOPY_SATURATION.id: _flattenings(reference),
+        CANOPY_SATURATION.id: _list_flattening_shapes(reference),
         CANOPY_WARM_UP.id: np.column_stack(
             [reference * np.exp(-on_s / (k * WARM_UP_S)) for k in rates]
         ),
@@ -604,7 +622,7 @@ def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             predict,
             (np.ones(table.rows),),
             list_labels(table),
-            column_of(table),
+            find_label_column(table),
             tuple(candidates),
             (),
             list_varying(variables),
@@ -615,14 +633,16 @@ def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             forms,
             {
                 CANOPY_WARM_UP.id: np.full(len(rates), 100.0),
-                CANOPY_SATURATION.id: -100.0 / DENSE_NDVI * _flattenings(np.full(1, DENSE_NDVI))[0],
+                CANOPY_SATURATION.id: -100.0
+                / DENSE_NDVI
+                * _list_flattening_shapes(np.full(1, DENSE_NDVI))[0],
             },
             noise_sd=machine.noise.ndvi,
         ),
     )
 
 
-def _flattenings(reference: Array) -> Array:
+def _list_flattening_shapes(reference: Array) -> Array:
     """Other shapes of what a reading loses in a dense canopy, (n, k)."""
     return np.column_stack(
         [reference**2, reference**3, reference**6, np.maximum(0.0, reference - 0.6)]
@@ -630,7 +650,7 @@ def _flattenings(reference: Array) -> Array:
 
 
 _BY_KIND: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
-    "lag": lag_pieces,
+    "lag": make_lag_pieces,
     "catch": catch_pieces,
     "weigh": weigh_pieces,
     "heads": heads_pieces,
@@ -638,7 +658,7 @@ _BY_KIND: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
 }
 
 
-def make_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_table_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """A piece for each measured column of a usable table
     (control.calibration.bench_table.usable)."""
     return _BY_KIND[table.kind](table, machine)

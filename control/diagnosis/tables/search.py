@@ -19,9 +19,9 @@ from topdress.control.diagnosis.judgement.prior import UNKNOWN, find_size_log_we
 from topdress.control.diagnosis.judgement.rows import (
     Posterior,
     TableRows,
-    mixed,
-    posterior,
-    rows_of,
+    calc_posterior,
+    make_table_rows,
+    mix_posteriors,
 )
 
 from .candidates import TableEffect, Unknown, find_effects, list_unknowns
@@ -93,13 +93,13 @@ class TableSearch(NamedTuple):
         return self.fitted[0]
 
 
-def search(problem: TableProblem) -> TableSearch:
+def search_table_models(problem: TableProblem) -> TableSearch:
     """All models that these rows leave probable."""
     effects = find_effects(problem)
     unknowns = list_unknowns(problem, effects)
     found = [
-        refined(problem, effects, unknowns, model)
-        for model in _probable(problem, effects, unknowns)
+        refine_table_model(problem, effects, unknowns, model)
+        for model in _list_probable_models(problem, effects, unknowns)
     ]
     scores = [one.score for one in found]
     order = sort_best_first(scores)
@@ -125,7 +125,7 @@ class _SideBySide(NamedTuple):
     unknown: tuple[IntArray, ...]
 
 
-def _table(
+def _stack_all_columns(
     problem: TableProblem,
     y: Array,
     effects: Sequence[TableEffect],
@@ -150,7 +150,7 @@ def _table(
     columns = np.column_stack(blocks)
     used = np.ones(len(y), bool) if kept is None else kept
     setting = np.unique(problem.setting[used], return_inverse=True)[1]
-    rows = rows_of(
+    rows = make_table_rows(
         y[used],
         columns[used],
         setting,
@@ -170,18 +170,18 @@ def _table(
     )
 
 
-def _probable(
+def _list_probable_models(
     problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown]
 ) -> list[Model]:
     """Models within WINDOW of the best, by slopes at the nominal machine."""
     y = (problem.observed - problem.nominal) / problem.sd
-    table = _table(problem, y, effects, unknowns, whole=False)
+    table = _stack_all_columns(problem, y, effects, unknowns, whole=False)
     scores: dict[Model, float] = {}
 
     def tried(models: Sequence[Model]) -> None:
         for model in models:
-            if model not in scores and _can_be([effects[k] for k in model.effects]):
-                scores[model] = scored(table, effects, unknowns, model, sizes=False)[0]
+            if model not in scores and _is_possible_set([effects[k] for k in model.effects]):
+                scores[model] = score_table_model(table, effects, unknowns, model, sizes=False)[0]
 
     def leading() -> list[Model]:
         every = list(scores)
@@ -216,8 +216,8 @@ def _worth_trying(
 ) -> list[int]:
     """What is unknown and might be in a model: of single rows and settings those that it leaves
     farthest off."""
-    found = scored(table, effects, unknowns, model)[1]
-    index = _columns_of(table, model)
+    found = score_table_model(table, effects, unknowns, model)[1]
+    index = _list_model_columns(table, model)
     left = np.abs(table.y - table.columns[:, index] @ found.mean)
     kept = [k for k, one in enumerate(unknowns) if not one.at]
     for misread in (True, False):
@@ -229,7 +229,7 @@ def _worth_trying(
     return kept
 
 
-def _columns_of(table: _SideBySide, model: Model) -> IntArray:
+def _list_model_columns(table: _SideBySide, model: Model) -> IntArray:
     """Places of a model's columns: its effects, their forms, what is unknown, tolerances."""
     none = np.zeros(0, np.int64)
     strange = none if model.unknown is None else table.unknown[model.unknown]
@@ -244,13 +244,13 @@ def _columns_of(table: _SideBySide, model: Model) -> IntArray:
     )
 
 
-def _can_be(effects: Sequence[TableEffect]) -> bool:
+def _is_possible_set(effects: Sequence[TableEffect]) -> bool:
     """A machine has an effect of a member (an outlet, a head) on one of them at a time."""
     ids = [one.candidate.id for one in effects if one.candidate.member is not None]
     return len(ids) == len(set(ids))
 
 
-def scored(
+def score_table_model(
     table: _SideBySide,
     effects: Sequence[TableEffect],
     unknowns: Sequence[Unknown],
@@ -264,7 +264,7 @@ def scored(
     rule.
     """
     chosen = [effects[k] for k in model.effects]
-    index = _columns_of(table, model)
+    index = _list_model_columns(table, model)
     strange = 0 if model.unknown is None else unknowns[model.unknown].columns.shape[1]
     # sizes by least squares, the tolerances held by their priors
     least = table.rows.products.of(index)
@@ -285,15 +285,15 @@ def scored(
         size = float(np.sqrt(np.mean(guess[at : at + strange] ** 2)))
         sd[at : at + strange] = find_size_sd(size, other.usual)
         log_odds += other.log_odds + find_size_log_weight(size, other.usual)
-    free = posterior(table.rows, index, sd, sizes)
+    free = calc_posterior(table.rows, index, sd, sizes)
     if at == len(chosen):
         return free.log_evidence + log_odds, free
     sd[len(chosen) : at] = NO_FREEDOM
-    found = mixed(free, posterior(table.rows, index, sd, sizes), FREE)
+    found = mix_posteriors(free, calc_posterior(table.rows, index, sd, sizes), FREE)
     return found.log_evidence + log_odds, found
 
 
-def refined(
+def refine_table_model(
     problem: TableProblem,
     effects: Sequence[TableEffect],
     unknowns: Sequence[Unknown],
@@ -317,7 +317,9 @@ def refined(
             one._replace(column=column / problem.sd)
             for one, column in zip(chosen, slopes.T, strict=True)
         ]
-        score, found = scored(_table(problem, y / problem.sd, here, other, kept), here, other, own)
+        score, found = score_table_model(
+            _stack_all_columns(problem, y / problem.sd, here, other, kept), here, other, own
+        )
         before = sized
         sized = tuple(
             SizedEffect(one.candidate, float(size))

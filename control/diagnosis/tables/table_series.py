@@ -74,21 +74,21 @@ class TablePiece(NamedTuple):
 SCOPE_AND = " and "
 
 
-def scope_name(groups: Iterable[tuple[str, str]]) -> str:
+def describe_scope(groups: Iterable[tuple[str, str]]) -> str:
     """What people call the groups (table, label) that alone have an effect: the `scope` of its
     cause."""
-    return SCOPE_AND.join(group_name(table, label) for table, label in groups)
+    return SCOPE_AND.join(describe_group(table, label) for table, label in groups)
 
 
 def is_within_scope(scope: str | None, piece: TablePiece, label: str, effect_id: str) -> bool:
     """Whether a cause with this scope holds in a piece's rows of one label."""
     if scope is None:
         return effect_id not in piece.named_only
-    own = group_name(piece.table, label)
+    own = describe_group(piece.table, label)
     return own == scope or own in scope.split(SCOPE_AND)
 
 
-def group_name(table: str, label: str) -> str:
+def describe_group(table: str, label: str) -> str:
     """What people call the rows of one label (the `scope` of a cause): the table, by its file's
     name, and the label."""
     short = table.replace("\\", "/").rsplit("/", 1)[-1] or "the table"

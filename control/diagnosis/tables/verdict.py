@@ -62,7 +62,7 @@ class Judgement(NamedTuple):
         return tuple(one.effect for one in self.named)
 
 
-def judged(search: TableSearch, shows: bool) -> Judgement:
+def judge_table_search(search: TableSearch, shows: bool) -> Judgement:
     """The verdict, clocks apart. shows : whether these rows would show any effect within its
     bounds."""
     every = list(zip(search.fitted, search.probability, strict=True))
@@ -71,11 +71,11 @@ def judged(search: TableSearch, shows: bool) -> Judgement:
     if nothing >= 0.5 or len(search.problem.observed) < MIN_ROWS:
         verdict: Verdict = "none" if shows else "not_judged"
         return Judgement(search, None, verdict, (), (), nothing, unknown, None)
-    model = _said(search, nothing, unknown)
+    model = _choose_reported_model(search, nothing, unknown)
     named = tuple(
-        _named(search, model, k) for k in range(len(model.sized)) if k not in model.outside
+        _name_effect(search, model, k) for k in range(len(model.sized)) if k not in model.outside
     )
-    unexplained = _unexplained(search, model)
+    unexplained = _list_unexplained(search, model)
     verdict = (
         "unexplained"
         if unexplained
@@ -87,7 +87,7 @@ def judged(search: TableSearch, shows: bool) -> Judgement:
     return Judgement(search, model, verdict, named, unexplained, nothing, unknown, nearest)
 
 
-def _said(search: TableSearch, nothing: float, unknown: float) -> FittedModel:
+def _choose_reported_model(search: TableSearch, nothing: float, unknown: float) -> FittedModel:
     """The model that is reported: of those with or without something unknown."""
     some = [one for one in search.fitted if not one.is_nothing]
     strange = next((one for one in some if one.is_unknown), None)
@@ -97,7 +97,7 @@ def _said(search: TableSearch, nothing: float, unknown: float) -> FittedModel:
     return strange if unknown >= NAMED * (1.0 - nothing) else known
 
 
-def _named(search: TableSearch, model: FittedModel, k: int) -> NamedEffect:
+def _name_effect(search: TableSearch, model: FittedModel, k: int) -> NamedEffect:
     """The k-th effect of a model, and what the models without it have in its place."""
     own = model.sized[k]
     mine = 0.0
@@ -131,7 +131,7 @@ def _named(search: TableSearch, model: FittedModel, k: int) -> NamedEffect:
     )
 
 
-def _unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplained, ...]:
+def _list_unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplained, ...]:
     """What of a model no effect can be, and its share of what its effects leave (sums of
     squares)."""
     if not model.is_unknown:
