@@ -347,7 +347,7 @@ def test_a_coarse_clock_makes_what_is_beside_it_harder_to_see(hidden: Any) -> No
 
 def test_what_the_program_proposes_is_known_to_the_examiner(hidden: Any) -> None:
     """Every run that the program may propose can be driven here."""
-    plans = pytest.importorskip("topdress.control.experiments.manoeuvres").manoeuvres(
+    plans = pytest.importorskip("topdress.control.experiments.manoeuvres").list_manoeuvres(
         importlib.import_module("topdress.control.machine.machine").Machine()
     )
     driven = {hidden.manoeuvres.asked_for(one.plan) for one in plans}

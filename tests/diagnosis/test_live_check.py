@@ -201,15 +201,15 @@ def test_the_drift_is_learnt_of_the_looks_before_and_not_of_what_begins_now() ->
     """A change would pass for a noise that drifts as much as it changed."""
     rolling = Rolling(MACHINE)
     quiet, loud = (Noise((-3.0, 0.0, float(np.log(sd)), 5.0)) for sd in (0.1, 0.9))
-    first = rolling._usual("shaft", quiet)
+    first = rolling._find_usual_noise("shaft", quiet)
     assert first == quiet  # nothing learnt yet
     for at_s in range(30, 1500, 30):
         rolling._until_s = float(at_s)
-        usual = rolling._usual("shaft", quiet if at_s < 1300 else loud)
+        usual = rolling._find_usual_noise("shaft", quiet if at_s < 1300 else loud)
     assert usual.slow_sd == pytest.approx(0.1)
     for at_s in range(1500, 6000, 30):  # what has been there for an hour is its noise
         rolling._until_s = float(at_s)
-        usual = rolling._usual("shaft", loud)
+        usual = rolling._find_usual_noise("shaft", loud)
     assert usual.slow_sd == pytest.approx(0.9)
 
 
