@@ -1,4 +1,5 @@
-"""Files: configuration, run logs, replay, tables of other programs.
+"""Which files does topdress read and write: configuration, run logs, replay, tables of other
+programs?
 
 Files:
 

@@ -1,5 +1,5 @@
-"""A log of any program, opened as a run log: its own as it is, another's through the import: by
-the import file next to it, else where nothing is unsure."""
+"""How is a log of any program opened as a run log: our own as it is, another's through the
+import file next to it, else where nothing is unsure?"""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from topdress.drivers.files.opened import Opened
 from topdress.drivers.files.read_log import RunLog, log_of, read_rows
 from topdress.drivers.files.run_meta import RunMeta
 
+# Import file of a single log, and of a folder (docs/import.md).
 OWN, OF_FOLDER = ".import.yaml", "import.yaml"
 
 
 def import_file(log: Path) -> Path | None:
-    """`LOG.import.yaml` next to LOG.csv, else `import.yaml` in its folder; None where there is
-    neither."""
+    """Returns `LOG.import.yaml` next to LOG.csv, else `import.yaml` in its folder; None where
+    there is neither."""
     for place in (log.with_suffix(OWN), log.with_name(OF_FOLDER)):
         if place.is_file() and place != log:
             return place
@@ -34,13 +35,29 @@ if TYPE_CHECKING:
     from topdress.drivers.files.imports.mapping import ImportFile
     from topdress.drivers.files.imports.raw import RawTable
 
+# Suffixes of texts; other kinds under these names are refused.
 TEXTS = frozenset({".csv", ".txt", ".tsv"})
+# Kinds of files that often get such a name.
 NO_TEXTS = ("zip", "kmz", "excel", "office", "parquet", "gzip")
 
 
 def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
-    """`without`: columns that need not be read. Raises TableError (the open questions too,
-    where the import is not sure of all), OSError."""
+    """Opens a log of any program as a run log.
+
+    Parameters
+    ----------
+    path : the log.
+    without : columns that need not be read.
+
+    Returns
+    -------
+    the log; times and numbers as our own.
+
+    Raises
+    ------
+    TableError : the log cannot be used, or the import is not sure of all (with the open questions).
+    OSError : it cannot be opened.
+    """
     if path.is_file() and path.suffix.lower() in TEXTS and (kind := what_is(path)).id in NO_TEXTS:
         raise TableError(path, f"{kind.words} by another name: allowed is its own suffix")
     file = Opened(path)
@@ -52,16 +69,18 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
                 # our own; of another's with names as ours the import knows more
                 raise
     raw, mapping, said_by = raw_and_mapping(path)
+    # Imported here: our own logs need no import.
     from topdress.drivers.files.imports.log_file import build_run_log
 
     imported = _converted(raw, mapping)
     log = build_run_log(path, imported, mapping, said_by)
+    # Findings of the import first, each once.
     odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
     return replace(log, findings=(*odd, *(one for one in log.findings if one not in odd)))
 
 
 def imported_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Columns:
-    """The columns that `open_log` would give of lines out of a log, whose sidecar asks for all
+    """Returns the columns that `open_log` would give for lines of a log, whose sidecar wants all
     of it. Raises TableError."""
     from topdress.drivers.files.imports.log_file import build_read_columns
 
@@ -78,10 +97,22 @@ def _converted(raw: RawTable, mapping: ImportFile) -> JoinedFiles:
 def raw_and_mapping(
     path: Path, data: bytes | None = None
 ) -> tuple[RawTable, ImportFile, Path | None]:
-    """What is read, by the import file next to it or, without one, by a guess in which nothing
-    is unsure.
+    """Reads a table with the import file next to it, or with a guess in which nothing is unsure.
 
-    data: lines of it, in the place of all. Raises ImportTrouble, ConfigError, OSError.
+    Parameters
+    ----------
+    path : the log.
+    data : lines of it, in place of the whole file.
+
+    Returns
+    -------
+    table, mapping, and the import file's path (None : guessed).
+
+    Raises
+    ------
+    LogImportError : the table cannot be read, or the guess is unsure.
+    ConfigError : the import file is wrong.
+    OSError : a file cannot be opened.
     """
     from topdress.drivers.files.imports.import_errors import UnsureImportError
     from topdress.drivers.files.imports.read import read_raw_table

@@ -1,5 +1,5 @@
-"""The files of a folder or a zip, by their names, without what operating systems put next to
-them."""
+"""Which files does a folder or a zip hold, by their names, without those that operating systems
+put next to them?"""
 
 from __future__ import annotations
 
@@ -12,18 +12,22 @@ from pathlib import Path, PurePosixPath
 from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
 from topdress.drivers.plain_text import RefusedInput
 
-DEEPEST = 4  # folders in one another that are looked into
+# Folders within folders that are searched.
+DEEPEST = 4
+# Suffixes of files that a map or a field may consist of.
 OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
+# Folders that macOS and Windows add.
 HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Names are paths with slashes, from the top."""
+    """Reads the files of a folder. Names are paths with slashes, from the top."""
 
     path: Path
     deep: bool = True  # False: the folder's own files only
 
+    # Returns the names of all files, sorted.
     @cached_property
     def names(self) -> list[str]:
         found = []
@@ -35,19 +39,19 @@ class Folder:
         return sorted(name for name in found if _counts(name))
 
     def read(self, name: str) -> bytes:
-        """Raises Refused, OSError."""
+        """Returns the bytes of a file. Raises Refused, OSError."""
         file = self.path / name
         held_to(SHAPES, file.stat().st_size, file)
         return file.read_bytes()
 
     def label(self, name: str) -> str:
-        """For messages."""
+        """Returns a file's name for messages."""
         return str(self.path / name)
 
 
 @dataclass(frozen=True)
 class Zip:
-    """Its directory is read once, however many of its files are."""
+    """Reads the files of a zip. Its directory is read once, however many files are read."""
 
     path: Path
 
@@ -58,6 +62,7 @@ class Zip:
         except DAMAGED_ZIP as error:
             raise RefusedInput(self.path, "not readable as a zip: {why}", why=error) from None
 
+    # Returns the names of all files, sorted.
     @cached_property
     def names(self) -> list[str]:
         found = [
@@ -67,6 +72,7 @@ class Zip:
         ]
         return sorted(name for name in found if _counts(name))
 
+    # Returns the bytes of a file. Raises Refused, OSError.
     def read(self, name: str) -> bytes:
         try:
             held_to(SHAPES, self._archive.getinfo(name).file_size, self.label(name))
@@ -82,25 +88,25 @@ Files = Folder | Zip
 
 
 def files_at(path: Path) -> Files:
-    """Of a zip, else of a folder."""
+    """Returns a zip, else a folder."""
     return Zip(path) if path.suffix.lower() == ".zip" and path.is_file() else Folder(path)
 
 
 def holds_time_log(files: Files) -> bool:
-    """Whether a task that was worked is in it."""
+    """Tells whether a task that was worked is in it."""
     names = (PurePosixPath(name).name.lower() for name in files.names)
     return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
 
 
 def parent(name: str) -> str:
-    """The folder of a name, with its slash; empty: the top."""
+    """Returns the folder of a name, with its slash; empty: the top."""
     folder = PurePosixPath(name).parent.as_posix()
     return "" if folder == "." else f"{folder}/"
 
 
 def chosen(found: list[str], inside: str) -> list[str]:
-    """Those names that are, or end in, or hold as a folder, what was asked for, letters of
-    either case."""
+    """Returns the names that are, end in, or hold as a folder what was chosen, in either case of
+    letters."""
     wanted = inside.casefold().strip("/")
     return [
         name
@@ -114,14 +120,15 @@ def chosen(found: list[str], inside: str) -> list[str]:
 
 
 def _counts(name: str) -> bool:
-    """Not what a Macintosh or Windows leaves in every folder."""
+    """Tells whether a file is neither macOS's nor Windows's own."""
     parts = name.replace("\\", "/").split("/")
+    # macOS keeps attributes in files of this name.
     return not any(part.lower() in HIDDEN or part.startswith("._") for part in parts)
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """All files that reading what lies at `path` may open: those of its task or of a field of
-    AgOpenGPS, the companions of a shapefile."""
+    """Returns all files that a reader of `path` may open: those of its task or of a field of
+    AgOpenGPS, and the companions of a shapefile."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix.lower() == ".xml":
         names = Folder(folder, deep=path.is_dir()).names

@@ -1,5 +1,5 @@
-"""Files that are either whole or not there: write next to the place, then rename; never take a
-name that is taken."""
+"""How are files written so that they are either whole or not there? They are written next to
+their place, then renamed; a taken name is never taken again."""
 
 from __future__ import annotations
 
@@ -11,11 +11,17 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> None:
-    """Replaces `path` by `content` (text as UTF-8) in one step: after a power loss the old or
-    the new file is there.
+    """Replaces a file in one step: after a power loss the old or the new file is there.
 
-    kept: returns when that is so; else `keep` is still to be called. Raises OSError where the
-    folder cannot be written; the old file is then untouched.
+    Parameters
+    ----------
+    path : the file.
+    content : bytes, or text for UTF-8.
+    kept : returns when the disk has it; else `keep` is still to be called.
+
+    Raises
+    ------
+    OSError : the folder cannot be written; the old file is then unchanged.
     """
     data = content.encode() if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
@@ -25,6 +31,7 @@ def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> Non
             file.flush()
             if kept:
                 os.fsync(file.fileno())
+        # mkstemp makes files that only their owner can read.
         os.chmod(name, 0o666 & ~_UMASK)
         os.replace(name, path)
     except BaseException:
@@ -36,17 +43,18 @@ def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> Non
 
 
 def keep(path: Path) -> None:
-    """Returns when a file that was written, and its name, survive a power loss. Raises OSError."""
+    """Returns when a written file, and its name, survive a power loss. Raises OSError."""
     with open(path, "r+b") as file:
         os.fsync(file.fileno())
     _sync_folder(path.parent)
 
 
+# Bytes that are searched for the last whole line: twice the longest row.
 LONGEST_LINE = 65_536
 
 
 class CutShort(OSError):
-    """Another program took away bytes that were written. `left`: as many are there."""
+    """Another program removed bytes that were written. `left`: as many remain."""
 
     def __init__(self, left: int) -> None:
         super().__init__("the file was cut short by another program")
@@ -54,16 +62,13 @@ class CutShort(OSError):
 
 
 class NewFile:
-    """A file of its own, unbuffered, as a log writer needs it: bytes are appended, and it knows
-    that they are kept."""
+    """Appends bytes to a file of its own, unbuffered, as a log writer needs it, and knows when
+    they are kept."""
 
     def __init__(self, path: Path, overwrite: bool = False, go_on_at: int | None = None) -> None:
-        """Creates `path`. Raises FileExistsError where it is there already (unless
-        `overwrite`), else OSError.
-
-        go_on_at: goes on with the file that is there, after so many of its bytes or its last
-        whole line before.
-        """
+        """Creates `path`, or continues the existing file. Raises FileExistsError where it exists
+        already (unless `overwrite`), else OSError. go_on_at: continues after this many of its
+        bytes, or after its last whole line before."""
         self.path = path
         self._file = io.FileIO(path, ("w+" if overwrite else "x+") if go_on_at is None else "r+")
         if go_on_at is not None:
@@ -73,8 +78,8 @@ class NewFile:
             self._file.seek(0, os.SEEK_END)
 
     def write(self, data: bytearray) -> int:
-        """Bytes taken, perhaps fewer than given. Raises CutShort (it would stand behind a
-        hole), OSError."""
+        """Returns the number of bytes taken, perhaps fewer than given. Raises CutShort (they
+        would follow a hole), OSError."""
         left = os.fstat(self._file.fileno()).st_size
         if left < self._file.tell():
             raise CutShort(left)
@@ -89,15 +94,15 @@ class NewFile:
 
     @property
     def stands(self) -> bool:
-        """Whether what is at `path` is still this file: not deleted, moved, or on a disk that
-        went and came back."""
+        """Tells whether the file at `path` is still this file: not deleted, moved, or on a disk
+        that was removed and came back."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path))
         except OSError:
             return False
 
     def all(self) -> bytes:
-        """Everything written, also of a file that was deleted meanwhile. Raises OSError."""
+        """Returns everything written, also of a file that was deleted meanwhile. Raises OSError."""
         self._file.seek(0)
         return self._file.readall()
 
@@ -106,11 +111,9 @@ class NewFile:
 
 
 def create(path: Path, overwrite: bool = False) -> NewFile:
-    """A new file at `path`, or at NAME-2, NAME-3, ... where that name or its sidecar NAME.yaml
-    is taken.
-
-    With `overwrite` the file itself. Missing folders are made. Raises OSError.
-    """
+    """Creates a file at `path`, or at NAME-2, NAME-3, ... where that name or its sidecar
+    NAME.yaml is taken; with `overwrite` at `path` itself. Missing folders are made. Raises
+    OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if overwrite:
         return NewFile(path, overwrite=True)
@@ -127,19 +130,20 @@ def create(path: Path, overwrite: bool = False) -> NewFile:
 
 
 def sidecar(log: Path) -> Path:
-    """Where the description of a run log stands: NAME.yaml next to NAME.csv."""
+    """Returns the path of a run log's description: NAME.yaml next to NAME.csv."""
     return log.with_suffix(".yaml")
 
 
 def _umask() -> int:
-    """Only to be had by setting it, for all threads: what another one creates at that moment is
-    open to everybody."""
+    """Returns the process's umask. It can only be read by setting it, for all threads: what
+    another thread creates at that moment is open to nobody else."""
     umask = os.umask(0o077)
     os.umask(umask)
     return umask
 
 
-_UMASK = _umask()  # before there are threads
+# Read before there are threads.
+_UMASK = _umask()
 
 
 def _sync_folder(folder: Path) -> None:
@@ -157,7 +161,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def free_path(folder: Path, stem: str, *endings: str) -> Path:
-    """A file of the first ending whose name nothing has yet with any of the endings."""
+    """Returns a path with the first ending whose name is free with every ending."""
     name, number = stem, 2
     while any((folder / f"{name}{ending}").exists() for ending in endings):
         name, number = f"{stem}-{number}", number + 1

@@ -1,4 +1,5 @@
-"""Bench tables (CSV): lag, catch, weigh, heads, place. The kind is read off the columns."""
+"""How are bench tables (CSV) read: lag, catch, weigh, heads, place? The columns show which kind
+it is."""
 
 from __future__ import annotations
 
@@ -19,18 +20,31 @@ from topdress.drivers.files.table import read_table
 
 __all__ = ["BenchTable", "read_bench_table"]
 
-# texts that identify a row; nothing is compared by them
+# Text columns that identify a row; nothing is compared by them.
 _NAMES = ("plot", "id", "name", "date", "remark", "note")
+# More different texts are remarks, not settings to compare.
 _MOST_LABELS = 6
+# Findings that change no number.
 _HARMLESS = ("crlf", "no_last_line_end", "separator", "decimal_comma")
 
 
 def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
     """Reads a bench table.
 
-    `kind`: one of lag, catch, weigh, heads, place where the columns leave it open. The label
-    column is the first text column with at least two and at most six values. Raises TableError
-    with one line: file, column or row, value, what is allowed.
+    The label column is the first text column with at least two and at most six values.
+
+    Parameters
+    ----------
+    path : the table.
+    kind : one of lag, catch, weigh, heads, place where the columns leave it open.
+
+    Returns
+    -------
+    the table, checked for its kind.
+
+    Raises
+    ------
+    TableError : a line with file, column or row, value, and what is allowed.
     """
     path = Path(path)
     if kind is not None and kind not in KINDS:
@@ -55,6 +69,8 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
         raise TableError("", str(error)) from None
 
 
+# Returns the kind of table that the columns make. Raises TableError where they make none or
+# several.
 def _kind(path: Path, names: tuple[str, ...]) -> str:
     found = recognise_kind(names)
     if found is not None:
@@ -74,6 +90,7 @@ def _kind(path: Path, names: tuple[str, ...]) -> str:
     )
 
 
+# Returns the column whose few texts label the rows; empty: there is none.
 def _label_column(columns: dict[str, np.ndarray]) -> str:
     for name, values in columns.items():
         if values.dtype == object and name not in _NAMES:

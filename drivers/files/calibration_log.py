@@ -1,4 +1,4 @@
-"""What the calibrations from a run log read of it."""
+"""What do the calibrations from a run log read from it?"""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from topdress.control.calibration.wheel_fit import WheelLog
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.read_log import RunLog
 
+# Columns of the canopy heads; a machine has up to six.
 HEADS = tuple(f"ndvi_{number}" for number in range(1, 7))
-TURNS_RPM = 1.0  # a shaft that turns faster gives material
+# Shaft speed above which material flows, r/min.
+TURNS_RPM = 1.0
 
 
+# Returns what the calibration of the wheel needs: times, places, speeds, and where material flows.
 def wheel_columns(log: RunLog) -> WheelLog:
     rpm = log.numbers("shaft_rpm")
+    # A shaft without a sensor follows its command.
     if not log.has("shaft_rpm"):
         rpm = log.numbers("shaft_rpm_cmd")
     return WheelLog(
@@ -27,13 +31,13 @@ def wheel_columns(log: RunLog) -> WheelLog:
 
 
 def heads_columns(log: RunLog) -> NDArray[np.float64]:
-    """NDVI (n, heads) of the columns that the log has."""
+    """Returns NDVI (n, heads) of the columns that the log has."""
     return np.column_stack([log.numbers(name) for name in HEADS])
 
 
 def counted_by(log: RunLog, machine: Machine) -> float:
-    """The wheel circumference by which the log's wheel speed was counted, m: of the log's own
-    machine, else of this."""
+    """Returns the wheel circumference, m, with which the log's wheel speed was counted: of the
+    log's own machine, else of this machine."""
     own = log.meta.machine if log.meta is not None else None
     speed = own.get("speed") if own is not None else None
     found = speed.get("wheel_circumference_m") if isinstance(speed, dict) else None

@@ -1,8 +1,7 @@
-"""Tables in memory: columns by name, each a numpy array of the same length.
+"""How are tables held in memory? As columns by name, each a numpy array of the same length.
 
-Numbers are float64 (NaN: not known), times datetime64[us] (NaT: not known), texts are objects
-or, in tables of other programs, numpy's strings of any length, a quarter of their size ("": not
-known).
+Numbers are float64 (NaN: not known), times datetime64[us] (NaT: not known), texts are objects or,
+in tables of other programs, numpy's strings of any length, a quarter of their size ("": not known).
 """
 
 from __future__ import annotations
@@ -18,9 +17,11 @@ from numpy.typing import NDArray
 
 Columns = dict[str, NDArray[Any]]
 
+# Numpy's strings of any length.
 TEXT = np.dtypes.StringDType()
+# Microseconds, as times of other programs have them.
 TIME = np.dtype("datetime64[us]")
-# rows whose cells are Python's objects at the same time: a million would take a gigabyte
+# Rows whose cells are Python objects at the same time: a million would take a gigabyte.
 BLOCK_ROWS = 20_000
 
 
@@ -41,7 +42,7 @@ def count_rows(columns: Columns) -> int:
 
 
 def select_rows(columns: Columns, rows: Any) -> Columns:
-    """The rows that a slice, a mask or numbers of rows say."""
+    """Returns the rows of a slice, a mask or row numbers."""
     return {name: column[rows] for name, column in columns.items()}
 
 
@@ -54,8 +55,8 @@ def map_texts(change: Callable[[str], str], column: NDArray[Any]) -> NDArray[Any
 
 
 def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
-    """Texts without blanks around; equal ones share one object: a million states cost a million
-    references only."""
+    """Returns texts without blanks around; equal texts share one object, so that a million
+    states cost only a million references."""
     shared: dict[str, str] = {}
     array = np.empty(len(values), object)
     array[:] = [
@@ -65,13 +66,14 @@ def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
 
 
 def count_microseconds(times: NDArray[Any]) -> NDArray[np.float64]:
-    """Since 1970; NaN: not known. A double holds each of them until the year 2255."""
+    """Returns microseconds since 1970 (n,); NaN: not known. A double holds each of them until
+    the year 2255."""
     times = times.astype(TIME)
     return np.where(np.isnat(times), np.nan, times.astype(np.int64))
 
 
 def count_differences(column: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From row to row, where both are known."""
+    """Returns differences from row to row, where both are known."""
     steps = np.diff(column)
     return steps[~np.isnan(steps)]
 
@@ -81,32 +83,33 @@ def known_values(column: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def median_of(values: NDArray[np.float64]) -> float:
-    """0 where there is none."""
+    """Returns the median; 0 where there are no values."""
     return float(np.median(values)) if values.size else 0.0
 
 
 def known_or_none(column: NDArray[Any]) -> list[Any]:
-    """Python's own values; None: not known."""
+    """Returns Python's own values; None: not known."""
     if is_text(column):
         return [text or None for text in column.tolist()]
+    # NaN, not known, is not equal to itself.
     return [None if value != value else value for value in column.tolist()]
 
 
 def number_texts(column: NDArray[np.float64]) -> list[str]:
-    """The shortest that read back as the same numbers."""
+    """Returns the shortest texts that read back as the same numbers."""
     return ["" if math.isnan(value) else repr(value) for value in column.tolist()]
 
 
 def unknown_like(column: NDArray[Any], rows: int) -> NDArray[Any]:
-    """A column of the same kind in which nothing is known."""
+    """Returns a column of the same kind in which nothing is known."""
     if is_text(column):
         return np.full(rows, "", TEXT)
     return np.full(rows, "NaT", TIME) if is_time(column) else np.full(rows, np.nan)
 
 
 def stack_tables(tables: Sequence[Columns]) -> Columns:
-    """One below the other, columns by their names; what a table lacks is not known in its rows.
-    A column that holds texts in one table and numbers in another holds texts."""
+    """Returns tables one below the other, columns by their names; missing columns are not known
+    in a table's rows. A column of texts in one table and numbers in another holds texts."""
     stacked: Columns = {}
     for name in dict.fromkeys(name for table in tables for name in table):
         there = [table[name] for table in tables if name in table]
@@ -127,7 +130,8 @@ def stack_tables(tables: Sequence[Columns]) -> Columns:
 def csv_text(
     columns: Columns, cell_texts: Callable[[str, NDArray[Any]], Sequence[str | None]]
 ) -> str:
-    """Header and rows, as a run log has them. cell_texts: of some rows of a named column."""
+    """Returns header and rows as text, as a run log has them. cell_texts: returns the texts of
+    some rows of a named column."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)

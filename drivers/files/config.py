@@ -1,8 +1,8 @@
-"""Configuration files: YAML into a pydantic model, or one plain line for each thing that is wrong.
+"""How is a configuration file read: YAML into a pydantic model, or a plain line for each error?
 
     huanghai.yaml: key flow.gain_percent: value 700: allowed -50 to 100 (line 12)
 
-Knows no particular model: see `drivers.files.kinds` for those of topdress.
+It knows no particular model: `drivers.files.kinds` holds those of topdress.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ Model = TypeVar("Model", bound=BaseModel, covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Kind(Generic[Model]):
-    """A kind of configuration file: its `format:` field, the folder under configs/ with those
-    shipped, its model."""
+    """Describes a kind of configuration file: its `format:` field, the folder under configs/
+    with the shipped files, and its model."""
 
     format: str
     folder: str
     model: type[Model]
-    # an older file's data as they are written today
+    # Converts an older file's data to today's form.
     of_today: Callable[[dict[str, Any]], dict[str, Any]] = dict
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded(Generic[Model]):
-    """A configuration as read; `sha256` is of exactly the bytes that were read."""
+    """Holds a configuration as read; `sha256` is of exactly the bytes that were read."""
 
     model: Model
     path: Path
@@ -52,10 +52,22 @@ Kinds = Mapping[str, Kind[BaseModel]]
 
 
 def load(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M]:
-    """Reads one file of a known kind.
+    """Reads a configuration file of a known kind.
 
-    `where` is a path (relative to the folder `base`, else to the working folder) or the name of
-    a shipped one. Raises ConfigError.
+    Parameters
+    ----------
+    where : a path (relative to the folder `base`, else to the working folder) or the name of a
+        shipped file.
+    kind : that the file must have.
+    base : folder of relative paths.
+
+    Returns
+    -------
+    model, path and checksum.
+
+    Raises
+    ------
+    ConfigError : a line for each error.
     """
     path = resolve(where, [kind.folder], base)
     data, lines, sha256 = _read(path)
@@ -85,11 +97,8 @@ def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[B
 
 
 def validated(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
-    """A model from plain data, e.g. the machine in a run log's sidecar; `label` stands in the
-    place of the file's name.
-
-    Raises ConfigError.
-    """
+    """Returns a model from plain data, e.g. the machine in a run log's sidecar; `label` stands
+    in for the file's name. Raises ConfigError."""
     return _valid(dict(data), kind, label, {})
 
 
@@ -102,7 +111,7 @@ def save(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> No
 
 
 def schema(kind: Kind[Any]) -> dict[str, Any]:
-    """JSON schema (2020-12) of one kind, for editors; the `format` field is in it."""
+    """Returns the JSON schema (2020-12) of a kind, with its `format` field, for editors."""
     body = schema_of(kind.model)
     properties = {"format": {"const": kind.format}} | {
         k: v for k, v in body.get("properties", {}).items() if k != "format"
@@ -117,19 +126,20 @@ def schema(kind: Kind[Any]) -> dict[str, Any]:
 
 
 def sha256_of(path: Path) -> str:
-    """Checksum of a file's bytes, in hexadecimal. Raises OSError."""
+    """Returns the checksum of a file's bytes, in hexadecimal. Raises OSError."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def shipped(folder: str) -> dict[str, Path]:
-    """Name -> path of the configurations that come with topdress, e.g. of folder `machines`."""
+    """Returns the configurations that come with topdress in a folder, e.g. `machines`: name ->
+    path."""
     place = Path(str(resources.files("topdress.configs"))) / folder
     return {path.stem: path for path in sorted(place.glob("*.yaml"))}
 
 
 def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None) -> Path:
-    """The path meant by a path or by a shipped name (no folder and no .yaml in it). Raises
+    """Returns the path of a path or of a shipped name (no folder and no .yaml in it). Raises
     ConfigError."""
     text = str(where)
     if (
@@ -160,10 +170,12 @@ def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None)
     return names[text]
 
 
+# Returns a file's data, the line of each key, and the checksum. Raises ConfigError.
 def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
     label = str(path)
     try:
         with path.open("rb") as file:
+            # One byte more shows that the file is too large.
             raw = file.read(CONFIG.most + 1)
     except FileNotFoundError:
         raise ConfigError([f"{label}: no such file"]) from None
@@ -186,6 +198,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
     return data, lines, hashlib.sha256(raw).hexdigest()
 
 
+# Returns the model of a file's data. Raises ConfigError.
 def _valid(data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPath, int]) -> M:
     found = data.get("format")
     if found is None:

@@ -1,5 +1,5 @@
-"""What is wrong with configuration files, apart from what reads them: whoever only tells it
-needs no more than this."""
+"""What is wrong with a configuration file? This module stands alone, for callers that only
+report it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from topdress.drivers.plain_text import join_lines
 
 
 class ConfigError(Exception):
-    """`lines`: one sentence for each thing that is wrong, ready to be shown."""
+    """The configuration is wrong. `lines`: a sentence for each error, ready to be shown."""
 
     def __init__(self, lines: Iterable[str]) -> None:
         self.lines = tuple(map(join_lines, lines))

@@ -1,4 +1,4 @@
-"""pydantic's errors in the words of an operator: file, key, value, what is allowed, line."""
+"""How do pydantic's errors read in an operator's words: file, key, value, what is allowed, line?"""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from pydantic_core import ErrorDetails
 from topdress.drivers.files.plain import schema_of
 from topdress.drivers.files.yaml_text import KeyPath
 
+# Letters of a value in a message.
 _MAX_VALUE_LENGTH = 60
+# Keys in a message.
 _MAX_NAMES = 15
-# raised by the models, in plain words
+# Errors that the models raise, already in plain words.
 _OWN_WORDS = frozenset({"value_error", "assertion_error", "size_of_effect"})
 
 
@@ -25,7 +27,7 @@ def explain(
     label: str,
     lines: Mapping[KeyPath, int],
 ) -> list[str]:
-    """One line for each key that is wrong, in the order of the file."""
+    """Returns a line for each wrong key, in the order of the file."""
     schema = _schema_of(model)
     found: dict[KeyPath, str] = {}
     for detail in error.errors(include_url=False):
@@ -34,19 +36,21 @@ def explain(
             found[path] = _sentence(detail, path, data, schema)
     # Where one member of a union failed further inside, the file meant that one: what the
     # others say is left out.
+    # If a member of a union failed further inside, the file meant that member: the others' errors
+    # are left out.
     outer = {path[:length] for path in found for length in range(len(path))}
     ordered = sorted(found.keys() - outer, key=lambda path: (_line(path, lines) or 0, str(path)))
     return [f"{label}: {found[path]}{_at(_line(path, lines))}" for path in ordered]
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
-    """`; did you mean X?` or nothing."""
+    """Returns `; did you mean X?`, or an empty text."""
     close = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
     return f"; did you mean {close[0]}?" if close else ""
 
 
 def allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
-    """What a JSON schema permits, in words; empty where it says nothing."""
+    """Returns what a JSON schema permits, in words; empty where it says nothing."""
     if sub is None:
         return ""
     sub = _deref(sub, root)
@@ -84,14 +88,16 @@ def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping
     return start + (f"allowed {words}" if words else detail["msg"][:1].lower() + detail["msg"][1:])
 
 
+# Returns the model's JSON schema; empty where it has none.
 def _schema_of(model: type[BaseModel]) -> Mapping[str, Any]:
     try:
         return schema_of(model)
-    # a model with parts that no schema describes still gets its lines, without ranges
+    # A model with parts that no schema describes still gets its lines, without ranges.
     except Exception:
         return {}
 
 
+# Stands for a value that the data do not have; None is a value.
 _NOWHERE = object()
 
 
@@ -106,9 +112,10 @@ def _value_at(data: object, path: KeyPath) -> object:
 
 
 def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
-    """pydantic's place without the names of union members, which are no keys of the file."""
+    """Returns pydantic's place without the names of union members, which are no keys of the
+    file."""
     path: list[str | int] = []
-    # a model may say which key is wrong
+    # A model may name the wrong key itself.
     place = (*detail["loc"], *detail.get("ctx", {}).get("wrong_key", ()))
     last = len(place) - 1
     for index, step in enumerate(place):
@@ -122,13 +129,14 @@ def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
 
 
 def _name(path: KeyPath) -> str:
-    """`a.b[2].c`, members of lists counted from 1."""
+    """Returns a path as `a.b[2].c`, members of lists counted from 1."""
     text = ""
     for step in path:
         text += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if text else step
     return text
 
 
+# Returns the line of a key, or of the nearest key above it.
 def _line(path: KeyPath, lines: Mapping[KeyPath, int]) -> int | None:
     for length in range(len(path), -1, -1):
         if path[:length] in lines:
@@ -140,6 +148,7 @@ def _at(line: int | None) -> str:
     return f" (line {line})" if line is not None else ""
 
 
+# Returns a value as it may stand in the file.
 def _show(value: object) -> str:
     if isinstance(value, str):
         text = value if value[:1].isalpha() and value == value.strip() else f'"{value}"'
@@ -162,7 +171,7 @@ def _deref(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str, Any]
 
 
 def _options(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """The schema itself, or the members of a union of schemas."""
+    """Yields the schema itself, or the members of a union of schemas."""
     sub = _deref(sub, root)
     members = [*sub.get("anyOf", []), *sub.get("oneOf", [])]
     if not members:
@@ -171,6 +180,7 @@ def _options(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Iterator[Mappin
         yield from _options(member, root)
 
 
+# Returns the schema at a path of keys; None: there is none.
 def _at_path(root: Mapping[str, Any], path: KeyPath) -> Mapping[str, Any] | None:
     here: Mapping[str, Any] = root
     for step in path:
@@ -224,6 +234,7 @@ def _figure(number: float) -> str:
     return f"{number:.15g}"
 
 
+# Examples of dates and times.
 _DATES = {
     "date": "a date such as 2025-03-20",
     "date-time": "a time such as 2025-03-20T06:30:00Z",
@@ -268,6 +279,7 @@ def _allowed_group(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
     return f"keys {', '.join(names[:_MAX_NAMES])}" if names else "keys and values"
 
 
+# Describes a schema by its type.
 _ALLOWED = {
     "number": _allowed_number,
     "integer": _allowed_number,

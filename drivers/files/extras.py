@@ -1,5 +1,5 @@
-"""The parts of topdress that are installed by themselves (extras of pyproject.toml): which are
-there, and what to type for the others."""
+"""Which parts of topdress are installed on their own (extras of pyproject.toml), which of them
+are there, and what installs the others?"""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
 
+# Name of the package.
 OWN = "topdress"
-# of pyproject.toml: what one has of each, and the modules that it is asked for by
+# Extras of pyproject.toml: what each is for, and the modules that show that it is there.
 EXTRAS = {
     "diagnosis": ("diagnosis and its live check", ("numba",)),
     "parquet": ("logs as Parquet, read and written", ("polars",)),
@@ -22,24 +23,28 @@ EXTRAS = {
     "mqtt": ("what the machine does, to an MQTT broker", ("paho",)),
     "fleet": ("a season of logs on many computers", ("distributed", "fsspec", "cryptography")),
 }
-# in an environment that pipx made; with uv as its back end that has no pip
+# File in an environment that pipx made; with uv behind it that has no pip.
 OF_PIPX = "pipx_metadata.json"
+# A requirement in the package's metadata that belongs to an extra.
 _OF_EXTRA = re.compile(r"""^(?P<what>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
+# There in a clone only.
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
+# A package's name before its version.
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 
 
 class MissingExtra(ValueError):
-    """What was asked for needs packages that are not there: one line with what installs them."""
+    """The command needs packages that are not there; a line says what installs them."""
 
 
 def is_there(extra: str) -> bool:
-    """Whether its modules can be imported; none is."""
+    """Tells whether the extra's modules can be imported; none is imported."""
     return all(find_spec(module) is not None for module in EXTRAS[extra][1])
 
 
 def need(what: str, *extras: str) -> None:
-    """Raises MissingExtra where one of them is not there. what: was asked for, as its subject."""
+    """Refuses a command whose extras are missing. what: the command's subject. Raises
+    MissingExtra."""
     if missing := [extra for extra in extras if not is_there(extra)]:
         raise MissingExtra(
             f"{what} needs the extra{'s' * (len(missing) > 1)} {' and '.join(missing)}, not "
@@ -49,7 +54,7 @@ def need(what: str, *extras: str) -> None:
 
 
 def extra_of(module: str) -> str | None:
-    """The extra that brings a module."""
+    """Returns the extra that brings a module; None: no extra does."""
     return next(
         (extra for extra, (_, modules) in EXTRAS.items() if module.partition(".")[0] in modules),
         None,
@@ -57,8 +62,8 @@ def extra_of(module: str) -> str | None:
 
 
 def requirements(extra: str) -> tuple[str, ...]:
-    """Of an extra: packages with their lowest versions (`numba>=0.61`); of a clone as it
-    stands now."""
+    """Returns an extra's packages with their lowest versions (`numba>=0.61`); in a clone those
+    of pyproject.toml."""
     if _PROJECT.is_file():
         return tuple(
             tomllib.loads(_PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"][
@@ -70,13 +75,13 @@ def requirements(extra: str) -> tuple[str, ...]:
 
 
 def name_of(requirement: str) -> str:
-    """`numba` of `numba>=0.61`."""
+    """Returns a requirement's package: `numba` of `numba>=0.61`."""
     found = _NAME.match(requirement)
     return found[0] if found else requirement
 
 
 def version_of(package: str) -> str | None:
-    """Installed; None: it is not there."""
+    """Returns the installed version; None: the package is not there."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -84,9 +89,8 @@ def version_of(package: str) -> str | None:
 
 
 def installer() -> tuple[str, ...]:
-    """The command that installs packages next to topdress, whatever installed topdress, which is
-    seen by where it runs: pipx keeps a file in its environments, those of uv have no pip, and a
-    clone's has it."""
+    """Returns the command that installs packages next to topdress. Its environment shows which:
+    pipx keeps a file in it, uv's have no pip, and a clone's has it."""
     environment = Path(sys.prefix)
     if (environment / OF_PIPX).is_file():
         return ("pipx", "inject", environment.name)
@@ -96,10 +100,11 @@ def installer() -> tuple[str, ...]:
 
 
 def install_line(*packages: str) -> str:
-    """What is to be typed."""
+    """Returns the command line that installs packages."""
     return " ".join([*installer(), *(f"'{one}'" for one in packages)])
 
 
 def extra_line(*extras: str) -> str:
-    """`install_line` of their packages: no package of topdress itself is looked for anywhere."""
+    """Returns the command line that installs the extras' packages; topdress itself is not
+    searched in any index."""
     return install_line(*(one for extra in extras for one in requirements(extra)))

@@ -1,5 +1,5 @@
-"""Lines of a farm's books, as `topdress record` keeps them, and what they say of a field's
-nitrogen in a year."""
+"""Which lines does a farm's book hold, as `topdress record` keeps it, and how much nitrogen did
+a field get in a year?"""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from topdress.drivers.plain_text import OneLineError
 
+# Columns of the book, a contract with its readers.
 COLUMNS = (
     "date",
     "begin_utc",
@@ -37,16 +38,17 @@ COLUMNS = (
     "simulated",
     "log",
 )
+# Begin of the file, by which it is recognised.
 BEGINS = ",".join(COLUMNS[:5]).encode()
 
 
 class FarmRecordError(OneLineError):
-    """The file is no farm record, or a line of it says no nitrogen; one line that names it and
-    what is allowed."""
+    """The file is no farm record, or a line of it has no nitrogen; a line names it and what is
+    allowed."""
 
 
 class FieldYear(NamedTuple):
-    """What passes gave a field in a year, over its whole area."""
+    """Holds what passes gave a field in a year, over its whole area."""
 
     n_kg_ha: float
     passes: int
@@ -59,11 +61,28 @@ def given_in_year(
     area_ha: float,
     own_logs: Collection[str] = (),
 ) -> FieldYear:
-    """names: client, farm and field as a job says them: lines of this field, and of no other
-    client's or farm's where both say one. begins: lines before it are another year's; a line
-    without a date counts. Simulated passes, and those of `own_logs` (file names), count
-    nothing. Raises FarmRecordError for a file that is no farm record, or a line without its
-    nitrogen; OSError."""
+    """Returns the nitrogen that a field got in a year.
+
+    Simulated passes do not count.
+
+    Parameters
+    ----------
+    path : the farm's book.
+    names : client, farm and field of the job. A line belongs to the field unless both name another
+        client or farm.
+    begins : first day of the year; a line without a date counts.
+    area_ha : of the field.
+    own_logs : names of logs that do not count: those of the job that is continued.
+
+    Returns
+    -------
+    kg N/ha, and the number of passes.
+
+    Raises
+    ------
+    FarmRecordError : the file is no farm record, or a line has no nitrogen.
+    OSError : it cannot be opened.
+    """
     if not path.exists():
         raise FarmRecordError(
             f"{path}: is not there: allowed is a farm record (topdress record LOG --out "
@@ -93,8 +112,8 @@ def given_in_year(
 
 
 def record_rows(path: Path) -> list[list[Any]]:
-    """The lines below the head, cells as COLUMNS; none where the file is not there. Raises
-    FarmRecordError, OSError."""
+    """Returns the lines below the head, cells as COLUMNS; none where the file is not there.
+    Raises FarmRecordError, OSError."""
     if not path.exists():
         return []
     with path.open(encoding="utf-8-sig", newline="") as file:

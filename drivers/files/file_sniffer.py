@@ -1,5 +1,5 @@
-"""What kind of file a file is, by its first bytes and its name, and what would be read of it:
-for refusals."""
+"""Which kind of file is a file, by its first bytes and its name, and what would read it?
+Refusals tell the operator."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ from topdress.drivers.files.limits import DAMAGED_ZIP, read_json
 from topdress.drivers.files.sheet_text import SUFFIXES as SHEETS
 from topdress.drivers.plain_text import OneLineError
 
+# Bytes at the begin that are examined.
 LOOKED_BYTES = 4096
-TEXTS = 0.95  # of the bytes that text may hold
+# Share of the bytes of a text that text may hold.
+TEXTS = 0.95
 
 
 class WrongKind(OneLineError):
-    """A file of a kind that is not read here; one line."""
+    """The file is of a kind that is not read here; a line says so."""
 
 
 class FileKind(NamedTuple):
-    """`id`: by which commands say what they take. `words`: what it is. `instead`: what reads
-    it, or what to do."""
+    """Describes a kind of file. `id`: by which commands name what they take. `words`: what it
+    is. `instead`: what reads it, or what to do."""
 
     id: str
     words: str
@@ -34,6 +36,7 @@ class FileKind(NamedTuple):
 _SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
 _UNPACK = "unpack it first"
 _EXPORT = "no command reads it: export it as a shapefile or as ISOXML from"
+# All kinds that are recognised, by their id.
 KINDS = {
     kind.id: kind
     for kind in (
@@ -95,13 +98,16 @@ KINDS = {
         FileKind("text", "a text", ""),
     )
 }
+# Kinds that may hold a table.
 OF_TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
+# Suffixes of tables.
 TABLES = frozenset({".csv", ".tsv", ".txt", ".log", ".dat", *SHEETS})
-# logs of others, and our stores
+# Suffixes of other programs' logs, and of our stores.
 FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
-# types of shapes: point, with height, with measure
+# Types of a shapefile's points: plain, with height, with measure (ESRI).
 POINTS = (1, 11, 21)
 
+# First bytes of formats, as file(1) knows them.
 _MAGIC = (
     (b"II*\0", "geotiff"),
     (b"MM\0*", "geotiff"),
@@ -121,23 +127,27 @@ _MAGIC = (
     (b"\xd0\xcf\x11\xe0", "excel"),
     (b"\0\0\x27\x0a", "shp"),
 )
-# what displays of machines write for their makers' own programs
+# Suffixes that machines' displays write for their makers' own programs.
 _OF_MAKERS = {
     **dict.fromkeys((".fdshape", ".fdl", ".fdd", ".gsy", ".gsd"), "deere"),
     **dict.fromkeys((".agdata", ".agsetup", ".ilf", ".yld"), "agleader"),
     **dict.fromkeys((".cn1", ".vy1"), "cnh"),
     ".2020": "planting",
 }
+# Suffixes of a shapefile's other files.
 _PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
+# The first element of an XML file.
 _ROOT = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
 _ROOTS = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
+# Begin of a sentence of NMEA 0183.
 _NMEA = re.compile(rb"^[$!](G[A-Z]|BD|PQ|PM|II)[A-Z]{3},", re.MULTILINE)
+# Our configuration files name their format.
 _CONFIG = re.compile(rb"^format:\s*[\"']?topdress-", re.MULTILINE)
 _HTML = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
 
 
 def what_is(path: Path) -> FileKind:
-    """Raises OSError."""
+    """Returns the kind of a file or folder. Raises OSError."""
     if (maker := _OF_MAKERS.get(path.suffix.lower())) is not None:
         return KINDS[maker]
     if path.is_dir():
@@ -206,9 +216,18 @@ def _of_text(head: bytes) -> str:
 
 
 def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
-    """Nothing of a file that may be right. takes: ids of kinds; reads: what is read here, in words.
+    """Refuses a file of a wrong kind; a kind that may be right passes.
 
-    Raises WrongKind: what it is and what would be read; that it is not there; OSError.
+    Parameters
+    ----------
+    path : the file.
+    takes : ids of kinds.
+    reads : what is read here, in words.
+
+    Raises
+    ------
+    WrongKind : the file is missing, or of another kind, with what would read it.
+    OSError : it cannot be opened.
     """
     if not path.exists():
         raise WrongKind(f"{path}: no such file")
@@ -222,7 +241,7 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
 
 
 def holds_points(path: Path) -> bool:
-    """Whether a file that might be a map of areas holds places that were worked instead. Raises
+    """Tells whether a file that might be a map of areas holds worked places instead. Raises
     OSError."""
     is_json = path.suffix.lower() in (".geojson", ".json") and not path.is_dir()
     try:
@@ -244,7 +263,7 @@ def _points_of_geojson(path: Path) -> bool:
 
 
 def _points_of_files(path: Path) -> bool:
-    """A task that was worked and prescribes nothing; or shapefiles of which none has areas."""
+    """Tells whether a task was worked and prescribes nothing, or no shapefile has areas."""
     from topdress.drivers.files.prescriptions.task_files import find_task_sets, read_task_tree
     from topdress.drivers.files.shape_sets import shape_sets
 

@@ -1,5 +1,5 @@
-"""Logs of other programs: names, times and values that are not as in docs/format-run-log.md are
-put right or said."""
+"""How are logs of other programs corrected, whose names, times and values are not as in
+docs/format-run-log.md?"""
 
 from __future__ import annotations
 
@@ -23,17 +23,21 @@ from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.words import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 
 Times = NDArray[np.float64]
-# of the cells of times: where more are numbers, the others are no dates
+# Share of the cells of times: if more are numbers, the others are no dates.
 _MOST_NUMBERS = 0.5
+# Column of a speed in km/h.
 _KMH_COLUMN = "speed_kmh"
 
 
 class _Use(NamedTuple):
+    """Names columns and what is lost without them. `all_needed`: else one of them is enough."""
+
     columns: tuple[str, ...]
     all_needed: bool  # else one of them is enough
     without: str
 
 
+# In the order of the messages.
 _USES = (
     _Use(
         ("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"
@@ -56,9 +60,9 @@ _USES = (
 
 
 def our_names(names: tuple[str, ...]) -> Renamed:
-    """The header with the published names, where a column goes by another well-known name, in
-    other letters or with its unit. Of several columns that tell the time one becomes `time_s`,
-    seconds before dates."""
+    """Returns the header with the published names, where a column has another well-known name,
+    other letters or its unit. Of several columns with the time one becomes `time_s`, seconds
+    before dates."""
     plain = [name.strip().lower() for name in names]
     times = (
         {}
@@ -75,15 +79,24 @@ def our_names(names: tuple[str, ...]) -> Renamed:
 
 
 def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
-    """The columns to be read so that those wanted come out as if all had been read."""
+    """Returns the columns that must be read so that the wanted ones are the same as if all had
+    been read."""
     evidence = {"time_s", "lat_deg", "lon_deg", _KMH_COLUMN, *SPEED_COLUMNS}
     return {*wanted, *evidence} if "time_s" in names else {*wanted, *evidence, "utc"}
 
 
 def examined(path: Path, columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
-    """The columns put right, and what was found.
+    """Returns corrected columns, and findings.
 
-    `names`: all columns of the file, of which `columns` may be a part. Raises TableError.
+    Parameters
+    ----------
+    path : the log, for messages.
+    columns : as read.
+    names : all columns of the file, of which `columns` may be a part.
+
+    Raises
+    ------
+    TableError : the log has no usable times.
     """
     columns, from_kmh = _with_speed_from_kmh(columns)
     findings: list[Finding] = []
@@ -132,10 +145,19 @@ def _is_empty(columns: Columns, name: str) -> bool:
 def time_column(
     path: Path, columns: Columns, names: Collection[str], findings: list[Finding]
 ) -> Times:
-    """A log's `time_s` as numbers, NaN where there is none; in order, or in seconds, it need
-    not be.
+    """Returns a log's `time_s` as numbers (n,), NaN where unknown; they may be unordered, or not in
+    seconds.
 
-    `names`: all columns of the file. `findings` grows by what was done. Raises TableError.
+    Parameters
+    ----------
+    path : the log, for messages.
+    columns : as read.
+    names : all columns of the file.
+    findings : grows by what was done.
+
+    Raises
+    ------
+    TableError : there is no time.
     """
     if "time_s" in columns:
         return _dates_or_seconds(columns["time_s"], findings)
@@ -157,7 +179,7 @@ def time_column(
 
 
 def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:
-    """A column of numbers, or the seconds of one of dates; NaN where it holds none."""
+    """Returns numbers (n,), or seconds of dates; NaN where a cell holds neither."""
     if values.dtype == object:
         numbers = np.array([_float(text) for text in values.tolist()])
         if np.isfinite(numbers).sum() <= _MOST_NUMBERS * max(1, np.sum(values != "")):
@@ -184,6 +206,7 @@ def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:
     return np.asarray(values, dtype=np.float64)
 
 
+# Returns a text's number; NaN: it is none.
 def _float(text: Any) -> float:
     try:
         return float(text)
@@ -192,8 +215,8 @@ def _float(text: Any) -> float:
 
 
 def seconds_of(utc: NDArray[Any]) -> Times:
-    """Seconds since 1970 of ISO 8601 texts, of any zone that they name (else UTC), or of days
-    as spreadsheets count them; NaN where there is none."""
+    """Returns seconds since 1970 (n,) of ISO 8601 texts in any zone that they name (else UTC),
+    or of days as spreadsheets count them; NaN where there are none."""
     return np.array([_second(str(text).strip()) for text in utc.tolist()])
 
 

@@ -1,4 +1,5 @@
-"""GeoPackage (OGC 12-128r19) by SQLite: read only, its tables and views alone, within a time."""
+"""How is a GeoPackage (OGC 12-128r19) read by SQLite: read only, just its tables and views,
+within a limited time?"""
 
 from __future__ import annotations
 
@@ -16,16 +17,19 @@ from topdress.drivers.files.limits import GEOPACKAGE, MB, held_to
 from topdress.drivers.files.stated_units import StatedUnit, of_markup, of_texts
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
-# of all that SQLite does with a file: one of 256 MB takes 2 s
+# Time for everything that SQLite does with a file, s: a file of 256 MB takes 2 s.
 LONGEST_S = 20.0
-# of its machine between two looks at the clock, a millisecond
+# Instructions of SQLite's machine between two checks of the clock: a millisecond.
 STEPS = 20_000
-LONGEST_VALUE = 64 * MB  # of a cell
-# of SQLite: what a view sorts stays in memory, and is given up there
+# Bytes of a cell.
+LONGEST_VALUE = 64 * MB
+# Bytes that SQLite may use: what a view sorts stays in memory, and is given up beyond.
 MOST_HEAP = 256 * MB
-ROW_BYTES = 200  # that a row of nothing takes here
-# bytes, by their code in a geometry's header (2.1.3)
+# Bytes that an empty row takes here.
+ROW_BYTES = 200
+# Bytes of an envelope by its code in a geometry's header (OGC 12-128r19, 2.1.3).
 ENVELOPES = (0, 32, 48, 48, 64)
+# Everything that a query of a table needs; all else is denied.
 ALLOWED = (
     sqlite3.SQLITE_SELECT,
     sqlite3.SQLITE_READ,
@@ -33,6 +37,7 @@ ALLOWED = (
     sqlite3.SQLITE_RECURSIVE,
 )
 
+# Tables of shapes with their coordinate systems.
 _LAYERS = """SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id,
 s.definition
     FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name
@@ -41,8 +46,8 @@ s.definition
 
 
 class _LayerTable(NamedTuple):
-    """`crs`: EPSG:number or the like; None: none that is known; `definition`: the same as
-    well-known text."""
+    """Describes a table of shapes. `crs`: EPSG:number or the like; None: not known;
+    `definition`: the same as well-known text."""
 
     name: str
     shape_column: str
@@ -51,8 +56,8 @@ class _LayerTable(NamedTuple):
 
 
 def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
-    """Raises Refused, BeyondLimits, OSError; KeyboardInterrupt at once, however long a view
-    would take."""
+    """Returns the layers of a GeoPackage. Raises Refused, BeyondLimits, OSError;
+    KeyboardInterrupt at once, however long a view would take."""
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
             raise RefusedInput(path, "no GeoPackage: its first bytes are not those of SQLite")
@@ -65,6 +70,7 @@ def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
     until_s = time.monotonic() + longest_s
     try:
         with closing(
+            # Read only: not even SQLite's own lock files are made.
             sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
         ) as base:
             _fence(base, until_s)
@@ -75,7 +81,7 @@ def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
                 path, "not readable as GeoPackage: {why}", why=str(error)[:150]
             ) from None
         if time.monotonic() < until_s:
-            # came while SQLite was at work, which ended it
+            # The interrupt came while SQLite was at work, which ended it.
             raise KeyboardInterrupt from None
         raise RefusedInput(
             path,
@@ -85,8 +91,8 @@ def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
 
 
 def _fence(base: sqlite3.Connection, until_s: float) -> None:
-    """Nothing is written, attached, loaded or set, whatever the file's own schema says; and it
-    has an end."""
+    """Forbids writing, attaching, loading and setting, whatever the file's own schema says, and
+    limits time and memory."""
     for setting in (
         "trusted_schema=OFF",
         "cell_size_check=ON",
@@ -121,11 +127,13 @@ def _tables(base: sqlite3.Connection) -> list[_LayerTable]:
     ]
 
 
+# Returns a table's shapes in degrees, with attributes and units.
 def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
     quoted = '"' + table.name.replace('"', '""') + '"'
     keys = {
         row[1]
         for row in base.execute(f"PRAGMA table_info({quoted})")
+        # Keys are no attributes.
         if row[5] and str(row[2]).upper() == "INTEGER"
     }
     found = base.execute(f"SELECT * FROM {quoted}")
@@ -158,8 +166,8 @@ def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
 
 
 def _within(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
-    """Rows as they come, as long as they are no more than a file of the largest size can hold.
-    Raises BeyondLimits."""
+    """Yields rows, as long as they are no more than a file of the largest size can hold. Raises
+    BeyondLimits."""
     taken = 0
     for row in rows:
         taken += ROW_BYTES + sum(len(cell) for cell in row if isinstance(cell, str | bytes))
@@ -168,7 +176,7 @@ def _within(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
 
 
 def _wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
-    """A shape without its header (2.1.3). Raises Refused."""
+    """Returns a shape without its header (2.1.3); None: the row has no shape. Raises Refused."""
     if blob is None:
         return None
     envelope = (
@@ -180,8 +188,8 @@ def _wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
 
 
 def _units(base: sqlite3.Connection, table: str, names: list[str]) -> dict[str, StatedUnit]:
-    """What the file says of its columns besides their names: titles and descriptions, metadata,
-    QGIS's styles."""
+    """Returns units that the file states besides its columns' names: titles and descriptions,
+    metadata, QGIS's styles."""
     there = {
         str(row[0]) for row in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
     }

@@ -1,9 +1,9 @@
-"""A log that another program is still writing: what came since the last look.
+"""What has been added since the last reading to a log that another program is still writing?
 
-Only the new lines are read, whole ones only, of a run log of ours and of a text of another
-program (`ForeignText`); what is no text is brought in anew whenever it has grown, and what is
-later than the last row counts as new. A damaged line is left out and counted. Where another log
-stands in its place, that one is read from its beginning: its times say so.
+Only the new lines are read, and only whole ones, of our own run logs and of texts of other programs
+(`ForeignText`). Other files are imported anew whenever they have grown, and rows later than the
+last one are new. A damaged line is left out and counted. If another log replaces the file, it is
+read from its beginning: its times show it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,15 @@ from topdress.drivers.files.opened import Opened
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.sheet_text import SUFFIXES
 
-# A log of another program that still grows: only its new lines are brought in, by what the
-# whole of it said.
-#
-# What the columns mean is asked of the whole file when it is opened, and again whenever it has
-# doubled, so that all looks together read each line a few times. Between, the new lines are
-# brought in behind the file's own first lines up to its first row, with the same import file:
-# the times of both begin at that row. these must say what the columns mean, before others are
-# taken for damaged
+# The meaning of the columns is found from the whole file when it is opened, and again whenever it
+# has doubled, so that all readings together read each line a few times. Between, the new lines are
+# imported behind the file's own first lines up to its first row, with the same import file: the
+# times of both begin at that row.
+# So many first lines must show what the columns mean, before others count as damaged.
 FIRST_LINES = 100
-GROWN = 2.0  # times as large as when it was read as a whole
+# Growth since the last reading of the whole file, after which it is read as a whole again.
+GROWN = 2.0
+# Encodings in which a line end is a single byte.
 ONE_BYTE = (
     "utf-8",
     "ascii",
@@ -47,8 +46,8 @@ ONE_BYTE = (
 
 
 class ForeignText:
-    """`read` gives the rows of the new lines, or of the whole file where they cannot be known
-    without it."""
+    """Reads another program's text. `read` gives the rows of the new lines, or of the whole file
+    where they need it."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.damaged = path, 0
@@ -58,16 +57,15 @@ class ForeignText:
         self._mapping: ImportFile | None = None
 
     def read(self, size: int) -> Columns | None:
-        """None: no whole new line, or too few to say what they mean.
-
-        Raises TableError (what is not known of the columns too), OSError.
-        """
+        """Returns new rows; None: no whole new line, or too few to show their meaning. Raises
+        TableError (with open questions), OSError."""
         if self._mapping is None or size >= GROWN * self._whole_size:
             return self._whole()
         return self._new()
 
     def _whole(self) -> Columns | None:
         data = self.path.read_bytes()
+        # The last line may still be incomplete.
         data = data[: data.rfind(b"\n") + 1] or data
         self._whole_size = max(len(data), 1)
         if self._mapping is not None:
@@ -122,11 +120,12 @@ class ForeignText:
         return imported_columns(self.path, raw, self._mapping)
 
 
-MOST_BYTES = 64 << 20  # of new lines that are read at a time
+# Bytes of new lines that are read at a time.
+MOST_BYTES = 64 << 20
 
 
 class GrowingLog:
-    """Rows as they come. A file that is not there yet, or has no whole row, has none.
+    """Reads rows as they come. A file that is not there yet, or has no whole row, has none.
 
     behind : whether the file had more than is read at a time. damaged : lines that were left out.
     """
@@ -146,17 +145,19 @@ class GrowingLog:
         self._text = ForeignText(self.path)
 
     def more(self) -> Columns | None:
-        """The rows since the last call, columns as of `RunLog`; None: there are none.
+        """Returns the rows since the last call, columns as of `RunLog`; None: there are none.
 
-        Raises TableError (open questions too) and OSError for a file that is there and cannot
-        be read.
+        Raises
+        ------
+        TableError : the file cannot be read (with open questions).
+        OSError : it cannot be opened.
         """
         try:
             now = self.path.stat()
         except FileNotFoundError:
             return None
         place = (now.st_dev, now.st_ino)
-        # another file stands there now
+        # Another file has taken its place.
         if now.st_size < self._offset or (self._offset and place != self._place):
             self._begin()
         if now.st_size == self._size and place == self._place:
@@ -205,8 +206,8 @@ class GrowingLog:
         return columns
 
     def _good(self, lines: list[bytes]) -> Columns | None:
-        """Without the lines that are damaged; raises as the reader does where nothing of it is
-        a log."""
+        """Returns the rows without damaged lines. Raises as the reader does where no line is one
+        of a log."""
         good = GoodLines(lines, 1, lambda some: self._parsed(b"".join(some)))
         if good.found is None and self._offset == 0:
             return self._parsed(b"".join(lines))
@@ -219,7 +220,7 @@ class GrowingLog:
     def _newer(self, columns: Columns | None) -> Columns | None:
         if columns is None or not len(columns["time_s"]):
             return None
-        # it ends before what was read: it is another log
+        # It ends before the rows read so far: it is another log.
         if columns["time_s"][-1] < self.last_s:
             self.last_s = -np.inf
         new = columns["time_s"] > self.last_s

@@ -1,5 +1,5 @@
-"""A header's names as this program has them: any letter case, units in brackets, other words
-for the same thing."""
+"""Which of this program's columns does a header name, in any letter case, with units in
+brackets, or in other words?"""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from topdress.drivers.files.imports.units import (
 
 
 class Renamed(NamedTuple):
-    """`factors`: by name, what one of the file's numbers is in the column's unit, where that is
-    not 1."""
+    """Holds a header's names. `factors`: by name, what one of the file's numbers is in the
+    column's unit, where that is not 1. `trouble`: a unit that cannot be the column's, in a line.
+    """
 
     names: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
@@ -27,8 +28,18 @@ class Renamed(NamedTuple):
 
 
 def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[str, str]) -> Renamed:
-    """`known`: the published names. `others`: further spellings, in small letters with
-    underscores."""
+    """Returns a header with this program's names.
+
+    Parameters
+    ----------
+    names : as the file has them.
+    known : the published names.
+    others : further spellings, in small letters with underscores.
+
+    Returns
+    -------
+    names, findings and factors.
+    """
     taken, ours, findings, factors = set(names), [], [], {}
     for name in names:
         bare, unit = _split(name, known, others)
@@ -61,8 +72,8 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
 
 
 def _completed(name: str, known: Collection[str]) -> str:
-    """`shaft [r/min]` is shaft_rpm: the known name that the unit completes; else the name as it
-    stands."""
+    """Returns the known name that a unit completes, `shaft_rpm` of `shaft [r/min]`; else the
+    name as it stands."""
     bare, text = split_unit_name(name)
     unit = None if text is None else find_named_unit(text)
     if unit is None or bare == name:
@@ -81,7 +92,7 @@ def _completed(name: str, known: Collection[str]) -> str:
 def _split(
     name: str, known: Collection[str], others: Mapping[str, str]
 ) -> tuple[str, ColumnUnit | None]:
-    """Name and unit, where what is left without the unit is a name that is known."""
+    """Returns name and unit, where the rest without the unit is a known name."""
     bare, text = split_unit_name(name)
     plain = "_".join(bare.lower().split())
     if text is None or "_".join(name.lower().split()) in {*known, *others}:
@@ -90,7 +101,7 @@ def _split(
 
 
 def _factor(unit: ColumnUnit, column: str) -> float | None:
-    """What one of `unit` is in the column's; None where it is another quantity."""
+    """Returns what one of `unit` is in the column's unit; None for another quantity."""
     ours = find_column_unit(column)
     if ours is None:
         return 1.0 if unit.name == "%" else None

@@ -1,5 +1,5 @@
-"""KML (OGC 12-007r2) and KMZ: placemarks with polygons, lines and attributes; nothing that it
-links to is fetched."""
+"""How are KML (OGC 12-007r2) and KMZ read: placemarks with polygons, lines and attributes?
+Nothing that they link to is fetched."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from topdress.drivers.files.stated_units import of_element
 from topdress.drivers.files.xml_text import XmlError, local, xml_root
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
+# Elements that may hold placemarks.
 CONTAINERS = ("kml", "Document", "Folder")
 
 
 def read_kml(path: Path) -> list[Layer]:
-    """A layer for each document or folder that has placemarks. Raises Refused, BeyondLimits,
+    """Returns a layer for each document or folder with placemarks. Raises Refused, BeyondLimits,
     OSError."""
     data = path.read_bytes() if path.suffix.lower() == ".kml" else _of_kmz(path)
     try:
@@ -40,6 +41,7 @@ def read_kml(path: Path) -> list[Layer]:
     ]
 
 
+# Returns the first KML of a KMZ. Raises Refused.
 def _of_kmz(path: Path) -> bytes:
     try:
         with zipfile.ZipFile(path) as archive:
@@ -53,6 +55,7 @@ def _of_kmz(path: Path) -> bytes:
     raise RefusedInput(path, "no .kml in it")
 
 
+# Returns a container's placemarks as a layer.
 def _layer(path: Path, root: Element, container: Element, placemarks: list[Element]) -> Layer:
     name = _text(container, "name") or path.stem
     rows, shapes, closed = [], [], 0
@@ -81,7 +84,7 @@ def _layer(path: Path, root: Element, container: Element, placemarks: list[Eleme
 
 
 def _attributes(placemark: Element) -> Iterator[tuple[str, str]]:
-    """`Data` with a `value`, and `SimpleData` of a schema."""
+    """Yields names and texts of `Data` with a `value`, and of `SimpleData` of a schema."""
     for extended in _children(placemark, "ExtendedData"):
         for inner in extended.iter():
             if local(inner) in ("Data", "SimpleData") and inner.get("name"):
@@ -90,7 +93,7 @@ def _attributes(placemark: Element) -> Iterator[tuple[str, str]]:
 
 
 def _parts(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.Geometry], int]:
-    """Shapes in longitude and latitude, and how many of their rings were not closed."""
+    """Returns shapes in longitude and latitude, and how many of their rings were not closed."""
     found, unclosed = [], 0
     for one in placemark.iter():
         kind = local(one)
@@ -113,7 +116,8 @@ def _parts(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.Geometr
 
 
 def _places(element: Element, where: PlaceInFile) -> np.ndarray:
-    """(n, 2) longitude and latitude. Raises Refused."""
+    """Returns places (n, 2), longitude and latitude. Raises Refused."""
+    # Blanks separate places, but some programs write them behind commas too.
     text = re.sub(r"\s*,\s*", ",", _text(element, "coordinates"))
     try:
         places = np.array(
@@ -132,5 +136,6 @@ def _children(element: Element, name: str) -> list[Element]:
     return [child for child in element if local(child) == name]
 
 
+# Returns the text of a child; empty: there is none.
 def _text(element: Element, name: str) -> str:
     return next(((child.text or "").strip() for child in element if local(child) == name), "")

@@ -1,9 +1,9 @@
-"""Shapes with attributes out of GeoJSON, shapefiles, GeoPackage, KML and KMZ, in longitude and
-latitude: the one way by which maps, fields and points are read.
+"""How are shapes with attributes read from GeoJSON, shapefiles, GeoPackage, KML and KMZ, in
+longitude and latitude? Maps, fields and points all come this way.
 
-GeoPackage by SQLite, KML by an XML reader of our own, never by GDAL: that opens what it finds
-in the bytes, whatever the name: a virtual data source under `.gpkg` reads other files and runs
-SQL.
+GeoPackage is read by SQLite and KML by an XML reader of our own, never by GDAL: that opens what it
+finds in the bytes, whatever the name, and a virtual data source under `.gpkg` reads other files and
+runs SQL.
 """
 
 from __future__ import annotations
@@ -31,20 +31,25 @@ from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 from topdress.drivers.plugins import PluginFault, has_format_plugin
 
+# Endings of formats.
 KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
-# WGS84, and within 2 m of it
+# Systems of degrees on WGS84, or within 2 m of it.
 DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")
-WGS84 = ("crs84", "4326")  # as GeoJSON spells it
-KINDS = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")  # of GeoJSON
+# WGS84 as GeoJSON names it.
+WGS84 = ("crs84", "4326")
+# Types of shapes in GeoJSON.
+KINDS = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
+# UTM north and south on WGS84, and north on ETRS89 (EPSG register).
 _UTM = re.compile(r"^EPSG:(326|327|258)(\d\d)$")
+# Attributes that every KML has.
 _OF_KML = frozenset({"Name", "description", "Description", "id"})
 
 
 class Layer(NamedTuple):
-    """`rows`: attributes; `shapes`: (n,) shapely geometries in longitude and latitude, None
-    where a row has none; `findings`: what was taken how; `units`: of columns, as the file says
-    besides their names. `kind`: the one type of its shapes, where the file states it. `about`:
-    what GeoJSON says besides its features."""
+    """Holds shapes with attributes. `rows`: attributes; `shapes`: (n,) shapely geometries in
+    longitude and latitude, None where a row has none; `findings`: how it was read; `units`: of
+    columns, as the file says besides their names. `kind`: the type of all its shapes, where the
+    file states it. `about`: members of GeoJSON besides its features."""
 
     name: str
     rows: tuple[Mapping[str, Any], ...]
@@ -56,7 +61,7 @@ class Layer(NamedTuple):
 
 
 def read_layers(path: Path) -> list[Layer]:
-    """Raises Refused, OSError."""
+    """Returns the layers of a file, folder or zip. Raises Refused, OSError."""
     check_file(path)
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in GEOJSON:
@@ -77,10 +82,19 @@ def read_layers(path: Path) -> list[Layer]:
 
 
 def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = False) -> Layer:
-    """A FeatureCollection (RFC 7946). kinds: of shapes that are looked at; others are empty
-    ones here. strict: else a feature alone will do too, and features of what has no type.
+    """Returns the layer of a FeatureCollection (RFC 7946).
 
-    Raises Refused, NotAMap for what is none, OSError.
+    Parameters
+    ----------
+    path : the file.
+    kinds : types of shapes that are read; others become empty points.
+    strict : refuses a single feature, and features in a root without a type.
+
+    Raises
+    ------
+    NotAMapError : it is no such collection.
+    Refused : coordinates are wrong.
+    OSError : the file cannot be opened.
     """
     try:
         root = read_json(path)
@@ -90,7 +104,8 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
 
 
 def _by_plugin(path: Path, name: str) -> Layer:
-    """Raises NotAMap, whatever the plug-in's code does."""
+    """Returns the layer that a plug-in reads. Raises NotAMapError, whatever the plug-in's code
+    does."""
     from topdress.drivers.plugin_process import read_format
 
     try:
@@ -105,6 +120,7 @@ def _by_plugin(path: Path, name: str) -> Layer:
     return _of_features(path, root, KINDS, strict=True)
 
 
+# Returns features as a layer. Raises NotAMapError, Refused.
 def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) -> Layer:
     kind = root.get("type") if isinstance(root, dict) else type(root).__name__
     found = None
@@ -140,6 +156,7 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
     return Layer(str(root.get("name", "")), tuple(rows), shapes, (), units, "", about)
 
 
+# Returns a shape of GeoJSON; None: it is empty. Raises Refused.
 def _of_json(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometry | None:
     kind = geometry["type"]
     area = kind.endswith("Polygon")
@@ -166,24 +183,26 @@ def _of_json(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometr
 
 
 def _places(corners: Sequence[Sequence[float]]) -> Floats:
-    """(n, 2) longitude and latitude."""
+    """Returns places (n, 2), longitude and latitude."""
+    # A third number is a height.
     return np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
 
 
 def polygon_of(rings: Sequence[Floats], where: PlaceInFile) -> shapely.Geometry:
-    """Of an outline and its holes, (n, 2) longitude and latitude, closed or not. Raises Refused."""
+    """Returns a polygon of an outline and its holes, (n, 2) longitude and latitude, closed or
+    not. Raises Refused."""
     if not rings or any(len(open_ring(ring)) < 3 for ring in rings):
         raise RefusedInput(where, "a ring of less than 3 corners: allowed 3 or more")
     return shapely.Polygon(rings[0], rings[1:])
 
 
 def open_ring(corners: Floats) -> Floats:
-    """Without the corner that closes it."""
+    """Returns a ring without the corner that closes it."""
     return corners[:-1] if len(corners) > 1 and (corners[0] == corners[-1]).all() else corners
 
 
 def together(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
-    """As one shape; None: there are none."""
+    """Returns several shapes as a single one; None: there are none."""
     kinds = {part.geom_type for part in parts}
     if len(parts) < 2:
         return parts[0] if parts else None
@@ -199,10 +218,19 @@ def together(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
 def in_degrees(
     path: Path, layer: str, shapes: Any, crs: str | None, text: str = ""
 ) -> tuple[Any, tuple[Finding, ...]]:
-    """The shapes in degrees, and what was done. crs: `EPSG:...`, None: not known. text: the
-    same as well-known text.
+    """Returns shapes in degrees, and findings.
 
-    Raises Refused.
+    Parameters
+    ----------
+    path : the file, for messages.
+    layer : its name, for messages.
+    shapes : (n,) shapely geometries.
+    crs : `EPSG:...`; None: not known.
+    text : the same as well-known text.
+
+    Raises
+    ------
+    Refused : the coordinate system cannot be converted.
     """
     where = PlaceInFile(str(path)).go_down("layer {layer}", layer=layer)
     if crs is None or crs in DEGREES:
@@ -224,6 +252,7 @@ def in_degrees(
         shapes,
         TransverseMercator(
             f"UTM zone {int(found[2])}{'S' if south else 'N'}",
+            # UTM: zones of 6 degrees from 180 W, scale 0.9996, false origins in metres.
             6.0 * int(found[2]) - 183.0,
             0.0,
             0.9996,
@@ -236,8 +265,8 @@ def in_degrees(
 def projection_in(
     text: str, where: PlaceInFile | Path | str, places: Floats, crs: str = ""
 ) -> Projection | None:
-    """What well-known text says of coordinates; None: degrees. places: (n, 2) in them. crs:
-    what must be more than degrees. Raises Refused."""
+    """Returns the projection of a well-known text; None: degrees. places: (n, 2) in its
+    coordinates. crs: a system that must be more than degrees. Raises Refused."""
     try:
         found = parse_projection(text)
         if found is not None or not crs:
@@ -255,7 +284,7 @@ def projection_in(
 
 
 def turned(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Finding, ...]]:
-    """Shapes in longitude and latitude, and what was done."""
+    """Returns shapes in longitude and latitude, and findings."""
     if projection is None:
         return shapes, ()
     said = Finding(
@@ -267,12 +296,13 @@ def turned(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Findi
 
 
 def stated(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Attributes without those that every KML has."""
+    """Returns attributes without those that every KML has."""
     return {name: value for name, value in row.items() if name not in _OF_KML}
 
 
 def name_of(row: Mapping[str, Any]) -> str:
-    """What a shape is called. The names of a shapefile's columns have ten letters."""
+    """Returns a shape's name; empty: it has none. The names of a shapefile's columns have ten
+    letters."""
     for wanted in ("name", "title", "field", "field_name", "fieldname", "designator"):
         for name, value in row.items():
             if name.casefold() == wanted and value not in (None, ""):

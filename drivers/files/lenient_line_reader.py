@@ -1,5 +1,4 @@
-"""Of lines that are not all readable those that are: a log that is being written may hold a
-damaged one."""
+"""Which lines of a log can be read, where some are damaged because it is still being written?"""
 
 from __future__ import annotations
 
@@ -9,16 +8,16 @@ from topdress.drivers.files.columns import Columns
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
 
-# of lines that may be damaged: with more it is no such log
+# Share of lines that may be damaged: with more it is no log of this kind.
 MOST_SHARE = 0.5
-# readings, at most: each damaged line costs two for each halving
+# Readings at most: each damaged line costs two for each halving.
 TRIED = 100
 
 
 class GoodLines:
-    """found: what `read` makes of the lines without the damaged ones; None where too many are.
-    head: lines before the rows, kept in any case. Raises what `read` raises but TableError and
-    BeyondLimits."""
+    """Reads lines without the damaged ones. found: what `read` returns for them; None where too
+    many are damaged. head: lines before the rows, kept in any case. Raises what `read` raises
+    except TableError and BeyondLimits."""
 
     def __init__(
         self, lines: list[bytes], head: int, read: Callable[[list[bytes]], Columns]
@@ -44,7 +43,7 @@ class GoodLines:
             return None
 
     def _good(self, rows: list[bytes]) -> list[bytes]:
-        """Those that can be read, found by halving what cannot."""
+        """Returns the lines that can be read, found by halving."""
         if self._tried > TRIED:
             return []
         if len(rows) == 1:

@@ -1,9 +1,8 @@
-"""How much is read of any file: the one table of limits, and what holds a file against it
-before a reader opens it.
+"""How much is read of any file? A table of limits, and the checks of a file before a reader opens
+it.
 
-docs/limits.md shows the table; a test holds the page against it. A file beyond a limit is
-refused in one line that names it, its size and what is allowed; nothing of it is unpacked
-first.
+docs/limits.md shows the table, and a test compares them. A file beyond a limit is refused in a line
+with its name, its size and what is allowed; nothing of it is unpacked first.
 """
 
 from __future__ import annotations
@@ -19,11 +18,12 @@ from typing import Any, NamedTuple
 
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
+# Bytes of a megabyte.
 MB = 1 << 20
 
 
 class Limit(NamedTuple):
-    """`what`: kind of file, for the page. `most`: in `unit`."""
+    """Holds a limit. `what`: kind of file, for the page. `most`: in `unit`."""
 
     what: str
     most: int
@@ -51,9 +51,9 @@ RASTER_CELLS = Limit(
     "cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells"
 )
 CROSSINGS = Limit("places where outlines of a map cross themselves", 1_000, "crossings")
-# to put one outline of 36 000 corners right takes 1.5 s, one of 200 000 takes 7 s
+# To repair an outline of 36 000 corners takes 1.5 s, of 200 000 corners 7 s.
 TOUCHES = Limit("places where one outline of a map touches itself", 10_000, "places")
-# zones that were drawn or simplified each by itself cross at most corners of their borders
+# Zones that were drawn or simplified separately cross at most at corners of their borders.
 SHARED_CROSSINGS = Limit(
     "places where outlines of different zones of a map cross, beyond two for each corner",
     20_000,
@@ -65,7 +65,7 @@ NEAR_EDGES = Limit(
 OVERLAPS = Limit("pairs of zones of a map that overlap", 5_000, "pairs")
 PARQUET_CELLS = Limit("cells of a Parquet file", 50_000_000, "cells")
 PARQUET_BYTES = Limit("Parquet, unpacked; its texts as they are read", 1024 * MB, "bytes")
-# a log of a machine that stands all day has some 30: only the times change in it
+# A log of a machine that stands all day has some 30: only the times change in it.
 PARQUET_PACKED = Limit(
     "cells of a Parquet file for each of its bytes, beyond the first million", 200, "cells"
 )
@@ -80,6 +80,7 @@ CELLS = Limit("cells of a sheet, empty ones between others included", 16_777_216
 RESUME = Limit("what is kept of a job next to its log (.resume.json)", 128 * MB, "bytes")
 OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
 
+# In the order of the page.
 LIMITS = (
     CONFIG,
     TEXT,
@@ -113,6 +114,7 @@ LIMITS = (
     OTHER,
 )
 
+# Limits by suffix; other files have `OTHER`.
 _OF_SUFFIX = {
     ".csv": TEXT,
     ".txt": TEXT,
@@ -138,25 +140,28 @@ _OF_SUFFIX = {
     ".xlsb": WORKBOOK,
     ".ods": WORKBOOK,
 }
+# Files that a reader of a shapefile opens too.
 _SIDES = (".shx", ".dbf", ".prj", ".cpg")
+# Suffixes of files that are zips.
 _ZIPPED = (".zip", ".kmz", ".xlsx", ".xlsm", ".xlsb", ".ods")
+# Compressions that can be measured before unpacking.
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# Bit 0 of a zip entry's flags.
 _ENCRYPTED = 0x1
-# a cell of a text: what stands in it parts no columns
+# A cell in quotes: signs within it separate no columns.
 _QUOTED = re.compile(rb'"[^"]*"')
 
 
-# What reading a damaged, odd or locked zip raises (RuntimeError: a password, a version, a
-# compression).
+# Errors of a damaged, odd or locked zip (RuntimeError: a password, a version, a compression).
 DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError)
 
 
 class BeyondLimits(RefusedInput):
-    """The file is larger, or holds more, than is read; one line, naming it."""
+    """The file is larger, or holds more, than is read; a line names it."""
 
 
 def held_to(limit: Limit, found: int, label: PlaceInFile | Path | str) -> None:
-    """Raises BeyondLimits where more was found than is allowed."""
+    """Refuses more than a limit allows. Raises BeyondLimits."""
     if found > limit.most:
         raise BeyondLimits(
             label,
@@ -167,10 +172,13 @@ def held_to(limit: Limit, found: int, label: PlaceInFile | Path | str) -> None:
 
 
 def check_file(path: Path) -> None:
-    """Hold a file, a folder of a task or a zip against the table, the files next to it that a
-    reader opens too included.
+    """Checks a file, a folder of a task or a zip against the table, with the files next to it that
+    a reader opens too. A missing file is left to its reader.
 
-    Raises BeyondLimits, OSError. What is not there is the reader's to say.
+    Raises
+    ------
+    BeyondLimits : it is too large.
+    OSError : it cannot be read.
     """
     if path.is_dir():
         for number, file in enumerate(_files_of(path), start=1):
@@ -179,7 +187,7 @@ def check_file(path: Path) -> None:
         return
     if not path.is_file():
         if path.exists():
-            # reading may never end
+            # Reading a pipe may never end.
             raise BeyondLimits(path, "a pipe or a device: allowed is a file")
         return
     if path.suffix.lower() in _ZIPPED and zipfile.is_zipfile(path):
@@ -194,7 +202,7 @@ def check_file(path: Path) -> None:
 
 
 def check_text(data: bytes, label: str) -> None:
-    """A text table's bytes: no endless line at its beginning, no endless header. Raises
+    """Checks a text table's bytes: no endless line at its begin, no endless header. Raises
     BeyondLimits."""
     held_to(TEXT, len(data), label)
     lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
@@ -205,12 +213,8 @@ def check_text(data: bytes, label: str) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """A JSON file, with or without a byte order mark. Raises ValueError in words without the
-    path, OSError.
-
-    Deep nesting and whole numbers of any length are refused as no JSON, not with an error of
-    their own.
-    """
+    """Returns a JSON file's data, with or without a byte order mark. Deep nesting and endless
+    whole numbers are refused as no JSON. Raises ValueError without the path, OSError."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("a pipe or a device: allowed is a file")
     size = path.stat().st_size
@@ -225,12 +229,13 @@ def read_json(path: Path) -> Any:
 
 
 def _check_zip(path: Path) -> None:
-    """By the zip's own directory: its readers unpack no more of an entry than that says."""
+    """Checks a zip by its own directory: its readers unpack no more of an entry than it says."""
     whole = UNPACKED if path.suffix.lower() in (".zip", ".kmz") else WORKBOOK
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (*DAMAGED_ZIP, ValueError):
+        # Its reader says what is wrong.
         return  # no zip: the reader says so
     held_to(ENTRIES, len(entries), str(path))
     held_to(
@@ -265,6 +270,7 @@ def _check_size(suffix: str, size: int, label: str) -> None:
     held_to(_OF_SUFFIX.get(suffix.lower(), OTHER), size, label)
 
 
+# Yields the files of a task's folder, and of TASKDATA in it.
 def _files_of(folder: Path) -> Iterator[Path]:
     for file in folder.iterdir():
         if file.is_file():
@@ -273,6 +279,7 @@ def _files_of(folder: Path) -> Iterator[Path]:
             yield from (inner for inner in file.iterdir() if inner.is_file())
 
 
+# Returns a whole number of JSON. Raises ValueError for one that is too long.
 def _whole(text: str) -> int:
     if len(text) > DIGITS.most:
         raise ValueError(f"a whole number of {len(text)} digits: allowed up to {DIGITS.most}")

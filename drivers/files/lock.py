@@ -1,5 +1,5 @@
-"""A lock that one process holds: the system gives it back when that process ends, however it
-ends."""
+"""How does a single process hold a lock that the system returns when the process ends, however
+it ends?"""
 
 from __future__ import annotations
 
@@ -22,11 +22,23 @@ else:
 
 
 def take_lock(path: Path, take: Callable[[int], None] = _take) -> io.FileIO | None:
-    """The open file that holds the lock until it is closed; None where somebody else holds it.
+    """Takes the lock of a file.
 
-    The file is made where needed and never removed: another process may be about to lock it.
-    Where somebody else removes it, what is locked then is not the file of that name any more:
-    `stands` says so. Raises OSError where the folder is not there or its disk knows no locks.
+    The file is made where needed and never removed: another process may be about to lock it. If
+    somebody else removes it, the locked file is no longer the file of that name: `stands` shows it.
+
+    Parameters
+    ----------
+    path : the file.
+    take : locks an open handle or raises OSError.
+
+    Returns
+    -------
+    the open file that holds the lock until it is closed; None where somebody else holds it.
+
+    Raises
+    ------
+    OSError : the folder is not there, or its disk knows no locks.
     """
     while True:
         lock = _taken(path, take)
@@ -36,7 +48,7 @@ def take_lock(path: Path, take: Callable[[int], None] = _take) -> io.FileIO | No
 
 
 def stands(lock: io.FileIO, path: Path) -> bool:
-    """Whether the lock is on the file that has this name now."""
+    """Tells whether the lock is on the file that has this name now."""
     ours = os.fstat(lock.fileno())
     try:
         there = os.stat(path)
@@ -45,6 +57,7 @@ def stands(lock: io.FileIO, path: Path) -> bool:
     return (ours.st_dev, ours.st_ino) == (there.st_dev, there.st_ino)
 
 
+# Returns the locked file; None where somebody else holds the lock.
 def _taken(path: Path, take: Callable[[int], None]) -> io.FileIO | None:
     file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
     try:

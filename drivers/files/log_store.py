@@ -1,5 +1,5 @@
-"""A run log as Parquet: one file that holds the columns, the sidecar and what the reader of the
-text had to say.
+"""How is a run log kept as Parquet: a single file with columns, sidecar and the findings of the
+text's reader?
 
 For seasons of logs: fewer bytes than the text, and read at once (docs/format-run-log.md,
 "Parquet").
@@ -30,14 +30,17 @@ from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yam
 if TYPE_CHECKING:
     import polars as pl
 
+# Format of the metadata, a contract.
 FORMAT = "topdress-log-store/1"
 SUFFIXES = frozenset({".parquet", ".pq"})
+# Key of our metadata, and the first and last bytes of every Parquet.
 _KEY, _MAGIC = "topdress", b"PAR1"
-_MOST_FOOTER = 64 << 20  # bytes
+# Bytes of a footer.
+_MOST_FOOTER = 64 << 20
 
 
 class Stored(NamedTuple):
-    """What a store holds; columns, `meta` and findings as those of `RunLog`."""
+    """Holds a store's contents; columns, `meta` and findings as those of `RunLog`."""
 
     columns: Columns
     meta: RunMeta | None
@@ -45,16 +48,15 @@ class Stored(NamedTuple):
 
 
 def is_store(path: Path) -> bool:
-    """Whether this is a Parquet file that topdress wrote (of any version), and not another
-    program's."""
+    """Tells whether topdress (of any version) wrote this Parquet file."""
     return path.suffix.lower() in SUFFIXES and _KEY.encode() in _footer(path)
 
 
 def write_store(
     path: Path, columns: Columns, meta: RunMeta | None, findings: Sequence[Finding] = ()
 ) -> None:
-    """Whole or not at all. columns: arrays of length n, float64 (NaN: not known) or object
-    (texts). Raises OSError."""
+    """Writes a store, whole or not at all. columns: arrays of length n, float64 (NaN: not known)
+    or object (texts). Raises OSError."""
     need("Parquet", "parquet")
     about = {
         "format": FORMAT,
@@ -68,8 +70,9 @@ def write_store(
 
 
 def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
-    """The same as a run log of text with its sidecar, each whole or not at all; every number
-    reads back the same, and a log that topdress wrote is the same to the byte. Raises OSError."""
+    """Writes the same as a run log of text with its sidecar, each whole or not at all; every
+    number reads back the same, and a log that topdress wrote is the same to the byte. Raises
+    OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
         write_atomically(sidecar(path), meta_to_yaml(meta))
@@ -81,7 +84,8 @@ def _cell_texts(name: str, column: NDArray[Any]) -> Sequence[str | None]:
 
 
 def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
-    """`only`: names of the columns wanted (None: all); `time_s` comes always. Raises TableError."""
+    """Returns a store's contents. `only`: names of the wanted columns (None: all); `time_s` is
+    always read. Raises TableError."""
     need("Parquet", "parquet")
     import polars as pl
 
@@ -107,8 +111,8 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
 
 
 def stored_about(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
-    """What a store says of its log along with the columns, which are not read. Raises
-    TableError, OSError."""
+    """Returns sidecar and findings of a store, without reading its columns. Raises TableError,
+    OSError."""
     need("Parquet", "parquet")
     import polars as pl
 
@@ -133,13 +137,14 @@ def _first_line(error: Exception) -> str:
 
 
 def _footer(path: Path) -> bytes:
-    """The part of a Parquet file that describes it; nothing where there is none. Needs no
-    polars."""
+    """Returns the part of a Parquet file that describes it; empty where there is none. It needs
+    no polars."""
     with contextlib.suppress(OSError), path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         if size < 12:
             return b""
         file.seek(size - 8)
+        # The last eight bytes: length of the footer, and PAR1.
         length, magic = int.from_bytes(file.read(4), "little"), file.read(4)
         if magic == _MAGIC and length <= min(size - 8, _MOST_FOOTER):
             file.seek(size - 8 - length)
@@ -148,7 +153,8 @@ def _footer(path: Path) -> bytes:
 
 
 def _frame(columns: Columns) -> pl.DataFrame:
-    """Not known is null, so that every other reader of Parquet sees it as such."""
+    """Returns columns as a data frame. Not known is null, so that every other reader of Parquet
+    sees it so."""
     import polars as pl
 
     return pl.DataFrame(
@@ -161,6 +167,7 @@ def _frame(columns: Columns) -> pl.DataFrame:
     )
 
 
+# Returns a column as texts or numbers (n,).
 def _column(series: pl.Series) -> NDArray[Any]:
     import polars as pl
 

@@ -1,5 +1,5 @@
-"""A log row as one line of text: the number of digits of every column, and nothing that breaks
-a line."""
+"""How is a log row written as a line of text: with the digits of every column, and nothing that
+breaks a line?"""
 
 from __future__ import annotations
 
@@ -17,17 +17,21 @@ from topdress.control.log_row import (
     LogRow,
 )
 
+# Header of a log without section valves.
 HEADER = ",".join(COLUMNS) + "\n"
 
-# bytes of a line as written: half of what is looked through for the last line's beginning
+# Bytes of a line as written: half of the bytes that are searched for the begin of the last line.
 LONGEST_ROW = 32_768
-# characters that the texts of a longer line keep: all of them together fit then
+# Characters that the texts of a longer line keep: all of them together fit then.
 LONGEST_CELL = 1_000
-MOST_BYTES = 4  # of a character
-CUT = "..."  # ends a text that was cut
-# of time_s where two rows fall into the same millisecond
+# Bytes of a character in UTF-8.
+MOST_BYTES = 4
+# Ends a text that was cut.
+CUT = "..."
+# Decimals of time_s where two rows fall into the same millisecond.
 _CLOSE_TIME_DECIMALS = 6
-_EMPTY = "%.0s"  # takes its value and prints nothing
+# Takes its value and prints nothing.
+_EMPTY = "%.0s"
 
 
 def _form(column: str) -> str:
@@ -37,9 +41,8 @@ def _form(column: str) -> str:
 
 
 def texts_of(column: str, values: Sequence[float]) -> list[str | None]:
-    """Every value of a column, (n,), as a log's row has it; None where it is not known. A value
-    that has more digits than its column has the shortest text that reads back as the same
-    number."""
+    """Returns every value of a column (n,) as a log's row has it; None where not known. A value
+    with more digits than its column has the shortest text that reads back as the same number."""
     numbers = list(filter(math.isfinite, values))
     texts = list(map(repr, numbers))
     if column in ALL_COLUMNS and column not in EXACT_COLUMNS | TEXT_COLUMNS:
@@ -55,7 +58,8 @@ def texts_of(column: str, values: Sequence[float]) -> list[str | None]:
 
 
 def columns_of(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
-    """Columns of the logs of a machine, as resolved; the first of `ALL_COLUMNS`."""
+    """Returns the columns of a machine's logs, the first of `ALL_COLUMNS`; the machine is plain
+    data."""
     sections = (machine or {}).get("sections")
     valved = isinstance(sections, list | tuple) and any(
         isinstance(section, Mapping) and section.get("valve") is not None for section in sections
@@ -68,11 +72,8 @@ def header_of(columns: tuple[str, ...]) -> str:
 
 
 class RowText:
-    """Turns rows into lines; remembers the last time written and one template for each set of
-    unknown columns.
-
-    columns: the first of `ALL_COLUMNS`; what a row has beyond is left out.
-    """
+    """Turns rows into lines; remembers the last time written, and a template for each set of
+    unknown columns. columns: the first of `ALL_COLUMNS`; cells beyond are left out."""
 
     def __init__(self, columns: tuple[str, ...] = COLUMNS) -> None:
         self._forms = tuple(_form(column) for column in columns)
@@ -80,11 +81,14 @@ class RowText:
         self._last_time = ""
 
     def line(self, row: LogRow) -> str:
-        """One line with its line end. Numbers that are not finite are unknown; line breaks in
-        texts become spaces. A line that no reader would take is made of texts cut to
-        `LONGEST_CELL`.
+        """Returns a row as a line with its line end.
 
-        Raises TypeError where a number's column holds a text.
+        Numbers that are not finite are unknown; line breaks in texts become spaces. Texts of a line
+        that no reader would take are cut to `LONGEST_CELL`.
+
+        Raises
+        ------
+        TypeError : a number's column holds a text.
         """
         line = self._line(row[: len(self._forms)])
         if (
@@ -138,6 +142,7 @@ def _is_plain(line: str, columns: int) -> bool:
     )
 
 
+# Returns a cell as text, quoted where needed.
 def _cell(value: float | str | None, form: str) -> str:
     if value is None:
         return ""

@@ -1,5 +1,5 @@
-"""Shapes with attributes to formats that GDAL writes (KML, KMZ, GeoPackage), through pyogrio:
-extra gis."""
+"""How are shapes with attributes written to formats of GDAL (KML, KMZ, GeoPackage), through
+pyogrio (extra gis)?"""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import shapely
 from topdress.drivers.files.extras import extra_line
 from topdress.drivers.plain_text import RefusedInput
 
+# GDAL's drivers by ending.
 FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 
 
@@ -24,13 +25,24 @@ def write_layer(
     columns: Mapping[str, Sequence[Any]],
     append: bool = False,
 ) -> None:
-    """Shapes in longitude and latitude with their attributes as GeoPackage, KML or KMZ, whole
-    or not at all.
+    """Writes shapes with their attributes as GeoPackage, KML or KMZ, whole or not at all.
 
-    Raises Refused, OSError.
+    Parameters
+    ----------
+    path : the file; its ending chooses the format.
+    layer : name of the layer.
+    shapes : in longitude and latitude.
+    columns : attributes by name, each as long as the shapes.
+    append : adds a layer to an existing file.
+
+    Raises
+    ------
+    Refused : pyogrio is not there.
+    OSError : the file cannot be written.
     """
     pyogrio = _pyogrio(path)
     suffix = path.suffix.lower()
+    # GDAL writes step by step, so it gets a place of its own.
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / f"{path.stem}{'.kml' if suffix == '.kmz' else suffix}"
         if append and path.exists():
@@ -58,12 +70,14 @@ def write_layer(
         write_atomically(path, place.read_bytes())
 
 
+# Returns attributes as numbers where all are, else as texts.
 def _array(values: Sequence[Any]) -> Any:
     if all(value is None or isinstance(value, int | float) for value in values):
         return np.array([np.nan if value is None else float(value) for value in values])
     return np.array(["" if value is None else str(value) for value in values], dtype=object)
 
 
+# Returns the module. Raises Refused where the extra is missing.
 def _pyogrio(path: Path) -> Any:
     try:
         import pyogrio

@@ -1,4 +1,4 @@
-"""What a file holds, asked in one place by every door: a log, a bench table, a map or a field."""
+"""What does a file hold: a log, a bench table, a map or a field? Every command asks here."""
 
 from __future__ import annotations
 
@@ -25,25 +25,27 @@ from topdress.drivers.files.log_store import is_store
 from topdress.drivers.files.table import NoHeader, header_of
 from topdress.drivers.plugins import has_format_plugin
 
-# of the columns; fewer are another program's log, which the import reads better
+# Share of known columns; a log with fewer is another program's, which the import reads better.
 KNOWN_SHARE = 0.5
+# Columns that a log has and a bench table has not.
 _LOGGED = frozenset(
     {"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEED_COLUMNS}
 )
+# Suffixes of maps.
 _AREAS = frozenset({".gpkg", ".kml", ".kmz", ".tif", ".tiff"})
 
 Held = Literal["log", "table", "map", "field", ""]
 
 
 class Opened:
-    """A file as it is asked about. Nothing of it is read before; each answer is found once."""
+    """Answers questions about a file. Nothing is read before, and each answer is found once."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._suffix = path, path.suffix.lower()
 
     @property
     def is_table(self) -> bool:
-        """Rows and columns, whatever its suffix: a text or a workbook."""
+        """Tells whether it has rows and columns, whatever its suffix: a text or a workbook."""
         return not (self.path.is_dir() or self._suffix in FOREIGN or self._of_areas)
 
     @property
@@ -52,8 +54,8 @@ class Opened:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of a table's columns, as they stand; none where its first line holds numbers only.
-        Raises TableError."""
+        """Returns the names of a table's columns, as they stand; none where its first line holds
+        only numbers. Raises TableError."""
         try:
             return header_of(self.path)
         except NoHeader:
@@ -61,14 +63,14 @@ class Opened:
 
     @property
     def bench(self) -> str | None:
-        """The kind of bench table that the columns make; None: none, or several. Raises
+        """Returns the kind of bench table that the columns make; None: none, or several. Raises
         TableError."""
         return recognise_kind(renamed(self.names, KNOWN_COLUMNS, {}).names)
 
     @property
     def foreign(self) -> bool:
-        """Whether the import reads this rather than `read_log`: a log of ours is never guessed.
-        Raises TableError, OSError."""
+        """Tells whether the import reads this rather than `read_log`: our own logs are never
+        guessed. Raises TableError, OSError."""
         if is_store(self.path):
             return False
         if not self.is_table or not self.names:  # the import asks what its columns are
@@ -87,8 +89,9 @@ class Opened:
 
     @cached_property
     def holds(self) -> Held:
-        """Empty: a table whose columns do not say. A file of areas is a map, whoever takes
-        their outlines for a field. Raises BeyondLimits, OSError."""
+        """Returns what the file holds; empty: a table whose columns do not show it. A file of
+        areas is a map, even if its outlines are used as a field. Raises BeyondLimits, OSError.
+        """
         check_file(self.path)
         if self.is_table:
             return self._by_columns()
@@ -112,10 +115,11 @@ class Opened:
             if self.bench is not None:
                 return "table"
         except TableError:
+            # Its reader says what is wrong.
             return ""  # the reader says what is wrong with it
         if has_time_column(self.names):
             return "log"
-        # kriging programs part columns by spaces
+        # Kriging programs separate columns by spaces.
         parted = self.names[0].split() if len(self.names) == 1 else self.names
         has_places = has_places_without_time(self.names) or find_metre_columns(parted) is not None
         return "map" if has_places else ""
@@ -130,7 +134,7 @@ class Opened:
 
 
 def is_run_log(names: tuple[str, ...]) -> bool:
-    """Whether a header is a log's, not a bench table's: it tells the time of each row."""
+    """Tells whether a header is a log's, not a bench table's: it has the time of each row."""
     ours = set(our_names(names).names)
     if "time_s" in _plain(names):
         return True

@@ -1,8 +1,8 @@
-"""How much of a map's outlines lies over itself, counted before it is put right, which takes
-minutes of a few bytes.
+"""How much do a map's outlines overlap or cross, counted before they are repaired, which may take
+minutes for a few bytes?
 
-Counted in pieces and given up at the limit; pairs of edges are found by their extents first (an
-STR tree).
+Counted in pieces and given up at the limit; pairs of edges are found by their extents first (an STR
+tree).
 """
 
 from __future__ import annotations
@@ -28,25 +28,40 @@ from topdress.drivers.files.limits import (
 )
 from topdress.drivers.plain_text import PlaceInFile
 
-# corners of an outline; the edges of a smaller one make no more pairs than are allowed
+# Corners of an outline; the edges of a smaller outline make no more pairs than are allowed.
 MANY = 500
-# two zones of up to so many corners cross in 400 places at most
+# Corners of small zones: two of them cross in 400 places at most.
 FEW = 20
-# where an outline comes back to one of its corners, two of its edges meet two others there
+# Where an outline returns to one of its corners, two of its edges meet two others.
 PAIRS_OF_A_CORNER = 4
-# a corner off its neighbour's edge by rounding: the edges on both of its sides cross that edge
+# A corner off its neighbour's edge by rounding: the edges on both of its sides cross that edge.
 CROSSINGS_OF_A_CORNER = 2
+# Ways in which zones overlap, in GEOS's words.
 HOWS = ("overlaps", "contains", "within")
-# of the smaller of two zones: corners rounded to 1 cm, in cells of 10 m; no overlap
+# Share of the smaller of two zones that is no overlap: corners rounded to 1 cm, in cells of 10 m.
 SLIVER = 1e-3
-MOST_STEP, PAIRS_AT_ONCE = 64, 100_000  # zones held against all others at once
-# pairs of extents, 8 MB; or so many shapes, against 400 000 others 100 MB
+# Zones compared with all others at once, and pairs.
+MOST_STEP, PAIRS_AT_ONCE = 64, 100_000
+# Pairs of extents at once, 8 MB; or so many shapes, against 400 000 others 100 MB.
 AT_ONCE, LEAST_STEP = 500_000, 16
 
 
 def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
-    """Outlines that cross themselves, and zones that overlap. Zones as an outline and its
-    holes, (k, 2) each. Returns how many cross themselves. Raises BeyondLimits."""
+    """Counts zones that overlap and outlines that cross themselves.
+
+    Parameters
+    ----------
+    zones : each an outline and its holes, (k, 2).
+    label : the map, for messages.
+
+    Returns
+    -------
+    how many zones cross themselves.
+
+    Raises
+    ------
+    BeyondLimits : more than can be repaired.
+    """
     crossed = check_outlines(zones, label)
     shapes = make_polygons(zones)
     low, high = np.split(shapely.bounds(shapes), 2, axis=1)
@@ -69,10 +84,23 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
 
 
 def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
-    """Zones as above; returns how many cross themselves. Raises BeyondLimits.
+    """Counts outlines that cross themselves.
 
-    An outline that only touches itself, as zones made of a raster do at their corners, crosses
+    An outline that only touches itself, as zones made from a raster do at their corners, crosses
     nowhere.
+
+    Parameters
+    ----------
+    zones : each an outline and its holes, (k, 2).
+    label : the map, for messages.
+
+    Returns
+    -------
+    how many zones cross themselves.
+
+    Raises
+    ------
+    BeyondLimits : more than can be repaired.
     """
     shapes = make_polygons_as_drawn(zones)
     wrong = np.flatnonzero(~shapely.is_valid(shapes)).tolist()
@@ -93,8 +121,9 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path 
 
 
 def _check_shared(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
-    """Outlines of different zones that cross: two of a few hundred corners can do so in a hundred
-    thousand places. Zones with few corners are held to `OVERLAPS`. Raises BeyondLimits."""
+    """Refuses zones whose outlines cross each other too often: two of a few hundred corners can
+    do so in a hundred thousand places. Zones with few corners are limited by `OVERLAPS`. Raises
+    BeyondLimits."""
     large = [zone for zone in zones if sum(map(len, zone)) > FEW]
     if len(large) < 2:
         return
@@ -105,15 +134,15 @@ def _check_shared(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path |
     for begin in range(0, len(edges), step):
         asked, met = tree.query(edges[begin : begin + step])
         asked += begin
-        # each pair is met from both of its sides
+        # Each pair is found from both of its sides.
         once = owner[asked] < owner[met]
         found += int(_are_crossing(ends[asked[once]], ends[met[once]]).sum())
-        # zones that share a border cross at its corners, by rounding alone
+        # Zones that share a border cross at its corners, by rounding alone.
         held_to(SHARED_CROSSINGS, found - CROSSINGS_OF_A_CORNER * len(edges), label)
 
 
 def _are_crossing(one: Floats, other: Floats) -> np.ndarray:
-    """Whether edges (n, 2, 2) cross others (n, 2, 2), each between the other's ends."""
+    """Tells which edges (n, 2, 2) cross others (n, 2, 2), each between the other's ends."""
 
     def turns(edge: Floats, point: Floats) -> Floats:
         way, to = edge[:, 1] - edge[:, 0], point - edge[:, 0]
@@ -127,19 +156,19 @@ def _are_crossing(one: Floats, other: Floats) -> np.ndarray:
 
 
 def _ends(zone: Sequence[Floats]) -> Floats:
-    """Both ends (n, 2, 2) of each edge of a zone's closed rings."""
+    """Returns both ends (n, 2, 2) of each edge of a zone's closed rings."""
     return np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
 
 
 def _near_pairs(zone: Sequence[Floats], most: int) -> int:
-    """Counts the pairs of a zone's edges whose extents meet, but for those that follow one
-    another; not many more than `most`."""
+    """Returns the number of pairs of a zone's edges whose extents meet, except neighbours; it
+    stops soon after `most`."""
     return _meeting(shapely.linestrings(_ends(zone)), most, followers=2)
 
 
 def _count_meetings(zone: Sequence[Floats]) -> tuple[int, int]:
-    """Counts the pairs of a zone's edges that meet, but for those that follow one another, and
-    of these the pairs of which each goes through the other."""
+    """Returns the number of pairs of a zone's edges that meet, except neighbours, and of those
+    that go through each other."""
     ends = _ends(zone)
     edges = shapely.linestrings(ends)
     one, other = shapely.STRtree(edges).query(edges, predicate="intersects")
@@ -149,7 +178,8 @@ def _count_meetings(zone: Sequence[Floats]) -> tuple[int, int]:
 
 
 def _meeting(shapes: np.ndarray, most: int, followers: int = 0) -> int:
-    """Pairs whose extents meet; of each shape, itself and so many others are left out."""
+    """Returns the number of pairs whose extents meet; for each shape, itself and so many
+    followers are left out."""
     tree, found = shapely.STRtree(shapes), 0
     step = max(LEAST_STEP, AT_ONCE // len(shapes))
     for begin in range(0, len(shapes), step):

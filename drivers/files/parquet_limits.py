@@ -1,8 +1,8 @@
-"""How much a Parquet file holds, by its footer and the headers of its pages, before its reader
-makes room for it.
+"""How much does a Parquet file hold, by its footer and the headers of its pages, before its reader
+allocates memory for it?
 
-The reader (polars) asks for as much memory as the file says, and ends the whole program where
-there is none. Both are in Thrift's compact protocol (parquet.thrift of parquet-format 2.10;
+The reader (polars) asks for as much memory as the file says, and ends the whole program where there
+is none. Both are in Thrift's compact protocol (parquet.thrift of parquet-format 2.10;
 thrift-compact-protocol.md).
 """
 
@@ -24,21 +24,25 @@ from topdress.drivers.plain_text import PlaceInFile
 if TYPE_CHECKING:
     import polars as pl
 
+# First and last bytes of a Parquet.
 MAGIC = b"PAR1"
+# Bytes of a footer, and of a page's header.
 LONGEST_FOOTER, LONGEST_HEADER = 16 * MB, 64 << 10
+# Structs within structs: a damaged footer may nest without end.
 DEEPEST = 20
-# ids of fields
-ROWS, ROW_GROUPS = 3, 4  # of the file; `ROWS` of a group of rows too
+# Ids of fields of the file; `ROWS` of a row group too.
+ROWS, ROW_GROUPS = 3, 4
+# Ids of fields of a row group, a column chunk and its metadata.
 COLUMNS, META, VALUES, PACKED, DATA_PAGE, DICTIONARY_PAGE = 1, 3, 5, 7, 9, 11
-# so many cells of one value cost next to nothing, however small the file
+# So many cells of a single value cost next to nothing, however small the file.
 FREE_CELLS = 1_000_000
-# of a header; each kind has its values in field 1
+# Ids of fields of a page's header; each kind of page has its values in field 1.
 PAGE_UNPACKED, PAGE_PACKED, PAGE_KINDS = 2, 3, (5, 7, 8)
 
 
 def check_parquet(path: Path) -> None:
-    """Raises BeyondLimits; OSError. What is no Parquet, or damaged, is refused too: its reader
-    may end the program."""
+    """Checks a Parquet file before it is read. A damaged file is refused too: its reader may end
+    the program. Raises BeyondLimits, OSError."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -73,8 +77,8 @@ def check_parquet(path: Path) -> None:
 
 
 def check_texts(frame: pl.DataFrame, path: Path) -> None:
-    """Of a file as it was read: a text stands in it once, however many rows have it. Raises
-    BeyondLimits."""
+    """Checks the texts of a file as it was read: a text is in it once, however many rows have
+    it. Raises BeyondLimits."""
     import polars as pl
 
     texts = [column for column in frame.iter_columns() if column.dtype == pl.String]
@@ -83,8 +87,8 @@ def check_texts(frame: pl.DataFrame, path: Path) -> None:
 
 
 def _column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[int, Any]]:
-    """What the footer says of each column of each group of rows. Raises BeyondLimits where that
-    is more than is read, ValueError where it cannot be."""
+    """Returns the metadata of each column of each row group. Raises BeyondLimits where it
+    announces more than is read, ValueError where it is impossible."""
     groups = footer.get(ROW_GROUPS, [])
     chunks = [chunk[META] for group in groups for chunk in group.get(COLUMNS, [])]
     counts = [footer[ROWS], *(group[ROWS] for group in groups)]
@@ -99,23 +103,25 @@ def _column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[i
 
 
 class _Thrift:
-    """`at`: the byte behind what was read."""
+    """Reads Thrift's compact protocol. `at`: the byte behind what was read."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
 
     def struct(self, depth: int = 0) -> dict[int, Any]:
-        """Fields by their ids. Raises ValueError, IndexError."""
+        """Returns fields by their ids. Raises ValueError, IndexError."""
         if depth > DEEPEST:
             raise ValueError("nested too deeply")
         found: dict[int, Any] = {}
         number = 0
         while head := self._byte():
+            # The upper four bits hold the step from the last id; 0: the id follows.
             number = number + (head >> 4) if head >> 4 else self._whole()
             found[number] = self._value(head & 15, depth)
         return found
 
     def _value(self, kind: int, depth: int) -> Any:
+        # Types of the protocol: true, false; byte; i16 to i64; double; binary; list, set; struct.
         if kind in (1, 2):
             return kind == 1
         if kind == 3:
@@ -161,4 +167,5 @@ class _Thrift:
 
     def _whole(self) -> int:
         number = self._varying()
+        # Zigzag: the lowest bit is the sign.
         return number >> 1 ^ -(number & 1)

@@ -1,5 +1,5 @@
-"""Models as plain data and back, and as JSON schema; NamedTuples by name (pydantic alone: as
-lists)."""
+"""How do models become plain data, JSON schema, and back? NamedTuples by name (pydantic alone:
+as lists)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from pydantic_core import core_schema
 
 
 def plain(value: Any) -> Any:
-    """Models, NamedTuples, data classes, arrays, enums, dates and paths as mappings, lists,
-    texts, numbers; else TypeError."""
+    """Returns models, NamedTuples, data classes, arrays, enums, dates and paths as mappings,
+    lists, texts and numbers. Raises TypeError for anything else."""
     if isinstance(value, BaseModel):
         return {
             info.alias or name: plain(getattr(value, name))
@@ -47,9 +47,9 @@ T = TypeVar("T")
 
 
 def typed(kind: type[T], data: Any) -> T:
-    """A data class or NamedTuple, and those in it, of what JSON makes of it. Unknown keys are
-    passed over, so that an older program reads what a newer one wrote. Raises ValueError, one
-    line, where a value has no place in it."""
+    """Returns a data class or NamedTuple, and those within, from the data that JSON makes of it.
+    Unknown keys are ignored, so that an older program reads a newer one's files. Raises
+    ValueError, in a line, where a value does not fit."""
     hashable: Any = kind
     try:
         made: T = _adapter(hashable).validate_python(data)
@@ -65,7 +65,7 @@ def typed(kind: type[T], data: Any) -> T:
 
 
 def _without(data: Any, unknown: list[tuple[int | str, ...]]) -> Any:
-    """A copy that lacks the keys at these places."""
+    """Returns a copy that lacks the keys at these places."""
     here = {place[0] for place in unknown if len(place) == 1}
     items = data.items() if isinstance(data, Mapping) else enumerate(data)
     kept = {
@@ -84,7 +84,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 class _ByName(GenerateJsonSchema):
-    """NamedTuples as objects with properties, and so are their defaults."""
+    """Makes schemas of NamedTuples, and of their defaults, as objects with properties."""
 
     def named_tuple_schema(self, schema: Any) -> JsonSchemaValue:
         fields = {field["name"]: field["schema"] for field in schema["fields"]}
@@ -97,7 +97,8 @@ class _ByName(GenerateJsonSchema):
         return json_schema | {"required": required} if required else json_schema
 
     def arguments_schema(self, schema: core_schema.ArgumentsSchema) -> JsonSchemaValue:
-        """The same for pydantic before 2.13, to which a NamedTuple is a call with arguments."""
+        """Returns the same for pydantic before 2.13, to which a NamedTuple is a call with
+        arguments."""
         return self.kw_arguments_schema(schema["arguments_schema"], schema.get("var_kwargs_schema"))
 
     def encode_default(self, dft: Any) -> Any:
@@ -105,5 +106,5 @@ class _ByName(GenerateJsonSchema):
 
 
 def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """JSON schema of what a file may hold."""
+    """Returns the JSON schema of a model's files."""
     return model.model_json_schema(by_alias=True, schema_generator=_ByName)

@@ -1,5 +1,5 @@
-"""Reading run logs: our own up to their last whole row, other programs' with everything odd put
-right or said."""
+"""How are run logs read: our own up to their last whole row, other programs' with everything odd
+corrected or reported?"""
 
 from __future__ import annotations
 
@@ -23,19 +23,21 @@ from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml
 from topdress.drivers.files.table import columns_of as columns_of_cells
 from topdress.drivers.files.table import read_table
 
-# rows farther apart may be milliseconds, which another column shows: all are read
+# Step between rows, s: larger steps may be milliseconds, which another column shows, so all columns
+# are read.
 SLOW_STEP_S = 2.0
-_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}  # times may be dates
+# Columns of numbers; times may be dates.
+_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunLog:
-    """A log in memory.
+    """Holds a log in memory.
 
     `columns`: those of the file, ours under their published names, unknown ones kept; arrays of
-    length n, float64 (NaN: not known) or object (texts, "": not known). `time_s` is always
-    there and strictly increasing. `meta` is None where no sidecar stands next to the log.
-    `findings`: what was odd, and what was done about it.
+    length n, float64 (NaN: not known) or object (texts, "": not known). `time_s` is always there
+    and strictly increasing. `meta` is None where the log has no sidecar. `findings`: what was odd,
+    and what was done about it.
     """
 
     path: Path
@@ -46,21 +48,23 @@ class RunLog:
     def __len__(self) -> int:
         return len(self.columns["time_s"])
 
+    # Returns the times of the rows (n,), s.
     @property
     def time_s(self) -> NDArray[np.float64]:
         return self.columns["time_s"]
 
+    # Returns the time from the first to the last row, s.
     @property
     def duration_s(self) -> float:
         return float(self.time_s[-1] - self.time_s[0]) if len(self) else 0.0
 
     @property
     def step_s(self) -> float:
-        """Median time between rows; NaN for fewer than two."""
+        """Returns the median time between rows, s; NaN for fewer than two."""
         return float(np.median(np.diff(self.time_s))) if len(self) > 1 else float("nan")
 
     def has(self, column: str) -> bool:
-        """Whether anything is known of this column."""
+        """Tells whether anything is known of this column."""
         array = self.columns.get(column)
         if array is None:
             return False
@@ -71,8 +75,8 @@ class RunLog:
         )
 
     def numbers(self, column: str) -> NDArray[np.float64]:
-        """Float64 of length n, all NaN for a column that is not there. Raises KeyError for a
-        column of texts."""
+        """Returns numbers (n,), all NaN for a missing column. Raises KeyError for a column of
+        texts."""
         array = self.columns.get(column)
         if array is None:
             return np.full(len(self), np.nan)
@@ -81,12 +85,12 @@ class RunLog:
         return array
 
     def texts(self, column: str) -> NDArray[Any]:
-        """Texts of length n, all empty for a column that is not there."""
+        """Returns texts (n,), all empty for a missing column."""
         array = self.columns.get(column)
         return np.full(len(self), "", object) if array is None else array.astype(object)
 
     def rows(self) -> Iterator[LogRow]:
-        """The rows as the control loop wrote them."""
+        """Returns the rows as the control loop wrote them."""
         if not len(self):
             return iter(())
         return map(LogRow._make, zip(*(self._cells(name) for name in ALL_COLUMNS), strict=False))
@@ -110,9 +114,20 @@ def read_log(
 ) -> RunLog:
     """Opens a run log of any program, cut anywhere by a power loss; or its store (`log_store`).
 
-    `only`: names of the columns wanted (None: all); `time_s` comes always. `without`: names of
-    columns not wanted: a million texts that nobody looks at take 0.2 GB. `data`: header and
-    lines of a text, in the place of all of it and apart from its sidecar. Raises TableError.
+    Parameters
+    ----------
+    path : the log.
+    only : names of the wanted columns (None: all); `time_s` is always read.
+    without : names of columns that are not wanted: a million texts that nobody uses take 0.2 GB.
+    data : header and lines of a text, in place of the whole file and apart from its sidecar.
+
+    Returns
+    -------
+    the log with its findings.
+
+    Raises
+    ------
+    TableError : the log cannot be used.
     """
     path = Path(path)
     if without:
@@ -161,8 +176,8 @@ def _read_log(
 
 
 def log_of(path: Path, given: Columns, meta: RunMeta) -> RunLog:
-    """A table with a run log's columns, as written, as the log that would be read of it: it is
-    examined alike. Raises TableError where nothing can be worked on."""
+    """Returns a table with a run log's columns as the log that would be read from it, examined
+    in the same way. Raises TableError where it has no rows."""
     columns, findings = examined(
         path,
         columns_of_cells(dict(given), _NUMBERS | {"time_s"}, TEXT_COLUMNS),
@@ -175,8 +190,8 @@ def log_of(path: Path, given: Columns, meta: RunMeta) -> RunLog:
 
 
 def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
-    """A run log of which there is something to work on, `without` as of `read_log`. Raises
-    TableError also where it has no whole row."""
+    """Returns a run log with rows; `without` as of `read_log`. Raises TableError also where it
+    has no whole row."""
     log = read_log(path, without=without)
     if len(log) == 0:
         raise TableError(log.path, "no whole row below the header")
@@ -184,8 +199,8 @@ def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
 
 
 def meta_of(path: Path) -> RunMeta | None:
-    """What is given of a run log along with its rows, which are not read; None: nothing that
-    can be used."""
+    """Returns a run log's sidecar without reading its rows; None: there is none that can be
+    used."""
     if not is_store(path):
         return _sidecar_of(path)[0]
     try:
@@ -195,8 +210,8 @@ def meta_of(path: Path) -> RunMeta | None:
 
 
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
-    """Whether the file is no more than a beginning of our header line (nothing at all: only
-    next to our sidecar)."""
+    """Tells whether the file is only a begin of our header line (an empty file: only next to our
+    sidecar)."""
     header = header_of(_own_columns(meta)).encode()
     try:
         with path.open("rb") as file:
@@ -211,7 +226,7 @@ def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
 
 
 def _own_columns(meta: RunMeta | None) -> tuple[str, ...]:
-    """As this program writes them, with the machine of the sidecar."""
+    """Returns the columns that this program writes, with the machine of the sidecar."""
     return columns_of(None if meta is None else meta.machine)
 
 

@@ -1,15 +1,15 @@
-"""A log turned back into what the control loop was given and what it ordered.
+"""What was the control loop given, and what did it order, by its log?
 
-A log row holds values, not the times at which they were sampled. These are found again as follows:
+A log row holds values, not the times at which they were sampled. These are found as follows:
 
-- A value that differs from the row before was sampled at this row; for GNSS a new `utc` says
-  so, where the log has it.
-- A value that repeats is taken as sampled again every period of its sensor (the tenth part of
+- A value that differs from the row before was sampled at this row; for GNSS a new `utc` shows
+  it, where the log has one.
+- A value that repeats counts as sampled again every period of its sensor (the tenth part of
   the intervals between changes is shorter than this; never more than half the time for which
   the loop holds a value): a sensor that had fallen silent would have an empty cell.
-- Where cells become empty, the loop had held the last value for `VALID_FOR_S`: it was sampled that
+- Where cells become empty, the loop had held the last value for `HOLDS_S`: it was sampled that
   long before, or at its last change if that was later. From then on it stays the newest known
-  one and grows old.
+  value and grows old.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from topdress.drivers.files.read_log import RunLog
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+# In the order of the loop's measurements.
 SENSORS = (
     "wheel_speed_mps",
     "shaft_rpm",
@@ -39,23 +40,22 @@ SENSORS = (
     "gate_effort",
 )
 
+# Columns of a fix besides its place.
 _GNSS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
 
 
 class _HeldRows(NamedTuple):
-    """For every row the newest reading: the row that it stands in (-1: none yet) and when it
-    was sampled."""
+    """Holds the newest reading of every row: the row that it stands in (-1: none yet), and when
+    it was sampled."""
 
     row: NDArray[np.intp]
     time_s: Floats
 
 
 def measurements(log: RunLog) -> Iterator[Measurements]:
-    """What the loop was given at each row: values are the newest accepted, however old (see
-    their time).
-
-    A log with ground speed but neither places nor wheel speed gives its speed as the wheel's.
-    """
+    """Yields what the loop was given at each row: values are the newest accepted, however old
+    (see their time). A log with ground speed but neither places nor wheel speed gives its speed
+    as the wheel's."""
     if not len(log):
         return
     time_s = log.time_s.tolist()
@@ -76,6 +76,7 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()
     ]
     announced: SpeedPlan | None = None
+    # The log's target includes the operator's nudge, the asked rate does not.
     nudged = 1.0 + np.nan_to_num(log.numbers("nudge_percent")) / 100.0
     targets = (log.numbers("target_rate_kg_ha") / nudged).tolist()
     for at_s, fix, ndvi, held, work, text, source, target in zip(
@@ -161,15 +162,15 @@ def _fixes(log: RunLog) -> list[GnssFix | None]:
 
 
 def _changes(values: Floats) -> Flags:
-    """Whether a value differs from the row before; the first one does, unknown after unknown
-    does not."""
+    """Tells which values differ from the row before; the first does, unknown after unknown does
+    not."""
     differs = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
     return np.concatenate((np.ones(min(1, values.size), bool), differs))
 
 
 def _period_s(time_s: Floats, fresh: Flags) -> float:
-    """The sensor's period, judged by the shortest usual interval between fresh values; 0 where
-    there is none."""
+    """Returns the sensor's period, s, by the shortest usual interval between fresh values; 0
+    where there is none."""
     intervals_s = np.diff(time_s[fresh])
     return float(np.quantile(intervals_s, 0.1)) if intervals_s.size else 0.0
 
@@ -177,8 +178,8 @@ def _period_s(time_s: Floats, fresh: Flags) -> float:
 def _held(
     time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True
 ) -> _HeldRows:
-    """The newest reading at every row (module docstring); `repeats`: a repeated value may have
-    been sampled again."""
+    """Returns the newest reading at every row (module docstring); `repeats`: a repeated value
+    may have been sampled again."""
     rows = np.arange(time_s.size)
     after_gap = known & np.concatenate(([True], ~known[:-1]))
     new = known & (fresh | after_gap)
@@ -194,13 +195,14 @@ def _held(
             else changed_s + np.floor(since_s / period_s + 1e-6) * period_s
         )
         latest_s = np.maximum(changed_s, _last_known_before_a_gap_s(time_s, known) - hold_s)
+        # A value is no newer than its row.
         sampled_s = np.minimum(np.minimum(again_s, latest_s), time_s)
     return _HeldRows(row, np.where(row >= 0, sampled_s[np.maximum(row, 0)], np.nan))
 
 
 def _last_known_before_a_gap_s(time_s: Floats, known: Flags) -> Floats:
-    """For every row the time of the last known row before the cells become empty; infinite
-    where they do not."""
+    """Returns for every row the time, s, of the last known row before the cells become empty;
+    infinite where they do not."""
     ends = known & np.concatenate((~known[1:], [False]))
     gap_s = np.where(ends, time_s, np.inf)
     return np.minimum.accumulate(gap_s[::-1])[::-1]

@@ -1,8 +1,8 @@
-"""Writing run logs (docs/format-run-log.md): in a thread of its own for live work, plainly for
-simulation.
+"""How are run logs (docs/format-run-log.md) written: in a thread of their own for live work,
+directly for simulation?
 
-Not one row is ever half written into the middle of a log: what the disk did not take is kept
-and tried again.
+No row is ever half written into the middle of a log: what the disk did not take is kept and tried
+again.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from topdress.drivers.files.atomic import CutShort, NewFile, create, keep, sidec
 from topdress.drivers.files.log_text import RowText, columns_of, header_of
 from topdress.drivers.files.run_meta import RunMeta, meta_to_yaml
 
-# rows reach the operating system at least this often: what a kill of the worker can cost
+# Rows reach the operating system at least this often, s: what a kill of the worker can cost.
 FLUSH_S = 0.1
-SYNC_S = 1.0  # and the disk itself about this often
-# rows wait in memory while a disk is slow; longer than this is a trouble
+# Rows reach the disk itself about this often, s.
+SYNC_S = 1.0
+# Rows wait in memory while a disk is slow; a longer wait, s, is reported.
 SLOW_S = 20.0
-# an hour at 20 Hz; what comes after is lost, and counted
+# Rows that wait: an hour at 20 Hz; later rows are lost, and counted.
 MAX_WAITING_ROWS = 72_000
+# Bytes that a simulation collects before it writes.
 _BLOCK_BYTES = 1 << 20
 
 Create = Callable[[Path, bool], NewFile]
@@ -36,10 +38,25 @@ Create = Callable[[Path, bool], NewFile]
 def begin_log(
     path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create, kept: bool = True
 ) -> NewFile:
-    """A new log with its sidecar and its header. Raises OSError.
+    """Creates a log with its sidecar and its header.
 
-    kept: on the disk when it returns; a disk may take a second for that. An existing log or
-    sidecar is left alone and NAME-2, NAME-3, ... taken, unless `overwrite`.
+    An existing log or sidecar is left alone and NAME-2, NAME-3, ... taken, unless `overwrite`.
+
+    Parameters
+    ----------
+    path : wanted path of the log.
+    meta : the sidecar's contents.
+    overwrite : replaces an existing log.
+    create : makes the file; tests give another.
+    kept : returns when the log is on the disk, which may take a second.
+
+    Returns
+    -------
+    the open file.
+
+    Raises
+    ------
+    OSError : the files cannot be made.
     """
     file = create(path, overwrite)
     try:
@@ -56,10 +73,10 @@ def begin_log(
 
 
 class PlainLogWriter:
-    """Writes where it is called: for simulation and conversion. A context manager."""
+    """Writes in the caller's thread, for simulation and conversion. A context manager."""
 
     def __init__(self, path: Path, meta: RunMeta, overwrite: bool = False) -> None:
-        """Raises OSError."""
+        """Creates the log. Raises OSError."""
         self._text = RowText(columns_of(meta.machine))
         self._waiting = bytearray()
         self._file = begin_log(Path(path), meta, overwrite)
@@ -69,13 +86,13 @@ class PlainLogWriter:
         return self._file.path
 
     def append(self, row: LogRow) -> None:
-        """Raises OSError."""
+        """Takes a row. Raises OSError."""
         self._waiting += self._text.line(row).encode(errors="replace")
         if len(self._waiting) >= _BLOCK_BYTES:
             _write_all(self._file, self._waiting)
 
     def close(self) -> None:
-        """Raises OSError."""
+        """Writes the rest and closes. Raises OSError."""
         try:
             _write_all(self._file, self._waiting)
             self._file.sync()
@@ -95,7 +112,7 @@ class PlainLogWriter:
 
 
 def write_log(path: Path, meta: RunMeta, rows: Iterable[LogRow], overwrite: bool = False) -> Path:
-    """A whole log at once; returns where it stands. Raises OSError."""
+    """Writes a whole log at once; returns its path. Raises OSError."""
     with PlainLogWriter(path, meta, overwrite) as writer:
         for row in rows:
             writer.append(row)
@@ -103,10 +120,11 @@ def write_log(path: Path, meta: RunMeta, rows: Iterable[LogRow], overwrite: bool
 
 
 class RunLogWriter:
-    """The log of a live run. `append` only hands over; a thread formats, writes and syncs.
+    """Writes the log of a live run. `append` only hands a row over; a thread formats, writes and
+    syncs.
 
-    Trouble (disk full, card pulled out, folder not writable) never raises: it is shown by `ok`
-    and `trouble`, the rows wait, and are written as soon as that is possible again.
+    Trouble (disk full, card pulled out, folder not writable) never raises: `ok` and `trouble` show
+    it, the rows wait, and are written as soon as that is possible again.
     """
 
     def __init__(
@@ -121,9 +139,8 @@ class RunLogWriter:
         sync_s: float = SYNC_S,
         max_waiting_rows: int = MAX_WAITING_ROWS,
     ) -> None:
-        """Creates the files here, on the caller's thread: before the loop starts. That they are
-        kept is the other thread's first work: a slow disk delays no start. Never raises
-        OSError.
+        """Creates the files in the caller's thread, before the loop starts. To sync them is the
+        other thread's first work: a slow disk delays no start. Never raises OSError.
 
         `after_writing` may be set later: it is called on the log's thread after each turn of
         writing, with whether it was the last one, and must not raise.
@@ -158,7 +175,7 @@ class RunLogWriter:
 
     @property
     def path(self) -> Path:
-        """Where the log stands, which is not where it was wanted if that was taken."""
+        """Returns where the log stands, which is not the wanted path if that was taken."""
         return self._wanted if self._file is None else self._file.path
 
     @property
@@ -167,7 +184,7 @@ class RunLogWriter:
 
     @property
     def trouble(self) -> str:
-        """What is wrong now, one line; empty while rows reach the disk."""
+        """Returns what is wrong now, in a line; empty while rows reach the disk."""
         if self._trouble:
             return self._trouble
         waited_s = self._clock() - self._good_at_s
@@ -183,7 +200,7 @@ class RunLogWriter:
             self._rows.put(row)
 
     def close(self, timeout_s: float = 5.0) -> bool:
-        """Writes what waits and ends; True if every row is on the disk. Gives up after
+        """Writes what waits and ends; returns whether every row is on the disk. Gives up after
         `timeout_s`."""
         self._closing.set()
         self._thread.join(timeout_s)
@@ -226,7 +243,7 @@ class RunLogWriter:
         now_s = self._clock()
         try:
             if not self._started_kept:
-                # somebody took it away: the log goes on
+                # Somebody may have removed the sidecar: the log continues.
                 with contextlib.suppress(FileNotFoundError):
                     keep(sidecar(self._file.path))
                 self._file.sync()
@@ -257,8 +274,8 @@ class RunLogWriter:
             self._unsynced += waiting[: len(waiting) - len(self._formatted)]
 
     def _anew_after(self, before: NewFile, left: int) -> NewFile:
-        """A new log with what is still known of the rows that were cut off, and all after them.
-        Raises OSError."""
+        """Returns a new log with the rows that were cut off, as far as they are still known, and
+        all later ones. Raises OSError."""
         file = begin_log(before.path, self._meta, False, self._create)
         whole = self._unsynced.rfind(b"\n", 0, max(0, left - self._synced_bytes)) + 1
         self._formatted[:0] = self._unsynced[whole:]
@@ -269,11 +286,11 @@ class RunLogWriter:
         return file
 
     def _gone_on_with(self, before: NewFile) -> NewFile:
-        """The log's file anew, after it was deleted, or its folder or disk went and came back.
-        Raises OSError.
+        """Returns the log's file anew, after it was deleted, or its folder or disk was removed and
+        came back. Raises OSError.
 
-        What is there is gone on with after the last row that was surely kept; where nothing is,
-        what was written before is written again, as far as it can still be read.
+        An existing file is continued after the last row that was surely kept; where there is none,
+        earlier rows are written again, as far as they can still be read.
         """
         path = before.path
         if not path.parent.is_dir():

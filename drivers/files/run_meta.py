@@ -1,5 +1,5 @@
-"""What stands next to a run log in NAME.yaml: with which software, machine, crop, job and files
-the run was made."""
+"""What does NAME.yaml next to a run log say: with which software, machine, crop, job and files
+was the run made?"""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from topdress.drivers.files.atomic import sidecar
 from topdress.drivers.files.plain import plain
 from topdress.drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
 
+# Format of the sidecar, a contract.
 FORMAT = "topdress-run-log/1"
 
 Resolved = Mapping[str, Any]
@@ -22,7 +23,7 @@ Resolved = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class RunMeta:
-    """Description of one run; what is not known is None or empty. `machine`, `crop`, `job`: as
+    """Describes a run; what is not known is None or empty. `machine`, `crop`, `job`: as
     resolved, plain data."""
 
     software: str = ""
@@ -47,7 +48,7 @@ def run_meta(
     started_utc: str | None = None,
     extra: Mapping[str, Any] | None = None,
 ) -> RunMeta:
-    """A `RunMeta` of this software, from configuration models or plain data."""
+    """Returns a `RunMeta` of this software, from configuration models or plain data."""
     return RunMeta(
         software=f"topdress {software_version()}",
         machine=_plain(machine),
@@ -84,7 +85,8 @@ def meta_to_yaml(meta: RunMeta) -> str:
 
 
 def meta_from_yaml(text: str) -> RunMeta:
-    """Raises ValueError, one line, where the text does not describe a run log."""
+    """Returns the description of a run. Raises ValueError, in a line, where the text does not
+    describe a run log."""
     try:
         data, _ = parse_yaml(text)
     except (YamlProblem, yaml.YAMLError) as problem:
@@ -109,7 +111,7 @@ def meta_from_yaml(text: str) -> RunMeta:
 
 
 def sidecar_meta(log: str | Path) -> RunMeta | None:
-    """Of the sidecar next to a log; None: there is none that can be read."""
+    """Returns the description next to a log; None: there is none that can be read."""
     try:
         return meta_from_yaml(sidecar(Path(log)).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,5 +1,5 @@
-"""The console's settings: what one user wants, in one file. A broken file is reported and left
-as it is."""
+"""What does a user want of the console? The settings are in a single file; a broken file is
+reported and left as it is."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
 from topdress.drivers.files.config import ConfigError, Kind, load, save
 
+# Highest rate that may be typed, kg/ha.
 MOST_RATE_KG_HA = 2000.0
 
 Keys = Annotated[
@@ -24,6 +25,7 @@ class ManualRate(FrozenModel):
     low_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 0.0
     high_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = MOST_RATE_KG_HA
 
+    # Refuses a range without room. Raises ValueError.
     @model_validator(mode="after")
     def _in_order(self) -> ManualRate:
         if self.low_kg_ha >= self.high_kg_ha:
@@ -79,8 +81,8 @@ class Settings(FrozenModel):
 
 
 class Read(NamedTuple):
-    """Settings to use, and why they are not the file's; empty where they are, or where there is
-    no file."""
+    """Holds settings to use, and why they are not the file's; empty where they are, or where
+    there is no file."""
 
     settings: Settings
     trouble: str = ""
@@ -90,13 +92,13 @@ SETTINGS = Kind("topdress-settings/1", "settings", Settings)
 
 
 def settings_path() -> Path:
-    """The file of this user."""
+    """Returns the path of this user's file."""
     return Path(platformdirs.user_config_dir("topdress", appauthor=False)) / "settings.yaml"
 
 
 def read_settings(path: Path) -> Read:
-    """The file's settings; the defaults where there is none, and where it is broken. Never
-    raises, never writes."""
+    """Returns the file's settings; the defaults where there is none, or where it is broken.
+    Never raises, never writes."""
     if not path.exists():
         return Read(Settings())
     try:
@@ -107,7 +109,7 @@ def read_settings(path: Path) -> Read:
 
 
 def write_settings(path: Path, settings: Settings) -> None:
-    """Whole or not at all. Raises OSError."""
+    """Writes the settings, whole or not at all. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     save(
         path,

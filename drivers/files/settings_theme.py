@@ -1,5 +1,5 @@
-"""A theme of the user's own: a built-in one with some colours other. NAME.yaml in the folder
-`themes`."""
+"""Which theme has a user made: a built-in theme with some other colours, NAME.yaml in the folder
+`themes`?"""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from topdress.drivers.files.config import ConfigError, Kind, load
 
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="a colour such as #00518f")]
 
+# Names of colours that the console's styles use.
 COLOURS = (
     "background",
     "surface",
@@ -53,7 +54,7 @@ THEME = Kind("topdress-theme/1", "themes", ThemeData)
 
 
 def read_themes(folder: Path) -> tuple[tuple[ThemeData, ...], tuple[str, ...]]:
-    """The user's themes, and one line for each file that is none. Never raises."""
+    """Returns the user's themes, and a line for each file that is none. Never raises."""
     themes: list[ThemeData] = []
     wrong: list[str] = []
     for path in sorted(folder.glob("*.yaml")):

@@ -1,5 +1,5 @@
-"""What a run needs of its configuration files: machine, crop, job, resolved and checked against
-each other."""
+"""What does a run need from its configuration files: machine, crop and job, resolved and checked
+against each other?"""
 
 from __future__ import annotations
 
@@ -25,21 +25,24 @@ from topdress.drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from topdress.drivers.files.prescriptions.for_job import list_job_files
 from topdress.drivers.files.weather import WeatherError, growing_days
 
-# relays of a rate module along with the drive's own
+# Relays of a rate module besides the drive's own.
 MODULE_VALVES = 15
-# two figures for one wheel that differ by less are the same
+# Share by which two numbers for the same wheel may differ.
 SAME_SHARE = 1e-4
 
-# names of the logs of work on this field that is gone on with
+# Returns the names of the logs of work on this field that is continued.
 OwnLogs = Callable[[Job], Collection[str]]
 
 
+# Returns no names: the job begins.
 def no_logs(job: Job) -> Collection[str]:
     return ()
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
+    """Holds everything that a run needs."""
+
     machine: Machine
     crop: Crop
     rule: Rule
@@ -56,12 +59,12 @@ class Setup:
 
     @property
     def growth(self) -> Growth | None:
-        """The crop's stage in its window; None where the crop file has none."""
+        """Returns the crop's stage in its window; None where the crop file has none."""
         return assess_growth(self.crop.growth_window, self.job.growth, self.rule.days)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that were read for it, or will be when its job is worked."""
+        """Returns all files that were read for it, or will be when its job is worked."""
         return (
             *map(Path, self.sha256),
             *list_job_files(self.job, self.folder),
@@ -75,7 +78,7 @@ class Setup:
 
 
 def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
-    """Configuration files in any order, by their `format:`. Raises ConfigError."""
+    """Returns configuration files, in any order, by their `format:`. Raises ConfigError."""
     found: dict[str, Loaded[BaseModel]] = {}
     for file in files:
         kind, loaded = load_any(file, KINDS)
@@ -98,8 +101,8 @@ def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
 def setup_of(
     found: Mapping[str, Loaded[BaseModel]], today: dt.date, own_logs: OwnLogs = no_logs
 ) -> Setup:
-    """The setup of these files; what is not among them is the shipped nominal one. own_logs: as
-    `load_setup` has it. Raises ConfigError."""
+    """Returns the setup of these files; the shipped nominal file replaces each missing one.
+    own_logs: as in `load_setup`. Raises ConfigError."""
     machine, job = (
         found[kind.format].path if kind.format in found else shipped
         for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo"))
@@ -110,11 +113,22 @@ def setup_of(
 def load_setup(
     machine: str | Path, job: str | Path, today: dt.date, own_logs: OwnLogs = no_logs
 ) -> Setup:
-    """Read a job, the crop and the product it names, and a machine. `today` is the day of
-    sensing where the crop gives none. own_logs: names of the logs of the job that is gone on
-    with, whose ground is done and gets no more.
+    """Reads a job, the crop and the product that it names, and a machine.
 
-    Raises ConfigError, one line for each thing that is wrong.
+    Parameters
+    ----------
+    machine : path or shipped name.
+    job : path or shipped name.
+    today : day of sensing where the crop gives none.
+    own_logs : names of the logs of the continued job, whose ground is done and gets no more.
+
+    Returns
+    -------
+    everything that a run needs.
+
+    Raises
+    ------
+    ConfigError : a line for each error.
     """
     got_machine = load(machine, MACHINE)
     got_job = load(job, JOB)
@@ -156,7 +170,8 @@ def load_setup(
 
 
 class YearN(NamedTuple):
-    """N of a field's year, kg/ha. `earlier`: by the farm record; `n_fraction`: of the product."""
+    """Holds the nitrogen of a field's year, kg/ha. `earlier`: by the farm record; `n_fraction`:
+    of the product."""
 
     ceiling_kg_ha: float
     given_kg_ha: float
@@ -164,13 +179,14 @@ class YearN(NamedTuple):
     passes: int
     n_fraction: float
 
+    # Returns the nitrogen that may still be given, kg/ha.
     @property
     def left_kg_ha(self) -> float:
         return max(0.0, self.ceiling_kg_ha - self.given_kg_ha - self.earlier_kg_ha)
 
     @property
     def most_kg_ha(self) -> float:
-        """Of the product, on any place."""
+        """Returns the highest rate of the product at any place, kg/ha."""
         return self.left_kg_ha / self.n_fraction
 
     @property
@@ -186,8 +202,23 @@ class YearN(NamedTuple):
 def year_n(
     job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_logs
 ) -> YearN | None:
-    """What the job's ceiling of nitrogen leaves; None where it has none. Raises ValueError
-    where it leaves nothing, or the farm record cannot be held against the field."""
+    """Returns what the job's ceiling of nitrogen leaves.
+
+    Parameters
+    ----------
+    job : with its ceiling and farm record.
+    crop : with its product's share of nitrogen.
+    today : its year begins on the first of January, unless the job says otherwise.
+    own_logs : as in `load_setup`.
+
+    Returns
+    -------
+    None where the job has no ceiling.
+
+    Raises
+    ------
+    ValueError : nothing is left, or the farm record cannot be assigned to the field.
+    """
     wanted, ground = job.model.nitrogen, job.model.field
     if wanted.year_max_kg_ha is None:
         return None
@@ -217,7 +248,8 @@ def year_n(
 
 
 def _dated(crop: Crop, job: Job) -> Crop:
-    """The crop with the job's dates of sowing and sensing, where it counts days from dates."""
+    """Returns the crop with the job's dates of sowing and sensing, where it counts days from
+    dates."""
     dates = {
         name: date
         for name, date in (("sown", job.sown), ("sensed", job.sensed))
@@ -229,7 +261,7 @@ def _dated(crop: Crop, job: Job) -> Crop:
 
 
 def growth_note(growth: Growth | None) -> str:
-    """What is to be known of the crop's stage; empty where it is in its window, or has none."""
+    """Returns a note about the crop's stage; empty where it is in its window, or has none."""
     if growth is None or (growth.stage is not None and not growth.is_outside):
         return ""
     window = f"the crop file's rule holds from {growth.scale} {growth.first:g} to {growth.last:g}"
@@ -239,16 +271,13 @@ def growth_note(growth: Growth | None) -> str:
 
 
 def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
-    """The product file that a job names, a path next to it or a shipped one; None where it
-    names none.
-
-    Raises ConfigError.
-    """
+    """Returns the product file that a job names, a path next to it or a shipped file; None where
+    it names none. Raises ConfigError."""
     return None if job.product_file is None else load(job.product_file, PRODUCT, base=folder)
 
 
 def product_note(product: Product, machine: Machine) -> str:
-    """What is to be known of a product on a machine; empty where a catch test says it all."""
+    """Returns a note about a product on a machine; empty where there is a catch test."""
     if product.find_newest_test(machine.id) is not None:
         return ""
     return (
@@ -258,9 +287,9 @@ def product_note(product: Product, machine: Machine) -> str:
 
 
 def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
-    """What a cab file and a machine file do not agree on, a line each: the wheel, by which
-    pulses are counted in the one and all else is judged in the other; valves of sections that
-    no device of the cab drives."""
+    """Returns a line for each disagreement of a cab file and a machine file: the wheel, by which
+    the one counts pulses and the other judges everything else; valves of sections that no device
+    of the cab drives."""
     config = cab.model if isinstance(cab.model, CabConfig) else None
     if config is None:
         return []
@@ -303,7 +332,7 @@ def _wheels(
 
 
 def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
-    """A rule over one index fed with another one is refused: one line. cab None: the heads are
+    """Returns a line where the rule's index is not the heads' index. cab None: the heads are
     simulated. A job that does not go by the canopy needs none."""
     if job.target.source not in CANOPY_SOURCES:
         return []

@@ -1,5 +1,5 @@
-"""The files that make a shapefile, wherever they lie: which belong together, how texts are
-written, units."""
+"""Which files make a shapefile, wherever they lie: which belong together, how are their texts
+written, and in which units?"""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from topdress.drivers.files.limits import DAMAGED_ZIP
 from topdress.drivers.files.stated_units import StatedUnit, side_units
 from topdress.drivers.plain_text import OneLineError, PlaceInFile, RefusedInput
 
-# Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
+# Encodings by byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
 DRIVERS = {
     0x01: "cp437",
     0x02: "cp850",
@@ -55,6 +55,7 @@ DRIVERS = {
     0xCA: "cp1254",
     0xCB: "cp1253",
 }
+# Encodings by the words of a .cpg.
 SPELLED = {
     "utf8": "utf-8",
     "65001": "utf-8",
@@ -79,7 +80,8 @@ SPELLED = {
 
 @dataclass(frozen=True)
 class ShapeSet:
-    """`name`: of its .shp, from the top of `files`. `label`: for messages."""
+    """Names the files of a shapefile. `name`: of its .shp, from the top of `files`. `label`: for
+    messages."""
 
     files: Files
     name: str
@@ -90,7 +92,8 @@ class ShapeSet:
         return PurePosixPath(self.name).stem
 
     def part(self, ending: str) -> bytes | None:
-        """The file of this set with that ending, either case. Raises Refused, OSError."""
+        """Returns the file of this set with an ending, in either case; None: there is none.
+        Raises Refused, OSError."""
         wanted = self.name[: -len(".shp")].casefold() + ending
         for name in self.files.names:
             if name.casefold() == wanted:
@@ -99,7 +102,7 @@ class ShapeSet:
 
     @contextmanager
     def reader(self, encoding: str | None = None) -> Iterator[Any]:
-        """A pyshp reader. Raises what it raises, Refused, OSError."""
+        """Yields a pyshp reader. Raises what that raises, Refused, OSError."""
         parts = {
             key: io.BytesIO(data)
             for key in ("shp", "shx", "dbf")
@@ -118,8 +121,8 @@ class ShapeSet:
             yield reader
 
     def encoding(self, dbf: bytes) -> str:
-        """By the bytes where they are UTF-8, else by the .cpg or the language driver unless the
-        texts rule it out, else by the bytes."""
+        """Returns the encoding of the texts: UTF-8 where the bytes are, else by the .cpg or the
+        language driver unless the texts rule it out, else by the bytes."""
         stated = self.part(".cpg") or self.part(".cst") or b""
         spelled = re.sub(r"[^a-z0-9]", "", stated.decode("ascii", "ignore").lower())
         bare = spelled.removeprefix("cp").removeprefix("ansi").removeprefix("ms")
@@ -128,21 +131,21 @@ class ShapeSet:
             DRIVERS.get(dbf[29]) if len(dbf) > 29 else None,
         )
         texts = _texts_of(dbf)
-        # texts of other encodings hardly ever read as UTF-8
+        # Texts in other encodings hardly ever read as UTF-8.
         for name in ("utf-8", *names):
             if name is not None and _reads(texts, name):
                 return name
         return find_encoding(b" ".join(texts))
 
     def units(self, columns: Collection[str]) -> dict[str, StatedUnit]:
-        """Column in small letters -> its unit, as the files of makers and programs next to it
-        say."""
+        """Returns units by column, in small letters, from the files that makers and programs put
+        next to it."""
         return side_units(self.files, self.name, columns)
 
 
 @contextmanager
 def damage_said(label: str) -> Iterator[None]:
-    """Whatever a reader of shapefiles raises on damaged ones, as one line."""
+    """Turns whatever a reader of shapefiles raises on damaged ones into a line."""
     try:
         yield
     except (OneLineError, TableError):
@@ -161,7 +164,7 @@ def damage_said(label: str) -> Iterator[None]:
 
 
 def shape_sets(path: Path) -> list[ShapeSet]:
-    """The shapefiles at a .shp, in a zip, or in a folder. Raises Refused, OSError."""
+    """Returns the shapefiles at a .shp, in a zip, or in a folder. Raises Refused, OSError."""
     if path.suffix.lower() == ".shp" and not path.is_dir():
         return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
     files = files_at(path)
@@ -173,8 +176,8 @@ def shape_sets(path: Path) -> list[ShapeSet]:
 
 
 def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
-    """All shapes of a set with their attributes: points, lines and polygons. Raises Refused,
-    OSError."""
+    """Returns all shapes of a set with their attributes: points, lines and polygons. Raises
+    Refused, OSError."""
     where = PlaceInFile(shapes.label)
     with damage_said(shapes.label):
         text = shapes.part(".prj")
@@ -200,7 +203,8 @@ def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
 
 
 def _shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None:
-    """Parts of a polygon are outlines, which run clockwise, and holes, which run the other way."""
+    """Returns a shape; None: it is empty. Parts of a polygon are outlines, which run clockwise,
+    and holes, which run the other way."""
     places = np.asarray([corner[:2] for corner in shape.points], dtype=np.float64).reshape(-1, 2)
     if not len(places) or kind.startswith(("MULTI", "NULL")):
         return None
@@ -230,7 +234,8 @@ def _clockwise(corners: Floats) -> bool:
 
 
 def sorted_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tuple[Floats, ...]]:
-    """Each outline with the holes that lie in it; holes that lie in none are left out."""
+    """Returns each outline with the holes that lie in it; holes outside all outlines are left
+    out."""
     if len(outlines) == 1 or not holes:
         return [(outline, *(holes if len(outlines) == 1 else ())) for outline in outlines]
     polygons = [shapely.make_valid(shapely.Polygon(outline)) for outline in outlines]
@@ -245,8 +250,8 @@ def sorted_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tu
 
 
 def column_names(reader: Any) -> list[str]:
-    """Of a reader's table, each once; a letter that the ten bytes of a name have cut is left
-    out."""
+    """Returns the names of a reader's columns, each once; a letter that the ten bytes of a name
+    have cut is left out."""
     names: list[str] = []
     for field in reader.fields:
         if field[0] == "DeletionFlag":
@@ -260,8 +265,8 @@ def column_names(reader: Any) -> list[str]:
 
 
 def _reads(texts: list[bytes], encoding: str) -> bool:
-    """Whether these are such texts; the last letter of one may be cut by its length, but not of
-    each that has any."""
+    """Tells whether texts are in an encoding; the last letter of a text may be cut by its
+    length, but not of every text that has such letters."""
     whole = cut = 0
     for text in texts:
         try:
@@ -276,9 +281,10 @@ def _reads(texts: list[bytes], encoding: str) -> bool:
 
 
 def _texts_of(dbf: bytes) -> list[bytes]:
-    """The bytes of names and text cells."""
+    """Returns the bytes of names and text cells."""
     if len(dbf) < 32:
         return []
+    # Head of a dBASE file: rows, bytes of the header, bytes of a row.
     rows, header, width = struct.unpack("<IHH", dbf[4:12])
     fields: list[tuple[int, int]] = []
     texts, at = [], 1

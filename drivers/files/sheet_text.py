@@ -1,5 +1,5 @@
-"""Workbooks: the cells of their sheets, and the one table of one as comma-separated text for
-what reads texts."""
+"""What do the cells of a workbook's sheets hold, and how does its only table become
+comma-separated text?"""
 
 from __future__ import annotations
 
@@ -23,26 +23,28 @@ import io
 from topdress.drivers.files.imports.import_errors import TableError, format_list
 from topdress.drivers.files.limits import DAMAGED_ZIP
 
-# What the sheets of a workbook span, found out before its reader makes all their cells, empty
-# ones too.
-#
-# The reader (calamine) makes every cell between the first and the last one, and ends the whole
-# program where it cannot. Everything is looked through as a stream and given up as soon as it
-# is beyond the limit.
+# Bytes that are unpacked at a time. A workbook is streamed before its reader (calamine) makes all
+# cells between the first and the last, empty ones too, and ends the whole program where it cannot.
 CHUNK = 4 * MB
-# `(?<=...)` behind the literal: the search then runs at the speed of memory over what holds no
-# reference
+# Reference of a cell; `(?<=...)` stands behind the literal, so that the search runs at the speed of
+# memory where there is none.
 _COLUMN = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
+# Number of a row.
 _ROW = re.compile(rb'row[^>]{0,200}?\sr="(\d{1,9})"')
+# Cell with a row number of six digits or more.
 _FAR_DOWN = re.compile(rb'r="(?<=\sr=")[A-Z]{1,9}(\d{6,12})"')
 
 
 def check_sheets(path: Path) -> None:
-    """Hold every sheet's cells against the limit, and every entry of the zip against the size
+    """Checks every sheet's cells against the limit, and every entry of the zip against the size
     that its directory says.
 
-    Raises BeyondLimits, OSError, and what zipfile raises of a damaged zip. Of .xls nothing is
-    looked at: it has 65 536 rows of 256 columns at most.
+    Of .xls nothing is checked: it has 65 536 rows of 256 columns at most.
+
+    Raises
+    ------
+    BeyondLimits : a sheet is too large.
+    OSError : the file cannot be read. What zipfile raises for a damaged zip passes through.
     """
     if not zipfile.is_zipfile(path):
         return
@@ -65,14 +67,15 @@ def check_sheets(path: Path) -> None:
 
 
 def cells_of(sheet: CalamineSheet, label: str) -> list[list[Any]]:
-    """All cells from the first row and column on. Raises BeyondLimits where those are too many."""
+    """Returns all cells from the first row and column on. Raises BeyondLimits where there are
+    too many."""
     held_to(CELLS, sheet.total_height * sheet.total_width, label)
     return sheet.to_python(skip_empty_area=False)
 
 
 def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> Iterator[bytes]:
-    """An entry's bytes, and at its end whether they are as many as the directory says: calamine
-    takes all there are."""
+    """Yields an entry's bytes. Raises BeyondLimits where they are more than the directory says:
+    calamine takes all there are."""
     stated = info.file_size
     longer = copy.copy(info)
     longer.file_size += 1
@@ -90,12 +93,9 @@ def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> It
 
 
 def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Of a sheet of .xlsx, whatever its name, and of its strings: the cells so far, a little
-    more than there are.
-
-    Rows times columns by the references of rows and cells; where cells have none, by the
-    longest row.
-    """
+    """Yields the cells so far of a sheet of .xlsx, whatever its name, and of its strings, a
+    little more than there are: rows times columns by the references of rows and cells; where
+    cells have none, by the longest row."""
     columns: set[bytes] = set()
     last_row = rows = cells = strings = widest = in_row = 0
     rest = b""
@@ -119,14 +119,16 @@ def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
         )
         width = max(widest, max((_number(name) for name in columns), default=0))
         yield max(cells, strings, max(last_row, rows) * width)
+        # A reference may lie across two chunks.
         rest = text[-300:]
 
 
 def _tags(text: bytes, name: bytes) -> int:
-    """Elements that begin with this name, with a prefix or without."""
+    """Returns the number of elements whose name begins so, with a prefix or without."""
     return text.count(b"<" + name) + text.count(b":" + name)
 
 
+# Returns the number of a column's letters: A is 1, AA 27.
 def _number(column: bytes) -> int:
     number = 0
     for letter in column:
@@ -135,8 +137,8 @@ def _number(column: bytes) -> int:
 
 
 def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Of .ods: a row and a cell may stand for many; those at the end that hold nothing do not
-    count."""
+    """Yields the cells so far of .ods: a row and a cell may stand for many; empty ones at the
+    end do not count."""
     total = in_row = filled = repeated = 0
 
     def begin(name: str, attributes: dict[str, str]) -> None:
@@ -175,8 +177,8 @@ def _times(attributes: dict[str, str], what: str) -> int:
 
 
 def _of_records(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a row and says its number, 1 to 11
-    are cells."""
+    """Yields the cells so far of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a row with
+    its number, 1 to 11 are cells."""
     last_row = last_column = -1
     rest = b""
     for chunk in chunks:
@@ -192,14 +194,14 @@ def _of_records(chunks: Iterator[bytes]) -> Iterator[int]:
 
 
 def _record(data: bytes, at: int) -> tuple[int, int, int] | None:
-    """Kind, begin and end of a record's content; None where it is not all there."""
+    """Returns kind, begin and end of a record's content; None where it is not complete."""
     kind, at = _varying(data, at, 2)
     size, begin = _varying(data, at, 4)
     return (kind, begin, begin + size) if 0 <= begin and begin + size <= len(data) else None
 
 
 def _varying(data: bytes, at: int, most: int) -> tuple[int, int]:
-    """A number of seven bits a byte and where it ends; -1 where it is not all there."""
+    """Returns a number of seven bits a byte, and where it ends; -1 where it is not complete."""
     number = 0
     for k in range(most):
         if not 0 <= at + k < len(data):
@@ -210,11 +212,12 @@ def _varying(data: bytes, at: int, most: int) -> tuple[int, int]:
     return number, at + most
 
 
+# Suffixes of workbooks.
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
 def sheets_of(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]:
-    """The rows of each sheet, or of the one of this name. Raises TableError, OSError."""
+    """Returns the rows of each sheet, or of the sheet of this name. Raises TableError, OSError."""
     from python_calamine import CalamineError, CalamineWorkbook
 
     try:
@@ -233,7 +236,7 @@ def sheets_of(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]
 
 
 def sheet_text(path: Path) -> bytes:
-    """The sheet that holds a table, dates as ISO 8601. Raises TableError, OSError."""
+    """Returns the sheet with a table as CSV, dates as ISO 8601. Raises TableError, OSError."""
     filled = {
         name: rows
         for name, rows in sheets_of(path).items()
@@ -254,10 +257,12 @@ def sheet_text(path: Path) -> bytes:
     return text.getvalue().encode()
 
 
+# Returns a cell as text, dates as ISO 8601.
 def cell_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(int(value))
     if isinstance(value, float):
+        # Above, a double no longer holds every whole number.
         return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
     if isinstance(value, dt.datetime | dt.date):
         return value.isoformat()

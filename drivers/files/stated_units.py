@@ -1,10 +1,9 @@
-"""Units that a file states elsewhere than in a column's name or its cells: metadata of makers
-and programs.
+"""Which units does a file state elsewhere than in a column's name or its cells: in metadata of
+makers and programs?
 
-Which keys and tags name a unit is the same for all of them (`unit`, `UnitType`, `attrunit`,
-`rate_unit`, ...). Of a column that is named any text counts: what is not known is asked. Of
-nothing in particular only units of a rate do: other metadata have the metres of their
-coordinates.
+The keys and tags that name a unit are the same everywhere (`unit`, `UnitType`, `attrunit`,
+`rate_unit`, ...). For a named column any text counts: unknown texts become questions. Without a
+column only units of a rate count: other metadata have the metres of their coordinates.
 """
 
 from __future__ import annotations
@@ -24,20 +23,24 @@ from topdress.drivers.files.limits import SIDE
 from topdress.drivers.files.xml_text import XmlError, local, xml_root
 from topdress.drivers.plain_text import RefusedInput
 
-ANY = ""  # of the rate, whichever column that is
-# behind the stem
+# Stands for the rate, whichever column that is.
+ANY = ""
+# Endings behind the stem of files with metadata.
 SIDES = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")
-# below what names a column, that its unit may stand: Esri's attr/attrdomv/rdom/attrunit
+# Levels below the element that names a column in which its unit may be: Esri's
+# attr/attrdomv/rdom/attrunit.
 LEVELS = 3
+# Words for unit in the languages of makers.
 UNIT_WORDS = frozenset(
     """unit units uom einheit einheiten masseinheit mengeneinheit unite unites unidad unidades unita
     eenheid eenheden jednostka 单位 单位名称 计量单位 единица""".split()
 )
+# A line such as `unit: l/ha`.
 _SAID = re.compile(r"^\s*#?\s*(?P<key>[^:=]{1,40})[:=]\s*(?P<unit>\S.{0,30}?)\s*$")
 
 
 class StatedUnit(NamedTuple):
-    """`text`: as it is written. `source`: which file or part of it says so."""
+    """Holds a unit. `text`: as written. `source`: the file, or its part, that states it."""
 
     text: str
     source: str
@@ -49,13 +52,14 @@ NO_UNITS: Mapping[str, StatedUnit] = {}
 
 
 class Stated(dict[str, StatedUnit]):
-    """By column in small letters, or ANY. Two that differ are kept as what they are: none that
-    is known."""
+    """Collects units by column in small letters, or ANY. Two that differ are kept together, as a
+    text that is no known unit."""
 
     def add(
         self, column: str, text: str, source: str, sure: bool = False, unit_column: str = ""
     ) -> None:
-        """sure: it stands in the table itself, so that it is of the rate, known or not."""
+        """Adds a unit. sure: the table itself holds it, so that it belongs to the rate, known or
+        not."""
         if not text.strip() or (column == ANY and not sure and not is_rate_unit(text)):
             return
         before = self.get(column)
@@ -66,7 +70,7 @@ class Stated(dict[str, StatedUnit]):
 
 
 def together(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
-    """All of them."""
+    """Returns all units of several collections."""
     found = Stated()
     for one in several:
         for column, unit in one.items():
@@ -74,19 +78,20 @@ def together(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
     return dict(found)
 
 
+# Returns a unit's name, or the text where it is not known.
 def _known(text: str) -> str:
     found = find_named_unit(text)
     return text.strip() if found is None else found.name
 
 
 def names_unit(key: str) -> bool:
-    """Whether a key, tag or column says that a unit stands there."""
+    """Tells whether a key, tag or column announces a unit."""
     plain = fold_column_name(key)
     return bool(UNIT_WORDS & set(plain.split("_"))) or plain.endswith(("unit", "units", "_uom"))
 
 
 def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, StatedUnit]:
-    """What the files say that programs put next to `name`. Raises Refused, OSError."""
+    """Returns units from the files that programs put next to `name`. Raises Refused, OSError."""
     plain = name.casefold()
     stem = plain.removesuffix(PurePosixPath(plain).suffix)
     found: dict[str, StatedUnit] = {}
@@ -105,7 +110,7 @@ def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, S
 
 
 def of_markup(data: bytes | str, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
-    """Of JSON or XML; nothing of what is neither."""
+    """Returns units in JSON or XML; none where it is neither."""
     text = data.encode() if isinstance(data, str) else data
     try:
         if text.lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"{", b"[")):
@@ -116,7 +121,8 @@ def of_markup(data: bytes | str, columns: Collection[str], source: str) -> dict[
 
 
 def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
-    """A record that names a column, a key that does, or a list of units by column."""
+    """Returns units by column: of a record that names a column, a key that does, or a list of
+    units by column."""
     found = Stated()
     left: list[tuple[Any, str]] = [(root, ANY)]
     while left:
@@ -140,8 +146,8 @@ def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, State
 
 
 def of_element(root: Element, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
-    """An element that names a column, in an attribute or a child's text: the unit in it, or in
-    another name of it."""
+    """Returns units of elements that name a column, in an attribute or a child's text: in the
+    element, or in another of its names."""
     found = Stated()
     for element in root.iter():
         texts = [
@@ -167,8 +173,8 @@ def of_element(root: Element, columns: Collection[str], source: str) -> dict[str
 
 
 def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, StatedUnit]:
-    """Lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY where they are
-    of nothing in particular."""
+    """Returns units in lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY
+    where they belong to no particular column."""
     found = Stated()
     for text in texts:
         said = _SAID.match(text)
@@ -183,7 +189,8 @@ def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, Stated
 
 
 def _column(text: str, columns: Collection[str]) -> str:
-    """The column that a text names, in small letters; a shapefile has cut it. Empty: none."""
+    """Returns the column that a text names, in small letters, as cut by a shapefile; empty:
+    none."""
     plain = text.strip().casefold()
     return (
         next(
@@ -207,6 +214,6 @@ def _below(element: Element, levels: int) -> Iterator[Element]:
 
 
 def _with_slash(unit: str) -> str:
-    """`lb1ac-1` is lb/ac, `g1[m2]-1` is g/m2: as John Deere writes them."""
+    """Returns `lb1ac-1` as lb/ac and `g1[m2]-1` as g/m2: John Deere writes them so."""
     found = re.fullmatch(r"([A-Za-z]+)1?\[?([A-Za-z]+\d?)\]?-1", unit.strip())
     return f"{found[1]}/{found[2]}" if found else unit.strip()

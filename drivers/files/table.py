@@ -1,5 +1,5 @@
-"""Tables of any origin (CSV and its relatives, the one sheet of a workbook) as columns by name:
-logs, bench tables."""
+"""How are tables of any origin (CSV and its relatives, the only sheet of a workbook) read as
+columns by name: logs, bench tables?"""
 
 from __future__ import annotations
 
@@ -29,21 +29,23 @@ from topdress.drivers.files.sheet_text import SUFFIXES, sheet_text
 
 Rename = Callable[[tuple[str, ...]], Renamed]
 
+# Signs that may separate columns.
 _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
-# cells, before a column of whatever kind is taken for numbers as a whole
+# Cells that are tested before a column of unknown kind is taken for numbers as a whole.
 _LOOKED_AT = 1000
-HEAD = 1 << 20  # bytes in which a header is looked for
+# Bytes in which a header is searched.
+HEAD = 1 << 20
 
 
 class NoHeader(TableError):
-    """Its first line holds numbers only: what the columns are is to be asked."""
+    """The first line holds only numbers: the meaning of the columns is an open question."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """`names`: all columns of the file. `columns`: those read; arrays of length n, float64
-    (unknown = NaN) or object (texts, unknown = "")."""
+    """Holds a table. `names`: all columns of the file. `columns`: those read; arrays of length
+    n, float64 (unknown = NaN) or object (texts, unknown = "")."""
 
     path: Path
     names: tuple[str, ...]
@@ -73,14 +75,27 @@ def read_table(
     own_header: tuple[str, ...] = (),
     data: bytes | None = None,
 ) -> Table:
-    """Reads a table with one header row: text, or the one sheet of a workbook. Title rows above
-    the header and a row of units below it are passed over, and said.
+    """Reads a table with a header row: text, or the only sheet of a workbook. Title rows above the
+    header and a row of units below it are skipped, with findings.
 
-    `numbers`, `texts`: columns whose type is known; any other is numeric if all its cells are.
-    `rename`: the names by which the header's columns go from here on. `choose`: of these names
-    those to be read (None: all). `own_header`: the columns of a writer that ends every row with
-    a line end, so that a last line without one was cut off; from other writers such a line is
-    used if it has all its fields. `data`: a text in the place of the file's. Raises TableError.
+    Parameters
+    ----------
+    path : the table.
+    numbers : columns of numbers.
+    texts : columns of texts; any other column is numeric if all its cells are.
+    rename : returns the names by which the header's columns go from here on.
+    choose : returns those of these names that are read (None: all).
+    own_header : columns of a writer that ends every row with a line end, so that a last line
+        without one was cut off; other writers' last line is used if it has all its fields.
+    data : a text in place of the file's.
+
+    Returns
+    -------
+    the columns with findings.
+
+    Raises
+    ------
+    TableError : it cannot be read.
     """
     data, findings = _text(path, data=data)
     layout = _layout(path, data, findings)
@@ -122,14 +137,15 @@ def read_table(
 
 
 def header_of(path: Path) -> tuple[str, ...]:
-    """The names in a table's header, as they stand; of a text only its beginning is read.
+    """Returns the names in a table's header, as they stand; of a text only its begin is read.
     Raises TableError."""
     data, findings = _text(path, HEAD)
     return _layout(path, data, findings).names
 
 
 def _text(path: Path, most: int = -1, data: bytes | None = None) -> tuple[bytes, list[Finding]]:
-    """In UTF-8. most: bytes, cut at a line's end; -1: all. Raises TableError, BeyondLimits."""
+    """Returns the text in UTF-8. most: bytes, cut at a line's end; -1: all. Raises TableError,
+    BeyondLimits."""
     try:
         data = _bytes(path, most) if data is None else data
     except FileNotFoundError:
@@ -179,8 +195,8 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
 
 
 def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
-    """The header line, the separator that a line before it names ("": none does), its number,
-    the byte behind it."""
+    """Returns the header line, the separator that a line before it names ("": none), its number,
+    and the byte behind it."""
     start = lines = 0
     separator = ""
     while True:
@@ -198,8 +214,8 @@ def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
 
 
 def _is_title(line: str, data: bytes, start: int) -> bool:
-    """A line of words above a header: one cell above rows of several, or words above words
-    above numbers."""
+    """Tells whether a line of words is a title above a header: a single cell above rows of
+    several, or words above words above numbers."""
     if any(is_value_cell(cell) for cell in _cells(line)):
         return False
     below = [
@@ -218,13 +234,13 @@ def _is_title(line: str, data: bytes, start: int) -> bool:
 
 
 def _cells(line: str) -> list[str]:
-    """Filled cells by the sign that parts most."""
+    """Returns the filled cells by the sign that separates most."""
     sign = max(_SEPARATORS, key=line.count)
     return [cell.strip() for cell in line.split(sign) if cell.strip()]
 
 
 def _below_units(data: bytes, body: int, separator: str) -> int | None:
-    """The byte behind a row of units that stands at `body`; None: there is none."""
+    """Returns the byte behind a row of units at `body`; None: there is none."""
     end = data.find(b"\n", body)
     cells = data[body:end].decode(errors="replace").strip("\r").split(separator)
     return end + 1 if end > body and len(cells) > 1 and is_unit_row(cells) else None
@@ -268,8 +284,8 @@ def columns_of(
     texts: Collection[str],
     findings: list[Finding] | None = None,
 ) -> Columns:
-    """Cells by column as a table's columns; `findings` grows by what was no number. They are
-    taken out one by one, so as not to be in memory twice."""
+    """Returns cells by column as a table's columns; `findings` grows by cells that are no
+    number. Cells are removed as they are converted, so that they are not in memory twice."""
     columns: Columns = {}
     for name in list(cells):
         column = cells.pop(name)
@@ -295,7 +311,7 @@ def columns_of(
 def _typed(
     name: str, column: NDArray[Any], numbers: Collection[str], texts: Collection[str]
 ) -> CellColumn:
-    """As numbers where the column is to be of numbers, or all that its cells tell are such."""
+    """Returns numbers where the column must have them, or where all its cells are numbers."""
     if not is_text(column):
         return NumberCells(column.astype(np.float64))
     cells = column.tolist()

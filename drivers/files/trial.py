@@ -1,4 +1,5 @@
-"""Plots of a trial, what a log did and read in each, and what was weighed and harvested there."""
+"""Which plots does a trial have, what did a log do and read in each, and what was weighed and
+harvested there?"""
 
 from __future__ import annotations
 
@@ -22,18 +23,18 @@ from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.table import read_table
 from topdress.drivers.plain_text import OneLineError
 
-# of the stretches that are counted to a plot by their middle: 0.25 m at 4.5 km/h
+# Length of the stretches that count to a plot by their middle, s: 0.25 m at 4.5 km/h.
 FINE_S = 0.2
+# Columns of weights; kg, kg, m2.
 NUMBERS = ("applied_kg", "sample_kg", "sample_m2")
 
 
 class TrialError(OneLineError):
-    """Plots, weights or a log that are no trial; one line that names file, row and what is
-    allowed."""
+    """Plots, weights or a log are no trial; a line names file, row and what is allowed."""
 
 
 class Weights(NamedTuple):
-    """Of one plot. `treatment`: "" where no column says it."""
+    """Holds what was weighed on a plot. `treatment`: "" where no column has it."""
 
     treatment: str
     applied_kg: float | None
@@ -41,8 +42,8 @@ class Weights(NamedTuple):
 
 
 def read_plots(path: Path) -> dict[str, Any]:
-    """Name -> polygon in longitude and latitude; any format of a field. Raises TrialError,
-    Refused, OSError."""
+    """Returns plots, name -> polygon in longitude and latitude, from any format of a field.
+    Raises TrialError, Refused, OSError."""
     found: dict[str, Any] = {}
     for name, shape in read_named_shapes(path):
         parts = [
@@ -72,9 +73,9 @@ def read_plots(path: Path) -> dict[str, Any]:
 
 
 def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, Weights]:
-    """A row for each thing that was weighed: `plot`, and applied_kg (hopper before less after),
-    or sample_kg of sample_m2 harvested; `treatment` if need be. Amounts of one plot add up,
-    samples are replicates. Raises TrialError, TableError."""
+    """Returns the weights of each plot. Rows have `plot`, and applied_kg (hopper before less
+    after), or sample_kg of sample_m2 harvested; `treatment` if need be. Amounts of a plot add
+    up, samples are replicates. Raises TrialError, TableError."""
     table = read_table(path, numbers=NUMBERS, texts=("plot", "treatment"))
     if "plot" not in table.columns:
         raise TrialError(
@@ -100,7 +101,7 @@ def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, Weights]:
 
 
 def _with_row(before: Weights, cells: Mapping[str, Any], where: str) -> Weights:
-    """Raises TrialError."""
+    """Returns a plot's weights with another row. Raises TrialError."""
     applied, sample, area = (float(cells.get(key, np.nan)) for key in NUMBERS)
     for key, value, least in (
         ("applied_kg", applied, 0.0),
@@ -132,8 +133,24 @@ def read_trial(
     after: Path | None = None,
     machine: Machine | None = None,
 ) -> Trial:
-    """machine: of logs that name none. Raises TrialError, ExportError, TableError, Refused in
-    one line, OSError."""
+    """Returns a trial with what was applied, read and weighed in each plot.
+
+    Parameters
+    ----------
+    plots : file of the plots' polygons.
+    log : of the application.
+    weights : table of weights; None: nothing was weighed.
+    after : log of a later reading.
+    machine : for logs that name none.
+
+    Raises
+    ------
+    TrialError : plots, weights or log do not fit.
+    ExportError : the log cannot be exported.
+    TableError : a table cannot be read.
+    Refused : the plots cannot be read.
+    OSError : a file cannot be opened.
+    """
     outlines = read_plots(plots)
     weighed = {} if weights is None else read_weights(weights, outlines)
     run = open_log(log)
@@ -168,6 +185,7 @@ def read_trial(
         raise TrialError(
             f"{log}: lies in none of the plots of {plots}: allowed is a log of this field"
         )
+    # Nitrogen of wheat grain, kg/t, where the log names no crop.
     grain_n, share = 23.9, applied.product.n_fraction
     if run.meta is not None and run.meta.crop is not None:
         grain_n = Crop.model_validate(run.meta.crop).grain_n_kg_t
@@ -175,18 +193,20 @@ def read_trial(
 
 
 class _Readings(NamedTuple):
-    """Of the fused heads, where they looked: values (n,), places (n, 2) longitude and latitude."""
+    """Holds the fused heads' readings where they looked: values (n,), places (n, 2) longitude
+    and latitude."""
 
     values: Array
     at: Array
 
+    # Returns the values within an outline (k,).
     def within(self, outline: Any) -> Array:
         return np.asarray(self.values[shapely.contains_xy(outline, self.at[:, 0], self.at[:, 1])])
 
 
 def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
-    """Each new reading of the heads once, their mean, at the place that they look at; and how
-    often they come, 1/s. Raises TrialError."""
+    """Returns each new reading of the heads once, their mean, at the place that they look at;
+    and how often they come, 1/s. Raises TrialError."""
     columns = [name for names in (HEAD_COLUMNS, NDRE_COLUMNS) for name in names if log.has(name)]
     if not columns:
         columns = [name for name in ("ndvi", "ndre") if log.has(name)]
@@ -208,6 +228,7 @@ def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
     return _Readings(np.nanmean(heads[new], axis=1), at), hz
 
 
+# Returns an outline's area, m2.
 def _area_m2(outline: Any) -> float:
     middle = outline.centroid
     plane = TangentPlane(float(middle.y), float(middle.x))

@@ -1,8 +1,8 @@
-"""Daily weather from a CSV file, and a crop's growing days counted from it.
+"""How is daily weather read from a CSV file, and how are a crop's growing days counted from it?
 
-Columns: `date` (2013-11-01) and either `mean_temp_c`, or `min_temp_c` and `max_temp_c` (mean =
-half their sum, the rule behind the published yield curves). Other columns are left alone; an
-empty temperature is a day not known.
+Columns: `date` (2013-11-01) and either `mean_temp_c`, or `min_temp_c` and `max_temp_c` (mean = half
+their sum, the rule behind the published yield curves). Other columns are ignored; an empty
+temperature is an unknown day.
 """
 
 from __future__ import annotations
@@ -20,21 +20,24 @@ from topdress.control.agronomy.days import count_days_above_base
 from topdress.drivers.files.limits import CONFIG
 from topdress.drivers.plain_text import OneLineError
 
+# Range of air temperatures on earth, degC (WMO records: -89.2 and 56.7).
 COLDEST_C, HOTTEST_C = -90.0, 60.0
 
 
 class WeatherError(OneLineError):
-    """One line: file, row, value, what is allowed."""
+    """The weather file cannot be used; a line names file, row, value and what is allowed."""
 
 
 class Weather(NamedTuple):
+    """Holds daily mean temperatures."""
+
     dates: npt.NDArray[np.datetime64]  # (n,) days, as they stand in the file
     mean_temp_c: npt.NDArray[np.float64]  # (n,) degC, NaN where not known
 
 
 def read_weather(path: Path) -> Weather:
-    """Reads a weather file (UTF-8, with or without a byte order mark). Raises WeatherError in
-    one line."""
+    """Returns a weather file's days (UTF-8, with or without a byte order mark). Raises
+    WeatherError in a line."""
     try:
         if path.stat().st_size > CONFIG.most:
             raise WeatherError(
@@ -70,12 +73,22 @@ def read_weather(path: Path) -> Weather:
 
 
 def growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
-    """D of paper A, eq 4, for a crop: as written in its file, or counted by its own day rule:
-    from its weather file, or every day since sowing. None for a crop whose rule counts no days.
+    """Returns D of paper A, eq 4, for a crop: as written in its file, or counted by its own day
+    rule: from its weather file, or every day since sowing.
 
-    folder: where the crop file lies; the weather file is found from there. today: the day of
-    work, taken as the day of sensing where the crop gives none. Raises WeatherError in one
-    line.
+    Parameters
+    ----------
+    crop : with its rule of days.
+    folder : of the crop file; the weather file's path begins there.
+    today : day of work, and of sensing where the crop gives none.
+
+    Returns
+    -------
+    None for a crop whose rule counts no days.
+
+    Raises
+    ------
+    WeatherError : the days cannot be counted; a line says why.
     """
     days, curve = crop.days, crop.yield_potential
     if days is None or curve is None:

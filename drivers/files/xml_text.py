@@ -1,5 +1,5 @@
-"""XML as topdress reads it: elements and their texts, no entities of its own, no more of them
-than memory holds."""
+"""How does topdress read XML: elements and their texts, no entities, and no more than memory
+holds?"""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from topdress.drivers.plain_text import OneLineError, PlaceInFile
 
 
 class XmlError(OneLineError):
-    """Why it is no XML, or none that is read."""
+    """The text is no XML, or none that is read; a line says why."""
 
 
 @dataclass
 class Total:
-    """Of several files that are joined to one: their bytes and tags so far. label: of the one
-    that names them."""
+    """Counts bytes and tags of several files that are joined to one. label: of the file that
+    names them."""
 
     label: PlaceInFile | Path | str
     bytes: int = 0
@@ -27,13 +27,13 @@ class Total:
 
 
 def xml_root(data: bytes, label: PlaceInFile | Path | str, total: Total | None = None) -> Element:
-    """The root of all elements. total: of the files that this one is joined to. Raises
+    """Returns the root of all elements. total: of the files that this file is joined to. Raises
     XmlError, BeyondLimits."""
     plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data  # UTF-16
     total = total or Total(label)
     total.tags += plain.count(b"<")
     held_to(TAGS, total.tags, label)
-    # a few bytes that stand for as many as somebody likes
+    # A few bytes of entities can stand for any number of bytes.
     if b"<!ENTITY" in plain:
         raise XmlError("entities of its own: allowed is XML without them")
     try:
@@ -44,5 +44,5 @@ def xml_root(data: bytes, label: PlaceInFile | Path | str, total: Total | None =
 
 
 def local(element: Element) -> str:
-    """Its name without its namespace."""
+    """Returns an element's name without its namespace."""
     return str(element.tag).rpartition("}")[2]

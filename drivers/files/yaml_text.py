@@ -1,8 +1,8 @@
-"""YAML as topdress reads and writes it: YAML 1.2 scalars, no duplicate keys, no bombs, the line
-of every key known.
+"""How does topdress read and write YAML: YAML 1.2 scalars, no duplicate keys, no bombs, and the
+line of every key?
 
-PyYAML's own rules are those of YAML 1.1, where `off` is false, `12:30` is 750, `010` is 8 and
-`1e3` is a text.
+PyYAML's own rules are those of YAML 1.1, where `off` is false, `12:30` is 750, `010` is 8 and `1e3`
+is a text.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ from topdress.drivers.plain_text import OneLineError
 
 KeyPath = tuple[str | int, ...]
 
+# Groups within groups: deeper files are bombs.
 MAX_DEPTH = 40
 
 
+# Begin of the tags of plain data.
 _PLAIN = "tag:yaml.org,2002:"
 _KEY_TAGS = frozenset(_PLAIN + name for name in ("str", "int", "float", "bool", "merge"))
 _TAGS = _KEY_TAGS | {_PLAIN + name for name in ("null", "seq", "map")}
 
 
 class YamlProblem(OneLineError):
-    """One line, naming the line of the file."""
+    """The text is no YAML as read here; a line names the line of the file."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -43,6 +45,7 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
 
 
+# Numbers of YAML 1.2, with an exponent without a point too.
 _FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
 
 _Loader.add_implicit_resolver(
@@ -66,11 +69,9 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _decimal_int)
 
 
 def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
-    """The data, and for every path of keys and indexes the line (from 1) where it stands.
-
-    Raises YamlProblem: syntax, duplicate keys, other tags than plain data, too many or too deep
-    nodes.
-    """
+    """Returns the data, and for every path of keys and indexes the line (from 1) where it
+    stands. Raises YamlProblem: syntax, duplicate keys, other tags than plain data, too many or
+    too deep nodes."""
     try:
         loader = _Loader(text)
     except yaml.reader.ReaderError as error:
@@ -126,6 +127,7 @@ def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int
     return count
 
 
+# Returns PyYAML's error as a line.
 def _one_line(error: yaml.MarkedYAMLError) -> str:
     mark = error.problem_mark or error.context_mark
     line = f"line {mark.line + 1}: " if mark is not None else ""
@@ -158,6 +160,6 @@ _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456
 
 
 def dump_yaml(data: Any) -> str:
-    """Plain data as YAML that reads back as the same data under the rules of YAML 1.1 and 1.2
-    alike."""
+    """Returns plain data as YAML that reads back as the same data under the rules of YAML 1.1
+    and 1.2."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)

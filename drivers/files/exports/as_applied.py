@@ -41,7 +41,7 @@ Floats = npt.NDArray[np.float64]
 MAX_ROW_STEP_S = 1.0
 # Mean steps that make a gap, in a log with fewer rows than one a second.
 GAP_MEAN_STEPS = 2.5
-# Length of a stretch, s: farm programs expect about a record a second.
+# Length of a stretch, s: about a record a second.
 DEFAULT_STRETCH_S = 1.0
 # Share by which widths may differ: they are reported rounded, and as driven.
 WIDTH_TOLERANCE = 0.02

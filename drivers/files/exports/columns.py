@@ -24,8 +24,7 @@ class ExportColumn(NamedTuple):
 # A shapefile's name of the column that is utc elsewhere.
 TIME_SHORT_NAME = "ISOTIME"
 
-# In the order of the columns; short names are those that farm programs know (dBASE allows ten
-# letters).
+# In the order of the columns; short names have at most ten letters (dBASE).
 EXPORT_COLUMNS = (
     ExportColumn("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
     ExportColumn("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),
@@ -58,7 +57,7 @@ def iter_export_records(applied: AsApplied) -> Iterator[tuple[str, list[float | 
         text = (
             ""
             if moment is None
-            # JavaScript and most farm programs expect Z for UTC.
+            # ISO 8601 writes UTC as Z.
             else moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
         )
         yield text, [None if array[k] != array[k] else array[k] for array in arrays]

@@ -18,7 +18,7 @@ RECORD_HEAD = struct.Struct("<IHiiBHB")
 RECORD_VALUE = struct.Struct("<Bi")
 # Largest value of 32 bits with a sign.
 MAX_INT32 = 2_147_483_647
-# Position status "not available" (NMEA 2000).
+# Position status of a place of unknown quality (ISO 11783-10).
 NO_POSITION_STATUS = 15
 
 

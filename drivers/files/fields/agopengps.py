@@ -49,7 +49,7 @@ class _Plane(NamedTuple):
         """Returns the length of a degree of latitude at the start fix, m."""
         lat = math.radians(self.lat_deg)
         return (
-            # AgOpenGPS's series (CNMEA.cs), also known from the WGS84 ellipsoid.
+            # AgOpenGPS's own series.
             111132.92
             - 559.82 * math.cos(2 * lat)
             + 1.175 * math.cos(4 * lat)
@@ -171,7 +171,7 @@ def _read_rings(path: Path) -> list[tuple[bool, Floats]]:
     found, through = [], False
     for line in rest:
         if line in ("True", "False"):
-            # Files of version 5 have two lines of this kind before a ring.
+            # Some versions write two such lines before a ring.
             through = through or line == "True"
             continue
         found.append((through, _parse_points(path, rest, _parse_point_count(path, line))))

@@ -17,8 +17,7 @@ from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.plain_text import OneLineError
 
-# Difference of widths, m, up to which a headland counts as of one width: the error of hand-drawn
-# lines.
+# Difference of widths, m, up to which a headland counts as of one width.
 EVEN_HEADLAND_M = 0.5
 # Difference of headings, degrees, up to which lines count as parallel: 0.2 m over 100 m.
 PARALLEL_LINES_DEG = 0.1

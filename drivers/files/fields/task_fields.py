@@ -13,7 +13,7 @@ from topdress.drivers.files.fields.field_data import FieldError
 from topdress.drivers.files.prescriptions.data_dictionary import describe_ddi
 from topdress.drivers.files.prescriptions.task_files import TaskSet, find_task_sets, read_task_tree
 
-# Types of polygons (PLN) of a field (PFD): ISO 11783-10, table D.33.
+# Types of polygons (PLN) of a field (PFD) of ISO 11783-10.
 OUTLINE_TYPE, OBSTACLE_TYPES, HEADLAND_TYPE = "1", ("3", "4", "5", "6"), "10"
 # Types of lines (LSG) of ISO 11783-10.
 EXTERIOR_LINE, INTERIOR_LINE, GUIDANCE_LINE = "1", "2", "5"

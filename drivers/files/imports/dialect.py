@@ -11,9 +11,9 @@ from topdress.drivers.files.imports.header import TableLayout, find_table_layout
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Delimiter, Source
 
-# Lines that are looked at; more than any title.
+# Lines at the begin that are examined.
 SAMPLE_LINES = 300
-# Bytes that are looked at: 300 lines of wide tables.
+# Bytes at the begin that are examined.
 SAMPLE_BYTES = 400_000
 # Signs between cells by the import file's word.
 DELIMITERS: dict[Delimiter, str] = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": " "}

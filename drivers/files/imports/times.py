@@ -101,7 +101,7 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
         return found
     found_numbers = parse_number_column(column, table.decimal_comma).values
     if times.counts == "excel_day":
-        # Spreadsheets keep days as doubles: milliseconds are what they resolve.
+        # Days as doubles are right to microseconds; rounding to milliseconds removes their error.
         ms = np.round((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
         found = _apply_time_zone(ms * 1000.0, times.zone)
     else:

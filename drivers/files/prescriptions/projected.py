@@ -115,7 +115,7 @@ def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
     except ImportError:
         return None
     try:
-        # PROJ's own lowest confidence for a match that it would use.
+        # pyproj's own default confidence, %.
         code = CRS.from_wkt(text).to_epsg(min_confidence=70)
         if code is None or not len(places):
             return None
