@@ -34,7 +34,7 @@ from hidden.plant import Plant
 from hidden.programmes import Programme, chosen, drive
 from hidden.run_cases import LEAST_KG, within_tolerance
 from topdress.control.diagnosis.live.watch import LOOK_S, LiveCheck
-from topdress.drivers.files.config import load
+from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import MACHINE
 
 Columns = dict[str, npt.NDArray[Any]]
@@ -69,7 +69,7 @@ def log_of(
 
 def lines(columns: Columns) -> Iterator[tuple[float, str, str]]:
     """(time, channel, cause) whenever the line on the Run page would change to say something."""
-    check, time_s = LiveCheck(load("huanghai", MACHINE).model), columns["time_s"]
+    check, time_s = LiveCheck(load_config("huanghai", MACHINE).model), columns["time_s"]
     last = None
     for at_s in np.arange(time_s[0] + LOOK_S, time_s[-1] + LOOK_S, LOOK_S):
         new = (time_s > at_s - LOOK_S) & (time_s <= at_s)

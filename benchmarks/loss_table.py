@@ -26,7 +26,7 @@ from topdress.control.orders import Answer, Do, Order
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.files.atomic import NewFile
 from topdress.drivers.files.run_log import RunLogWriter
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_meta import make_run_meta
 from verdict import exit_code
 
 SETTLED_S = 14.0
@@ -89,7 +89,7 @@ class Hosted(Rig):
         FullDisk.full = False
         self.writer = RunLogWriter(
             folder / "run.csv",
-            run_meta(self.setup.machine, self.setup.crop, self.job),
+            make_run_meta(self.setup.machine, self.setup.crop, self.job),
             create=FullDisk,
             flush_s=0.01,
             sync_s=0.0,

@@ -186,6 +186,6 @@ def parse_frame(message: dict[str, Any]) -> Frame:
     """The frame of a worker's message. Unknown keys are ignored, so that an older console can show
     a newer worker. Raises ValueError, one line."""
     # pydantic: the worker, which writes frames, starts without it
-    from topdress.drivers.files.plain import typed
+    from topdress.drivers.files.plain import build_from_plain
 
-    return typed(Frame, message)
+    return build_from_plain(Frame, message)

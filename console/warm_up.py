@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from topdress.drivers.files.extras import MissingExtra, need
+from topdress.drivers.files.extras import MissingExtra, require_extras
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 CONSOLE_COMMAND = (sys.executable, "-c", "from topdress.console.cli import main; main()")
@@ -67,7 +67,7 @@ def run_warm_up() -> int:
     print("topdress: compiling the machine model for this computer, once: some 30 s", flush=True)
     started_s = time.monotonic()
     try:
-        need("a diagnosis", "diagnosis")
+        require_extras("a diagnosis", "diagnosis")
         compile_packages()
     except (MissingExtra, OSError, subprocess.SubprocessError) as error:
         said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip().splitlines()

@@ -10,7 +10,7 @@ Files:
 - `day_clock`: Which day is it by the computer's clock?
 - `device_status`: What is known of one device in the cab?
 - `devices`: How are the bytes of a device decoded?
-- `files`: Files: configuration, run logs, replay, tables of other programs
+- `files`: Which files does topdress read and write
 - `plain_text`: Which characters of foreign text may a terminal see?
 - `plugin_host`: How does the code of a plug-in run in its own process?
 - `plugin_process`: How is the code of a plug-in called safely?

@@ -69,7 +69,7 @@ def save(path: str | Path, machine: Machine, comment: str = "") -> None:
     ------
     OSError : the file cannot be written.
     """
-    from topdress.drivers.files.config import save as save_model
+    from topdress.drivers.files.config import save_config as save_model
     from topdress.drivers.files.kinds import MACHINE
 
     save_model(Path(path), machine, MACHINE, comment)

@@ -52,11 +52,11 @@ def made(task: Task) -> Any:
 def examine(task: Task) -> dict[str, Any]:
     """Truth, answer, and what the adopted file is worth on other runs. Without a truth: the
     case could not be made."""
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import MACHINE
 
     started = time.perf_counter()
-    nominal = load("huanghai", MACHINE).model
+    nominal = load_config("huanghai", MACHINE).model
     out: dict[str, Any] = {
         "number": task.number,
         "truth": None,

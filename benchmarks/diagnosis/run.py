@@ -72,12 +72,12 @@ def examine(task: Task) -> dict[str, Any]:
     number, seed = task.number, task.seed
     import ask
     from hidden.cases import one
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import MACHINE
 
     started = time.perf_counter()
     case = one(*task)
-    machine = load("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE).model
     began, answer, trouble, share = time.perf_counter(), None, None, None
     try:
         answer = ask.diagnosis(case.kind, case.columns, machine, case.name, seed)

@@ -245,9 +245,9 @@ def run_main_command(
     """Terminal console of a variable-rate fertilizer applicator. Without a command: the console
     on the simulated machine."""
     if version:
-        from topdress.drivers.files.run_meta import software_version
+        from topdress.drivers.files.run_meta import find_software_version
 
-        typer.echo(f"topdress {software_version()}")
+        typer.echo(f"topdress {find_software_version()}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         guard_command(_import_function(COMMAND_FUNCTIONS["run"]))()

@@ -109,15 +109,15 @@ def _save_product_test(
 ) -> None:
     """Write the product with this test added to its earlier ones."""
     from topdress.control.calibration.flow_fit import make_catch_test
-    from topdress.drivers.files.config import load, save, sha256_of
+    from topdress.drivers.files.config import calc_sha256, load_config, save_config
     from topdress.drivers.files.kinds import PRODUCT
 
-    read = load(product, PRODUCT)
+    read = load_config(product, PRODUCT)
     if read.path.resolve() == out.resolve():
         raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
-    save(
+    save_config(
         out,
-        read.model.append_test(make_catch_test(machine, flow, day, str(data), sha256_of(data))),
+        read.model.append_test(make_catch_test(machine, flow, day, str(data), calc_sha256(data))),
         PRODUCT,
     )
     typer.echo(f"product file: {out}", err=as_json)
@@ -239,15 +239,15 @@ def calibrate_wheel(
 ) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
     from topdress.control.calibration.wheel_fit import fit_wheel
-    from topdress.drivers.files.calibration_log import counted_by, wheel_columns
-    from topdress.drivers.files.read_log import read_rows
+    from topdress.drivers.files.calibration_log import find_wheel_circumference, read_wheel_log
+    from topdress.drivers.files.read_log import read_filled_log
 
     _refuse_no_log(data, out, "calibrate wheel")
-    loaded, log = _load_first_machine(data, out, machine, force), read_rows(data)
+    loaded, log = _load_first_machine(data, out, machine, force), read_filled_log(data)
     fitted, found = fit_wheel(
-        wheel_columns(log),
+        read_wheel_log(log),
         loaded,
-        counted_by(log, loaded),
+        find_wheel_circumference(log, loaded),
         str(data),
         date=_parse_date(date).isoformat(),
     )
@@ -266,13 +266,13 @@ def calibrate_heads(
 ) -> None:
     """Fit each canopy head against the others over a run log."""
     from topdress.control.calibration.heads_check import check_heads
-    from topdress.drivers.files.calibration_log import heads_columns
-    from topdress.drivers.files.read_log import read_rows
+    from topdress.drivers.files.calibration_log import read_head_columns
+    from topdress.drivers.files.read_log import read_filled_log
 
     _refuse_no_log(data, out, "calibrate heads")
-    loaded, log = _load_first_machine(data, out, machine, force), read_rows(data)
+    loaded, log = _load_first_machine(data, out, machine, force), read_filled_log(data)
     fitted, found = check_heads(
-        log.time_s, heads_columns(log), loaded, str(data), date=_parse_date(date).isoformat()
+        log.time_s, read_head_columns(log), loaded, str(data), date=_parse_date(date).isoformat()
     )
     _print_fit(found, lambda: _print_heads_fit(found), as_json)
     _save_machine(fitted, data, out, as_json)
@@ -301,12 +301,12 @@ def calibrate_effort(
     """Fit how hard the drives of a sound machine work to a run log: what later logs are held
     against."""
     from topdress.control.diagnosis.runs.effort_reference import fit_effort
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
 
     _refuse_no_log(data, out, "calibrate effort")
     loaded = _load_first_machine(data, out, machine, force)
     fitted, found = fit_effort(
-        dict(open_log(data).columns),
+        dict(open_any_log(data).columns),
         loaded,
         str(data),
         date=_parse_date(date).isoformat(),
@@ -362,16 +362,16 @@ def calibrate_encoder(
 
 
 def _refuse_no_table(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKind, CommandError: a file that is no bench table, or an output that does not end
-    as a machine file."""
+    """Raises WrongKindError, CommandError: a file that is no bench table, or an output that does
+    not end as a machine file."""
     refuse_other_kinds([data], TABLE_FILE_KINDS)
     refuse_run_log(data, command)
     need_ending("--out", out, ".yaml", ".yml")
 
 
 def _refuse_no_log(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKind, CommandError: a file that is no run log, or an output that does not end as
-    a machine file."""
+    """Raises WrongKindError, CommandError: a file that is no run log, or an output that does not
+    end as a machine file."""
     refuse_other_kinds([data], RUN_LOG_KINDS)
     refuse_bench_table(data, command)
     need_ending("--out", out, ".yaml", ".yml")
@@ -387,10 +387,10 @@ def _load_first_machine(data: Path, out: Path, machine: str, force: bool) -> Mac
 
 
 def _save_machine(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
-    from topdress.drivers.files.config import save
+    from topdress.drivers.files.config import save_config
     from topdress.drivers.files.kinds import MACHINE
 
-    save(out, _sign_records(fitted, data), MACHINE)
+    save_config(out, _sign_records(fitted, data), MACHINE)
     typer.echo(f"machine file: {out}", err=as_json)
 
 
@@ -411,9 +411,9 @@ TUBE_UNSETTLED = (
 
 def _sign_records(machine: Machine, data: Path) -> Machine:
     """The machine with the checksum of the data in the records of this calibration."""
-    from topdress.drivers.files.config import sha256_of
+    from topdress.drivers.files.config import calc_sha256
 
-    checksum = sha256_of(data)
+    checksum = calc_sha256(data)
     return machine.model_copy(
         update={
             "adopted": tuple(

@@ -77,13 +77,13 @@ def list_kinds_by_name() -> dict[str, Any]:
 
 def format_schema(name: str) -> str:
     """The JSON schema of a kind, by its short name or its format. Raises CommandError."""
-    from topdress.drivers.files.config import schema
+    from topdress.drivers.files.config import make_json_schema
 
     kinds = list_kinds_by_name()
     short = name.removeprefix("topdress-").partition("/")[0]
     if short not in kinds:
         raise CommandError(f"--schema {name}: allowed is one of {', '.join(kinds)}")
-    return json.dumps(schema(kinds[short]), indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(make_json_schema(kinds[short]), indent=1, ensure_ascii=False) + "\n"
 
 
 def write_all_schemas(folder: Path) -> None:
@@ -98,7 +98,7 @@ def write_all_schemas(folder: Path) -> None:
 
 def _check_named_files(files: list[str], as_json: bool) -> None:
     from topdress.drivers.files.kinds import CAB, JOB, MACHINE
-    from topdress.drivers.files.setup import disagreements
+    from topdress.drivers.files.setup import find_disagreements
 
     wrong: list[str] = []
     notes: list[str] = []
@@ -114,7 +114,9 @@ def _check_named_files(files: list[str], as_json: bool) -> None:
     for machine in machines:
         notes += _check_products(machine.model, jobs)
         wrong += [
-            line for cab in cabs for line in disagreements(cab, machine.model, str(machine.path))
+            line
+            for cab in cabs
+            for line in find_disagreements(cab, machine.model, str(machine.path))
         ]
     ok = [{"path": loaded.path, "format": kind.format} for kind, loaded in read]
     if as_json:
@@ -129,7 +131,7 @@ def _check_named_files(files: list[str], as_json: bool) -> None:
 def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any] | None:
     """The kind and the content of one configuration file; None for a task file, or where it is
     wrong. Adds a line to `notes` or `wrong` for each finding."""
-    from topdress.drivers.files.config import load_any
+    from topdress.drivers.files.config import load_any_config
     from topdress.drivers.files.kinds import JOB, KINDS
 
     _refuse_no_configuration(Path(file))
@@ -137,7 +139,7 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
         notes += lines
         return None
     try:
-        kind, loaded = load_any(file, KINDS)
+        kind, loaded = load_any_config(file, KINDS)
     except ConfigError as error:
         wrong += error.lines
         return None
@@ -153,8 +155,8 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
 
 
 def _refuse_no_configuration(path: Path) -> None:
-    """Raises WrongKind for a file that is no configuration, and for a name that is neither a file
-    nor shipped."""
+    """Raises WrongKindError for a file that is no configuration, and for a name that is neither a
+    file nor shipped."""
     from topdress.console.cli.inputs import CHECKED_KINDS, refuse_other_kinds
 
     if path.exists() or path.suffix.lower() not in ("", ".yaml", ".yml") or len(path.parts) > 1:
@@ -180,17 +182,17 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     Returns the faults of the files that the job names, a line each."""
     from topdress.console.app.pages.job.map_words import describe_map_check
     from topdress.console.app.units import METRIC
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import CROP
     from topdress.drivers.files.prescriptions.for_job import find_map_check, read_job_plants
-    from topdress.drivers.files.setup import product_of, year_n
+    from topdress.drivers.files.setup import find_year_nitrogen, load_job_product
     from topdress.drivers.plain_text import RefusedInput
 
     folder = loaded.path.parent
 
     def check_job_map() -> None:
-        crop = load(loaded.model.crop, CROP, base=folder).model
-        n_year = year_n(loaded, crop, day_clock.read_today())
+        crop = load_config(loaded.model.crop, CROP, base=folder).model
+        n_year = find_year_nitrogen(loaded, crop, day_clock.read_today())
         limited = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
         if (found := find_map_check(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
             notes.extend(describe_map_check(found, METRIC))
@@ -199,7 +201,7 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
     looks: tuple[Callable[[], object], ...] = (
         check_job_map,
         lambda: read_job_plants(loaded.model, folder),
-        lambda: product_of(loaded.model, folder),
+        lambda: load_job_product(loaded.model, folder),
     )
     for look in looks:
         try:
@@ -216,14 +218,14 @@ def _check_job_files(loaded: Any, notes: list[str]) -> list[str]:
 def _find_job_notes(loaded: Any) -> list[str]:
     """Notes on a job before work: strips that are missing or doubtful, the crop's stage."""
     from topdress.control.agronomy.strips import calc_measured_index, find_index_doubt
-    from topdress.drivers.files.setup import growth_note, load_setup
+    from topdress.drivers.files.setup import describe_growth, load_setup
 
     try:
         setup = load_setup(SHIPPED_MACHINE, loaded.path, day_clock.read_today())
     # reported with the crop, or when the job is started
     except ConfigError:
         return []
-    found = [growth_note(setup.growth), "" if setup.n_year is None else setup.n_year.text]
+    found = [describe_growth(setup.growth), "" if setup.n_year is None else setup.n_year.text]
     target = loaded.model.target
     if target.source == "external" and target.external_silent_kg_ha is None:
         found.append(
@@ -259,15 +261,17 @@ def _find_job_notes(loaded: Any) -> list[str]:
 def _check_cab_heads(job: Any, cabs: list[Any]) -> list[str]:
     """Notes whether the heads of each cab, or where none is given the simulated ones, give what the
     job's crop needs."""
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import CROP
-    from topdress.drivers.files.setup import index_disagreements
+    from topdress.drivers.files.setup import find_index_disagreements
 
     try:
-        crop = load(job.model.crop, CROP, base=job.path.parent).model
+        crop = load_config(job.model.crop, CROP, base=job.path.parent).model
     except ConfigError:  # reported with the job
         return []
-    return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
+    return [
+        line for cab in cabs or [None] for line in find_index_disagreements(cab, crop, job.model)
+    ]
 
 
 def _check_job_rates(job: Any, machine_file: str) -> list[str]:
@@ -284,13 +288,13 @@ def _check_job_rates(job: Any, machine_file: str) -> list[str]:
 
 def _check_products(machine: Any, jobs: list[Any]) -> list[str]:
     """Notes on the jobs' products on this machine."""
-    from topdress.drivers.files.setup import product_note, product_of
+    from topdress.drivers.files.setup import describe_product, load_job_product
 
     found = []
     for job in jobs:
         with suppress(ConfigError):  # reported with the job
-            product = product_of(job.model, job.path.parent)
-            note = "" if product is None else product_note(product.model, machine)
+            product = load_job_product(job.model, job.path.parent)
+            note = "" if product is None else describe_product(product.model, machine)
             found += [f"{job.path}: note: {note}"] if note else []
     return found
 

@@ -71,7 +71,7 @@ def _compare_on_logs(
     logs: list[Path], old: Machine, new: Machine, name: str
 ) -> list[tuple[str, Compared]]:
     from topdress.control.diagnosis.runs.compared import compared
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
 
     line, found = ProgressLine(), []
     try:
@@ -81,7 +81,7 @@ def _compare_on_logs(
                 done = 100.0 * (number + share) / len(logs)
                 line.show_text(f"{done:3.0f} % {path.name} {word} (Ctrl-C cancels)")
 
-            log = open_log(path)
+            log = open_any_log(path)
             one = compared(
                 dict(log.columns), old, new, show_step if line.shown else lambda share, word: None
             )
@@ -103,7 +103,7 @@ def _compare_on_logs(
 def _note_fitted_logs(path: Path, *machines: Machine) -> list[str]:
     """A note for a log from which one of the files was made: its own error there says nothing about
     other logs."""
-    from topdress.drivers.files.config import sha256_of
+    from topdress.drivers.files.config import calc_sha256
 
     own = {
         sha
@@ -115,7 +115,7 @@ def _note_fitted_logs(path: Path, *machines: Machine) -> list[str]:
         )
         if sha
     }
-    if own and path.is_file() and sha256_of(path) in own:
+    if own and path.is_file() and calc_sha256(path) in own:
         return [
             "a machine file was fitted to this very log: how it does on another log is not "
             "seen here"

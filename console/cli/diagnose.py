@@ -78,7 +78,7 @@ def adopt_findings(
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.diagnosis.extend import extend, refuse_to_adopt
     from topdress.control.diagnosis.runs.adoption import select_adoptable
-    from topdress.drivers.files.config import save, sha256_of
+    from topdress.drivers.files.config import calc_sha256, save_config
     from topdress.drivers.files.kinds import MACHINE
 
     for cause in found.causes:
@@ -103,9 +103,9 @@ def adopt_findings(
     if not kept and not taken.found.terms and taken.found.fitted is None:
         raise _make_empty_exit(found, out, bool(taken.refused))
     extended = extend(
-        machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.read_today().isoformat()
+        machine, taken.found, sha256=calc_sha256(data[0]), date=day_clock.read_today().isoformat()
     )
-    save(out, extended, MACHINE, _format_pick_comment(kept, picked))
+    save_config(out, extended, MACHINE, _format_pick_comment(kept, picked))
     typer.echo(
         f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
         "it back):",
@@ -330,9 +330,9 @@ def _list_outputs(as_json: Path | None, report: Path | None, adopt: Path | None)
 def _is_run_data(data: list[Path]) -> bool:
     """Whether the data is a run log of any program, by the import where its columns have no names;
     else a bench table."""
-    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.opened import FileContent
 
-    file = Opened(data[0])
+    file = FileContent(data[0])
     return not file.is_table or not file.names or file.holds == "log"
 
 
@@ -340,10 +340,10 @@ def _read_log_columns(path: Path, machine: Machine) -> tuple[dict[str, Any], lis
     """A log's columns that a diagnosis reads, and notes on odd data."""
     from topdress.control.diagnosis.runs.log import UNREAD
     from topdress.control.log_row import TEXT_COLUMNS
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
 
     # numbers are examined, and what is odd about them is said
-    log = open_log(path, UNREAD & TEXT_COLUMNS)
+    log = open_any_log(path, UNREAD & TEXT_COLUMNS)
     odd = [
         str(finding)
         for finding in log.findings

@@ -122,15 +122,15 @@ def _read_field(source: Path, name: str | None) -> FieldData:
     from topdress.drivers.files.fields.agopengps import read_agopengps
     from topdress.drivers.files.fields.field_data import build_field_data
     from topdress.drivers.files.fields.shapes import read_field_shapes
-    from topdress.drivers.files.file_sniffer import what_is
+    from topdress.drivers.files.file_sniffer import sniff_file_kind
 
-    if source.is_dir() and what_is(source).id == "aog":
+    if source.is_dir() and sniff_file_kind(source).id == "aog":
         return read_agopengps(source)
     if source.suffix.lower() in (".yaml", ".yml"):
-        from topdress.drivers.files.config import load
+        from topdress.drivers.files.config import load_config
         from topdress.drivers.files.kinds import JOB
 
-        return build_field_data(load(source, JOB).model.field, str(source))
+        return build_field_data(load_config(source, JOB).model.field, str(source))
     return read_field_shapes(source, name)
 
 
@@ -145,20 +145,20 @@ def _write_field(data: FieldData, out: Path) -> None:
 
 
 def _write_job_field(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
-    from topdress.drivers.files.config import load, save
+    from topdress.drivers.files.config import load_config, save_config
     from topdress.drivers.files.fields.field_data import build_job_ground
     from topdress.drivers.files.kinds import JOB
 
-    loaded = load(job, JOB)
+    loaded = load_config(job, JOB)
     model = loaded.model.rename_files(lambda name: str((loaded.path.parent / name).resolve()))
     new = model.model_copy(update={"field": build_job_ground(data, model.field, line)})
-    save(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
+    save_config(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
 
 
 def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     """Put done ground into a job, as the file that it names: it is read anew at each start."""
     from topdress.control.geodesy import TangentPlane
-    from topdress.drivers.files.config import load, save
+    from topdress.drivers.files.config import load_config, save_config
     from topdress.drivers.files.fields.worked_area import read_worked_area
     from topdress.drivers.files.kinds import JOB
 
@@ -166,7 +166,7 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
         raise CommandError(
             f"--out {out}: allowed with --done is a job, a name that ends in .yaml or .yml"
         )
-    loaded = load(job, JOB)
+    loaded = load_config(job, JOB)
     ground = loaded.model.field
     has_field = bool(ground.boundary_m) and out is not None
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if has_field else None
@@ -191,16 +191,18 @@ def _add_done_ground(source: Path, out: Path | None, job: str, as_json: bool) ->
         update={"field": model.field.model_copy(update={"done": str(source.resolve())})}
     )
     out.parent.mkdir(parents=True, exist_ok=True)
-    save(out, new, JOB, f"From {loaded.path.name}, done ground from {source.name}")
+    save_config(out, new, JOB, f"From {loaded.path.name}, done ground from {source.name}")
     typer.echo(f"written      {out}", err=as_json)
 
 
 def _print_field(data: FieldData, as_json: bool) -> None:
-    from topdress.drivers.files.plain import plain
+    from topdress.drivers.files.plain import convert_to_plain
 
     boundary = data.boundary(data.plane())
     if as_json:
-        print_json({"area_ha": None if boundary is None else boundary.area_ha, **plain(data)})
+        print_json(
+            {"area_ha": None if boundary is None else boundary.area_ha, **convert_to_plain(data)}
+        )
         return
     if boundary is not None and data.outline_deg is not None:
         holes = f", {len(data.holes_deg)} obstacles taken out" if data.holes_deg else ""

@@ -100,13 +100,13 @@ def run_fleet(
     )
     from topdress.console.services.fleet_job import FORMAT
     from topdress.console.services.fleet_tables import TABLE_COLUMNS
-    from topdress.drivers.files.config import load, sha256_of
-    from topdress.drivers.files.extras import need
+    from topdress.drivers.files.config import calc_sha256, load_config
+    from topdress.drivers.files.extras import require_extras
     from topdress.drivers.files.kinds import MACHINE
-    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.run_meta import find_software_version
 
-    need("a season of logs", "fleet", "diagnosis", "parquet")
-    loaded = load(machine, MACHINE)
+    require_extras("a season of logs", "fleet", "diagnosis", "parquet")
+    loaded = load_config(machine, MACHINE)
     options = _parse_store_options(storage or [])
     logs = find_logs(paths, out, options)
     if not logs:
@@ -123,7 +123,7 @@ def run_fleet(
     )
     known = None if table is None else _read_log_list(table, logs)
     out.mkdir(parents=True, exist_ok=True)
-    salt = f"{FORMAT} {software_version()} {sha256_of(loaded.path)} "
+    salt = f"{FORMAT} {find_software_version()} {calc_sha256(loaded.path)} "
     begin = time.monotonic()
     asked = FleetRequest(loaded.model.model_dump(mode="json"), salt, options, retry)
     with open_cluster(scheduler, min(workers, len(logs))) as client:
@@ -179,7 +179,7 @@ def _print_season(
     from topdress.console.services.fleet_season import make_season
     from topdress.console.services.fleet_tables import write_tables
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.run_meta import find_software_version
 
     for line in (*found.blind, *found.gone):
         typer.echo(line, err=True)
@@ -196,7 +196,7 @@ def _print_season(
         broken=whole.broken,
         price=price,
         currency=currency,
-        software=f"topdress {software_version()}",
+        software=f"topdress {find_software_version()}",
         aside=whole.aside,
         by_file_date=whole.by_file_date,
     )

@@ -33,7 +33,7 @@ def print_history(
     each term."""
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.machine.history import find_last_change, undo_last_change
-    from topdress.drivers.files.config import save
+    from topdress.drivers.files.config import save_config
     from topdress.drivers.files.kinds import MACHINE
 
     if undo != (out is not None):
@@ -46,7 +46,7 @@ def print_history(
     if out is not None:
         refuse_collisions([find_machine_file(machine)], [Output((out,))], force)
         last = find_last_change(loaded)
-        save(out, undo_last_change(loaded, date=day_clock.read_today().isoformat()), MACHINE)
+        save_config(out, undo_last_change(loaded, date=day_clock.read_today().isoformat()), MACHINE)
         assert last is not None
         if as_json:
             print_json(last)

@@ -220,9 +220,9 @@ def _guess_import(files: list[Path], given: _ImportOptions) -> tuple[RawTable, I
 
 def _list_read_files(files: list[Path]) -> list[Path]:
     """The files with the companions of a shapefile and the files of a task."""
-    from topdress.drivers.files.archives import files_of
+    from topdress.drivers.files.archives import list_opened_files
 
-    return [one for path in files for one in files_of(path)]
+    return [one for path in files for one in list_opened_files(path)]
 
 
 def _import_files(
@@ -262,9 +262,9 @@ def _import_files(
 
 
 def _list_written_files(out: Path) -> tuple[Path, ...]:
-    from topdress.drivers.files.log_store import SUFFIXES
+    from topdress.drivers.files.log_store import STORE_SUFFIXES
 
-    if out.suffix.lower() in SUFFIXES:
+    if out.suffix.lower() in STORE_SUFFIXES:
         return (out,)
     if out.suffix != ".csv":
         raise CommandError(f"--out {out}: allowed is a name that ends in .csv or .parquet")
@@ -274,27 +274,27 @@ def _list_written_files(out: Path) -> tuple[Path, ...]:
 def _is_format_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
     """Whether a run log is only converted to the other form: text to Parquet, or Parquet of ours to
     text."""
-    from topdress.drivers.files.log_store import SUFFIXES, is_store
-    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.log_store import STORE_SUFFIXES, is_log_store
+    from topdress.drivers.files.opened import FileContent
 
     if mapping is not None or len(files) != 1 or not files[0].exists():
         return False
-    if is_store(files[0]):
+    if is_log_store(files[0]):
         return True
-    return out.suffix.lower() in SUFFIXES and not Opened(files[0]).foreign
+    return out.suffix.lower() in STORE_SUFFIXES and not FileContent(files[0]).foreign
 
 
 def _copy_log(source: Path, out: Path, force: bool) -> _ImportAnswer:
-    from topdress.drivers.files.log_store import SUFFIXES, write_store, write_text
-    from topdress.drivers.files.read_log import read_rows
+    from topdress.drivers.files.log_store import STORE_SUFFIXES, write_log_store, write_log_text
+    from topdress.drivers.files.read_log import read_filled_log
 
     refuse_collisions(list_log_files(source), [Output(_list_written_files(out))], force)
-    log = read_rows(source)
+    log = read_filled_log(source)
     print_note_lines(log.findings, f"{source}: ")
-    if out.suffix.lower() in SUFFIXES:
-        write_store(out, log.columns, log.meta, log.findings)
+    if out.suffix.lower() in STORE_SUFFIXES:
+        write_log_store(out, log.columns, log.meta, log.findings)
     else:
-        write_text(out, log.columns, log.meta)
+        write_log_text(out, log.columns, log.meta)
     return (
         {"path": out, "rows": len(log), "duration_s": log.duration_s, "columns": list(log.columns)},
         [f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB"],
@@ -306,12 +306,12 @@ def _read_or_guess_mapping(
 ) -> tuple[RawTable | None, ImportFile]:
     """The import file; without one, the guess where nothing of it is unsure, and the table by which
     it was made."""
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.imports.import_errors import LogImportError
     from topdress.drivers.files.imports.mapping import IMPORT
 
     if place is not None:
-        mapping = load(place, IMPORT).model
+        mapping = load_config(place, IMPORT).model
         return None, mapping.model_copy(
             update={"source": mapping.source.model_copy(update=given.said)}
         )

@@ -56,22 +56,22 @@ def print_info(as_json: AsJson = False) -> None:
 
 
 def _find_versions() -> dict[str, str]:
-    from topdress.drivers.files.extras import OWN, name_of, version_of
-    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.extras import OWN_PACKAGE, find_version, parse_package_name
+    from topdress.drivers.files.run_meta import find_software_version
 
     names = (
         [
-            name_of(one)
-            for one in requires(OWN) or ()
+            parse_package_name(one)
+            for one in requires(OWN_PACKAGE) or ()
             if "extra" not in one and "sys_platform" not in one
         ]
-        if version_of(OWN)
+        if find_version(OWN_PACKAGE)
         else []
     )
     return {
-        OWN: software_version(),
+        OWN_PACKAGE: find_software_version(),
         "python": platform.python_version(),
-        **{name: version_of(name) or "not there" for name in names},
+        **{name: find_version(name) or "not there" for name in names},
     }
 
 
@@ -79,11 +79,11 @@ def _find_folders() -> dict[str, str]:
     from pathlib import Path
 
     from topdress.console.services.launcher import find_data_folder
-    from topdress.drivers.files.settings import settings_path
+    from topdress.drivers.files.settings import find_settings_path
 
     return {
         "sources": str(Path(__file__).resolve().parents[2]),
-        "settings": str(settings_path()),
+        "settings": str(find_settings_path()),
         "data": str(find_data_folder()),
     }
 
@@ -102,9 +102,14 @@ def _describe_screen() -> dict[str, Any]:
 
 
 def _list_extra_states() -> list[dict[str, Any]]:
-    from topdress.drivers.files.extras import EXTRAS, extra_line, is_there
+    from topdress.drivers.files.extras import EXTRAS, format_extra_line, is_extra_installed
 
     return [
-        {"extra": extra, "for": words, "installed": is_there(extra), "line": extra_line(extra)}
+        {
+            "extra": extra,
+            "for": words,
+            "installed": is_extra_installed(extra),
+            "line": format_extra_line(extra),
+        }
         for extra, (words, _) in EXTRAS.items()
     ]

@@ -58,7 +58,7 @@ CAPTURE_KINDS = FileKinds(
 
 
 def refuse_other_kinds(files: Iterable[Path], reads: FileKinds) -> None:
-    """Raises WrongKind in one line for a file that is not there, or of another kind; OSError."""
+    """Raises WrongKindError in one line for a missing file, or one of another kind; OSError."""
     from topdress.drivers.files.file_sniffer import refuse_kind
 
     for file in files:
@@ -67,10 +67,10 @@ def refuse_other_kinds(files: Iterable[Path], reads: FileKinds) -> None:
 
 def load_machine(name: str) -> Machine:
     """The machine of a machine file, or of the name of a shipped one. Raises ConfigError."""
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import MACHINE
 
-    return load(name, MACHINE).model
+    return load_config(name, MACHINE).model
 
 
 def need_ending(option: str, path: Path | None, *endings: str) -> None:
@@ -86,9 +86,9 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
 
 def refuse_run_log(table: Path, command: str) -> None:
     """Raises CommandError for a run log where a bench table is wanted."""
-    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.opened import FileContent
 
-    if Opened(table).holds == "log":
+    if FileContent(table).holds == "log":
         raise CommandError(
             f"{table}: this is a run log (topdress diagnose reads it, topdress calibrate wheel and "
             f"heads too): allowed for {command} is a bench table"
@@ -97,9 +97,9 @@ def refuse_run_log(table: Path, command: str) -> None:
 
 def refuse_bench_table(log: Path, command: str) -> None:
     """Raises CommandError for a bench table where a run log is wanted."""
-    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.opened import FileContent
 
-    file = Opened(log)
+    file = FileContent(log)
     if file.is_table and file.holds == "table":
         raise CommandError(
             f"{log}: this is a bench table ({file.bench}; topdress diagnose reads it, "

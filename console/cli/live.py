@@ -25,7 +25,7 @@ from topdress.console.cli.plain_errors import CommandError
 from topdress.console.cli.plain_output import format_json_line
 from topdress.console.link import Link, WorkerGone
 from topdress.console.running import WorkerFailed, find_running_worker
-from topdress.drivers.files.extras import need
+from topdress.drivers.files.extras import require_extras
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client
@@ -103,7 +103,7 @@ def publish_live(
     with contextlib.ExitStack() as stack:
         to: list[LineSink] = []
         if mqtt is not None:
-            need("MQTT", "mqtt")
+            require_extras("MQTT", "mqtt")
             to.append(stack.enter_context(_open_broker(mqtt)))
         asyncio.run(_publish_until_unread(to, port, every, quiet))
 

@@ -141,9 +141,9 @@ def make_machine_file(
     and sensor noise, the time constant where the log does not show it, and in what its effort
     is where it has one."""
     from topdress.control.calibration.first_machine import MissingColumn, suggest_machine
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import MACHINE
 
     if out.suffix not in (".yaml", ".yml"):
@@ -151,7 +151,7 @@ def make_machine_file(
     if out.resolve() == list_log_files(log)[1].resolve():
         raise CommandError(f"--out {out}: is the sidecar of the log {log}: allowed is another name")
     refuse_collisions(list_log_files(log), [Output((out,))], force)
-    columns = dict(open_log(log).columns)
+    columns = dict(open_any_log(log).columns)
     try:
         found = suggest_machine(columns)
     except MissingColumn as error:
@@ -168,7 +168,7 @@ def make_machine_file(
         text, columns, answers.ask_effort_unit(effort_unit, columns), log.name
     )
     write_atomically(out, text)
-    load(str(out), MACHINE)  # what is written is what is read
+    load_config(str(out), MACHINE)  # what is written is what is read
     typer.echo(
         f"{out}: a {kind.value}, {made.full_rpm:g} "
         f"r/min{_describe_times(found, made)}{_describe_neutral(made)}; {answers.count} "

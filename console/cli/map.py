@@ -128,15 +128,15 @@ def convert_map(
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
-    from topdress.drivers.files.file_sniffer import TABLES
-    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.file_sniffer import TABLE_SUFFIXES
+    from topdress.drivers.files.opened import FileContent
     from topdress.drivers.files.prescriptions.words import RateChoice
 
     refuse_other_kinds([source], MAP_FILE_KINDS)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
-    holds = Opened(source).holds
-    is_log = holds in ("log", "table") or (not holds and source.suffix.lower() in TABLES)
+    holds = FileContent(source).holds
+    is_log = holds in ("log", "table") or (not holds and source.suffix.lower() in TABLE_SUFFIXES)
     if out is not None:
         refuse_collisions(_list_read_files(source, is_log, machine), [_make_output(out)], force)
     if is_log:
@@ -169,10 +169,14 @@ def convert_map(
 
 
 def _list_read_files(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
-    from topdress.drivers.files.archives import files_of
-    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.archives import list_opened_files
+    from topdress.drivers.files.opened import FileContent
 
-    own = list_log_files(source) if is_log and Opened(source).is_table else files_of(source)
+    own = (
+        list_log_files(source)
+        if is_log and FileContent(source).is_table
+        else list_opened_files(source)
+    )
     return (*own, *(() if machine is None else (find_machine_file(machine),)))
 
 
@@ -337,7 +341,7 @@ def _export_log(
     polygons: bool,
     as_json: bool,
 ) -> None:
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.exports.as_applied import SpreadProduct, build_as_applied
     from topdress.drivers.files.exports.columns import summarise_export
     from topdress.drivers.files.exports.write import write_as_applied
@@ -345,7 +349,7 @@ def _export_log(
     given = None
     if product is not None or nitrogen is not None:
         given = SpreadProduct(product or "product", nitrogen or 0.0)
-    log = open_log(source)
+    log = open_any_log(source)
     loaded = load_machine(machine) if machine else None
     applied = build_as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
@@ -372,11 +376,11 @@ def _write_job_report(applied: AsApplied, out: Path, log: RunLog) -> None:
     from topdress.console.reports.job_about import read_job_metadata
     from topdress.console.reports.job_page import make_job_page
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.run_meta import find_software_version
 
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(
-        out, make_job_page(applied, f"topdress {software_version()}", read_job_metadata(log))
+        out, make_job_page(applied, f"topdress {find_software_version()}", read_job_metadata(log))
     )
 
 

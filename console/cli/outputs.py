@@ -86,9 +86,9 @@ def find_machine_file(where: str) -> Path:
 
 def find_named_file(where: str, folder: str) -> Path:
     """The configuration file of a shipped name or path. Raises ConfigError."""
-    from topdress.drivers.files.config import resolve
+    from topdress.drivers.files.config import resolve_config_path
 
-    return resolve(where, [folder])
+    return resolve_config_path(where, [folder])
 
 
 def _find_file_identity(path: Path) -> tuple[int, int] | None:

@@ -75,10 +75,13 @@ def guard_command(command: CommandFunction) -> CommandFunction:
 def _describe_unforeseen(error: Exception) -> tuple[str, int]:
     """A line and an exit code. The trace of an unforeseen error is for us, the line for the user;
     for a part that is not installed, the line installs it."""
-    from topdress.drivers.files.extras import extra_line, extra_of
+    from topdress.drivers.files.extras import find_extra, format_extra_line
 
-    if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")) is not None:
-        return f"this needs the extra {extra}, not installed: {extra_line(extra)}", WRONG
+    if (
+        isinstance(error, ModuleNotFoundError)
+        and (extra := find_extra(error.name or "")) is not None
+    ):
+        return f"this needs the extra {extra}, not installed: {format_extra_line(extra)}", WRONG
     said = join_lines(str(error))[:200]
     return f"a fault of topdress: {type(error).__name__}: {said}; {_keep_trace()}", OUR_FAULT
 

@@ -83,7 +83,7 @@ class PlainOutput(io.TextIOWrapper):
 def print_json(found: Any) -> None:
     """Print a line of JSON: by the names of fields, which have the units in them; null for a value
     that is no number."""
-    from topdress.drivers.files.plain import plain as as_data
+    from topdress.drivers.files.plain import convert_to_plain as as_data
 
     typer.echo(
         format_json_line(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None))

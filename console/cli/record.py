@@ -63,7 +63,7 @@ def record_passes(
     """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for
     the farm's books."""
     from topdress.drivers.files.exports.farm_record import sum_passes, write_farm_record
-    from topdress.drivers.files.farm_lines import BEGINS
+    from topdress.drivers.files.farm_lines import RECORD_BEGIN
 
     refuse_other_kinds(logs, LOG_KINDS)
     need_ending("--out", out, ".csv")
@@ -73,7 +73,7 @@ def record_passes(
         *([] if machine is None else [find_machine_file(machine)]),
     ]
     if out is not None:
-        refuse_collisions(reads, [make_marked_output(out, BEGINS)], force)
+        refuse_collisions(reads, [make_marked_output(out, RECORD_BEGIN)], force)
     loaded = load_machine(machine) if machine else None
     passes = [_make_pass(log, loaded, nitrogen, prices, currency) for log in logs]
     if prices and not any(_has_price(one, prices) for one in passes):
@@ -118,11 +118,11 @@ def _make_pass(
     currency: str | None,
 ) -> FarmPass:
     from topdress.console.reports.job_about import read_job_metadata
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.exports.as_applied import SpreadProduct, build_as_applied
     from topdress.drivers.files.exports.farm_record import FarmPass
 
-    opened = open_log(log)
+    opened = open_any_log(log)
     about = read_job_metadata(opened)
     who = about.who
     given = None if nitrogen is None else SpreadProduct(who.product or "product", nitrogen)

@@ -42,11 +42,11 @@ def replay_log(
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
     from topdress.console.services.rerun import load_rerun_setup
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
 
     refuse_other_kinds([log], LOG_KINDS)
     refuse_bench_table(log, "replay")
-    recorded = open_log(log)
+    recorded = open_any_log(log)
     if not headless:
         if out is not None:
             raise CommandError("--out goes with --headless")
@@ -64,11 +64,11 @@ def replay_log(
 
 def _run_headless(recorded: RunLog, out: Path, setup: Setup) -> None:
     from topdress.console.services.rerun import rerun_loop
-    from topdress.drivers.files.run_meta import run_meta
+    from topdress.drivers.files.run_meta import make_run_meta
 
     print_note_lines((*recorded.findings, *setup.job.warnings))
     started = time.perf_counter()
-    meta = run_meta(
+    meta = make_run_meta(
         setup.machine,
         setup.crop,
         setup.job,

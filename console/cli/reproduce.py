@@ -35,7 +35,7 @@ def reproduce_papers(
     from topdress.console.reports.html import GENERATOR_META
     from topdress.console.reports.paper_page import make_paper_page
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.run_meta import find_software_version
 
     before = [*out.glob("[0-9]-[0-9]*.csv")]
     refuse_collisions(
@@ -46,7 +46,9 @@ def reproduce_papers(
     for number, section in enumerate(sections):
         for k, table in enumerate(section.tables, start=1):
             write_atomically(out / f"{number}-{k}.csv", format_table_csv(table))
-    write_atomically(out / PAGE_NAME, make_paper_page(sections, f"topdress {software_version()}"))
+    write_atomically(
+        out / PAGE_NAME, make_paper_page(sections, f"topdress {find_software_version()}")
+    )
     if as_json:
         print_json(
             [{"title": one.title, "words": one.words, "tables": one.tables} for one in sections]

@@ -73,7 +73,7 @@ def show_run(
     from topdress.console.services.live_checker import LiveChecker
     from topdress.console.services.settings import read_settings_store
     from topdress.console.services.sound import SoundPlayer
-    from topdress.drivers.files.extras import is_there
+    from topdress.drivers.files.extras import is_extra_installed
 
     async def attach_to_running() -> Link:
         # not before the worker is started, which takes as long to come up as all of the console
@@ -91,7 +91,7 @@ def show_run(
         return JobFiles(launcher)
 
     job, lines = make_late(make_job_files), KeptLineFiles()
-    checked = model_check and is_there("diagnosis")
+    checked = model_check and is_extra_installed("diagnosis")
     source: Link | None = None
     if running is not None:
         source = Link(running, name)
@@ -177,10 +177,10 @@ def _start_in_background(start: Callable[[], WorkerAddress]) -> Future[WorkerAdd
 
 def _load_setup_files(config: tuple[str, ...]) -> SetupFiles:
     """The setup and its files by kind. Raises ConfigError."""
-    from topdress.drivers.files.setup import by_kind, setup_of
+    from topdress.drivers.files.setup import build_setup, load_by_kind
 
-    found = by_kind(config)
-    return setup_of(found, day_clock.read_today()), found
+    found = load_by_kind(config)
+    return build_setup(found, day_clock.read_today()), found
 
 
 def make_run_services(files: Callable[[], SetupFiles], effects: tuple[str, ...] = ()) -> Services:

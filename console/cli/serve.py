@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 from topdress.console.cli.plain_errors import CommandError
-from topdress.drivers.files.extras import need
+from topdress.drivers.files.extras import require_extras
 
 TOKEN_ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # none that look alike
 TOKEN_LETTERS = 10  # 49 bits
@@ -41,7 +41,7 @@ def serve_tablets(
 ) -> None:
     """Serve the console to browsers. A tab attaches to the control worker that runs; it never
     starts one."""
-    need("serve", "serve")
+    require_extras("serve", "serve")
     from topdress.console.running import find_running_worker
     from topdress.console.serve.server import TabletServer
 

@@ -112,7 +112,7 @@ def run_simulation(
     from topdress.drivers.files.atomic import write_atomically
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.prescriptions.for_job import find_map_check, read_loop_targets
-    from topdress.drivers.files.setup import index_disagreements, load_setup
+    from topdress.drivers.files.setup import find_index_disagreements, load_setup
 
     setup = load_setup(machine, job, day_clock.read_today())
     given = {
@@ -125,7 +125,7 @@ def run_simulation(
         refuse_collisions(setup.files, [make_log_output(out, make_truth_path(out))], force)
         out.parent.mkdir(parents=True, exist_ok=True)
     resolved = add_simulated_field(setup.job.model_copy(update=changes), setup.machine)
-    if lines := index_disagreements(None, setup.crop, resolved):
+    if lines := find_index_disagreements(None, setup.crop, resolved):
         raise ConfigError(lines)
     by_plugin, own = split_terms(effect or ())
     planted = [parse_planted(text) for text in own]
@@ -215,10 +215,10 @@ def _simulate_run(
     from topdress.control.simulation.assembly import make_control_loop, make_plant
     from topdress.control.simulation.closed_loop import RunRecord, simulate_run
     from topdress.control.simulation.dose_watch import DoseWatch
-    from topdress.drivers.files.extras import is_there
+    from topdress.drivers.files.extras import is_extra_installed
 
     compiled: CompiledSteps | None = None
-    if seconds >= LONG_RUN_S and is_there("diagnosis"):
+    if seconds >= LONG_RUN_S and is_extra_installed("diagnosis"):
         from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 
         compiled = COMPILED_STEPS
@@ -269,9 +269,9 @@ def _parse_switch(option: str, text: str | None) -> bool | None:
 
 
 def _make_run_meta(setup: Setup, job: Job, seed: int) -> RunMeta:
-    from topdress.drivers.files.run_meta import run_meta
+    from topdress.drivers.files.run_meta import make_run_meta
 
-    return run_meta(
+    return make_run_meta(
         setup.machine,
         setup.crop,
         job,

@@ -55,12 +55,12 @@ def _validate_term(data: dict[str, Any]) -> Term:
     from pydantic import ValidationError
     from topdress.control.machine.terms import Term
     from topdress.drivers.files.config import ConfigError
-    from topdress.drivers.files.config_words import explain
+    from topdress.drivers.files.config_words import explain_errors
 
     try:
         return Term.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(explain(error, Term, data, "--term", {})) from None
+        raise ConfigError(explain_errors(error, Term, data, "--term", {})) from None
 
 
 def describe_terms() -> list[str]:

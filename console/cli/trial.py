@@ -58,7 +58,7 @@ def run_trial(
     from topdress.console.reports.paper_page import make_paper_page
     from topdress.control.papers.trial import trial_section
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.run_meta import find_software_version
     from topdress.drivers.files.trial import read_trial
 
     refuse_other_kinds([one for one in (log, after) if one is not None], LOG_KINDS)
@@ -75,7 +75,7 @@ def run_trial(
     except ValueError as error:
         raise CommandError(str(error)) from None
     write_atomically(
-        out, make_paper_page([section], f"topdress {software_version()}", "Trial, by plot")
+        out, make_paper_page([section], f"topdress {find_software_version()}", "Trial, by plot")
     )
     if as_json:
         print_json({"words": section.words, "tables": section.tables})

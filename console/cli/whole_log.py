@@ -45,9 +45,9 @@ def make_log_output(log: Path, *with_it: Path) -> Output:
 
 
 def _is_computed_log(log: Path) -> bool:
-    from topdress.drivers.files.run_meta import sidecar_meta
+    from topdress.drivers.files.run_meta import read_sidecar_meta
 
-    meta = sidecar_meta(log)
+    meta = read_sidecar_meta(log)
     return meta is not None and (
         "replay_of" in meta.extra or (meta.seed is not None and meta.started_utc is None)
     )

@@ -348,7 +348,7 @@ def _format_not_shown(found: Diagnosis) -> str:
 
 
 def _format_provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
-    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.run_meta import find_software_version
 
     pairs = []
     for path in [p for p in found.data.path.split(" + ") if p]:
@@ -358,7 +358,7 @@ def _format_provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
             pairs.append(("sha256", f"<code>{escape_text(checksum)}</code>"))
     pairs += [
         ("Machine", escape_text(found.data.machine)),
-        ("Written by", f"topdress {escape_text(tools.get('version') or software_version())}"),
+        ("Written by", f"topdress {escape_text(tools.get('version') or find_software_version())}"),
     ]
     if tools.get("date"):
         pairs.append(("Date", escape_text(tools["date"])))
@@ -372,9 +372,9 @@ def _find_checksum(path: str, given: Mapping[str, str] | str | None) -> str:
         return given
     if given and path in given:
         return given[path]
-    from topdress.drivers.files.config import sha256_of
+    from topdress.drivers.files.config import calc_sha256
 
     try:
-        return sha256_of(Path(path))
+        return calc_sha256(Path(path))
     except OSError:
         return ""

@@ -203,12 +203,12 @@ def wrap_html(inside: str) -> str:
 def load_named_machine(name: str) -> Machine:
     """A machine file by its path, or by its name where it comes with topdress. Raises ValueError,
     one line."""
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.kinds import MACHINE
 
     try:
-        return load(name, MACHINE).model
+        return load_config(name, MACHINE).model
     except ConfigError as error:
         raise ValueError(error.lines[0]) from None
 

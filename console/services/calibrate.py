@@ -24,7 +24,7 @@ from topdress.console.services.launcher import find_data_folder
 from topdress.control.machine.flow import calc_grams_per_rev
 from topdress.control.machine.machine import Machine
 from topdress.drivers import day_clock
-from topdress.drivers.files.atomic import free_path
+from topdress.drivers.files.atomic import find_free_path
 
 if TYPE_CHECKING:
     from topdress.control.calibration.bench_table import BenchTable
@@ -74,7 +74,9 @@ def make_calibrate_service(
         fit_effort=lambda path: fit_drive_effort(machine, path),
         save=lambda fitted, name: save_calibrated(machine, fitted, name, place, counted_m),
         name_for=lambda kind: (
-            free_path(place, f"{machine.id}-{kind}-{day_clock.read_today():%Y%m%d}", ".yaml").stem
+            find_free_path(
+                place, f"{machine.id}-{kind}-{day_clock.read_today():%Y%m%d}", ".yaml"
+            ).stem
         ),
     )
 
@@ -326,10 +328,13 @@ def fit_drive_effort(machine: Machine, path: str) -> Calibrated:
     """The effort of the drives, from a run log as far as it is written; the fit is also what is
     saved."""
     from topdress.control.diagnosis.runs import effort_reference
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
 
     new, fits = effort_reference.fit_effort(
-        dict(open_log(Path(path)).columns), machine, path, date=day_clock.read_today().isoformat()
+        dict(open_any_log(Path(path)).columns),
+        machine,
+        path,
+        date=day_clock.read_today().isoformat(),
     )
     numbers = [
         _make_estimate(cast(EstimateName, place.removeprefix("effort.")), one, unit, 4)
@@ -384,7 +389,7 @@ def save_calibrated(
     else:
         write_atomically(table_path, format_catch_csv(fitted.source))
         new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)
-    config.save(path, new, MACHINE)
+    config.save_config(path, new, MACHINE)
     return str(path)
 
 

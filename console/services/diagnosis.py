@@ -35,8 +35,14 @@ from topdress.console.services.foreign_files import is_importable, is_likely_log
 from topdress.console.services.launcher import find_data_folder
 from topdress.console.threads import ONE_THREAD_VARIABLES
 from topdress.drivers import day_clock
-from topdress.drivers.files.atomic import free_path
-from topdress.drivers.files.extras import extra_line, installer, is_there, need, requirements
+from topdress.drivers.files.atomic import find_free_path
+from topdress.drivers.files.extras import (
+    find_installer,
+    format_extra_line,
+    is_extra_installed,
+    list_requirements,
+    require_extras,
+)
 
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Machine
@@ -100,21 +106,21 @@ class DiagnosisFiles:
 
     def list_machines(self) -> tuple[str, ...]:
         """Shipped machines by name, then adopted ones by path."""
-        from topdress.drivers.files.config import shipped
+        from topdress.drivers.files.config import find_shipped_files
 
         adopted = sorted(str(path) for path in (self.own / "machines").glob("*.yaml"))
-        return (*shipped("machines"), *adopted)
+        return (*find_shipped_files("machines"), *adopted)
 
     def is_installed(self) -> bool:
         """Whether the extra diagnosis is installed."""
-        return is_there(DIAGNOSIS_EXTRA)
+        return is_extra_installed(DIAGNOSIS_EXTRA)
 
     # --- long work
     # ----------------------------------------------------------------------------------------------
 
     def install_extra(self, tell: TellProgress, stop: StopSignal) -> None:
         """Install the extra diagnosis."""
-        command = [*installer(), *requirements(DIAGNOSIS_EXTRA)]
+        command = [*find_installer(), *list_requirements(DIAGNOSIS_EXTRA)]
         tell(0.0, "installing")
         try:
             with subprocess.Popen(
@@ -135,7 +141,7 @@ class DiagnosisFiles:
         importlib.invalidate_caches()
         if child.returncode or not self.is_installed():
             why = trouble[-1] if trouble else f"ended with {child.returncode}"
-            raise ValueError(f"{extra_line(DIAGNOSIS_EXTRA)}: {why}")
+            raise ValueError(f"{format_extra_line(DIAGNOSIS_EXTRA)}: {why}")
 
     def run_diagnosis(
         self, source: DiagnosisSource, machine: str | None, tell: TellProgress, stop: StopSignal
@@ -195,16 +201,16 @@ class DiagnosisFiles:
     def _run_order(
         self, order: DiagnosisOrder, tell: TellProgress, stop: StopSignal
     ) -> DiagnosisView:
-        from topdress.drivers.files.plain import typed
+        from topdress.drivers.files.plain import build_from_plain
 
         self._run_job_process(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
-        return typed(DiagnosisView, plain)._replace(folder=order.folder)
+        return build_from_plain(DiagnosisView, plain)._replace(folder=order.folder)
 
     def _run_job_process(self, order: DiagnosisOrder, tell: TellProgress, stop: StopSignal) -> None:
         """Do the work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one
         line."""
-        need("a diagnosis", DIAGNOSIS_EXTRA)
+        require_extras("a diagnosis", DIAGNOSIS_EXTRA)
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
         trouble = Path(order.folder) / "trouble.txt"
@@ -292,21 +298,21 @@ class DiagnosisFiles:
     def undo_last_change(self, machine: str | None) -> str:
         """Write the machine file without its last change; returns its path."""
         from topdress.control.machine.history import undo_last_change
-        from topdress.drivers.files.config import save
+        from topdress.drivers.files.config import save_config
         from topdress.drivers.files.kinds import MACHINE
 
         today = day_clock.read_today().isoformat()
         back = undo_last_change(self._load_machine(machine), date=today)
-        path = free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
+        path = find_free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
         path.parent.mkdir(parents=True, exist_ok=True)
-        save(path, back, MACHINE)
+        save_config(path, back, MACHINE)
         return str(path)
 
     def _load_machine(self, machine: str | None) -> Machine:
-        from topdress.drivers.files.config import load
+        from topdress.drivers.files.config import load_config
         from topdress.drivers.files.kinds import MACHINE
 
-        found: Machine = load(machine or self.machine, MACHINE).model
+        found: Machine = load_config(machine or self.machine, MACHINE).model
         return found
 
     def export_result(self, found: DiagnosisView, what: ExportKind) -> str:
@@ -320,16 +326,16 @@ class DiagnosisFiles:
     def write_separating_job(self, found: DiagnosisView) -> str:
         """Write the separating run as a job file; returns its path. Raises ValueError."""
         from topdress.console.services.separating_run import make_drive
-        from topdress.drivers.files.config import load, save
+        from topdress.drivers.files.config import load_config, save_config
         from topdress.drivers.files.kinds import JOB, MACHINE
 
         run = found.found.next_run
         if run is None or not found.drives:
             raise ValueError("this run has no job file: do it by its steps")
-        machine = load(self.machine, MACHINE).model
-        drive = make_drive(found.drives, load("demo", JOB).model, machine)
+        machine = load_config(self.machine, MACHINE).model
+        drive = make_drive(found.drives, load_config("demo", JOB).model, machine)
         job = drive.job.model_copy(update={"title": run.plan})
-        path = free_path(self.own / "jobs", job.id, ".yaml")
+        path = find_free_path(self.own / "jobs", job.id, ".yaml")
         said = (
             f"Separating run, {found.minutes:g} minutes, planned by a diagnosis of "
             f"{found.source}.\n"
@@ -341,7 +347,7 @@ class DiagnosisFiles:
                 "ground, speed and rate."
             )
         path.parent.mkdir(parents=True, exist_ok=True)
-        save(path, job, JOB, said)
+        save_config(path, job, JOB, said)
         return str(path)
 
 
@@ -369,9 +375,9 @@ def _find_source_kind(path: Path) -> str | None:
     from topdress.drivers.files.imports.import_errors import TableError
 
     # takes a second: only where there is such a file
-    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.opened import FileContent
 
-    file = Opened(path)
+    file = FileContent(path)
     try:
         return "run" if not file.foreign else file.bench if file.holds == "table" else None
     except TableError:
@@ -413,6 +419,6 @@ def _copy_to_folder(made: Path, folder: Path, stem: str, ending: str, before: st
     from topdress.drivers.files.atomic import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
-    path = free_path(folder, stem, ending)
+    path = find_free_path(folder, stem, ending)
     write_atomically(path, before.encode() + made.read_bytes())
     return str(path)

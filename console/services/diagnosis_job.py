@@ -88,13 +88,13 @@ def compare_before_and_after(order: DiagnosisOrder, tell: TellProgress) -> None:
     from topdress.console.reports.compare_page import list_plain_data, make_compare_page
     from topdress.control.diagnosis.runs.compared import compared
     from topdress.control.machine.history import undo_last_change
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.atomic import write_atomically
 
     after = find_order_machine(order)
     tell(0.0, "reading")
     found = compared(
-        dict(open_log(Path(order.data)).columns),
+        dict(open_any_log(Path(order.data)).columns),
         undo_last_change(after),
         after,
         lambda share, word: tell(0.8 * share, word),
@@ -125,7 +125,7 @@ def drive_simulated_run(
     )
     from topdress.control.simulation.closed_loop import simulate_run
     from topdress.drivers.files.run_log import PlainLogWriter
-    from topdress.drivers.files.run_meta import run_meta
+    from topdress.drivers.files.run_meta import make_run_meta
     from topdress.drivers.files.setup import load_setup
 
     dt_s = 0.05
@@ -137,7 +137,7 @@ def drive_simulated_run(
     )
     loop = make_control_loop(machine, setup.crop, setup.rule, job)
     writer = PlainLogWriter(
-        out, run_meta(machine, setup.crop, job, seed=order.seed), overwrite=True
+        out, make_run_meta(machine, setup.crop, job, seed=order.seed), overwrite=True
     )
     try:
         for number, step in enumerate(
@@ -162,7 +162,7 @@ def _diagnose_and_write(
     from topdress.console.app.pages.diagnosis.adoption import list_selections
     from topdress.console.services.diagnosis_view import calc_mean_target, make_diagnosis_view
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.plain import plain
+    from topdress.drivers.files.plain import convert_to_plain
 
     folder = Path(order.folder)
     tell(0.0, "reading")
@@ -170,9 +170,9 @@ def _diagnose_and_write(
     tools: dict[str, Any]
     if order.kind == "run":
         from topdress.control.diagnosis.runs.diagnose import diagnose_run
-        from topdress.drivers.files.any_log import open_log
+        from topdress.drivers.files.any_log import open_any_log
 
-        log = open_log(data)
+        log = open_any_log(data)
         columns = dict(log.columns)
         found = diagnose_run(
             columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word)
@@ -196,7 +196,9 @@ def _diagnose_and_write(
         file = f"machine-{number}.yaml"
         offers.append(_write_adoption_offer(found, ids, machine, data, folder / file))
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
-    write_atomically(folder / VIEW, json.dumps(plain(view._replace(offers=tuple(offers)))))
+    write_atomically(
+        folder / VIEW, json.dumps(convert_to_plain(view._replace(offers=tuple(offers))))
+    )
     tell(0.9, "report")
     _write_report(found, tools, folder / REPORT)
 
@@ -219,7 +221,7 @@ def _write_adoption_offer(
     from topdress.console.reports.term_words import compare_side_by_side
     from topdress.control.diagnosis.extend import extend
     from topdress.control.diagnosis.runs.adoption import select_adoptable
-    from topdress.drivers.files.config import save, sha256_of
+    from topdress.drivers.files.config import calc_sha256, save_config
     from topdress.drivers.files.kinds import MACHINE
 
     fitted = (
@@ -229,7 +231,7 @@ def _write_adoption_offer(
     taken = select_adoptable(dataclasses.replace(found, fitted=fitted, terms=terms), ids)
     refused = tuple(f"{name}: {why}" for name, why in taken.refused)
     extended = extend(
-        machine, taken.found, date=day_clock.read_today().isoformat(), sha256=sha256_of(data)
+        machine, taken.found, date=day_clock.read_today().isoformat(), sha256=calc_sha256(data)
     )
     if extended == machine:
         return AdoptionOffer(ids, "", (), refused)
@@ -240,7 +242,7 @@ def _write_adoption_offer(
             *(f"  {one}" for one in ids if one not in left),
         ]
     )
-    save(path, extended, MACHINE, comment)
+    save_config(path, extended, MACHINE, comment)
     return AdoptionOffer(ids, path.name, tuple(compare_side_by_side(extended.history[-1])), refused)
 
 
@@ -265,13 +267,13 @@ def _print_json_line(what: dict[str, Any]) -> None:
 def run_job(path: str) -> int:
     """Carry out the order in the file at `path`; returns the exit code."""
     from topdress.drivers.files.config import ConfigError
-    from topdress.drivers.files.plain import typed
+    from topdress.drivers.files.plain import build_from_plain
 
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
-        carry_out_order(typed(DiagnosisOrder, said), make_progress_teller())
+        carry_out_order(build_from_plain(DiagnosisOrder, said), make_progress_teller())
     except OpenQuestions as asked:
         _print_json_line({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:

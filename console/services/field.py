@@ -29,15 +29,15 @@ def make_field_picture(frame: Frame) -> FieldPicture | None:
 
     Raises ValueError, one line, where the job's files cannot be read.
     """
-    from topdress.drivers.files.atomic import sidecar
+    from topdress.drivers.files.atomic import find_sidecar
     from topdress.drivers.files.kinds import JOB, MACHINE
-    from topdress.drivers.files.run_meta import meta_from_yaml
+    from topdress.drivers.files.run_meta import parse_meta_yaml
 
     if not frame.log_path:
         return None
-    described = sidecar(Path(frame.log_path))
+    described = find_sidecar(Path(frame.log_path))
     try:
-        meta = meta_from_yaml(described.read_text(encoding="utf-8"))
+        meta = parse_meta_yaml(described.read_text(encoding="utf-8"))
     except OSError:
         return None
     if meta.job is None:

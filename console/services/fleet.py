@@ -35,7 +35,7 @@ from topdress.console.services.fleet_job import (
     run_each,
 )
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.extras import need
+from topdress.drivers.files.extras import require_extras
 
 LOGS, SEEN = "logs", "seen.json"
 LOG_SUFFIXES = (".csv", ".parquet", ".pq")
@@ -105,7 +105,7 @@ def open_cluster(
     certificate of an authority that was made for this run; files of its workers lie in a folder of
     this user's.
     """
-    need("a fleet", "fleet", "diagnosis")
+    require_extras("a fleet", "fleet", "diagnosis")
     import dask
     from distributed import Client, LocalCluster, Security
 
@@ -274,7 +274,7 @@ def _is_log_name(name: str) -> bool:
 
 
 def _list_url_logs(where: str, options: StoreOptions) -> list[str]:
-    need("a URL", "fleet")
+    require_extras("a URL", "fleet")
     import fsspec
 
     system, path = fsspec.core.url_to_fs(where, **options)
@@ -598,11 +598,11 @@ def _find_file_states(
 
 
 def _find_file_state(path: str) -> str:
-    from topdress.drivers.files.any_log import import_file
+    from topdress.drivers.files.any_log import find_import_file
 
     try:
         status = Path(path).stat()
-        side_files = (Path(path).with_suffix(".yaml"), import_file(Path(path)))
+        side_files = (Path(path).with_suffix(".yaml"), find_import_file(Path(path)))
         return " ".join(
             map(
                 str,

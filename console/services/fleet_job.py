@@ -65,7 +65,7 @@ def calc_checksum(where: str, options: StoreOptions, salt: str, sides: Sequence[
     Raises OSError; also where there is no such file: all that a worker does not see would have one
     checksum.
     """
-    from topdress.drivers.files.any_log import import_file
+    from topdress.drivers.files.any_log import find_import_file
 
     digest = hashlib.sha256(salt.encode())
     with open_local_copy(where, options, sides) as path:
@@ -73,7 +73,7 @@ def calc_checksum(where: str, options: StoreOptions, salt: str, sides: Sequence[
         for file in (
             path,
             path.with_suffix(".yaml"),
-            import_file(path) or path.with_suffix(".yaml"),
+            find_import_file(path) or path.with_suffix(".yaml"),
         ):
             if file.is_file():
                 with file.open("rb") as opened:
@@ -152,11 +152,11 @@ def _diagnose_log(
     where: str, options: StoreOptions, path: Path, default: Machine
 ) -> dict[str, Any]:
     from topdress.control.diagnosis.season.evidence import collect_log_evidence
-    from topdress.drivers.files.any_log import open_log
-    from topdress.drivers.files.config import validated
+    from topdress.drivers.files.any_log import open_any_log
+    from topdress.drivers.files.config import validate_config
     from topdress.drivers.files.kinds import MACHINE
 
-    log = open_log(path)
+    log = open_any_log(path)
     if log.duration_s < LEAST_LOG_S:
         raise ValueError(
             f"{where}: {log.duration_s:.0f} s long: allowed is a log of {LEAST_LOG_S:.0f} s "
@@ -164,7 +164,7 @@ def _diagnose_log(
         )
     machine = default
     if log.meta is not None and log.meta.machine is not None:
-        machine = validated(log.meta.machine, MACHINE, f"{where}: machine")
+        machine = validate_config(log.meta.machine, MACHINE, f"{where}: machine")
     seen = collect_log_evidence(log.columns, machine, where)
     found = seen.found
     return {
@@ -274,8 +274,8 @@ def open_local_copy(where: str, options: StoreOptions, sides: Sequence[str] = ()
 def list_side_urls(path: str) -> tuple[str, ...]:
     """Places of a log's sidecar and import files. Of http a path is the whole URL: as a file's path
     it would lose a stroke."""
-    from topdress.drivers.files.any_log import OF_FOLDER, OWN
+    from topdress.drivers.files.any_log import FOLDER_IMPORT_FILE, OWN_IMPORT_SUFFIX
 
     folder, stroke, name = path.rpartition("/")
     own = f"{folder}{stroke}{name.rpartition('.')[0] or name}"
-    return f"{own}.yaml", f"{own}{OWN}", f"{folder}{stroke}{OF_FOLDER}"
+    return f"{own}.yaml", f"{own}{OWN_IMPORT_SUFFIX}", f"{folder}{stroke}{FOLDER_IMPORT_FILE}"

@@ -6,10 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from topdress.console.app.pages.diagnosis.service import OpenQuestions
-from topdress.drivers.files.atomic import free_path
-from topdress.drivers.files.file_sniffer import FOREIGN, TABLES
+from topdress.drivers.files.atomic import find_free_path
+from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, TABLE_SUFFIXES
 
-READ_SUFFIXES = TABLES | FOREIGN
+READ_SUFFIXES = TABLE_SUFFIXES | FOREIGN_SUFFIXES
 # may be logs, and often are something else
 LISTED_SUFFIXES = READ_SUFFIXES - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}
 TASK, TASK_FOLDER = "taskdata.xml", "taskdata"
@@ -35,13 +35,13 @@ def is_likely_log(path: Path) -> bool:
 
 def _has_time_log(path: Path) -> bool:
     """Whether a folder or a zip holds the log of a task that was worked."""
-    from topdress.drivers.files.archives import files_at, holds_time_log
+    from topdress.drivers.files.archives import has_time_log, open_archive
     from topdress.drivers.plain_text import RefusedInput
 
     if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
         return False
     try:
-        return holds_time_log(files_at(path))
+        return has_time_log(open_archive(path))
     except (RefusedInput, OSError):
         return False
 
@@ -60,10 +60,10 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
 
     The import file next to it is used where there is one, else a guess of which nothing is unsure.
     Raises OpenQuestions where something is, once the guess is written next to the file;
-    ImportTrouble, ConfigError and OSError.
+    LogImportError, ConfigError and OSError.
     """
     from topdress.drivers.files.atomic import write_atomically
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.imports.convert import convert_table
     from topdress.drivers.files.imports.guess import guess_import_file
     from topdress.drivers.files.imports.guessed import format_first_import
@@ -82,10 +82,10 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
             write_atomically(place, first)
         raise OpenQuestions(found.questions, str(place))
     if mapping_file is not None:
-        mapping = load(mapping_file, IMPORT).model
+        mapping = load_config(mapping_file, IMPORT).model
         raw = read_raw_table(data, mapping.source)
     log = join_files([convert_table(raw, mapping)], mapping.join)
-    out = free_path(folder, data.stem, ".csv", ".yaml")
+    out = find_free_path(folder, data.stem, ".csv", ".yaml")
     write_imported_log(out, log, mapping, mapping_file)
     return out, tuple(
         map(str, (*(one for part in log.parts for one in part.findings), *log.findings))

@@ -31,7 +31,7 @@ from topdress.console.services.launcher import Launcher, find_data_folder, list_
 from topdress.console.worker import resume
 from topdress.control.orders import MAP_SOURCES, TargetSource
 from topdress.drivers import day_clock
-from topdress.drivers.files.config import Loaded, load, save, shipped
+from topdress.drivers.files.config import Loaded, find_shipped_files, load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
 from topdress.drivers.plain_text import RefusedInput
@@ -79,24 +79,24 @@ class JobFiles:
 
     def find_facts(self) -> JobFacts:
         """Facts of the files of the next start. Raises ValueError."""
-        from topdress.drivers.files.setup import product_of, setup_of
+        from topdress.drivers.files.setup import build_setup, load_job_product
 
         with shorten_config_error():
             found = self._load_files()
-            setup = setup_of(found, day_clock.read_today())
+            setup = build_setup(found, day_clock.read_today())
             job_path, machine_path = (
                 _find_file_path(found, JOB.format, "demo"),
                 _find_file_path(found, MACHINE.format, "huanghai"),
             )
-            crop = load(setup.job.crop, CROP, base=setup.folder)
-        product = product_of(setup.job, setup.folder)
+            crop = load_config(setup.job.crop, CROP, base=setup.folder)
+        product = load_job_product(setup.job, setup.folder)
         field, area = self._find_field_area(setup.job, setup.machine, found)
         return JobFacts(
             setup,
             str(job_path),
             str(crop.path),
             str(machine_path),
-            machine_path in shipped(MACHINE.folder).values(),
+            machine_path in find_shipped_files(MACHINE.folder).values(),
             "" if product is None else str(product.path),
             field,
             area,
@@ -125,7 +125,7 @@ class JobFiles:
 
         Checked anew only when the file or the job has changed: a large one takes seconds.
         """
-        from topdress.drivers.files.archives import files_of
+        from topdress.drivers.files.archives import list_opened_files
         from topdress.drivers.files.prescriptions.for_job import find_map_check
 
         if setup.job.target.map is None:
@@ -134,7 +134,7 @@ class JobFiles:
         job = _add_simulated_field(setup.job, setup.machine, found)
         stands = tuple(
             (file, file.stat().st_mtime_ns, file.stat().st_size)
-            for file in files_of(path)
+            for file in list_opened_files(path)
             if file.is_file()
         )
         key = (stands, job.target, job.field, limit_kg_ha)
@@ -159,7 +159,7 @@ class JobFiles:
         own = [path for path in (self._folder / folder).glob("*.yaml") if path.is_file()]
         own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         found: dict[str, FileChoice] = {}
-        for path in (*(() if now is None else (now,)), *own, *shipped(folder).values()):
+        for path in (*(() if now is None else (now,)), *own, *find_shipped_files(folder).values()):
             found.setdefault(str(path), FileChoice(str(path), path.stem))
         return tuple(found.values())
 
@@ -178,11 +178,11 @@ class JobFiles:
         value = _clean_typed_path(value)
         with shorten_config_error():
             if kind == "crop":
-                load(Path(value), CROP)
+                load_config(Path(value), CROP)
                 self._write_new_job({"crop": value}, f"crop {Path(value).stem}")
                 return
             wanted = {"job": JOB, "machine": MACHINE}[kind]
-            load(Path(value), wanted)
+            load_config(Path(value), wanted)
             self._replace_file(wanted.format, value)
 
     def list_recent(self) -> tuple[RecentSet, ...]:
@@ -193,10 +193,10 @@ class JobFiles:
 
     def choose_recent(self, recent: RecentSet) -> None:
         """Choose the files of a job worked lately. Raises ValueError."""
-        from topdress.drivers.files.setup import by_kind, setup_of
+        from topdress.drivers.files.setup import build_setup, load_by_kind
 
         with shorten_config_error():
-            setup_of(by_kind(recent.files), day_clock.read_today())
+            build_setup(load_by_kind(recent.files), day_clock.read_today())
         self._next = recent.files
 
     def save_strip_value(self, strip: StripValue) -> str:
@@ -254,7 +254,7 @@ class JobFiles:
             RateQuestion,
         )
         from topdress.drivers.files.prescriptions.write import write_prescription
-        from topdress.drivers.files.setup import setup_of
+        from topdress.drivers.files.setup import build_setup
 
         choice = RateChoice(column=reading.column or None, unit=reading.unit or None)
         path = _clean_typed_path(path)
@@ -275,7 +275,7 @@ class JobFiles:
         kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
         write_prescription(read.data, kept)
         found = self._load_files()
-        setup = setup_of(found, day_clock.read_today())
+        setup = build_setup(found, day_clock.read_today())
         shares = calc_rate_shares(read.data)
         doubtful = find_implausible_rates(
             [share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha
@@ -310,10 +310,12 @@ class JobFiles:
 
     def choose_map(self, preview: MapPreview) -> str:
         """Put a map into the job; returns the comment. Raises ValueError."""
-        from topdress.drivers.files.atomic import free_path, write_atomically
+        from topdress.drivers.files.atomic import find_free_path, write_atomically
 
-        place = free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
-        target = load(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model.target
+        place = find_free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
+        target = load_config(
+            _find_file_path(self._load_files(), JOB.format, "demo"), JOB
+        ).model.target
         said = (
             f"Prescription {Path(preview.path).name}, column "
             f"{preview.reading.column or '-'}, {preview.unit}"
@@ -335,7 +337,9 @@ class JobFiles:
         cross, too few corners."""
         from topdress.console.services.driven_field import make_driven_field
 
-        ground = load(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model.field
+        ground = load_config(
+            _find_file_path(self._load_files(), JOB.format, "demo"), JOB
+        ).model.field
         with shorten_config_error():
             field, area_ha = make_driven_field(ground, ring_deg)
             said = f"Boundary driven, {area_ha:.2f} ha, {len(field.boundary_m)} corners"
@@ -343,7 +347,7 @@ class JobFiles:
 
     def save_job_names(self, who: JobNames) -> str:
         """Put client, farm and field names into the job; returns the comment. Raises ValueError."""
-        job = load(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model
+        job = load_config(_find_file_path(self._load_files(), JOB.format, "demo"), JOB).model
         field = job.field.model_copy(update={"title": who.field})
         with shorten_config_error():
             return self._write_new_job(
@@ -372,12 +376,12 @@ class JobFiles:
     def _write_new_job(self, changes: dict[str, object], comment: str) -> str:
         """A job of the user's stays the same file and keeps its earlier version in the folder
         history; one of others is copied under its own name."""
-        from topdress.drivers.files.atomic import free_path
+        from topdress.drivers.files.atomic import find_free_path
 
         path = _find_file_path(self._load_files(), JOB.format, "demo")
-        loaded = load(path, JOB)
+        loaded = load_config(path, JOB)
         job, folder, own = loaded.model, path.parent, self._folder / JOB.folder
-        place = path if folder.resolve() == own.resolve() else free_path(own, job.id, ".yaml")
+        place = path if folder.resolve() == own.resolve() else find_free_path(own, job.id, ".yaml")
         crop = _resolve_named_file(folder, job.crop)
         product_file = (
             None if job.product_file is None else _resolve_named_file(folder, job.product_file)
@@ -387,14 +391,14 @@ class JobFiles:
         ).rename_files(lambda named: str((folder / named).resolve()))
         now = day_clock.read_local_now()
         kept = (
-            free_path(own / "history", f"{place.stem}-{now:%Y%m%d-%H%M%S}", ".yaml")
+            find_free_path(own / "history", f"{place.stem}-{now:%Y%m%d-%H%M%S}", ".yaml")
             if place == path
             else place
         )
         try:
             kept.parent.mkdir(parents=True, exist_ok=True)
             before = _read_head_comments(path) if place == path else [f"From {path.name}."]
-            save(kept, new, JOB, "\n".join([*before, f"{now:%Y-%m-%d %H:%M} {comment}"]))
+            save_config(kept, new, JOB, "\n".join([*before, f"{now:%Y-%m-%d %H:%M} {comment}"]))
         except OSError as error:
             raise ValueError(f"{kept}: {error.strerror or error}") from None
         self._replace_file(JOB.format, str(kept))
@@ -421,9 +425,9 @@ class JobFiles:
 
     def _check_file_set(self, kind: str, value: str) -> None:
         """Check the new set of files together. Raises ConfigError."""
-        from topdress.drivers.files.setup import by_kind, setup_of
+        from topdress.drivers.files.setup import build_setup, load_by_kind
 
-        setup_of(by_kind(self._make_file_set(kind, value)), day_clock.read_today())
+        build_setup(load_by_kind(self._make_file_set(kind, value)), day_clock.read_today())
 
     def _replace_file(self, kind: str, value: str) -> None:
         self._check_file_set(kind, value)
@@ -434,9 +438,9 @@ class JobFiles:
         return (*kept, value)
 
     def _load_files(self) -> dict[str, Loaded[BaseModel]]:
-        from topdress.drivers.files.setup import by_kind
+        from topdress.drivers.files.setup import load_by_kind
 
-        return by_kind(self._launcher.config)
+        return load_by_kind(self._launcher.config)
 
     def drop_choices(self) -> None:
         """Forget the choices for the next start."""
@@ -495,7 +499,7 @@ class JobFiles:
         from topdress.console.reports.job_page import MOST_STRETCHES, make_job_page
         from topdress.drivers.files.atomic import write_atomically
         from topdress.drivers.files.exports.as_applied import DEFAULT_STRETCH_S, build_as_applied
-        from topdress.drivers.files.run_meta import software_version
+        from topdress.drivers.files.run_meta import find_software_version
 
         def gather_as_applied(recorded: RunLog) -> AsApplied:
             applied = build_as_applied(recorded)
@@ -510,7 +514,7 @@ class JobFiles:
             write_atomically(
                 out,
                 make_job_page(
-                    applied, f"topdress {software_version()}", read_job_metadata(recorded)
+                    applied, f"topdress {find_software_version()}", read_job_metadata(recorded)
                 ),
             )
 
@@ -586,7 +590,7 @@ class JobFiles:
         """Jobs that were left on the field of the next start, the newest first; where no files are
         chosen, the newest of all. Raises ValueError."""
         from topdress.console.worker.resume_field import OpenJob, find_jobs_here
-        from topdress.drivers.files.setup import by_kind, setup_of
+        from topdress.drivers.files.setup import build_setup, load_by_kind
 
         now, config = day_clock.read_utc_now(), self._next or self._launcher.config
         if not config:
@@ -594,8 +598,8 @@ class JobFiles:
                 OpenJob(*one, 1.0) for one in resume.find_open_jobs(self._launcher.log_folder, now)
             ][:1]
         with shorten_config_error():
-            found = by_kind(config)
-            setup = setup_of(found, day_clock.read_today())
+            found = load_by_kind(config)
+            setup = build_setup(found, day_clock.read_today())
         return find_jobs_here(
             self._launcher.log_folder,
             _add_simulated_field(setup.job, setup.machine, found),
@@ -654,7 +658,7 @@ def _is_simulated_cab(found: dict[str, Loaded[BaseModel]]) -> bool:
 
 def _find_file_path(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:
     folder = {JOB.format: JOB.folder, MACHINE.format: MACHINE.folder}[kind]
-    return found[kind].path if kind in found else shipped(folder)[nominal]
+    return found[kind].path if kind in found else find_shipped_files(folder)[nominal]
 
 
 def _read_head_comments(path: Path) -> list[str]:

@@ -80,18 +80,18 @@ class Launcher:
         Returns those of ours that it does not run with; None where the sidecar cannot be read: then
         ours stay.
         """
-        from topdress.drivers.files.config import load_any
+        from topdress.drivers.files.config import load_any_config
         from topdress.drivers.files.config_error import ConfigError
         from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
-        from topdress.drivers.files.run_meta import sidecar_meta
+        from topdress.drivers.files.run_meta import read_sidecar_meta
 
-        meta = sidecar_meta(log_path)
+        meta = read_sidecar_meta(log_path)
         if meta is None:
             return None
         found = []
         for file in meta.sha256:
             try:
-                kind, _loaded = load_any(Path(file), KINDS)
+                kind, _loaded = load_any_config(Path(file), KINDS)
             except ConfigError:
                 continue
             if kind in (JOB, MACHINE, CAB):
@@ -122,11 +122,11 @@ def _repeat_option(option: str, values: Sequence[str]) -> list[str]:
 
 def _find_shipped_file(file: str) -> Path | None:
     """The shipped file of this name; None where there is none."""
-    from topdress.drivers.files.config import resolve
+    from topdress.drivers.files.config import resolve_config_path
     from topdress.drivers.files.config_error import ConfigError
     from topdress.drivers.files.kinds import KINDS
 
     try:
-        return resolve(file, [kind.folder for kind in KINDS.values()]).resolve()
+        return resolve_config_path(file, [kind.folder for kind in KINDS.values()]).resolve()
     except ConfigError:
         return None

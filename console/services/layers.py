@@ -46,9 +46,9 @@ class MapLayers:
     def make_overlay(self, path: str, frame: Frame) -> LaidFile:
         """The overlay of a file. Raises ValueError in one line: no readable file, open questions,
         no places, no rate and no harvest in it."""
-        from topdress.drivers.files.run_meta import sidecar_meta
+        from topdress.drivers.files.run_meta import read_sidecar_meta
 
-        meta = sidecar_meta(frame.log_path) if frame.log_path else None
+        meta = read_sidecar_meta(frame.log_path) if frame.log_path else None
         try:
             log = _open_layer_log(Path(path))
             return lay_log_on_plane(
@@ -64,17 +64,17 @@ class MapLayers:
 
 def _open_layer_log(path: Path) -> RunLog:
     """The log, by its import file where one stands next to it. Raises ValueError, OSError."""
-    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.any_log import open_any_log
     from topdress.drivers.files.imports.import_errors import UnsureImportError
-    from topdress.drivers.files.read_log import read_rows
+    from topdress.drivers.files.read_log import read_filled_log
 
     if not path.with_name(f"{path.stem}{IMPORT_FILE_SUFFIX}").exists():
         try:
-            return open_log(path)
+            return open_any_log(path)
         except UnsureImportError as asked:
             raise ValueError(_describe_open_question(path, asked.reasons)) from None
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-        return read_rows(import_file_as_log(path, Path(folder))[0])
+        return read_filled_log(import_file_as_log(path, Path(folder))[0])
 
 
 def _describe_open_question(path: Path, questions: Sequence[str]) -> str:

@@ -78,9 +78,9 @@ class _SharedField(NamedTuple):
 
 def _find_shared_field(log: Path) -> _SharedField | None:
     """The field of a log; None: its job has no field, or cannot be read."""
-    from topdress.drivers.files.run_meta import sidecar_meta
+    from topdress.drivers.files.run_meta import read_sidecar_meta
 
-    meta = sidecar_meta(log)
+    meta = read_sidecar_meta(log)
     field = None if meta is None else (meta.job or {}).get("field")
     if meta is None or not isinstance(field, dict) or not field.get("boundary_m"):
         return None

@@ -44,15 +44,15 @@ class CheckResult(NamedTuple):
 
 def load_log_machine(log: Path, machine: str | None, default: str = DEFAULT_MACHINE) -> Machine:
     """The machine as given, else as the log names it, else the default one. Raises ConfigError."""
-    from topdress.drivers.files.config import load, validated
+    from topdress.drivers.files.config import load_config, validate_config
     from topdress.drivers.files.kinds import MACHINE
-    from topdress.drivers.files.read_log import meta_of
+    from topdress.drivers.files.read_log import read_log_meta
 
     if machine is None:
-        meta = meta_of(log)
+        meta = read_log_meta(log)
         if meta is not None and meta.machine is not None:
-            return validated(meta.machine, MACHINE, str(log.with_suffix(".yaml")))
-    return load(machine or default, MACHINE).model
+            return validate_config(meta.machine, MACHINE, str(log.with_suffix(".yaml")))
+    return load_config(machine or default, MACHINE).model
 
 
 def follow_log(

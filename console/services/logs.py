@@ -33,6 +33,6 @@ class RunLogs:
     def open_log(self, path: str) -> ReplayJob:
         """Open a log for replay. Raises ValueError, OSError."""
         from topdress.console.services.replay_frames import open_replay
-        from topdress.drivers.files.any_log import open_log
+        from topdress.drivers.files.any_log import open_any_log
 
-        return open_replay(open_log(Path(path)))
+        return open_replay(open_any_log(Path(path)))

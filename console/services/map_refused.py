@@ -7,11 +7,15 @@ import contextlib
 from pathlib import Path
 
 from topdress.console.locale import N_, _
-from topdress.drivers.files.file_sniffer import KINDS, OF_TABLES, what_is
+from topdress.drivers.files.file_sniffer import (
+    FILE_KINDS,
+    TABLE_KINDS,
+    sniff_file_kind,
+)
 from topdress.drivers.files.prescriptions.words import NotAMapError
 from topdress.drivers.plain_text import Reason, RefusedInput
 
-MAP_KINDS = (*OF_TABLES, "geotiff", "gpkg", "kml", "kmz")
+MAP_KINDS = (*TABLE_KINDS, "geotiff", "gpkg", "kml", "kmz")
 _KIND_REASONS = {
     "picture": N_("this is a picture"),
     "pdf": N_("this is a PDF document"),
@@ -54,12 +58,12 @@ def describe_refusal(error: RefusedInput, path: Path) -> str:
 def describe_map_refusal(path: Path, error: RefusedInput) -> str:
     """Why a file is not taken: first of all, whether it is a map at all."""
     with contextlib.suppress(OSError):
-        kind = what_is(path)
+        kind = sniff_file_kind(path)
         if kind.id not in MAP_KINDS:
             said = (
                 _(_KIND_REASONS[kind.id])
                 if kind.id in _KIND_REASONS
-                else f"this is {KINDS[kind.id].words}"
+                else f"this is {FILE_KINDS[kind.id].words}"
             )
             return _("not a prescription map: {why}").format(why=said)
     why = describe_refusal(error, path)

@@ -11,10 +11,10 @@ from topdress.console.services.field import make_job_picture
 from topdress.console.worker import resume
 from topdress.console.worker.snapshots import list_newest_first
 from topdress.control.orders import TargetSource
-from topdress.drivers.files.config import load, load_any, shipped
+from topdress.drivers.files.config import find_shipped_files, load_any_config, load_config
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
-from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml
+from topdress.drivers.files.run_meta import RunMeta, parse_meta_yaml
 
 OUTLINE_WIDTH_M = 2.4  # of a machine: an outline needs none
 # of the newest logs, a week of a contractor's; and of the jobs
@@ -31,13 +31,13 @@ def find_recent_sets(logs: Path, own: Path) -> tuple[RecentSet, ...]:
     found: dict[tuple[str, ...], RecentSet] = {}
     for sidecar in _list_newest_sidecars(logs, MOST_SIDECARS):
         with contextlib.suppress(OSError, ValueError, ConfigError):
-            one = _find_run_set(meta_from_yaml(sidecar.read_text(encoding="utf-8")), done)
+            one = _find_run_set(parse_meta_yaml(sidecar.read_text(encoding="utf-8")), done)
             if one is not None:
                 found.setdefault(one.files, one)
     for path in _list_newest_sidecars(own / JOB.folder, MOST_SIDECARS):
         if not any(str(path) in one.files for one in found.values()):
             with contextlib.suppress(OSError, ConfigError):
-                job = load(path, JOB).model
+                job = load_config(path, JOB).model
                 found[str(path),] = RecentSet(
                     (str(path),),
                     job.title or path.stem,
@@ -63,7 +63,7 @@ def make_job_card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | 
     """The card of a job file; None: it cannot be read. A plan is read only where there is no
     outline: a large one takes seconds."""
     with contextlib.suppress(OSError, ValueError, ConfigError):
-        job = load(path, JOB).model
+        job = load_config(path, JOB).model
         drawn = (
             job
             if not job.field.boundary_m
@@ -102,11 +102,13 @@ def _find_run_set(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> RecentS
     kinds = {}
     for file in meta.sha256:
         if Path(file).suffix.lower() in (".yaml", ".yml"):
-            kind, _loaded = load_any(Path(file), KINDS)
+            kind, _loaded = load_any_config(Path(file), KINDS)
             if kind in (JOB, MACHINE, CAB):
                 kinds[kind.format] = file
     ours = {
-        str(path) for folder in (JOB.folder, MACHINE.folder) for path in shipped(folder).values()
+        str(path)
+        for folder in (JOB.folder, MACHINE.folder)
+        for path in find_shipped_files(folder).values()
     }
     files = tuple(kinds.values())
     if all(file in ours for file in files):

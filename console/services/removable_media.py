@@ -100,10 +100,10 @@ def is_map_likely(path: Path) -> bool:
     except (OSError, zipfile.BadZipFile):
         return False
     if ending == ".csv":
-        from topdress.drivers.files.opened import Opened
+        from topdress.drivers.files.opened import FileContent
 
         try:
-            return Opened(path).holds == "map"
+            return FileContent(path).holds == "map"
         except (OSError, ValueError):
             return False
     return '"FeatureCollection"' in head or '"Feature"' in head

@@ -24,7 +24,7 @@ ROWS_PER_PROGRESS = 64  # rows
 
 def open_replay(recorded: RunLog) -> ReplayJob:
     """The log opened for the Replay screen, with its what-if."""
-    from topdress.drivers.files.config import shipped
+    from topdress.drivers.files.config import find_shipped_files
 
     frames = list(make_frames(recorded.rows(), recorded))
     return ReplayJob(
@@ -32,8 +32,8 @@ def open_replay(recorded: RunLog) -> ReplayJob:
         recorded.path.name,
         tuple(str(finding) for finding in recorded.findings),
         partial(_make_what_if_frames, recorded),
-        tuple(shipped("crops")),
-        tuple(shipped("machines")),
+        tuple(find_shipped_files("crops")),
+        tuple(find_shipped_files("machines")),
     )
 
 
@@ -107,14 +107,14 @@ def _make_what_if_frames(
     from topdress.console.services.rerun import load_rerun_setup, rerun_loop
     from topdress.control.field.job import make_rule
     from topdress.control.orders import Strategy
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import CROP
 
     setup = load_rerun_setup(
         recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None
     )
     if options.crop:
-        crop = load(options.crop, CROP).model
+        crop = load_config(options.crop, CROP).model
         setup = dataclasses.replace(setup, crop=crop, rule=make_rule(crop, setup.job))
     rows = (tick.row for tick in rerun_loop(recorded, setup))
     return list(

@@ -12,11 +12,11 @@ from topdress.control.loop import Tick
 from topdress.control.orders import Do, Order, State, Strategy
 from topdress.control.simulation.assembly import make_control_loop
 from topdress.drivers import day_clock
-from topdress.drivers.files.config import validated
+from topdress.drivers.files.config import validate_config
 from topdress.drivers.files.kinds import CROP, JOB, MACHINE
 from topdress.drivers.files.prescriptions.for_job import read_loop_targets
 from topdress.drivers.files.read_log import RunLog
-from topdress.drivers.files.replay import measurements
+from topdress.drivers.files.replay import iter_measurements
 from topdress.drivers.files.setup import Setup, load_setup
 
 MOVING_MPS = 0.6
@@ -37,7 +37,7 @@ def rerun_loop(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
     own = any(orders)
     state = State.OFF.value
     speed = 0.0
-    for at, m in zip(orders, measurements(recorded), strict=True):
+    for at, m in zip(orders, iter_measurements(recorded), strict=True):
         given = at if own else _decide_operator_orders(state, speed)
         for order in given:
             loop.handle_order(order)
@@ -83,10 +83,10 @@ def load_rerun_setup(
     setup = load_setup(machine or "huanghai", job or "demo", day_clock.read_today())
     label = str(recorded.path.with_suffix(".yaml"))
     if meta is not None and machine is None and meta.machine is not None:
-        setup = dataclasses.replace(setup, machine=validated(meta.machine, MACHINE, label))
+        setup = dataclasses.replace(setup, machine=validate_config(meta.machine, MACHINE, label))
     if meta is not None and job is None and meta.job is not None and meta.crop is not None:
-        crop = validated(meta.crop, CROP, label)
-        own = validated(meta.job, JOB, label)
+        crop = validate_config(meta.crop, CROP, label)
+        own = validate_config(meta.job, JOB, label)
         setup = dataclasses.replace(
             setup,
             crop=crop,

@@ -9,9 +9,9 @@ from topdress.console.app.pages.job.service import EarlierRun, RunningLimits
 def read_running_limits(log_path: str) -> RunningLimits | None:
     """Limits of the running machine; None where the log has no sidecar, or one without them."""
     from topdress.control.machine.machine import Machine
-    from topdress.drivers.files.run_meta import sidecar_meta
+    from topdress.drivers.files.run_meta import read_sidecar_meta
 
-    meta = sidecar_meta(log_path)
+    meta = read_sidecar_meta(log_path)
     if meta is None:
         return None
     crop, machine = meta.crop or {}, meta.machine or {}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from topdress.console.app.pages.settings.service import SettingsStore
-from topdress.drivers.files.settings import read_settings, settings_path, write_settings
+from topdress.drivers.files.settings import find_settings_path, read_settings, write_settings
 from topdress.drivers.files.settings_theme import read_themes
 
 
 def read_settings_store() -> SettingsStore:
     """The user's settings. Never raises: a broken file is reported by the store, and left as it
     is."""
-    path = settings_path()
+    path = find_settings_path()
     read = read_settings(path)
     themes, wrong = read_themes(path.parent / "themes")
     return SettingsStore(

@@ -44,13 +44,13 @@ from topdress.drivers.files.config import ConfigError, Loaded
 from topdress.drivers.files.kinds import CAB, MACHINE
 from topdress.drivers.files.prescriptions.for_job import LoopTargets, read_loop_targets
 from topdress.drivers.files.run_log import RunLogWriter
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_meta import make_run_meta
 from topdress.drivers.files.setup import (
     Setup,
-    by_kind,
-    disagreements,
-    index_disagreements,
-    setup_of,
+    build_setup,
+    find_disagreements,
+    find_index_disagreements,
+    load_by_kind,
 )
 from topdress.drivers.virtual.machine import VirtualMachine, make_virtual_cab
 
@@ -164,7 +164,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
         bench.state = lambda: loop.safety.state
     before = before.move_to_plane(loop.plane)
     continue_loop(loop, before)
-    meta = run_meta(
+    meta = make_run_meta(
         machine,
         setup.crop,
         job,
@@ -213,21 +213,21 @@ def _read_configuration(
     logs: their folder. Raises ValueError.
     """
     try:
-        found = by_kind(options.config)
+        found = load_by_kind(options.config)
         cab = found.get(CAB.format)
-        setup = setup_of(
+        setup = build_setup(
             found,
             day_clock.read_today(),
             lambda job: list_logs_here(logs, job, _is_simulated_cab(cab), now),
         )
-        lines = index_disagreements(cab, setup.crop, setup.job)
+        lines = find_index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:
             named = (
                 found[MACHINE.format].path
                 if MACHINE.format in found
                 else "the shipped machine huanghai"
             )
-            lines = [*disagreements(cab, setup.machine, str(named)), *lines]
+            lines = [*find_disagreements(cab, setup.machine, str(named)), *lines]
         if lines:
             raise ConfigError(lines)
     except ConfigError as error:

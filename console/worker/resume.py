@@ -23,7 +23,7 @@ from topdress.control.field.coverage import Raster
 from topdress.control.field.totals import NO_SUMS, TotalSums
 from topdress.control.orders import Strategy
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.limits import RESUME, held_to
+from topdress.drivers.files.limits import RESUME, check_limit
 
 WORTHWHILE_HA = 0.001  # less done than this: nothing to go on with
 # before there was a topdress: of a clock that nobody has set
@@ -138,7 +138,7 @@ _NO_SNAPSHOT = (ValueError, KeyError, TypeError, AttributeError, OverflowError, 
 def _read_snapshot_data(path: Path) -> dict[str, Any]:
     """The file's JSON object. Raises ValueError, OSError."""
     try:
-        held_to(RESUME, path.stat().st_size, str(path))
+        check_limit(RESUME, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict) or data.get("format") != SNAPSHOT_FORMAT:
             raise ValueError(f"key format: allowed {SNAPSHOT_FORMAT}")
@@ -149,13 +149,13 @@ def _read_snapshot_data(path: Path) -> dict[str, Any]:
 
 def _check_snapshot(path: Path, data: dict[str, Any]) -> Snapshot:
     """The snapshot made of the file's data. Raises ValueError."""
-    from topdress.drivers.files.plain import typed  # pydantic: only where a job goes on
+    from topdress.drivers.files.plain import build_from_plain  # pydantic: only where a job goes on
 
     try:
         for name in ("began_utc", "saved_utc"):
             if data[name]:
                 datetime.fromisoformat(data[name])
-        return typed(Snapshot, data)
+        return build_from_plain(Snapshot, data)
     except _NO_SNAPSHOT as error:
         raise ValueError(f"{path}: not a job that can go on: {error}") from None
 

@@ -21,7 +21,7 @@ from topdress.control.loop import ControlLoop
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Strategy
 from topdress.control.simulation.tractor import make_field_path
-from topdress.drivers.files.run_meta import sidecar_meta
+from topdress.drivers.files.run_meta import read_sidecar_meta
 
 SEARCH_M = 0.5  # along the simulated tractor's way
 
@@ -68,7 +68,7 @@ def find_earlier_job(
         if named is None
         else resume.read_snapshot(named)
     )
-    written = None if goes_on is None else sidecar_meta(goes_on.log_path)
+    written = None if goes_on is None else read_sidecar_meta(goes_on.log_path)
     same = written is None or written.sha256 == dict(sha256)
     return EarlierWork(
         goes_on,

@@ -19,7 +19,7 @@ from topdress.control.machine.sections import LoggedValves
 from topdress.control.machine.shaft import ShaftInput, make_shaft_start, step_shaft
 from topdress.control.orders import State
 from topdress.drivers.files.limits import LINE
-from topdress.drivers.files.run_log import FLUSH_S
+from topdress.drivers.files.run_log import FLUSH_PERIOD_S
 
 # What left the outlets after the last row of a log: a board whose host fell silent goes on for
 # a while.
@@ -28,7 +28,7 @@ from topdress.drivers.files.run_log import FLUSH_S
 # then through its dead time and its ramp; the flow follows the shaft. Pure.
 RUN_ON_STEP_S = 0.05
 # rows reach the system this often: half of it is missing in the mean
-UNLOGGED_S = 0.5 * FLUSH_S
+UNLOGGED_S = 0.5 * FLUSH_PERIOD_S
 LONGEST_RUN_ON_S = 30.0
 STANDSTILL_SHARE = 0.02  # of the speed before: stands
 

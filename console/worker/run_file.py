@@ -22,7 +22,7 @@ from topdress.console.worker.limits import LOCK_S
 from topdress.console.worker.system import make_private_folder, write_private_file
 from topdress.console.worker_handshake import is_still_running
 from topdress.drivers import day_clock
-from topdress.drivers.files.lock import stands, take_lock
+from topdress.drivers.files.lock import is_same_file, take_lock
 
 RETRY_S = 0.02
 REWRITE_S = 0.2
@@ -47,7 +47,7 @@ class WorkerRight:
     def renew_lock(self) -> None:
         """Lock the file anew where it was removed; the lock on the old one is kept until then.
         Raises OSError."""
-        if stands(self._lock, self.path.with_suffix(".lock")):
+        if is_same_file(self._lock, self.path.with_suffix(".lock")):
             return
         make_private_folder(self.path.parent)
         lock = take_lock(self.path.with_suffix(".lock"))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from topdress.drivers.files.limits import RESUME, held_to
+from topdress.drivers.files.limits import RESUME, check_limit
 
 SNAPSHOT_FORMAT = "topdress-resume/1"
 SNAPSHOT_SUFFIX = ".resume.json"
@@ -36,7 +36,7 @@ def may_have_open_job(folder: Path) -> bool:
     """
     for path in list_newest_first(folder):
         try:
-            held_to(RESUME, path.stat().st_size, str(path))
+            check_limit(RESUME, path.stat().st_size, str(path))
             data = json.loads(path.read_bytes())
         except (ValueError, OSError, RecursionError):
             continue

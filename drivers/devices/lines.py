@@ -86,9 +86,9 @@ Said = TypeVar("Said")
 
 class Decoder(Generic[Said]):
     """Decodes sentences of a protocol. It opens nothing and reads no clock. A protocol defines
-    `_report_unused_shapes`."""
+    `_said`."""
 
-    # what `_report_unused_shapes` raises of a sentence that is wrong
+    # what `_said` raises of a sentence that is wrong
     wrong: ClassVar[type[Exception]] = Rejected
 
     def __init__(self) -> None:

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
+from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPES, check_limit
 from topdress.drivers.plain_text import RefusedInput
 
 # Folders within folders that are searched.
-DEEPEST = 4
+MAX_FOLDER_DEPTH = 4
 # Suffixes of files that a map or a field may consist of.
-OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
+MAP_SUFFIXES = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
 # Folders that macOS and Windows add.
-HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
+HIDDEN_FOLDERS = ("__macosx", "$recycle.bin", "system volume information")
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,15 @@ class Folder:
         found = []
         for folder, folders, files in os.walk(self.path):
             place = Path(folder).relative_to(self.path)
-            if not self.deep or len(place.parts) >= DEEPEST:
+            if not self.deep or len(place.parts) >= MAX_FOLDER_DEPTH:
                 folders.clear()
             found += [(place / file).as_posix() for file in files]
-        return sorted(name for name in found if _counts(name))
+        return sorted(name for name in found if _is_listed_file(name))
 
     def read(self, name: str) -> bytes:
-        """Returns the bytes of a file. Raises Refused, OSError."""
+        """Returns the bytes of a file. Raises RefusedInput, OSError."""
         file = self.path / name
-        held_to(SHAPES, file.stat().st_size, file)
+        check_limit(SHAPES, file.stat().st_size, file)
         return file.read_bytes()
 
     def label(self, name: str) -> str:
@@ -50,7 +50,7 @@ class Folder:
 
 
 @dataclass(frozen=True)
-class Zip:
+class ZipArchive:
     """Reads the files of a zip. Its directory is read once, however many files are read."""
 
     path: Path
@@ -70,12 +70,12 @@ class Zip:
             for info in self._archive.infolist()
             if info.filename and not info.is_dir()
         ]
-        return sorted(name for name in found if _counts(name))
+        return sorted(name for name in found if _is_listed_file(name))
 
-    # Returns the bytes of a file. Raises Refused, OSError.
+    # Returns the bytes of a file. Raises RefusedInput, OSError.
     def read(self, name: str) -> bytes:
         try:
-            held_to(SHAPES, self._archive.getinfo(name).file_size, self.label(name))
+            check_limit(SHAPES, self._archive.getinfo(name).file_size, self.label(name))
             return self._archive.read(name)
         except DAMAGED_ZIP as error:
             raise RefusedInput(self.label(name), "not readable: {why}", why=error) from None
@@ -84,27 +84,27 @@ class Zip:
         return f"{self.path}/{name}"
 
 
-Files = Folder | Zip
+Files = Folder | ZipArchive
 
 
-def files_at(path: Path) -> Files:
+def open_archive(path: Path) -> Files:
     """Returns a zip, else a folder."""
-    return Zip(path) if path.suffix.lower() == ".zip" and path.is_file() else Folder(path)
+    return ZipArchive(path) if path.suffix.lower() == ".zip" and path.is_file() else Folder(path)
 
 
-def holds_time_log(files: Files) -> bool:
+def has_time_log(files: Files) -> bool:
     """Tells whether a task that was worked is in it."""
     names = (PurePosixPath(name).name.lower() for name in files.names)
     return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
 
 
-def parent(name: str) -> str:
+def find_parent_folder(name: str) -> str:
     """Returns the folder of a name, with its slash; empty: the top."""
     folder = PurePosixPath(name).parent.as_posix()
     return "" if folder == "." else f"{folder}/"
 
 
-def chosen(found: list[str], inside: str) -> list[str]:
+def choose_names(found: list[str], inside: str) -> list[str]:
     """Returns the names that are, end in, or hold as a folder what was chosen, in either case of
     letters."""
     wanted = inside.casefold().strip("/")
@@ -119,20 +119,20 @@ def chosen(found: list[str], inside: str) -> list[str]:
     ]
 
 
-def _counts(name: str) -> bool:
+def _is_listed_file(name: str) -> bool:
     """Tells whether a file is neither macOS's nor Windows's own."""
     parts = name.replace("\\", "/").split("/")
     # macOS keeps attributes in files of this name.
-    return not any(part.lower() in HIDDEN or part.startswith("._") for part in parts)
+    return not any(part.lower() in HIDDEN_FOLDERS or part.startswith("._") for part in parts)
 
 
-def files_of(path: Path) -> tuple[Path, ...]:
+def list_opened_files(path: Path) -> tuple[Path, ...]:
     """Returns all files that a reader of `path` may open: those of its task or of a field of
     AgOpenGPS, and the companions of a shapefile."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix.lower() == ".xml":
         names = Folder(folder, deep=path.is_dir()).names
-        return tuple(folder / name for name in names if Path(name).suffix.lower() in OF_MAPS)
+        return tuple(folder / name for name in names if Path(name).suffix.lower() in MAP_SUFFIXES)
     if path.suffix.lower() == ".shp":
         return tuple(
             file

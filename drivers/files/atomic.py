@@ -32,7 +32,7 @@ def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> Non
             if kept:
                 os.fsync(file.fileno())
         # mkstemp makes files that only their owner can read.
-        os.chmod(name, 0o666 & ~_UMASK)
+        os.chmod(name, 0o666 & ~_FILE_UMASK)
         os.replace(name, path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -42,7 +42,7 @@ def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> Non
         _sync_folder(path.parent)
 
 
-def keep(path: Path) -> None:
+def sync_to_disk(path: Path) -> None:
     """Returns when a written file, and its name, survive a power loss. Raises OSError."""
     with open(path, "r+b") as file:
         os.fsync(file.fileno())
@@ -50,10 +50,10 @@ def keep(path: Path) -> None:
 
 
 # Bytes that are searched for the last whole line: twice the longest row.
-LONGEST_LINE = 65_536
+MAX_LINE_BYTES = 65_536
 
 
-class CutShort(OSError):
+class CutShortError(OSError):
     """Another program removed bytes that were written. `left`: as many remain."""
 
     def __init__(self, left: int) -> None:
@@ -73,16 +73,16 @@ class NewFile:
         self._file = io.FileIO(path, ("w+" if overwrite else "x+") if go_on_at is None else "r+")
         if go_on_at is not None:
             end = min(go_on_at, os.fstat(self._file.fileno()).st_size)
-            begin = self._file.seek(max(0, end - LONGEST_LINE))
+            begin = self._file.seek(max(0, end - MAX_LINE_BYTES))
             self._file.truncate(begin + (self._file.read(end - begin) or b"").rfind(b"\n") + 1)
             self._file.seek(0, os.SEEK_END)
 
     def write(self, data: bytearray) -> int:
-        """Returns the number of bytes taken, perhaps fewer than given. Raises CutShort (they
+        """Returns the number of bytes taken, perhaps fewer than given. Raises CutShortError (they
         would follow a hole), OSError."""
         left = os.fstat(self._file.fileno()).st_size
         if left < self._file.tell():
-            raise CutShort(left)
+            raise CutShortError(left)
         return self._file.write(data) or 0
 
     def sync(self) -> None:
@@ -110,7 +110,7 @@ class NewFile:
         self._file.close()
 
 
-def create(path: Path, overwrite: bool = False) -> NewFile:
+def create_new_file(path: Path, overwrite: bool = False) -> NewFile:
     """Creates a file at `path`, or at NAME-2, NAME-3, ... where that name or its sidecar
     NAME.yaml is taken; with `overwrite` at `path` itself. Missing folders are made. Raises
     OSError."""
@@ -121,7 +121,7 @@ def create(path: Path, overwrite: bool = False) -> NewFile:
     while True:
         place = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
         number += 1
-        if sidecar(place).exists():
+        if find_sidecar(place).exists():
             continue
         try:
             return NewFile(place)
@@ -129,12 +129,12 @@ def create(path: Path, overwrite: bool = False) -> NewFile:
             continue
 
 
-def sidecar(log: Path) -> Path:
+def find_sidecar(log: Path) -> Path:
     """Returns the path of a run log's description: NAME.yaml next to NAME.csv."""
     return log.with_suffix(".yaml")
 
 
-def _umask() -> int:
+def _read_umask() -> int:
     """Returns the process's umask. It can only be read by setting it, for all threads: what
     another thread creates at that moment is open to nobody else."""
     umask = os.umask(0o077)
@@ -143,7 +143,7 @@ def _umask() -> int:
 
 
 # Read before there are threads.
-_UMASK = _umask()
+_FILE_UMASK = _read_umask()
 
 
 def _sync_folder(folder: Path) -> None:
@@ -160,7 +160,7 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def free_path(folder: Path, stem: str, *endings: str) -> Path:
+def find_free_path(folder: Path, stem: str, *endings: str) -> Path:
     """Returns a path with the first ending whose name is free with every ending."""
     name, number = stem, 2
     while any((folder / f"{name}{ending}").exists() for ending in endings):

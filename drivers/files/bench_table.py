@@ -14,18 +14,18 @@ from topdress.control.calibration.bench_table import (
     recognise_kind,
     select_usable_rows,
 )
-from topdress.drivers.files.header_names import our_names
+from topdress.drivers.files.header_names import rename_header
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.table import read_table
 
 __all__ = ["BenchTable", "read_bench_table"]
 
 # Text columns that identify a row; nothing is compared by them.
-_NAMES = ("plot", "id", "name", "date", "remark", "note")
+_ID_COLUMNS = ("plot", "id", "name", "date", "remark", "note")
 # More different texts are remarks, not settings to compare.
-_MOST_LABELS = 6
+_MAX_LABELS = 6
 # Findings that change no number.
-_HARMLESS = ("crlf", "no_last_line_end", "separator", "decimal_comma")
+_HARMLESS_FINDINGS = ("crlf", "no_last_line_end", "separator", "decimal_comma")
 
 
 def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
@@ -50,18 +50,20 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
     if kind is not None and kind not in KINDS:
         raise TableError(path, f"kind {kind!r}: allowed {', '.join(KINDS)}")
     raw = read_table(
-        path, numbers=KNOWN_COLUMNS, rename=lambda names: our_names(names, KNOWN_COLUMNS, {})
+        path, numbers=KNOWN_COLUMNS, rename=lambda names: rename_header(names, KNOWN_COLUMNS, {})
     )
     if raw.rows == 0:
         raise TableError(path, "no rows below the header")
-    kind = kind or _kind(path, raw.names)
+    kind = kind or _find_table_kind(path, raw.names)
     columns = {name: values for name, values in raw.columns.items() if values.dtype != object}
-    label_column = _label_column(raw.columns)
+    label_column = _find_label_column(raw.columns)
     label = np.array([str(text) for text in raw.columns[label_column]]) if label_column else None
     for name, values in columns.items():
         if name in KNOWN_COLUMNS and not np.isfinite(values).any():
             raise TableError(path, f"column {name}: holds no number")
-    said = tuple(f"{path}: {finding}" for finding in raw.findings if finding.id not in _HARMLESS)
+    said = tuple(
+        f"{path}: {finding}" for finding in raw.findings if finding.id not in _HARMLESS_FINDINGS
+    )
     table = BenchTable(kind, columns, label_column, str(path), label, said)
     try:
         return select_usable_rows(table)
@@ -71,7 +73,7 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
 
 # Returns the kind of table that the columns make. Raises TableError where they make none or
 # several.
-def _kind(path: Path, names: tuple[str, ...]) -> str:
+def _find_table_kind(path: Path, names: tuple[str, ...]) -> str:
     found = recognise_kind(names)
     if found is not None:
         return found
@@ -91,10 +93,10 @@ def _kind(path: Path, names: tuple[str, ...]) -> str:
 
 
 # Returns the column whose few texts label the rows; empty: there is none.
-def _label_column(columns: dict[str, np.ndarray]) -> str:
+def _find_label_column(columns: dict[str, np.ndarray]) -> str:
     for name, values in columns.items():
-        if values.dtype == object and name not in _NAMES:
+        if values.dtype == object and name not in _ID_COLUMNS:
             kinds = {str(text) for text in values}
-            if 2 <= len(kinds) <= _MOST_LABELS and len(kinds) < len(values):
+            if 2 <= len(kinds) <= _MAX_LABELS and len(kinds) < len(values):
                 return name
     return ""

@@ -9,13 +9,13 @@ from topdress.control.machine.machine import Machine
 from topdress.drivers.files.read_log import RunLog
 
 # Columns of the canopy heads; a machine has up to six.
-HEADS = tuple(f"ndvi_{number}" for number in range(1, 7))
+HEAD_COLUMNS = tuple(f"ndvi_{number}" for number in range(1, 7))
 # Shaft speed above which material flows, r/min.
-TURNS_RPM = 1.0
+TURNING_RPM = 1.0
 
 
 # Returns what the calibration of the wheel needs: times, places, speeds, and where material flows.
-def wheel_columns(log: RunLog) -> WheelLog:
+def read_wheel_log(log: RunLog) -> WheelLog:
     rpm = log.numbers("shaft_rpm")
     # A shaft without a sensor follows its command.
     if not log.has("shaft_rpm"):
@@ -26,16 +26,16 @@ def wheel_columns(log: RunLog) -> WheelLog:
         log.numbers("lon_deg"),
         log.numbers("fix_quality"),
         log.numbers("wheel_speed_mps"),
-        np.nan_to_num(rpm, nan=0.0) > TURNS_RPM,
+        np.nan_to_num(rpm, nan=0.0) > TURNING_RPM,
     )
 
 
-def heads_columns(log: RunLog) -> NDArray[np.float64]:
+def read_head_columns(log: RunLog) -> NDArray[np.float64]:
     """Returns NDVI (n, heads) of the columns that the log has."""
-    return np.column_stack([log.numbers(name) for name in HEADS])
+    return np.column_stack([log.numbers(name) for name in HEAD_COLUMNS])
 
 
-def counted_by(log: RunLog, machine: Machine) -> float:
+def find_wheel_circumference(log: RunLog, machine: Machine) -> float:
     """Returns the wheel circumference, m, with which the log's wheel speed was counted: of the
     log's own machine, else of this machine."""
     own = log.meta.machine if log.meta is not None else None

@@ -18,22 +18,22 @@ from numpy.typing import NDArray
 Columns = dict[str, NDArray[Any]]
 
 # Numpy's strings of any length.
-TEXT = np.dtypes.StringDType()
+TEXT_TYPE = np.dtypes.StringDType()
 # Microseconds, as times of other programs have them.
-TIME = np.dtype("datetime64[us]")
+TIME_TYPE = np.dtype("datetime64[us]")
 # Rows whose cells are Python objects at the same time: a million would take a gigabyte.
 BLOCK_ROWS = 20_000
 
 
-def is_text(column: NDArray[Any]) -> bool:
+def is_text_column(column: NDArray[Any]) -> bool:
     return column.dtype.kind in "OT"
 
 
-def is_number(column: NDArray[Any]) -> bool:
+def is_number_column(column: NDArray[Any]) -> bool:
     return column.dtype.kind == "f"
 
 
-def is_time(column: NDArray[Any]) -> bool:
+def is_time_column(column: NDArray[Any]) -> bool:
     return column.dtype.kind == "M"
 
 
@@ -46,15 +46,15 @@ def select_rows(columns: Columns, rows: Any) -> Columns:
     return {name: column[rows] for name, column in columns.items()}
 
 
-def text_column(cells: Iterable[str]) -> NDArray[Any]:
-    return np.array(cells if isinstance(cells, Sequence) else list(cells), TEXT)
+def make_text_column(cells: Iterable[str]) -> NDArray[Any]:
+    return np.array(cells if isinstance(cells, Sequence) else list(cells), TEXT_TYPE)
 
 
 def map_texts(change: Callable[[str], str], column: NDArray[Any]) -> NDArray[Any]:
-    return text_column([change(text) for text in column.tolist()])
+    return make_text_column([change(text) for text in column.tolist()])
 
 
-def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
+def make_texts_array(values: Sequence[str | None]) -> NDArray[Any]:
     """Returns texts without blanks around; equal texts share one object, so that a million
     states cost only a million references."""
     shared: dict[str, str] = {}
@@ -68,7 +68,7 @@ def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
 def count_microseconds(times: NDArray[Any]) -> NDArray[np.float64]:
     """Returns microseconds since 1970 (n,); NaN: not known. A double holds each of them until
     the year 2255."""
-    times = times.astype(TIME)
+    times = times.astype(TIME_TYPE)
     return np.where(np.isnat(times), np.nan, times.astype(np.int64))
 
 
@@ -78,33 +78,33 @@ def count_differences(column: NDArray[np.float64]) -> NDArray[np.float64]:
     return steps[~np.isnan(steps)]
 
 
-def known_values(column: NDArray[np.float64]) -> NDArray[np.float64]:
+def select_known(column: NDArray[np.float64]) -> NDArray[np.float64]:
     return column[~np.isnan(column)]
 
 
-def median_of(values: NDArray[np.float64]) -> float:
+def calc_median(values: NDArray[np.float64]) -> float:
     """Returns the median; 0 where there are no values."""
     return float(np.median(values)) if values.size else 0.0
 
 
-def known_or_none(column: NDArray[Any]) -> list[Any]:
+def list_known_or_none(column: NDArray[Any]) -> list[Any]:
     """Returns Python's own values; None: not known."""
-    if is_text(column):
+    if is_text_column(column):
         return [text or None for text in column.tolist()]
     # NaN, not known, is not equal to itself.
     return [None if value != value else value for value in column.tolist()]
 
 
-def number_texts(column: NDArray[np.float64]) -> list[str]:
+def format_numbers(column: NDArray[np.float64]) -> list[str]:
     """Returns the shortest texts that read back as the same numbers."""
     return ["" if math.isnan(value) else repr(value) for value in column.tolist()]
 
 
-def unknown_like(column: NDArray[Any], rows: int) -> NDArray[Any]:
+def make_unknown_like(column: NDArray[Any], rows: int) -> NDArray[Any]:
     """Returns a column of the same kind in which nothing is known."""
-    if is_text(column):
-        return np.full(rows, "", TEXT)
-    return np.full(rows, "NaT", TIME) if is_time(column) else np.full(rows, np.nan)
+    if is_text_column(column):
+        return np.full(rows, "", TEXT_TYPE)
+    return np.full(rows, "NaT", TIME_TYPE) if is_time_column(column) else np.full(rows, np.nan)
 
 
 def stack_tables(tables: Sequence[Columns]) -> Columns:
@@ -113,21 +113,23 @@ def stack_tables(tables: Sequence[Columns]) -> Columns:
     stacked: Columns = {}
     for name in dict.fromkeys(name for table in tables for name in table):
         there = [table[name] for table in tables if name in table]
-        like = next(filter(is_text, there), there[0])
+        like = next(filter(is_text_column, there), there[0])
         parts = [
-            table[name] if name in table else unknown_like(like, count_rows(table))
+            table[name] if name in table else make_unknown_like(like, count_rows(table))
             for table in tables
         ]
-        if is_text(like):
+        if is_text_column(like):
             parts = [
-                part.astype(TEXT) if is_text(part) else text_column(number_texts(part))
+                part.astype(TEXT_TYPE)
+                if is_text_column(part)
+                else make_text_column(format_numbers(part))
                 for part in parts
             ]
         stacked[name] = np.concatenate(parts)
     return stacked
 
 
-def csv_text(
+def format_csv(
     columns: Columns, cell_texts: Callable[[str, NDArray[Any]], Sequence[str | None]]
 ) -> str:
     """Returns header and rows as text, as a run log has them. cell_texts: returns the texts of

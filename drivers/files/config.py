@@ -18,10 +18,10 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.config_error import ConfigError as ConfigError
-from topdress.drivers.files.config_words import explain, nearest
+from topdress.drivers.files.config_words import explain_errors, suggest_nearest
 from topdress.drivers.files.limits import CONFIG
-from topdress.drivers.files.plain import plain, schema_of
-from topdress.drivers.files.yaml_text import KeyPath, YamlProblem, dump_yaml, parse_yaml
+from topdress.drivers.files.plain import convert_to_plain, make_model_schema
+from topdress.drivers.files.yaml_text import KeyPath, YamlError, dump_yaml, parse_yaml
 
 M = TypeVar("M", bound=BaseModel)
 Model = TypeVar("Model", bound=BaseModel, covariant=True)
@@ -51,7 +51,7 @@ class Loaded(Generic[Model]):
 Kinds = Mapping[str, Kind[BaseModel]]
 
 
-def load(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M]:
+def load_config(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M]:
     """Reads a configuration file of a known kind.
 
     Parameters
@@ -69,16 +69,16 @@ def load(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M
     ------
     ConfigError : a line for each error.
     """
-    path = resolve(where, [kind.folder], base)
-    data, lines, sha256 = _read(path)
-    return Loaded(_valid(data, kind, str(path), lines), path, sha256)
+    path = resolve_config_path(where, [kind.folder], base)
+    data, lines, sha256 = _read_config(path)
+    return Loaded(_validate_data(data, kind, str(path), lines), path, sha256)
 
 
-def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[BaseModel]]:
+def load_any_config(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[BaseModel]]:
     """Reads a file of any registered kind, recognised by its `format:` field. Raises
     ConfigError."""
-    path = resolve(where, [kind.folder for kind in kinds.values()])
-    data, lines, sha256 = _read(path)
+    path = resolve_config_path(where, [kind.folder for kind in kinds.values()])
+    data, lines, sha256 = _read_config(path)
     label = str(path)
     allowed = ", ".join(kinds)
     found = data.get("format")
@@ -88,31 +88,31 @@ def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[B
         raise ConfigError(
             [
                 f"{label}: key format: value {found}: allowed "
-                f"{allowed}{nearest(str(found), kinds)} "
+                f"{allowed}{suggest_nearest(str(found), kinds)} "
                 f"(line {lines[('format',)]})"
             ]
         )
     kind = kinds[found]
-    return kind, Loaded(_valid(data, kind, label, lines), path, sha256)
+    return kind, Loaded(_validate_data(data, kind, label, lines), path, sha256)
 
 
-def validated(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
+def validate_config(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
     """Returns a model from plain data, e.g. the machine in a run log's sidecar; `label` stands
     in for the file's name. Raises ConfigError."""
-    return _valid(dict(data), kind, label, {})
+    return _validate_data(dict(data), kind, label, {})
 
 
-def save(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> None:
+def save_config(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> None:
     """Writes a configuration that `load` reads back to an equal model, whole or not at all.
     Raises OSError."""
-    data = {"format": kind.format} | plain(model)
+    data = {"format": kind.format} | convert_to_plain(model)
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     write_atomically(path, head + dump_yaml(data))
 
 
-def schema(kind: Kind[Any]) -> dict[str, Any]:
+def make_json_schema(kind: Kind[Any]) -> dict[str, Any]:
     """Returns the JSON schema (2020-12) of a kind, with its `format` field, for editors."""
-    body = schema_of(kind.model)
+    body = make_model_schema(kind.model)
     properties = {"format": {"const": kind.format}} | {
         k: v for k, v in body.get("properties", {}).items() if k != "format"
     }
@@ -125,20 +125,22 @@ def schema(kind: Kind[Any]) -> dict[str, Any]:
     }
 
 
-def sha256_of(path: Path) -> str:
+def calc_sha256(path: Path) -> str:
     """Returns the checksum of a file's bytes, in hexadecimal. Raises OSError."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def shipped(folder: str) -> dict[str, Path]:
+def find_shipped_files(folder: str) -> dict[str, Path]:
     """Returns the configurations that come with topdress in a folder, e.g. `machines`: name ->
     path."""
     place = Path(str(resources.files("topdress.configs"))) / folder
     return {path.stem: path for path in sorted(place.glob("*.yaml"))}
 
 
-def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None) -> Path:
+def resolve_config_path(
+    where: str | Path, folders: Iterable[str], base: Path | None = None
+) -> Path:
     """Returns the path of a path or of a shipped name (no folder and no .yaml in it). Raises
     ConfigError."""
     text = str(where)
@@ -150,7 +152,7 @@ def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None)
     ):
         path = Path(where)
         return base / path if base is not None else path
-    names = {name: path for folder in folders for name, path in shipped(folder).items()}
+    names = {name: path for folder in folders for name, path in find_shipped_files(folder).items()}
     if text not in names and Path(text).exists():
         raise ConfigError(
             [
@@ -164,14 +166,14 @@ def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None)
             [
                 f"{text}: no configuration of this name is shipped: allowed "
                 f"{', '.join(names) or 'none'}, "
-                f"or the path of a .yaml file{nearest(text, names)}"
+                f"or the path of a .yaml file{suggest_nearest(text, names)}"
             ]
         )
     return names[text]
 
 
 # Returns a file's data, the line of each key, and the checksum. Raises ConfigError.
-def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
+def _read_config(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
     label = str(path)
     try:
         with path.open("rb") as file:
@@ -190,7 +192,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
     try:
         data, lines = parse_yaml(text)
         json.dumps(data)
-    except (YamlProblem, TypeError) as problem:
+    except (YamlError, TypeError) as problem:
         raise ConfigError([f"{label}: {problem}"]) from None
     if not isinstance(data, dict):
         what = "the file is empty" if data is None else f"found {type(data).__name__}"
@@ -199,7 +201,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
 
 
 # Returns the model of a file's data. Raises ConfigError.
-def _valid(data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPath, int]) -> M:
+def _validate_data(
+    data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPath, int]
+) -> M:
     found = data.get("format")
     if found is None:
         raise ConfigError([f"{label}: key format: missing: allowed {kind.format}"])
@@ -214,4 +218,4 @@ def _valid(data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPa
         # and choices are.
         return kind.model.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
-        raise ConfigError(explain(error, kind.model, data, label, lines)) from None
+        raise ConfigError(explain_errors(error, kind.model, data, label, lines)) from None

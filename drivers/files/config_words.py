@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
-from topdress.drivers.files.plain import schema_of
+from topdress.drivers.files.plain import make_model_schema
 from topdress.drivers.files.yaml_text import KeyPath
 
 # Letters of a value in a message.
@@ -17,10 +17,10 @@ _MAX_VALUE_LENGTH = 60
 # Keys in a message.
 _MAX_NAMES = 15
 # Errors that the models raise, already in plain words.
-_OWN_WORDS = frozenset({"value_error", "assertion_error", "size_of_effect"})
+_OWN_ERROR_TYPES = frozenset({"value_error", "assertion_error", "size_of_effect"})
 
 
-def explain(
+def explain_errors(
     error: ValidationError,
     model: type[BaseModel],
     data: object,
@@ -28,70 +28,80 @@ def explain(
     lines: Mapping[KeyPath, int],
 ) -> list[str]:
     """Returns a line for each wrong key, in the order of the file."""
-    schema = _schema_of(model)
+    schema = _make_schema(model)
     found: dict[KeyPath, str] = {}
     for detail in error.errors(include_url=False):
-        path = _path_in(data, detail)
+        path = _find_key_path(data, detail)
         if path not in found:
-            found[path] = _sentence(detail, path, data, schema)
+            found[path] = _make_sentence(detail, path, data, schema)
     # Where one member of a union failed further inside, the file meant that one: what the
     # others say is left out.
     # If a member of a union failed further inside, the file meant that member: the others' errors
     # are left out.
     outer = {path[:length] for path in found for length in range(len(path))}
-    ordered = sorted(found.keys() - outer, key=lambda path: (_line(path, lines) or 0, str(path)))
-    return [f"{label}: {found[path]}{_at(_line(path, lines))}" for path in ordered]
+    ordered = sorted(
+        found.keys() - outer, key=lambda path: (_find_line(path, lines) or 0, str(path))
+    )
+    return [f"{label}: {found[path]}{_format_line(_find_line(path, lines))}" for path in ordered]
 
 
-def nearest(word: str, words: Iterable[str]) -> str:
+def suggest_nearest(word: str, words: Iterable[str]) -> str:
     """Returns `; did you mean X?`, or an empty text."""
     close = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
     return f"; did you mean {close[0]}?" if close else ""
 
 
-def allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
+def describe_allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
     """Returns what a JSON schema permits, in words; empty where it says nothing."""
     if sub is None:
         return ""
-    sub = _deref(sub, root)
+    sub = _resolve_reference(sub, root)
     if "const" in sub:
-        return _show(sub["const"])
+        return _format_value(sub["const"])
     if "enum" in sub:
-        return ", ".join(_show(value) for value in sub["enum"])
+        return ", ".join(_format_value(value) for value in sub["enum"])
     for union in ("anyOf", "oneOf"):
         if union in sub:
             unit = {"unit": sub["unit"]} if "unit" in sub else {}
-            words = dict.fromkeys(allowed({**option, **unit}, root) for option in sub[union])
+            words = dict.fromkeys(
+                describe_allowed({**option, **unit}, root) for option in sub[union]
+            )
             return " or ".join(word for word in words if word)
     kind = str(sub.get("type"))
-    return _ALLOWED[kind](sub, root) if kind in _ALLOWED else _WORDS.get(kind, "")
+    return (
+        _DESCRIBE_OF_TYPE[kind](sub, root)
+        if kind in _DESCRIBE_OF_TYPE
+        else _WORDS_OF_TYPE.get(kind, "")
+    )
 
 
-def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping[str, Any]) -> str:
-    kind, key = detail["type"], _name(path)
+def _make_sentence(
+    detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping[str, Any]
+) -> str:
+    kind, key = detail["type"], _format_key_path(path)
     if kind in ("missing", "missing_argument"):
-        words = allowed(_at_path(schema, path), schema)
+        words = describe_allowed(_find_subschema(schema, path), schema)
         return f"key {key}: missing{words and f': allowed {words}'}"
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        names = _names(_at_path(schema, path[:-1]), schema)
+        names = _list_key_names(_find_subschema(schema, path[:-1]), schema)
         listed = f": allowed {', '.join(names)}" if 0 < len(names) <= _MAX_NAMES else ""
-        return f"key {key}: unknown key{nearest(str(path[-1]), names) or listed}"
-    value = _value_at(data, path)
+        return f"key {key}: unknown key{suggest_nearest(str(path[-1]), names) or listed}"
+    value = _find_value(data, path)
     start = f"key {key}: " if path else ""
     if not isinstance(value, dict | list) and value is not _NOWHERE:
-        start += f"value {_show(value)}: "
-    if kind in _OWN_WORDS:
+        start += f"value {_format_value(value)}: "
+    if kind in _OWN_ERROR_TYPES:
         return start + detail["msg"].removeprefix("Value error, ").removeprefix(
             "Assertion failed, "
         )
-    words = allowed(_at_path(schema, path), schema)
+    words = describe_allowed(_find_subschema(schema, path), schema)
     return start + (f"allowed {words}" if words else detail["msg"][:1].lower() + detail["msg"][1:])
 
 
 # Returns the model's JSON schema; empty where it has none.
-def _schema_of(model: type[BaseModel]) -> Mapping[str, Any]:
+def _make_schema(model: type[BaseModel]) -> Mapping[str, Any]:
     try:
-        return schema_of(model)
+        return make_model_schema(model)
     # A model with parts that no schema describes still gets its lines, without ranges.
     except Exception:
         return {}
@@ -101,7 +111,7 @@ def _schema_of(model: type[BaseModel]) -> Mapping[str, Any]:
 _NOWHERE = object()
 
 
-def _value_at(data: object, path: KeyPath) -> object:
+def _find_value(data: object, path: KeyPath) -> object:
     for step in path:
         in_group = isinstance(data, dict) and step in data
         in_list = isinstance(data, list) and isinstance(step, int) and step < len(data)
@@ -111,7 +121,7 @@ def _value_at(data: object, path: KeyPath) -> object:
     return data
 
 
-def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
+def _find_key_path(data: object, detail: ErrorDetails) -> KeyPath:
     """Returns pydantic's place without the names of union members, which are no keys of the
     file."""
     path: list[str | int] = []
@@ -119,7 +129,7 @@ def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
     place = (*detail["loc"], *detail.get("ctx", {}).get("wrong_key", ()))
     last = len(place) - 1
     for index, step in enumerate(place):
-        inner = _value_at(data, (step,))
+        inner = _find_value(data, (step,))
         if inner is not _NOWHERE:
             path.append(step)
             data = inner
@@ -128,7 +138,7 @@ def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
     return tuple(path)
 
 
-def _name(path: KeyPath) -> str:
+def _format_key_path(path: KeyPath) -> str:
     """Returns a path as `a.b[2].c`, members of lists counted from 1."""
     text = ""
     for step in path:
@@ -137,19 +147,19 @@ def _name(path: KeyPath) -> str:
 
 
 # Returns the line of a key, or of the nearest key above it.
-def _line(path: KeyPath, lines: Mapping[KeyPath, int]) -> int | None:
+def _find_line(path: KeyPath, lines: Mapping[KeyPath, int]) -> int | None:
     for length in range(len(path), -1, -1):
         if path[:length] in lines:
             return lines[path[:length]]
     return None
 
 
-def _at(line: int | None) -> str:
+def _format_line(line: int | None) -> str:
     return f" (line {line})" if line is not None else ""
 
 
 # Returns a value as it may stand in the file.
-def _show(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, str):
         text = value if value[:1].isalpha() and value == value.strip() else f'"{value}"'
     elif value is None:
@@ -159,33 +169,35 @@ def _show(value: object) -> str:
     return text if len(text) <= _MAX_VALUE_LENGTH else text[: _MAX_VALUE_LENGTH - 3] + "..."
 
 
-def _deref(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str, Any]:
+def _resolve_reference(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str, Any]:
     while "$ref" in sub:
         target: Any = root
         for part in str(sub["$ref"]).removeprefix("#/").split("/"):
             target = target[part]
         sub = {**target, **{k: v for k, v in sub.items() if k != "$ref"}}
     if len(sub.get("allOf", [])) == 1:
-        return _deref({**sub["allOf"][0], **{k: v for k, v in sub.items() if k != "allOf"}}, root)
+        return _resolve_reference(
+            {**sub["allOf"][0], **{k: v for k, v in sub.items() if k != "allOf"}}, root
+        )
     return sub
 
 
-def _options(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+def _iter_options(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
     """Yields the schema itself, or the members of a union of schemas."""
-    sub = _deref(sub, root)
+    sub = _resolve_reference(sub, root)
     members = [*sub.get("anyOf", []), *sub.get("oneOf", [])]
     if not members:
         yield sub
     for member in members:
-        yield from _options(member, root)
+        yield from _iter_options(member, root)
 
 
 # Returns the schema at a path of keys; None: there is none.
-def _at_path(root: Mapping[str, Any], path: KeyPath) -> Mapping[str, Any] | None:
+def _find_subschema(root: Mapping[str, Any], path: KeyPath) -> Mapping[str, Any] | None:
     here: Mapping[str, Any] = root
     for step in path:
-        for option in _options(here, root):
-            inner = _step_into(option, step)
+        for option in _iter_options(here, root):
+            inner = _find_inner_schema(option, step)
             if inner is not None:
                 here = inner
                 break
@@ -194,7 +206,7 @@ def _at_path(root: Mapping[str, Any], path: KeyPath) -> Mapping[str, Any] | None
     return here
 
 
-def _step_into(sub: Mapping[str, Any], step: str | int) -> Mapping[str, Any] | None:
+def _find_inner_schema(sub: Mapping[str, Any], step: str | int) -> Mapping[str, Any] | None:
     if isinstance(step, str):
         inner = sub.get("properties", {}).get(step, sub.get("additionalProperties"))
     else:
@@ -203,10 +215,10 @@ def _step_into(sub: Mapping[str, Any], step: str | int) -> Mapping[str, Any] | N
     return inner if isinstance(inner, Mapping) else None
 
 
-def _names(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> list[str]:
+def _list_key_names(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> list[str]:
     if sub is None:
         return []
-    return [name for option in _options(sub, root) for name in option.get("properties", {})]
+    return [name for option in _iter_options(sub, root) for name in option.get("properties", {})]
 
 
 def _allowed_number(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
@@ -214,28 +226,28 @@ def _allowed_number(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
     high, below = sub.get("maximum"), sub.get("exclusiveMaximum")
     whole = "a whole number" if sub.get("type") == "integer" else ""
     if low is not None and high is not None:
-        limits = f"{_figure(low)} to {_figure(high)}"
+        limits = f"{_format_figure(low)} to {_format_figure(high)}"
     else:
         parts = []
         if low is not None:
-            parts.append(f"at least {_figure(low)}")
+            parts.append(f"at least {_format_figure(low)}")
         if above is not None:
-            parts.append(f"more than {_figure(above)}")
+            parts.append(f"more than {_format_figure(above)}")
         if high is not None:
-            parts.append(f"at most {_figure(high)}")
+            parts.append(f"at most {_format_figure(high)}")
         if below is not None:
-            parts.append(f"less than {_figure(below)}")
+            parts.append(f"less than {_format_figure(below)}")
         limits = " and ".join(parts)
     unit = f" {sub['unit']}" if "unit" in sub else ""
     return (", ".join(part for part in (whole, limits) if part) or "a number") + unit
 
 
-def _figure(number: float) -> str:
+def _format_figure(number: float) -> str:
     return f"{number:.15g}"
 
 
 # Examples of dates and times.
-_DATES = {
+_DATE_EXAMPLES = {
     "date": "a date such as 2025-03-20",
     "date-time": "a time such as 2025-03-20T06:30:00Z",
     "time": "a time of day such as 06:30:00",
@@ -243,8 +255,8 @@ _DATES = {
 
 
 def _allowed_text(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
-    if sub.get("format") in _DATES:
-        return _DATES[str(sub["format"])]
+    if sub.get("format") in _DATE_EXAMPLES:
+        return _DATE_EXAMPLES[str(sub["format"])]
     if "pattern" in sub:
         return f"a text of the form {sub['pattern']}"
     low, high = sub.get("minLength"), sub.get("maxLength")
@@ -270,7 +282,7 @@ def _allowed_list(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
     else:
         many = "a list"
     items = sub.get("items")
-    inner = allowed(items, root) if isinstance(items, Mapping) else ""
+    inner = describe_allowed(items, root) if isinstance(items, Mapping) else ""
     return f"{many}, each {inner}" if inner else many
 
 
@@ -280,11 +292,11 @@ def _allowed_group(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
 
 
 # Describes a schema by its type.
-_ALLOWED = {
+_DESCRIBE_OF_TYPE = {
     "number": _allowed_number,
     "integer": _allowed_number,
     "string": _allowed_text,
     "array": _allowed_list,
     "object": _allowed_group,
 }
-_WORDS = {"boolean": "true, false", "null": "nothing"}
+_WORDS_OF_TYPE = {"boolean": "true, false", "null": "nothing"}

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 # Name of the package.
-OWN = "topdress"
+OWN_PACKAGE = "topdress"
 # Extras of pyproject.toml: what each is for, and the modules that show that it is there.
 EXTRAS = {
     "diagnosis": ("diagnosis and its live check", ("numba",)),
@@ -24,9 +24,11 @@ EXTRAS = {
     "fleet": ("a season of logs on many computers", ("distributed", "fsspec", "cryptography")),
 }
 # File in an environment that pipx made; with uv behind it that has no pip.
-OF_PIPX = "pipx_metadata.json"
+PIPX_METADATA = "pipx_metadata.json"
 # A requirement in the package's metadata that belongs to an extra.
-_OF_EXTRA = re.compile(r"""^(?P<what>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
+_EXTRA_REQUIREMENT = re.compile(
+    r"""^(?P<what>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]"""
+)
 # There in a clone only.
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 # A package's name before its version.
@@ -37,23 +39,23 @@ class MissingExtra(ValueError):
     """The command needs packages that are not there; a line says what installs them."""
 
 
-def is_there(extra: str) -> bool:
+def is_extra_installed(extra: str) -> bool:
     """Tells whether the extra's modules can be imported; none is imported."""
     return all(find_spec(module) is not None for module in EXTRAS[extra][1])
 
 
-def need(what: str, *extras: str) -> None:
+def require_extras(what: str, *extras: str) -> None:
     """Refuses a command whose extras are missing. what: the command's subject. Raises
     MissingExtra."""
-    if missing := [extra for extra in extras if not is_there(extra)]:
+    if missing := [extra for extra in extras if not is_extra_installed(extra)]:
         raise MissingExtra(
             f"{what} needs the extra{'s' * (len(missing) > 1)} {' and '.join(missing)}, not "
             "installed: "
-            f"{extra_line(*missing)}"
+            f"{format_extra_line(*missing)}"
         )
 
 
-def extra_of(module: str) -> str | None:
+def find_extra(module: str) -> str | None:
     """Returns the extra that brings a module; None: no extra does."""
     return next(
         (extra for extra, (_, modules) in EXTRAS.items() if module.partition(".")[0] in modules),
@@ -61,7 +63,7 @@ def extra_of(module: str) -> str | None:
     )
 
 
-def requirements(extra: str) -> tuple[str, ...]:
+def list_requirements(extra: str) -> tuple[str, ...]:
     """Returns an extra's packages with their lowest versions (`numba>=0.61`); in a clone those
     of pyproject.toml."""
     if _PROJECT.is_file():
@@ -70,17 +72,17 @@ def requirements(extra: str) -> tuple[str, ...]:
                 extra
             ]
         )
-    found = [_OF_EXTRA.match(one) for one in requires(OWN) or ()]
+    found = [_EXTRA_REQUIREMENT.match(one) for one in requires(OWN_PACKAGE) or ()]
     return tuple(one["what"] for one in found if one and one["extra"] == extra)
 
 
-def name_of(requirement: str) -> str:
+def parse_package_name(requirement: str) -> str:
     """Returns a requirement's package: `numba` of `numba>=0.61`."""
     found = _NAME.match(requirement)
     return found[0] if found else requirement
 
 
-def version_of(package: str) -> str | None:
+def find_version(package: str) -> str | None:
     """Returns the installed version; None: the package is not there."""
     try:
         return version(package)
@@ -88,23 +90,23 @@ def version_of(package: str) -> str | None:
         return None
 
 
-def installer() -> tuple[str, ...]:
+def find_installer() -> tuple[str, ...]:
     """Returns the command that installs packages next to topdress. Its environment shows which:
     pipx keeps a file in it, uv's have no pip, and a clone's has it."""
     environment = Path(sys.prefix)
-    if (environment / OF_PIPX).is_file():
+    if (environment / PIPX_METADATA).is_file():
         return ("pipx", "inject", environment.name)
     if find_spec("pip") is None and shutil.which("uv"):
         return ("uv", "pip", "install", "--python", sys.executable)
     return (sys.executable, "-m", "pip", "install")
 
 
-def install_line(*packages: str) -> str:
+def format_install_line(*packages: str) -> str:
     """Returns the command line that installs packages."""
-    return " ".join([*installer(), *(f"'{one}'" for one in packages)])
+    return " ".join([*find_installer(), *(f"'{one}'" for one in packages)])
 
 
-def extra_line(*extras: str) -> str:
+def format_extra_line(*extras: str) -> str:
     """Returns the command line that installs the extras' packages; topdress itself is not
     searched in any index."""
-    return install_line(*(one for extra in extras for one in requirements(extra)))
+    return format_install_line(*(one for extra in extras for one in list_requirements(extra)))

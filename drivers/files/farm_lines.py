@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from topdress.drivers.plain_text import OneLineError
 
 # Columns of the book, a contract with its readers.
-COLUMNS = (
+RECORD_COLUMNS = (
     "date",
     "begin_utc",
     "end_utc",
@@ -39,7 +39,7 @@ COLUMNS = (
     "log",
 )
 # Begin of the file, by which it is recognised.
-BEGINS = ",".join(COLUMNS[:5]).encode()
+RECORD_BEGIN = ",".join(RECORD_COLUMNS[:5]).encode()
 
 
 class FarmRecordError(OneLineError):
@@ -54,7 +54,7 @@ class FieldYear(NamedTuple):
     passes: int
 
 
-def given_in_year(
+def sum_year_nitrogen(
     path: Path,
     names: Mapping[str, str],
     begins: dt.date,
@@ -89,8 +89,8 @@ def given_in_year(
             f"{path.name})"
         )
     kg, passes = 0.0, 0
-    for number, cells in enumerate(record_rows(path), start=2):
-        row = dict(zip(COLUMNS, cells, strict=True))
+    for number, cells in enumerate(read_record_rows(path), start=2):
+        row = dict(zip(RECORD_COLUMNS, cells, strict=True))
         apart = any(
             (key == "field" or (row[key] and said)) and row[key].casefold() != said.casefold()
             for key, said in names.items()
@@ -111,16 +111,20 @@ def given_in_year(
     return FieldYear(kg / area_ha, passes)
 
 
-def record_rows(path: Path) -> list[list[Any]]:
+def read_record_rows(path: Path) -> list[list[Any]]:
     """Returns the lines below the head, cells as COLUMNS; none where the file is not there.
     Raises FarmRecordError, OSError."""
     if not path.exists():
         return []
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.reader(file))
-    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows[1:]):
+    if (
+        not rows
+        or tuple(rows[0]) != RECORD_COLUMNS
+        or any(len(row) != len(RECORD_COLUMNS) for row in rows[1:])
+    ):
         raise FarmRecordError(
             f"{path}: is no farm record of topdress: allowed is another name, or one that begins "
-            f"{','.join(COLUMNS[:4])},..."
+            f"{','.join(RECORD_COLUMNS[:4])},..."
         )
     return rows[1:]

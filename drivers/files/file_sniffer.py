@@ -11,16 +11,16 @@ from typing import NamedTuple
 
 from topdress.drivers.devices.capture import HEADER as CAPTURE
 from topdress.drivers.files.limits import DAMAGED_ZIP, read_json
-from topdress.drivers.files.sheet_text import SUFFIXES as SHEETS
+from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES as SHEETS
 from topdress.drivers.plain_text import OneLineError
 
 # Bytes at the begin that are examined.
-LOOKED_BYTES = 4096
+SNIFFED_BYTES = 4096
 # Share of the bytes of a text that text may hold.
-TEXTS = 0.95
+MIN_TEXT_SHARE = 0.95
 
 
-class WrongKind(OneLineError):
+class WrongKindError(OneLineError):
     """The file is of a kind that is not read here; a line says so."""
 
 
@@ -37,7 +37,7 @@ _SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
 _UNPACK = "unpack it first"
 _EXPORT = "no command reads it: export it as a shapefile or as ISOXML from"
 # All kinds that are recognised, by their id.
-KINDS = {
+FILE_KINDS = {
     kind.id: kind
     for kind in (
         FileKind(
@@ -99,16 +99,16 @@ KINDS = {
     )
 }
 # Kinds that may hold a table.
-OF_TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
+TABLE_KINDS = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
 # Suffixes of tables.
-TABLES = frozenset({".csv", ".tsv", ".txt", ".log", ".dat", *SHEETS})
+TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".log", ".dat", *SHEETS})
 # Suffixes of other programs' logs, and of our stores.
-FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
+FOREIGN_SUFFIXES = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
 # Types of a shapefile's points: plain, with height, with measure (ESRI).
-POINTS = (1, 11, 21)
+POINT_TYPES = (1, 11, 21)
 
 # First bytes of formats, as file(1) knows them.
-_MAGIC = (
+_MAGIC_BYTES = (
     (b"II*\0", "geotiff"),
     (b"MM\0*", "geotiff"),
     (b"II+\0", "geotiff"),
@@ -128,17 +128,17 @@ _MAGIC = (
     (b"\0\0\x27\x0a", "shp"),
 )
 # Suffixes that machines' displays write for their makers' own programs.
-_OF_MAKERS = {
+_MAKER_OF_SUFFIX = {
     **dict.fromkeys((".fdshape", ".fdl", ".fdd", ".gsy", ".gsd"), "deere"),
     **dict.fromkeys((".agdata", ".agsetup", ".ilf", ".yld"), "agleader"),
     **dict.fromkeys((".cn1", ".vy1"), "cnh"),
     ".2020": "planting",
 }
 # Suffixes of a shapefile's other files.
-_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
+_SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
 # The first element of an XML file.
-_ROOT = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
-_ROOTS = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
+_ROOT_TAG = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
+_KIND_OF_ROOT = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
 # Begin of a sentence of NMEA 0183.
 _NMEA = re.compile(rb"^[$!](G[A-Z]|BD|PQ|PM|II)[A-Z]{3},", re.MULTILINE)
 # Our configuration files name their format.
@@ -146,39 +146,39 @@ _CONFIG = re.compile(rb"^format:\s*[\"']?topdress-", re.MULTILINE)
 _HTML = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
 
 
-def what_is(path: Path) -> FileKind:
+def sniff_file_kind(path: Path) -> FileKind:
     """Returns the kind of a file or folder. Raises OSError."""
-    if (maker := _OF_MAKERS.get(path.suffix.lower())) is not None:
-        return KINDS[maker]
+    if (maker := _MAKER_OF_SUFFIX.get(path.suffix.lower())) is not None:
+        return FILE_KINDS[maker]
     if path.is_dir():
         names = {one.name.lower() for one in path.iterdir()}
-        return KINDS[
+        return FILE_KINDS[
             "aog"
             if {"field.txt", "boundary.txt"} & names and "taskdata.xml" not in names
             else "folder"
         ]
     with path.open("rb") as file:
-        head = file.read(LOOKED_BYTES)
-    return KINDS[_of_bytes(path, head)]
+        head = file.read(SNIFFED_BYTES)
+    return FILE_KINDS[_sniff_bytes(path, head)]
 
 
-def _of_bytes(path: Path, head: bytes) -> str:
+def _sniff_bytes(path: Path, head: bytes) -> str:
     suffix = path.suffix.lower()
     if not head.strip(b"\0 \r\n\t\xef\xbb\xbf"):
-        return "empty" if len(head) < LOOKED_BYTES else "binary"
-    if suffix in _PARTS:
+        return "empty" if len(head) < SNIFFED_BYTES else "binary"
+    if suffix in _SHAPEFILE_PARTS:
         return "shp part"
-    for magic, kind in _MAGIC:
+    for magic, kind in _MAGIC_BYTES:
         if head.startswith(magic):
             return kind
     if head.startswith(b"SQLite format 3\0"):
         return "gpkg" if head[68:72] == b"GPKG" or suffix == ".gpkg" else "sqlite"
     if head.startswith(b"PK"):
-        return _of_zip(path)
-    return _of_text(head)
+        return _sniff_zip(path)
+    return _sniff_text(head)
 
 
-def _of_zip(path: Path) -> str:
+def _sniff_zip(path: Path) -> str:
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name.lower() for name in archive.namelist()]
@@ -194,15 +194,17 @@ def _of_zip(path: Path) -> str:
     return "kmz" if ".kml" in endings and not endings & {".shp", ".xml"} else "zip"
 
 
-def _of_text(head: bytes) -> str:
+def _sniff_text(head: bytes) -> str:
     begin = head.lstrip(b"\xef\xbb\xbf \r\n\t")
     if head[:2] in (b"\xff\xfe", b"\xfe\xff") or head[1:8:2] == b"\0\0\0\0":
         return "text"  # UTF-16
     if begin.startswith(b"<"):
         if _HTML.match(begin):
             return "html"
-        root = _ROOT.search(re.sub(rb"<[?!].*?>", b"", begin, flags=re.DOTALL))
-        return _ROOTS.get(root[1].decode("ascii", "ignore").lower(), "xml") if root else "xml"
+        root = _ROOT_TAG.search(re.sub(rb"<[?!].*?>", b"", begin, flags=re.DOTALL))
+        return (
+            _KIND_OF_ROOT.get(root[1].decode("ascii", "ignore").lower(), "xml") if root else "xml"
+        )
     if begin[:1] in (b"{", b"["):
         return "json"
     if begin.startswith(CAPTURE):
@@ -212,7 +214,11 @@ def _of_text(head: bytes) -> str:
     if len(_NMEA.findall(head)) >= 2:
         return "nmea"
     readable = sum(byte >= 32 or byte in b"\t\r\n\0\x0c" for byte in head)
-    return "text" if readable >= TEXTS * len(head) and head.count(0) < 0.3 * len(head) else "binary"
+    return (
+        "text"
+        if readable >= MIN_TEXT_SHARE * len(head) and head.count(0) < 0.3 * len(head)
+        else "binary"
+    )
 
 
 def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
@@ -226,31 +232,31 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
 
     Raises
     ------
-    WrongKind : the file is missing, or of another kind, with what would read it.
+    WrongKindError : the file is missing, or of another kind, with what would read it.
     OSError : it cannot be opened.
     """
     if not path.exists():
-        raise WrongKind(f"{path}: no such file")
+        raise WrongKindError(f"{path}: no such file")
     if not (path.is_file() or path.is_dir()):
         # to open a pipe waits for its writer, and takes the bytes from its reader
         return
-    kind = what_is(path)
+    kind = sniff_file_kind(path)
     if kind.id not in takes:
         instead = f" ({kind.instead})" if kind.instead else ""
-        raise WrongKind(f"{path}: this is {kind.words}{instead}: allowed here is {reads}")
+        raise WrongKindError(f"{path}: this is {kind.words}{instead}: allowed here is {reads}")
 
 
-def holds_points(path: Path) -> bool:
+def has_worked_points(path: Path) -> bool:
     """Tells whether a file that might be a map of areas holds worked places instead. Raises
     OSError."""
     is_json = path.suffix.lower() in (".geojson", ".json") and not path.is_dir()
     try:
-        return _points_of_geojson(path) if is_json else _points_of_files(path)
+        return _has_geojson_points(path) if is_json else _has_file_points(path)
     except ValueError:
         return False
 
 
-def _points_of_geojson(path: Path) -> bool:
+def _has_geojson_points(path: Path) -> bool:
     root = read_json(path)
     features = root.get("features") if isinstance(root, dict) else None
     shapes = (
@@ -262,10 +268,10 @@ def _points_of_geojson(path: Path) -> bool:
     return "Point" in kinds and not kinds & {"Polygon", "MultiPolygon"}
 
 
-def _points_of_files(path: Path) -> bool:
+def _has_file_points(path: Path) -> bool:
     """Tells whether a task was worked and prescribes nothing, or no shapefile has areas."""
     from topdress.drivers.files.prescriptions.task_files import find_task_sets, read_task_tree
-    from topdress.drivers.files.shape_sets import shape_sets
+    from topdress.drivers.files.shape_sets import find_shape_sets
 
     tasks = find_task_sets(path)
     if tasks:
@@ -273,6 +279,6 @@ def _points_of_files(path: Path) -> bool:
         return any(root.find("TSK/TLG") is not None for root in roots) and not any(
             root.find("TSK/TZN") is not None for root in roots
         )
-    heads = [one.part(".shp") or b"" for one in shape_sets(path)]
+    heads = [one.part(".shp") or b"" for one in find_shape_sets(path)]
     kinds = [int.from_bytes(head[32:36], "little") for head in heads]
-    return bool(kinds) and all(kind in POINTS for kind in kinds)
+    return bool(kinds) and all(kind in POINT_TYPES for kind in kinds)

@@ -17,19 +17,19 @@ from topdress.control.recordings.mended import mend_recording, mend_values
 from topdress.control.recordings.speeds import KMH_PER_MPS
 from topdress.control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.header_names import Renamed
-from topdress.drivers.files.header_names import our_names as renamed
+from topdress.drivers.files.header_names import RenamedHeader
+from topdress.drivers.files.header_names import rename_header as renamed
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.words import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 
 Times = NDArray[np.float64]
 # Share of the cells of times: if more are numbers, the others are no dates.
-_MOST_NUMBERS = 0.5
+_MAX_NUMBER_SHARE = 0.5
 # Column of a speed in km/h.
 _KMH_COLUMN = "speed_kmh"
 
 
-class _Use(NamedTuple):
+class _ColumnUse(NamedTuple):
     """Names columns and what is lost without them. `all_needed`: else one of them is enough."""
 
     columns: tuple[str, ...]
@@ -38,28 +38,28 @@ class _Use(NamedTuple):
 
 
 # In the order of the messages.
-_USES = (
-    _Use(
+_COLUMN_USES = (
+    _ColumnUse(
         ("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"
     ),
-    _Use(SPEED_COLUMNS, False, "no rates and no lag distance"),
-    _Use(("speed_mps", "wheel_speed_mps"), True, "the speed stage cannot be diagnosed"),
-    _Use(
+    _ColumnUse(SPEED_COLUMNS, False, "no rates and no lag distance"),
+    _ColumnUse(("speed_mps", "wheel_speed_mps"), True, "the speed stage cannot be diagnosed"),
+    _ColumnUse(
         ("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndre", *NDRE_COLUMNS),
         False,
         "canopy mode cannot be replayed and the heads cannot be diagnosed",
     ),
-    _Use(("target_rate_kg_ha",), True, "no rate error"),
-    _Use(("shaft_rpm_cmd", "shaft_rpm"), True, "the shaft stage cannot be diagnosed"),
-    _Use(("opening_mm_cmd", "opening_mm"), True, "the gate stage cannot be diagnosed"),
-    _Use(("hopper_kg",), True, "the flow and scale stages cannot be diagnosed"),
-    _Use(("supply_v",), True, "effects of the supply voltage cannot be found"),
-    _Use(("pitch_deg",), True, "effects of slopes cannot be found"),
-    _Use(("state",), True, "working and not working rows cannot be told apart"),
+    _ColumnUse(("target_rate_kg_ha",), True, "no rate error"),
+    _ColumnUse(("shaft_rpm_cmd", "shaft_rpm"), True, "the shaft stage cannot be diagnosed"),
+    _ColumnUse(("opening_mm_cmd", "opening_mm"), True, "the gate stage cannot be diagnosed"),
+    _ColumnUse(("hopper_kg",), True, "the flow and scale stages cannot be diagnosed"),
+    _ColumnUse(("supply_v",), True, "effects of the supply voltage cannot be found"),
+    _ColumnUse(("pitch_deg",), True, "effects of slopes cannot be found"),
+    _ColumnUse(("state",), True, "working and not working rows cannot be told apart"),
 )
 
 
-def our_names(names: tuple[str, ...]) -> Renamed:
+def rename_log_header(names: tuple[str, ...]) -> RenamedHeader:
     """Returns the header with the published names, where a column has another well-known name,
     other letters or its unit. Of several columns with the time one becomes `time_s`, seconds
     before dates."""
@@ -78,14 +78,16 @@ def our_names(names: tuple[str, ...]) -> Renamed:
     return renamed(names, COLUMNS, COLUMN_OF_WHOLE_NAME | times)
 
 
-def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
+def find_needed_columns(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
     """Returns the columns that must be read so that the wanted ones are the same as if all had
     been read."""
     evidence = {"time_s", "lat_deg", "lon_deg", _KMH_COLUMN, *SPEED_COLUMNS}
     return {*wanted, *evidence} if "time_s" in names else {*wanted, *evidence, "utc"}
 
 
-def examined(path: Path, columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
+def examine_columns(
+    path: Path, columns: Columns, names: Collection[str]
+) -> tuple[Columns, list[Finding]]:
     """Returns corrected columns, and findings.
 
     Parameters
@@ -98,22 +100,24 @@ def examined(path: Path, columns: Columns, names: Collection[str]) -> tuple[Colu
     ------
     TableError : the log has no usable times.
     """
-    columns, from_kmh = _with_speed_from_kmh(columns)
+    columns, from_kmh = _add_speed_from_kmh(columns)
     findings: list[Finding] = []
-    columns = {**columns, "time_s": time_column(path, columns, names, findings)}
+    columns = {**columns, "time_s": find_time_column(path, columns, names, findings)}
     utc = columns.get("utc")
     try:
         if columns["time_s"].size:
-            columns, odd = mend_recording(columns, None if utc is None else lambda: seconds_of(utc))
+            columns, odd = mend_recording(
+                columns, None if utc is None else lambda: parse_utc_seconds(utc)
+            )
             findings += odd
         else:
             columns = mend_values(columns, findings)
     except ValueError as error:
         raise TableError(path, str(error)) from None
-    return columns, [*from_kmh, *findings, *_missing(columns, names)]
+    return columns, [*from_kmh, *findings, *_report_missing(columns, names)]
 
 
-def _with_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
+def _add_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
     speed_kmh = columns.get(_KMH_COLUMN)
     if speed_kmh is None or "speed_mps" in columns or speed_kmh.dtype == object:
         return columns, []
@@ -121,12 +125,14 @@ def _with_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
     return {**columns, "speed_mps": speed_kmh / KMH_PER_MPS}, [found]
 
 
-def _missing(columns: Columns, names: Collection[str]) -> list[Finding]:
+def _report_missing(columns: Columns, names: Collection[str]) -> list[Finding]:
     known = {
-        name for name in {*names, *columns} if name not in columns or not _is_empty(columns, name)
+        name
+        for name in {*names, *columns}
+        if name not in columns or not _is_empty_column(columns, name)
     }
     findings = []
-    for use in _USES:
+    for use in _COLUMN_USES:
         absent = [name for name in use.columns if name not in known]
         if absent and (use.all_needed or len(absent) == len(use.columns)):
             text = (
@@ -137,12 +143,12 @@ def _missing(columns: Columns, names: Collection[str]) -> list[Finding]:
     return findings
 
 
-def _is_empty(columns: Columns, name: str) -> bool:
+def _is_empty_column(columns: Columns, name: str) -> bool:
     array = columns[name]
     return not np.any(array != "") if array.dtype == object else bool(np.all(np.isnan(array)))
 
 
-def time_column(
+def find_time_column(
     path: Path, columns: Columns, names: Collection[str], findings: list[Finding]
 ) -> Times:
     """Returns a log's `time_s` as numbers (n,), NaN where unknown; they may be unordered, or not in
@@ -160,9 +166,9 @@ def time_column(
     TableError : there is no time.
     """
     if "time_s" in columns:
-        return _dates_or_seconds(columns["time_s"], findings)
+        return _convert_dates(columns["time_s"], findings)
     if "utc" in columns:
-        from_utc = seconds_of(columns["utc"])
+        from_utc = parse_utc_seconds(columns["utc"])
         if np.isfinite(from_utc).any() or from_utc.size == 0:
             findings.append(
                 Finding("time_from_utc", "no column time_s: computed from utc", "time_s")
@@ -178,12 +184,12 @@ def time_column(
     )
 
 
-def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:
+def _convert_dates(values: NDArray[Any], findings: list[Finding]) -> Times:
     """Returns numbers (n,), or seconds of dates; NaN where a cell holds neither."""
     if values.dtype == object:
-        numbers = np.array([_float(text) for text in values.tolist()])
-        if np.isfinite(numbers).sum() <= _MOST_NUMBERS * max(1, np.sum(values != "")):
-            dates = seconds_of(values)
+        numbers = np.array([_parse_float(text) for text in values.tolist()])
+        if np.isfinite(numbers).sum() <= _MAX_NUMBER_SHARE * max(1, np.sum(values != "")):
+            dates = parse_utc_seconds(values)
             known = np.isfinite(dates)
             if not known.any():
                 return dates
@@ -207,24 +213,24 @@ def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:
 
 
 # Returns a text's number; NaN: it is none.
-def _float(text: Any) -> float:
+def _parse_float(text: Any) -> float:
     try:
         return float(text)
     except ValueError:
         return float("nan")
 
 
-def seconds_of(utc: NDArray[Any]) -> Times:
+def parse_utc_seconds(utc: NDArray[Any]) -> Times:
     """Returns seconds since 1970 (n,) of ISO 8601 texts in any zone that they name (else UTC),
     or of days as spreadsheets count them; NaN where there are none."""
-    return np.array([_second(str(text).strip()) for text in utc.tolist()])
+    return np.array([_parse_utc_second(str(text).strip()) for text in utc.tolist()])
 
 
-def _second(text: str) -> float:
+def _parse_utc_second(text: str) -> float:
     try:
         moment = dt.datetime.fromisoformat(text)
     except ValueError:
-        days = _float(text)
+        days = _parse_float(text)
         inside = SPREADSHEET_DAYS[0] < days < SPREADSHEET_DAYS[1]
         return (days - SPREADSHEET_EPOCH_DAYS) * DAY_S if inside else float("nan")
     return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp()

@@ -12,25 +12,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from topdress.drivers.files.layers import Layer, in_degrees
-from topdress.drivers.files.limits import GEOPACKAGE, MB, held_to
-from topdress.drivers.files.stated_units import StatedUnit, of_markup, of_texts
+from topdress.drivers.files.layers import Layer, convert_to_degrees
+from topdress.drivers.files.limits import GEOPACKAGE, MB, check_limit
+from topdress.drivers.files.stated_units import StatedUnit, find_markup_units, find_text_units
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
 # Time for everything that SQLite does with a file, s: a file of 256 MB takes 2 s.
-LONGEST_S = 20.0
+MAX_READ_S = 20.0
 # Instructions of SQLite's machine between two checks of the clock: a millisecond.
-STEPS = 20_000
+CLOCK_CHECK_STEPS = 20_000
 # Bytes of a cell.
-LONGEST_VALUE = 64 * MB
+MAX_VALUE_BYTES = 64 * MB
 # Bytes that SQLite may use: what a view sorts stays in memory, and is given up beyond.
-MOST_HEAP = 256 * MB
+MAX_HEAP_BYTES = 256 * MB
 # Bytes that an empty row takes here.
-ROW_BYTES = 200
+EMPTY_ROW_BYTES = 200
 # Bytes of an envelope by its code in a geometry's header (OGC 12-128r19, 2.1.3).
-ENVELOPES = (0, 32, 48, 48, 64)
+ENVELOPE_BYTES = (0, 32, 48, 48, 64)
 # Everything that a query of a table needs; all else is denied.
-ALLOWED = (
+ALLOWED_ACTIONS = (
     sqlite3.SQLITE_SELECT,
     sqlite3.SQLITE_READ,
     sqlite3.SQLITE_FUNCTION,
@@ -38,7 +38,7 @@ ALLOWED = (
 )
 
 # Tables of shapes with their coordinate systems.
-_LAYERS = """SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id,
+_LAYER_QUERY = """SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id,
 s.definition
     FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name
     LEFT JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id WHERE c.data_type = 'features' ORDER
@@ -55,8 +55,8 @@ class _LayerTable(NamedTuple):
     definition: str
 
 
-def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
-    """Returns the layers of a GeoPackage. Raises Refused, BeyondLimits, OSError;
+def read_geopackage(path: Path, longest_s: float = MAX_READ_S) -> list[Layer]:
+    """Returns the layers of a GeoPackage. Raises RefusedInput, BeyondLimits, OSError;
     KeyboardInterrupt at once, however long a view would take."""
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
@@ -73,8 +73,8 @@ def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
             # Read only: not even SQLite's own lock files are made.
             sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
         ) as base:
-            _fence(base, until_s)
-            return [_layer(path, base, table) for table in _tables(base)]
+            _restrict_database(base, until_s)
+            return [_read_layer(path, base, table) for table in _list_layer_tables(base)]
     except (sqlite3.Error, sqlite3.Warning) as error:
         if getattr(error, "sqlite_errorname", "") != "SQLITE_INTERRUPT":
             raise RefusedInput(
@@ -90,30 +90,31 @@ def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
         ) from None
 
 
-def _fence(base: sqlite3.Connection, until_s: float) -> None:
+def _restrict_database(base: sqlite3.Connection, until_s: float) -> None:
     """Forbids writing, attaching, loading and setting, whatever the file's own schema says, and
     limits time and memory."""
     for setting in (
         "trusted_schema=OFF",
         "cell_size_check=ON",
         "temp_store=MEMORY",
-        f"hard_heap_limit={MOST_HEAP}",
+        f"hard_heap_limit={MAX_HEAP_BYTES}",
     ):
         base.execute(f"PRAGMA {setting}")
     base.text_factory = lambda data: data.decode("utf-8", "replace")
-    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_VALUE)
+    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
     base.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
     base.set_authorizer(
         lambda action, one, *_: (
             sqlite3.SQLITE_OK
-            if action in ALLOWED or (action == sqlite3.SQLITE_PRAGMA and one == "table_info")
+            if action in ALLOWED_ACTIONS
+            or (action == sqlite3.SQLITE_PRAGMA and one == "table_info")
             else sqlite3.SQLITE_DENY
         )
     )
-    base.set_progress_handler(lambda: time.monotonic() > until_s, STEPS)
+    base.set_progress_handler(lambda: time.monotonic() > until_s, CLOCK_CHECK_STEPS)
 
 
-def _tables(base: sqlite3.Connection) -> list[_LayerTable]:
+def _list_layer_tables(base: sqlite3.Connection) -> list[_LayerTable]:
     return [
         _LayerTable(
             str(name),
@@ -123,12 +124,12 @@ def _tables(base: sqlite3.Connection) -> list[_LayerTable]:
             else None,
             str(definition or ""),
         )
-        for name, column, organization, number, definition in base.execute(_LAYERS)
+        for name, column, organization, number, definition in base.execute(_LAYER_QUERY)
     ]
 
 
 # Returns a table's shapes in degrees, with attributes and units.
-def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
+def _read_layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
     quoted = '"' + table.name.replace('"', '""') + '"'
     keys = {
         row[1]
@@ -146,8 +147,8 @@ def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
     at = names.index(table.shape_column)
     rows: list[dict[str, Any]] = []
     geometries: list[bytes | None] = []
-    for cells in _within(path, found):
-        geometries.append(_wkb(cells[at], where, len(rows) + 1))
+    for cells in _iter_limited_rows(path, found):
+        geometries.append(_extract_wkb(cells[at], where, len(rows) + 1))
         rows.append(
             {
                 name: cell
@@ -161,33 +162,38 @@ def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
         raise RefusedInput(
             where, "a shape is damaged: {why}", why=str(error).splitlines()[0][:150]
         ) from None
-    shapes, findings = in_degrees(path, table.name, shapes, table.crs, table.definition)
-    return Layer(table.name, tuple(rows), shapes, findings, _units(base, table.name, names))
+    shapes, findings = convert_to_degrees(path, table.name, shapes, table.crs, table.definition)
+    return Layer(
+        table.name, tuple(rows), shapes, findings, _read_stated_units(base, table.name, names)
+    )
 
 
-def _within(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
+def _iter_limited_rows(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
     """Yields rows, as long as they are no more than a file of the largest size can hold. Raises
     BeyondLimits."""
     taken = 0
     for row in rows:
-        taken += ROW_BYTES + sum(len(cell) for cell in row if isinstance(cell, str | bytes))
-        held_to(GEOPACKAGE, taken, PlaceInFile(str(path)).go_down("rows of a layer"))
+        taken += EMPTY_ROW_BYTES + sum(len(cell) for cell in row if isinstance(cell, str | bytes))
+        check_limit(GEOPACKAGE, taken, PlaceInFile(str(path)).go_down("rows of a layer"))
         yield row
 
 
-def _wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
-    """Returns a shape without its header (2.1.3); None: the row has no shape. Raises Refused."""
+def _extract_wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
+    """Returns a shape without its header (2.1.3); None: the row has no shape.
+    Raises RefusedInput."""
     if blob is None:
         return None
     envelope = (
         blob[3] >> 1 & 7 if isinstance(blob, bytes) and len(blob) >= 8 and blob[:2] == b"GP" else 7
     )
-    if envelope >= len(ENVELOPES):
+    if envelope >= len(ENVELOPE_BYTES):
         raise RefusedInput(where.go_down("row {row}", row=row), "no shape of a GeoPackage")
-    return bytes(blob[8 + ENVELOPES[envelope] :])
+    return bytes(blob[8 + ENVELOPE_BYTES[envelope] :])
 
 
-def _units(base: sqlite3.Connection, table: str, names: list[str]) -> dict[str, StatedUnit]:
+def _read_stated_units(
+    base: sqlite3.Connection, table: str, names: list[str]
+) -> dict[str, StatedUnit]:
     """Returns units that the file states besides its columns' names: titles and descriptions,
     metadata, QGIS's styles."""
     there = {
@@ -200,15 +206,15 @@ def _units(base: sqlite3.Connection, table: str, names: list[str]) -> dict[str, 
             "WHERE table_name = ?",
             (table,),
         ):
-            found |= of_texts(
+            found |= find_text_units(
                 str(column), [str(text) for text in texts if text], "gpkg_data_columns"
             )
     if "gpkg_metadata" in there:
         for (text,) in base.execute("SELECT metadata FROM gpkg_metadata"):
-            found |= of_markup(str(text), names, "gpkg_metadata")
+            found |= find_markup_units(str(text), names, "gpkg_metadata")
     if "layer_styles" in there:
         for (text,) in base.execute(
             "SELECT styleQML FROM layer_styles WHERE f_table_name = ?", (table,)
         ):
-            found |= of_markup(str(text), names, "layer_styles")
+            found |= find_markup_units(str(text), names, "layer_styles")
     return found

@@ -11,27 +11,27 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from topdress.drivers.files.any_log import imported_columns, open_log, raw_and_mapping
+from topdress.drivers.files.any_log import convert_log_columns, open_any_log, read_with_mapping
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.file_sniffer import FOREIGN
+from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import ImportFile
-from topdress.drivers.files.lenient_line_reader import GoodLines
-from topdress.drivers.files.log_store import is_store
-from topdress.drivers.files.opened import Opened
+from topdress.drivers.files.lenient_line_reader import LenientLineReader
+from topdress.drivers.files.log_store import is_log_store
+from topdress.drivers.files.opened import FileContent
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.sheet_text import SUFFIXES
+from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES
 
 # The meaning of the columns is found from the whole file when it is opened, and again whenever it
 # has doubled, so that all readings together read each line a few times. Between, the new lines are
 # imported behind the file's own first lines up to its first row, with the same import file: the
 # times of both begin at that row.
 # So many first lines must show what the columns mean, before others count as damaged.
-FIRST_LINES = 100
+MIN_FIRST_LINES = 100
 # Growth since the last reading of the whole file, after which it is read as a whole again.
-GROWN = 2.0
+REREAD_GROWTH = 2.0
 # Encodings in which a line end is a single byte.
-ONE_BYTE = (
+ONE_BYTE_ENCODINGS = (
     "utf-8",
     "ascii",
     "latin",
@@ -59,69 +59,71 @@ class ForeignText:
     def read(self, size: int) -> Columns | None:
         """Returns new rows; None: no whole new line, or too few to show their meaning. Raises
         TableError (with open questions), OSError."""
-        if self._mapping is None or size >= GROWN * self._whole_size:
-            return self._whole()
-        return self._new()
+        if self._mapping is None or size >= REREAD_GROWTH * self._whole_size:
+            return self._read_whole()
+        return self._read_new_lines()
 
-    def _whole(self) -> Columns | None:
+    def _read_whole(self) -> Columns | None:
         data = self.path.read_bytes()
         # The last line may still be incomplete.
         data = data[: data.rfind(b"\n") + 1] or data
         self._whole_size = max(len(data), 1)
         if self._mapping is not None:
             try:
-                return self._ask(data)
+                return self._read_and_map(data)
             except TableError:  # it was known before: a damaged line hides it
-                return self._new()
+                return self._read_new_lines()
         try:
-            return self._ask(data)
+            return self._read_and_map(data)
         # open questions stay; a damaged line may be left out
         except TableError:
             lines = data.splitlines(keepends=True)
             # nothing but a header, or too few rows to tell: it still grows
-            if len(lines) <= FIRST_LINES:
+            if len(lines) <= MIN_FIRST_LINES:
                 return None
-            self._ask(b"".join(lines[:FIRST_LINES]))
-            good = GoodLines(lines, FIRST_LINES, lambda some: self._ask(b"".join(some)))
+            self._read_and_map(b"".join(lines[:MIN_FIRST_LINES]))
+            good = LenientLineReader(
+                lines, MIN_FIRST_LINES, lambda some: self._read_and_map(b"".join(some))
+            )
             if good.found is None:
                 raise
             self.damaged += good.damaged
             return good.found
 
-    def _ask(self, data: bytes) -> Columns:
-        raw, mapping, _ = raw_and_mapping(self.path, data)
-        columns = imported_columns(self.path, raw, mapping)
+    def _read_and_map(self, data: bytes) -> Columns:
+        raw, mapping, _ = read_with_mapping(self.path, data)
+        columns = convert_log_columns(self.path, raw, mapping)
         lines = data.splitlines(keepends=True)
         follows = raw.source.kind == "text" and (raw.source.encoding or "").lower().startswith(
-            ONE_BYTE
+            ONE_BYTE_ENCODINGS
         )
         if follows and mapping.time.counts != "rows":
             self._head, self._offset = b"".join(lines[: raw.first_row]), len(data)
             self._mapping = mapping.model_copy(update={"source": raw.source})
         return columns
 
-    def _new(self) -> Columns | None:
+    def _read_new_lines(self) -> Columns | None:
         with self.path.open("rb") as file:
             file.seek(self._offset)
             data = file.read()
         new = data[: data.rfind(b"\n") + 1]
         if not new:
             return None
-        good = GoodLines(new.splitlines(keepends=True), 0, self._rows)
+        good = LenientLineReader(new.splitlines(keepends=True), 0, self._convert_lines)
         self._offset += len(new)
         self.damaged += good.damaged
         return good.found
 
-    def _rows(self, lines: list[bytes]) -> Columns:
+    def _convert_lines(self, lines: list[bytes]) -> Columns:
         from topdress.drivers.files.imports.read import read_raw_table
 
         assert self._mapping is not None
         raw = read_raw_table(self.path, self._mapping.source, self._head + b"".join(lines))
-        return imported_columns(self.path, raw, self._mapping)
+        return convert_log_columns(self.path, raw, self._mapping)
 
 
 # Bytes of new lines that are read at a time.
-MOST_BYTES = 64 << 20
+MAX_NEW_BYTES = 64 << 20
 
 
 class GrowingLog:
@@ -130,12 +132,12 @@ class GrowingLog:
     behind : whether the file had more than is read at a time. damaged : lines that were left out.
     """
 
-    def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, path: Path, most_bytes: int = MAX_NEW_BYTES) -> None:
         self.path, self._most_bytes = path, most_bytes
         self.damaged = 0
-        self._begin()
+        self._start_over()
 
-    def _begin(self) -> None:
+    def _start_over(self) -> None:
         self.last_s = -np.inf
         self.behind = False
         self._offset = 0  # of the first byte that was not read
@@ -159,39 +161,39 @@ class GrowingLog:
         place = (now.st_dev, now.st_ino)
         # Another file has taken its place.
         if now.st_size < self._offset or (self._offset and place != self._place):
-            self._begin()
+            self._start_over()
         if now.st_size == self._size and place == self._place:
             return None
-        columns = self._read(now.st_size)
+        columns = self._read_changes(now.st_size)
         self._place = place
-        return self._newer(columns)
+        return self._select_newer(columns)
 
-    def _read(self, size: int) -> Columns | None:
+    def _read_changes(self, size: int) -> Columns | None:
         if self._foreign is None:
             try:
-                self._foreign = Opened(self.path).foreign
+                self._foreign = FileContent(self.path).foreign
             except TableError:
                 return None  # no header yet
         columns: Columns | None
         if (
             self._foreign
             and not self.path.is_dir()
-            and self.path.suffix.lower() not in {*FOREIGN, *SUFFIXES}
+            and self.path.suffix.lower() not in {*FOREIGN_SUFFIXES, *WORKBOOK_SUFFIXES}
         ):
             if size < self._size:  # another stands in its place
                 self._text = ForeignText(self.path)
             before = self._text.damaged
             columns, self._size = self._text.read(size), size
             self.damaged += self._text.damaged - before
-        elif self._foreign or is_store(self.path):
-            columns, self._size = open_log(self.path).columns, size
+        elif self._foreign or is_log_store(self.path):
+            columns, self._size = open_any_log(self.path).columns, size
         else:
-            columns = self._lines()
+            columns = self._read_own_lines()
             if self._offset == size:
                 self._size = size
         return columns
 
-    def _lines(self) -> Columns | None:
+    def _read_own_lines(self) -> Columns | None:
         with self.path.open("rb") as file:
             file.seek(self._offset)
             data = file.read(self._most_bytes)
@@ -201,23 +203,23 @@ class GrowingLog:
             return None
         header = self._header or whole[: whole.find(b"\n") + 1]
         lines = (self._header + whole).splitlines(keepends=True)
-        columns = self._good(lines) if len(lines) > 1 else None
+        columns = self._read_good_lines(lines) if len(lines) > 1 else None
         self._header, self._offset = header, self._offset + len(whole)
         return columns
 
-    def _good(self, lines: list[bytes]) -> Columns | None:
+    def _read_good_lines(self, lines: list[bytes]) -> Columns | None:
         """Returns the rows without damaged lines. Raises as the reader does where no line is one
         of a log."""
-        good = GoodLines(lines, 1, lambda some: self._parsed(b"".join(some)))
+        good = LenientLineReader(lines, 1, lambda some: self._parse_lines(b"".join(some)))
         if good.found is None and self._offset == 0:
-            return self._parsed(b"".join(lines))
+            return self._parse_lines(b"".join(lines))
         self.damaged += good.damaged
         return good.found
 
-    def _parsed(self, text: bytes) -> Columns:
+    def _parse_lines(self, text: bytes) -> Columns:
         return read_log(self.path, data=text).columns
 
-    def _newer(self, columns: Columns | None) -> Columns | None:
+    def _select_newer(self, columns: Columns | None) -> Columns | None:
         if columns is None or not len(columns["time_s"]):
             return None
         # It ends before the rows read so far: it is another log.

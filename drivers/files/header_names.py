@@ -16,7 +16,7 @@ from topdress.drivers.files.imports.units import (
 )
 
 
-class Renamed(NamedTuple):
+class RenamedHeader(NamedTuple):
     """Holds a header's names. `factors`: by name, what one of the file's numbers is in the
     column's unit, where that is not 1. `trouble`: a unit that cannot be the column's, in a line.
     """
@@ -27,7 +27,9 @@ class Renamed(NamedTuple):
     trouble: str = ""  # one line: a unit that cannot be the column's
 
 
-def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[str, str]) -> Renamed:
+def rename_header(
+    names: tuple[str, ...], known: Collection[str], others: Mapping[str, str]
+) -> RenamedHeader:
     """Returns a header with this program's names.
 
     Parameters
@@ -42,9 +44,9 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
     """
     taken, ours, findings, factors = set(names), [], [], {}
     for name in names:
-        bare, unit = _split(name, known, others)
+        bare, unit = _split_known_unit(name, known, others)
         plain = "_".join(bare.lower().split())
-        other = plain if plain in known else others.get(plain) or _completed(name, known)
+        other = plain if plain in known else others.get(plain) or _complete_by_unit(name, known)
         if (
             unit is not None
             and other.endswith("_mps")
@@ -55,9 +57,9 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
         if other == name or other in taken:
             ours.append(name)
             continue
-        factor = 1.0 if unit is None else _factor(unit, other)
+        factor = 1.0 if unit is None else _calc_unit_factor(unit, other)
         if factor is None:
-            return Renamed(
+            return RenamedHeader(
                 names,
                 trouble=f"column {name}: unit {unit.name if unit else ''}: allowed "
                 f"{ours_in.name if (ours_in := find_column_unit(other)) else 'none'}",
@@ -68,10 +70,10 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
         said = "" if factor == 1.0 else f", times {factor:.6g}"
         findings.append(Finding("other_name", f"column {name} taken for {other}{said}", other))
         ours.append(other)
-    return Renamed(tuple(ours), tuple(findings), factors)
+    return RenamedHeader(tuple(ours), tuple(findings), factors)
 
 
-def _completed(name: str, known: Collection[str]) -> str:
+def _complete_by_unit(name: str, known: Collection[str]) -> str:
     """Returns the known name that a unit completes, `shaft_rpm` of `shaft [r/min]`; else the
     name as it stands."""
     bare, text = split_unit_name(name)
@@ -89,7 +91,7 @@ def _completed(name: str, known: Collection[str]) -> str:
     )
 
 
-def _split(
+def _split_known_unit(
     name: str, known: Collection[str], others: Mapping[str, str]
 ) -> tuple[str, ColumnUnit | None]:
     """Returns name and unit, where the rest without the unit is a known name."""
@@ -100,7 +102,7 @@ def _split(
     return (bare, find_named_unit(text)) if plain in known or plain in others else (name, None)
 
 
-def _factor(unit: ColumnUnit, column: str) -> float | None:
+def _calc_unit_factor(unit: ColumnUnit, column: str) -> float | None:
     """Returns what one of `unit` is in the column's unit; None for another quantity."""
     ours = find_column_unit(column)
     if ours is None:

@@ -12,37 +12,39 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import shapely
 from topdress.control.recordings.finding import Finding, many
-from topdress.drivers.files.layers import Layer, in_degrees, polygon_of, together
+from topdress.drivers.files.layers import Layer, build_polygon, combine_shapes, convert_to_degrees
 from topdress.drivers.files.limits import DAMAGED_ZIP
-from topdress.drivers.files.stated_units import of_element
-from topdress.drivers.files.xml_text import XmlError, local, xml_root
+from topdress.drivers.files.stated_units import find_element_units
+from topdress.drivers.files.xml_text import XmlError, find_local_name, parse_xml_root
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
 # Elements that may hold placemarks.
-CONTAINERS = ("kml", "Document", "Folder")
+CONTAINER_TAGS = ("kml", "Document", "Folder")
 
 
 def read_kml(path: Path) -> list[Layer]:
-    """Returns a layer for each document or folder with placemarks. Raises Refused, BeyondLimits,
+    """Returns a layer for each document or folder with placemarks.
+    Raises RefusedInput, BeyondLimits,
     OSError."""
-    data = path.read_bytes() if path.suffix.lower() == ".kml" else _of_kmz(path)
+    data = path.read_bytes() if path.suffix.lower() == ".kml" else _read_kmz_bytes(path)
     try:
-        root = xml_root(data, path)
+        root = parse_xml_root(data, path)
     except XmlError as error:
         raise RefusedInput(path, "not readable as KML: {why}", why=error) from None
-    if local(root) not in CONTAINERS:
+    if find_local_name(root) not in CONTAINER_TAGS:
         raise RefusedInput(
-            path, "not readable as KML: root element {tag}: allowed kml", tag=local(root)
+            path, "not readable as KML: root element {tag}: allowed kml", tag=find_local_name(root)
         )
     return [
-        _layer(path, root, container, placemarks)
+        _read_layer(path, root, container, placemarks)
         for container in root.iter()
-        if local(container) in CONTAINERS and (placemarks := _children(container, "Placemark"))
+        if find_local_name(container) in CONTAINER_TAGS
+        and (placemarks := _find_children(container, "Placemark"))
     ]
 
 
-# Returns the first KML of a KMZ. Raises Refused.
-def _of_kmz(path: Path) -> bytes:
+# Returns the first KML of a KMZ. Raises RefusedInput.
+def _read_kmz_bytes(path: Path) -> bytes:
     try:
         with zipfile.ZipFile(path) as archive:
             inside = next(
@@ -56,8 +58,8 @@ def _of_kmz(path: Path) -> bytes:
 
 
 # Returns a container's placemarks as a layer.
-def _layer(path: Path, root: Element, container: Element, placemarks: list[Element]) -> Layer:
-    name = _text(container, "name") or path.stem
+def _read_layer(path: Path, root: Element, container: Element, placemarks: list[Element]) -> Layer:
+    name = _find_child_text(container, "name") or path.stem
     rows, shapes, closed = [], [], 0
     for number, placemark in enumerate(placemarks, start=1):
         where = (
@@ -65,60 +67,64 @@ def _layer(path: Path, root: Element, container: Element, placemarks: list[Eleme
             .go_down("layer {layer}", layer=name)
             .go_down("placemark {number}", number=number)
         )
-        parts, unclosed = _parts(placemark, where)
+        parts, unclosed = _read_shapes(placemark, where)
         closed += unclosed
-        shapes.append(together(parts))
+        shapes.append(combine_shapes(parts))
         rows.append(
             {
-                "Name": _text(placemark, "name"),
-                "description": _text(placemark, "description"),
-                **dict(_attributes(placemark)),
+                "Name": _find_child_text(placemark, "name"),
+                "description": _find_child_text(placemark, "description"),
+                **dict(_iter_attributes(placemark)),
             }
         )
-    degrees, _ = in_degrees(path, name, np.array(shapes, dtype=object), None)
-    units = of_element(root, [column for row in rows for column in row], path.name)
+    degrees, _ = convert_to_degrees(path, name, np.array(shapes, dtype=object), None)
+    units = find_element_units(root, [column for row in rows for column in row], path.name)
     said = Finding(
         "closed_rings", f"{many(closed, 'ring')} without its closing corner closed", rows=closed
     )
     return Layer(name, tuple(rows), degrees, (said,) if closed else (), units)
 
 
-def _attributes(placemark: Element) -> Iterator[tuple[str, str]]:
+def _iter_attributes(placemark: Element) -> Iterator[tuple[str, str]]:
     """Yields names and texts of `Data` with a `value`, and of `SimpleData` of a schema."""
-    for extended in _children(placemark, "ExtendedData"):
+    for extended in _find_children(placemark, "ExtendedData"):
         for inner in extended.iter():
-            if local(inner) in ("Data", "SimpleData") and inner.get("name"):
-                text = _text(inner, "value") if local(inner) == "Data" else inner.text or ""
+            if find_local_name(inner) in ("Data", "SimpleData") and inner.get("name"):
+                text = (
+                    _find_child_text(inner, "value")
+                    if find_local_name(inner) == "Data"
+                    else inner.text or ""
+                )
                 yield inner.get("name", ""), text.strip()
 
 
-def _parts(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.Geometry], int]:
+def _read_shapes(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.Geometry], int]:
     """Returns shapes in longitude and latitude, and how many of their rings were not closed."""
     found, unclosed = [], 0
     for one in placemark.iter():
-        kind = local(one)
+        kind = find_local_name(one)
         if kind == "Polygon":
             rings = [
                 places
                 for side in ("outerBoundaryIs", "innerBoundaryIs")
-                for edge in _children(one, side)
-                for ring in _children(edge, "LinearRing")
-                if len(places := _places(ring, where))
+                for edge in _find_children(one, side)
+                for ring in _find_children(edge, "LinearRing")
+                if len(places := _read_places(ring, where))
             ]
             if rings:
                 unclosed += sum(bool((places[0] != places[-1]).any()) for places in rings)
-                found.append(polygon_of(rings, where))
-        elif kind in ("LineString", "Point") and len(places := _places(one, where)):
+                found.append(build_polygon(rings, where))
+        elif kind in ("LineString", "Point") and len(places := _read_places(one, where)):
             found.append(
                 shapely.LineString(places) if len(places) > 1 else shapely.Point(places[0])
             )
     return found, unclosed
 
 
-def _places(element: Element, where: PlaceInFile) -> np.ndarray:
-    """Returns places (n, 2), longitude and latitude. Raises Refused."""
+def _read_places(element: Element, where: PlaceInFile) -> np.ndarray:
+    """Returns places (n, 2), longitude and latitude. Raises RefusedInput."""
     # Blanks separate places, but some programs write them behind commas too.
-    text = re.sub(r"\s*,\s*", ",", _text(element, "coordinates"))
+    text = re.sub(r"\s*,\s*", ",", _find_child_text(element, "coordinates"))
     try:
         places = np.array(
             [[float(part) for part in place.split(",")[:2]] for place in text.split()]
@@ -132,10 +138,12 @@ def _places(element: Element, where: PlaceInFile) -> np.ndarray:
     return places
 
 
-def _children(element: Element, name: str) -> list[Element]:
-    return [child for child in element if local(child) == name]
+def _find_children(element: Element, name: str) -> list[Element]:
+    return [child for child in element if find_local_name(child) == name]
 
 
 # Returns the text of a child; empty: there is none.
-def _text(element: Element, name: str) -> str:
-    return next(((child.text or "").strip() for child in element if local(child) == name), "")
+def _find_child_text(element: Element, name: str) -> str:
+    return next(
+        ((child.text or "").strip() for child in element if find_local_name(child) == name), ""
+    )

@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.extras import install_line
+from topdress.drivers.files.extras import format_install_line
 from topdress.drivers.files.limits import check_file, read_json
 from topdress.drivers.files.prescriptions.projected import (
     Projection,
@@ -27,22 +27,22 @@ from topdress.drivers.files.prescriptions.projected import (
     parse_projection,
 )
 from topdress.drivers.files.prescriptions.words import NotAMapError
-from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
+from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, find_json_units
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 from topdress.drivers.plugins import PluginFault, has_format_plugin
 
 # Endings of formats.
-KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
+KML_ENDINGS, GEOJSON_ENDINGS = (".kml", ".kmz"), (".geojson", ".json")
 # Systems of degrees on WGS84, or within 2 m of it.
-DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")
+DEGREE_SYSTEMS = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")
 # WGS84 as GeoJSON names it.
-WGS84 = ("crs84", "4326")
+WGS84_SPELLINGS = ("crs84", "4326")
 # Types of shapes in GeoJSON.
-KINDS = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
+GEOJSON_TYPES = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
 # UTM north and south on WGS84, and north on ETRS89 (EPSG register).
-_UTM = re.compile(r"^EPSG:(326|327|258)(\d\d)$")
+_UTM_CODE = re.compile(r"^EPSG:(326|327|258)(\d\d)$")
 # Attributes that every KML has.
-_OF_KML = frozenset({"Name", "description", "Description", "id"})
+_KML_ATTRIBUTES = frozenset({"Name", "description", "Description", "id"})
 
 
 class Layer(NamedTuple):
@@ -61,18 +61,18 @@ class Layer(NamedTuple):
 
 
 def read_layers(path: Path) -> list[Layer]:
-    """Returns the layers of a file, folder or zip. Raises Refused, OSError."""
+    """Returns the layers of a file, folder or zip. Raises RefusedInput, OSError."""
     check_file(path)
     suffix = "" if path.is_dir() else path.suffix.lower()
-    if suffix in GEOJSON:
+    if suffix in GEOJSON_ENDINGS:
         return [read_geojson(path)]
     if has_format_plugin(suffix):
-        return [_by_plugin(path, suffix[1:])]
+        return [_read_by_plugin(path, suffix[1:])]
     if suffix in (".shp", ".zip", ""):
-        from topdress.drivers.files.shape_sets import layer_of, shape_sets
+        from topdress.drivers.files.shape_sets import find_shape_sets, read_shape_layer
 
-        return [layer_of(shapes) for shapes in shape_sets(path)]
-    if suffix in KML_KINDS:
+        return [read_shape_layer(shapes) for shapes in find_shape_sets(path)]
+    if suffix in KML_ENDINGS:
         from topdress.drivers.files.kml import read_kml
 
         return read_kml(path)
@@ -81,7 +81,7 @@ def read_layers(path: Path) -> list[Layer]:
     return read_geopackage(path)
 
 
-def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = False) -> Layer:
+def read_geojson(path: Path, kinds: Collection[str] = GEOJSON_TYPES, strict: bool = False) -> Layer:
     """Returns the layer of a FeatureCollection (RFC 7946).
 
     Parameters
@@ -93,17 +93,17 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
     Raises
     ------
     NotAMapError : it is no such collection.
-    Refused : coordinates are wrong.
+    RefusedInput : coordinates are wrong.
     OSError : the file cannot be opened.
     """
     try:
         root = read_json(path)
     except ValueError as error:
         raise NotAMapError(path, "not readable as JSON: {why}", why=error) from None
-    return _of_features(path, root, kinds, strict)
+    return _build_layer(path, root, kinds, strict)
 
 
-def _by_plugin(path: Path, name: str) -> Layer:
+def _read_by_plugin(path: Path, name: str) -> Layer:
     """Returns the layer that a plug-in reads. Raises NotAMapError, whatever the plug-in's code
     does."""
     from topdress.drivers.plugin_process import read_format
@@ -117,11 +117,11 @@ def _by_plugin(path: Path, name: str) -> Layer:
             suffix=path.suffix,
             why=fault.why,
         ) from None
-    return _of_features(path, root, KINDS, strict=True)
+    return _build_layer(path, root, GEOJSON_TYPES, strict=True)
 
 
-# Returns features as a layer. Raises NotAMapError, Refused.
-def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) -> Layer:
+# Returns features as a layer. Raises NotAMapError, RefusedInput.
+def _build_layer(path: Path, root: Any, kinds: Collection[str], strict: bool) -> Layer:
     kind = root.get("type") if isinstance(root, dict) else type(root).__name__
     found = None
     if isinstance(root, dict) and (kind == "FeatureCollection" or not strict):
@@ -135,7 +135,7 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
             kind=kind,
         )
     crs = json.dumps(root.get("crs") or "crs84").lower()
-    if not any(name in crs for name in WGS84):
+    if not any(name in crs for name in WGS84_SPELLINGS):
         raise RefusedInput(path, "crs {crs}: allowed is WGS84 (longitude, latitude)", crs=crs)
     shapes = np.empty(len(found), dtype=object)
     rows: list[Mapping[str, Any]] = []
@@ -145,30 +145,32 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
         rows.append(stated if isinstance(stated, dict) else {})
         if isinstance(geometry, dict):
             shapes[k] = (
-                _of_json(
+                _build_geometry(
                     geometry, PlaceInFile(str(path)).go_down("feature {feature}", feature=k + 1)
                 )
                 if geometry.get("type") in kinds
                 else shapely.Point()
             )
     about = {key: value for key, value in root.items() if key != "features"}
-    units = of_json(about, {name for row in rows for name in row}, path.name)
+    units = find_json_units(about, {name for row in rows for name in row}, path.name)
     return Layer(str(root.get("name", "")), tuple(rows), shapes, (), units, "", about)
 
 
-# Returns a shape of GeoJSON; None: it is empty. Raises Refused.
-def _of_json(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometry | None:
+# Returns a shape of GeoJSON; None: it is empty. Raises RefusedInput.
+def _build_geometry(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometry | None:
     kind = geometry["type"]
     area = kind.endswith("Polygon")
     try:
         parts = geometry["coordinates"] if kind.startswith("Multi") else [geometry["coordinates"]]
         if area:
-            made = [polygon_of([_places(ring) for ring in part], where) for part in parts]
+            made = [
+                build_polygon([_convert_places(ring) for ring in part], where) for part in parts
+            ]
         else:
             made = (
-                [shapely.Point(*_places(parts)[0])]
+                [shapely.Point(*_convert_places(parts)[0])]
                 if kind == "Point"
-                else [shapely.LineString(_places(part)) for part in parts]
+                else [shapely.LineString(_convert_places(part)) for part in parts]
             )
     except RefusedInput:
         raise
@@ -179,29 +181,29 @@ def _of_json(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometr
             if area
             else "coordinates are no two numbers: allowed [lon, lat]",
         ) from None
-    return together(made)
+    return combine_shapes(made)
 
 
-def _places(corners: Sequence[Sequence[float]]) -> Floats:
+def _convert_places(corners: Sequence[Sequence[float]]) -> Floats:
     """Returns places (n, 2), longitude and latitude."""
     # A third number is a height.
     return np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
 
 
-def polygon_of(rings: Sequence[Floats], where: PlaceInFile) -> shapely.Geometry:
+def build_polygon(rings: Sequence[Floats], where: PlaceInFile) -> shapely.Geometry:
     """Returns a polygon of an outline and its holes, (n, 2) longitude and latitude, closed or
-    not. Raises Refused."""
-    if not rings or any(len(open_ring(ring)) < 3 for ring in rings):
+    not. Raises RefusedInput."""
+    if not rings or any(len(drop_closing_corner(ring)) < 3 for ring in rings):
         raise RefusedInput(where, "a ring of less than 3 corners: allowed 3 or more")
     return shapely.Polygon(rings[0], rings[1:])
 
 
-def open_ring(corners: Floats) -> Floats:
+def drop_closing_corner(corners: Floats) -> Floats:
     """Returns a ring without the corner that closes it."""
     return corners[:-1] if len(corners) > 1 and (corners[0] == corners[-1]).all() else corners
 
 
-def together(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
+def combine_shapes(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
     """Returns several shapes as a single one; None: there are none."""
     kinds = {part.geom_type for part in parts}
     if len(parts) < 2:
@@ -215,7 +217,7 @@ def together(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
     )
 
 
-def in_degrees(
+def convert_to_degrees(
     path: Path, layer: str, shapes: Any, crs: str | None, text: str = ""
 ) -> tuple[Any, tuple[Finding, ...]]:
     """Returns shapes in degrees, and findings.
@@ -230,10 +232,10 @@ def in_degrees(
 
     Raises
     ------
-    Refused : the coordinate system cannot be converted.
+    RefusedInput : the coordinate system cannot be converted.
     """
     where = PlaceInFile(str(path)).go_down("layer {layer}", layer=layer)
-    if crs is None or crs in DEGREES:
+    if crs is None or crs in DEGREE_SYSTEMS:
         if (
             crs is None
             and len(shapes)
@@ -244,11 +246,13 @@ def in_degrees(
                 "coordinates in no known system: allowed are degrees, or UTM that the file names",
             )
         return shapes, ()
-    found = _UTM.match(crs)
+    found = _UTM_CODE.match(crs)
     if found is None:
-        return turned(shapes, projection_in(text, where, shapely.get_coordinates(shapes), crs))
+        return apply_projection(
+            shapes, find_projection(text, where, shapely.get_coordinates(shapes), crs)
+        )
     south = found[1] == "327"
-    return turned(
+    return apply_projection(
         shapes,
         TransverseMercator(
             f"UTM zone {int(found[2])}{'S' if south else 'N'}",
@@ -262,11 +266,11 @@ def in_degrees(
     )
 
 
-def projection_in(
+def find_projection(
     text: str, where: PlaceInFile | Path | str, places: Floats, crs: str = ""
 ) -> Projection | None:
     """Returns the projection of a well-known text; None: degrees. places: (n, 2) in its
-    coordinates. crs: a system that must be more than degrees. Raises Refused."""
+    coordinates. crs: a system that must be more than degrees. Raises RefusedInput."""
     try:
         found = parse_projection(text)
         if found is not None or not crs:
@@ -278,12 +282,12 @@ def projection_in(
     raise RefusedInput(
         where,
         "coordinates in {system}: allowed are degrees on WGS84, or UTM",
-        f": export it again in WGS84 (EPSG:4326), or {install_line('pyproj')}",
+        f": export it again in WGS84 (EPSG:4326), or {format_install_line('pyproj')}",
         system=crs[:120],
     )
 
 
-def turned(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Finding, ...]]:
+def apply_projection(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Finding, ...]]:
     """Returns shapes in longitude and latitude, and findings."""
     if projection is None:
         return shapes, ()
@@ -295,12 +299,12 @@ def turned(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Findi
     ), (said,)
 
 
-def stated(row: Mapping[str, Any]) -> dict[str, Any]:
+def drop_kml_attributes(row: Mapping[str, Any]) -> dict[str, Any]:
     """Returns attributes without those that every KML has."""
-    return {name: value for name, value in row.items() if name not in _OF_KML}
+    return {name: value for name, value in row.items() if name not in _KML_ATTRIBUTES}
 
 
-def name_of(row: Mapping[str, Any]) -> str:
+def find_shape_name(row: Mapping[str, Any]) -> str:
     """Returns a shape's name; empty: it has none. The names of a shapefile's columns have ten
     letters."""
     for wanted in ("name", "title", "field", "field_name", "fieldname", "designator"):

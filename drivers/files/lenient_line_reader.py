@@ -9,12 +9,12 @@ from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
 
 # Share of lines that may be damaged: with more it is no log of this kind.
-MOST_SHARE = 0.5
+MAX_DAMAGED_SHARE = 0.5
 # Readings at most: each damaged line costs two for each halving.
-TRIED = 100
+MAX_READINGS = 100
 
 
-class GoodLines:
+class LenientLineReader:
     """Reads lines without the damaged ones. found: what `read` returns for them; None where too
     many are damaged. head: lines before the rows, kept in any case. Raises what `read` raises
     except TableError and BeyondLimits."""
@@ -26,30 +26,30 @@ class GoodLines:
         self.damaged = 0
         self._read, self._head, self._tried = read, lines[:head], 0
         rows = lines[head:]
-        self.found = self._whole(rows)
+        self.found = self._read_whole(rows)
         if self.found is None and len(rows) > 1:
-            good = self._good(rows)
+            good = self._find_good_lines(rows)
             self.damaged = len(rows) - len(good)
-            if good and self.damaged <= MOST_SHARE * len(rows):
-                self.found = self._whole(good)
+            if good and self.damaged <= MAX_DAMAGED_SHARE * len(rows):
+                self.found = self._read_whole(good)
         elif self.found is None:
             self.damaged = len(rows)
 
-    def _whole(self, rows: list[bytes]) -> Columns | None:
+    def _read_whole(self, rows: list[bytes]) -> Columns | None:
         self._tried += 1
         try:
             return self._read([*self._head, *rows])
         except (TableError, BeyondLimits):
             return None
 
-    def _good(self, rows: list[bytes]) -> list[bytes]:
+    def _find_good_lines(self, rows: list[bytes]) -> list[bytes]:
         """Returns the lines that can be read, found by halving."""
-        if self._tried > TRIED:
+        if self._tried > MAX_READINGS:
             return []
         if len(rows) == 1:
-            return rows if self._whole(rows) is not None else []
+            return rows if self._read_whole(rows) is not None else []
         half = len(rows) // 2
         good = []
         for part in (rows[:half], rows[half:]):
-            good += part if self._whole(part) is not None else self._good(part)
+            good += part if self._read_whole(part) is not None else self._find_good_lines(part)
         return good

@@ -115,7 +115,7 @@ LIMITS = (
 )
 
 # Limits by suffix; other files have `OTHER`.
-_OF_SUFFIX = {
+_LIMIT_OF_SUFFIX = {
     ".csv": TEXT,
     ".txt": TEXT,
     ".tsv": TEXT,
@@ -141,15 +141,15 @@ _OF_SUFFIX = {
     ".ods": WORKBOOK,
 }
 # Files that a reader of a shapefile opens too.
-_SIDES = (".shx", ".dbf", ".prj", ".cpg")
+_SIDE_SUFFIXES = (".shx", ".dbf", ".prj", ".cpg")
 # Suffixes of files that are zips.
-_ZIPPED = (".zip", ".kmz", ".xlsx", ".xlsm", ".xlsb", ".ods")
+_ZIP_SUFFIXES = (".zip", ".kmz", ".xlsx", ".xlsm", ".xlsb", ".ods")
 # Compressions that can be measured before unpacking.
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Bit 0 of a zip entry's flags.
-_ENCRYPTED = 0x1
+_ENCRYPTED_FLAG = 0x1
 # A cell in quotes: signs within it separate no columns.
-_QUOTED = re.compile(rb'"[^"]*"')
+_QUOTED_CELL = re.compile(rb'"[^"]*"')
 
 
 # Errors of a damaged, odd or locked zip (RuntimeError: a password, a version, a compression).
@@ -160,14 +160,14 @@ class BeyondLimits(RefusedInput):
     """The file is larger, or holds more, than is read; a line names it."""
 
 
-def held_to(limit: Limit, found: int, label: PlaceInFile | Path | str) -> None:
+def check_limit(limit: Limit, found: int, label: PlaceInFile | Path | str) -> None:
     """Refuses more than a limit allows. Raises BeyondLimits."""
     if found > limit.most:
         raise BeyondLimits(
             label,
             "{found}: allowed up to {most}",
-            found=_amount(found, limit.unit),
-            most=_amount(limit.most, limit.unit),
+            found=_format_amount(found, limit.unit),
+            most=_format_amount(limit.most, limit.unit),
         )
 
 
@@ -181,8 +181,8 @@ def check_file(path: Path) -> None:
     OSError : it cannot be read.
     """
     if path.is_dir():
-        for number, file in enumerate(_files_of(path), start=1):
-            held_to(ENTRIES, number, str(path))
+        for number, file in enumerate(_iter_task_files(path), start=1):
+            check_limit(ENTRIES, number, str(path))
             _check_size(file.suffix, file.stat().st_size, str(file))
         return
     if not path.is_file():
@@ -190,12 +190,12 @@ def check_file(path: Path) -> None:
             # Reading a pipe may never end.
             raise BeyondLimits(path, "a pipe or a device: allowed is a file")
         return
-    if path.suffix.lower() in _ZIPPED and zipfile.is_zipfile(path):
+    if path.suffix.lower() in _ZIP_SUFFIXES and zipfile.is_zipfile(path):
         _check_zip(path)
     else:
         _check_size(path.suffix, path.stat().st_size, str(path))
     if path.suffix.lower() == ".shp":
-        for suffix in _SIDES:
+        for suffix in _SIDE_SUFFIXES:
             for side_file in {path.with_suffix(suffix), path.with_suffix(suffix.upper())}:
                 if side_file.is_file():
                     _check_size(suffix, side_file.stat().st_size, str(side_file))
@@ -204,12 +204,12 @@ def check_file(path: Path) -> None:
 def check_text(data: bytes, label: str) -> None:
     """Checks a text table's bytes: no endless line at its begin, no endless header. Raises
     BeyondLimits."""
-    held_to(TEXT, len(data), label)
+    check_limit(TEXT, len(data), label)
     lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
-    held_to(LINE, max(map(len, lines)), PlaceInFile(label).go_down("one of its first lines"))
-    for line in [_QUOTED.sub(b"", one) for one in lines if one][:50]:
+    check_limit(LINE, max(map(len, lines)), PlaceInFile(label).go_down("one of its first lines"))
+    for line in [_QUOTED_CELL.sub(b"", one) for one in lines if one][:50]:
         for sign in (b",", b";", b"\t", b"|"):
-            held_to(COLUMNS, line.count(sign), label)
+            check_limit(COLUMNS, line.count(sign), label)
 
 
 def read_json(path: Path) -> Any:
@@ -220,10 +220,11 @@ def read_json(path: Path) -> Any:
     size = path.stat().st_size
     if size > JSON.most:
         raise ValueError(
-            f"{_amount(size, JSON.unit)}: allowed up to {_amount(JSON.most, JSON.unit)}"
+            f"{_format_amount(size, JSON.unit)}: allowed up to "
+            f"{_format_amount(JSON.most, JSON.unit)}"
         )
     try:
-        return json.loads(path.read_bytes().decode("utf-8-sig"), parse_int=_whole)
+        return json.loads(path.read_bytes().decode("utf-8-sig"), parse_int=_parse_limited_int)
     except RecursionError:
         raise ValueError("nested too deeply") from None
 
@@ -237,11 +238,11 @@ def _check_zip(path: Path) -> None:
     except (*DAMAGED_ZIP, ValueError):
         # Its reader says what is wrong.
         return  # no zip: the reader says so
-    held_to(ENTRIES, len(entries), str(path))
-    held_to(
+    check_limit(ENTRIES, len(entries), str(path))
+    check_limit(
         whole, sum(entry.file_size for entry in entries), PlaceInFile(str(path)).go_down("unpacked")
     )
-    held_to(
+    check_limit(
         XML,
         sum(entry.file_size for entry in entries if entry.filename.lower().endswith(".xml"))
         if whole is UNPACKED
@@ -254,9 +255,9 @@ def _check_zip(path: Path) -> None:
         if entry.filename in seen:
             raise BeyondLimits(label, "stands twice in the zip: allowed once")
         seen.add(entry.filename)
-        if entry.flag_bits & _ENCRYPTED:
+        if entry.flag_bits & _ENCRYPTED_FLAG:
             raise BeyondLimits(label, "encrypted: allowed is a zip without a password")
-        if entry.compress_type not in _METHODS:
+        if entry.compress_type not in _ZIP_METHODS:
             raise BeyondLimits(
                 label,
                 "compression {number}: allowed are stored and deflated",
@@ -267,11 +268,11 @@ def _check_zip(path: Path) -> None:
 
 
 def _check_size(suffix: str, size: int, label: str) -> None:
-    held_to(_OF_SUFFIX.get(suffix.lower(), OTHER), size, label)
+    check_limit(_LIMIT_OF_SUFFIX.get(suffix.lower(), OTHER), size, label)
 
 
 # Yields the files of a task's folder, and of TASKDATA in it.
-def _files_of(folder: Path) -> Iterator[Path]:
+def _iter_task_files(folder: Path) -> Iterator[Path]:
     for file in folder.iterdir():
         if file.is_file():
             yield file
@@ -280,13 +281,13 @@ def _files_of(folder: Path) -> Iterator[Path]:
 
 
 # Returns a whole number of JSON. Raises ValueError for one that is too long.
-def _whole(text: str) -> int:
+def _parse_limited_int(text: str) -> int:
     if len(text) > DIGITS.most:
         raise ValueError(f"a whole number of {len(text)} digits: allowed up to {DIGITS.most}")
     return int(text)
 
 
-def _amount(number: int, unit: str) -> str:
+def _format_amount(number: int, unit: str) -> str:
     if unit == "bytes":
         return f"{number / MB:.0f} MB" if number >= 10 * MB else f"{number} bytes"
     return f"{number} {unit}"

@@ -41,13 +41,13 @@ def take_lock(path: Path, take: Callable[[int], None] = _take) -> io.FileIO | No
     OSError : the folder is not there, or its disk knows no locks.
     """
     while True:
-        lock = _taken(path, take)
-        if lock is None or stands(lock, path):
+        lock = _open_and_lock(path, take)
+        if lock is None or is_same_file(lock, path):
             return lock
         lock.close()  # removed between its opening and its locking
 
 
-def stands(lock: io.FileIO, path: Path) -> bool:
+def is_same_file(lock: io.FileIO, path: Path) -> bool:
     """Tells whether the lock is on the file that has this name now."""
     ours = os.fstat(lock.fileno())
     try:
@@ -58,7 +58,7 @@ def stands(lock: io.FileIO, path: Path) -> bool:
 
 
 # Returns the locked file; None where somebody else holds the lock.
-def _taken(path: Path, take: Callable[[int], None]) -> io.FileIO | None:
+def _open_and_lock(path: Path, take: Callable[[int], None]) -> io.FileIO | None:
     file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
     try:
         take(file.fileno())

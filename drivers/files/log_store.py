@@ -18,28 +18,28 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import TEXT_COLUMNS
 from topdress.control.recordings.finding import Finding
-from topdress.drivers.files.atomic import sidecar, write_atomically
-from topdress.drivers.files.columns import Columns, csv_text, is_text, texts_array
-from topdress.drivers.files.extras import need
+from topdress.drivers.files.atomic import find_sidecar, write_atomically
+from topdress.drivers.files.columns import Columns, format_csv, is_text_column, make_texts_array
+from topdress.drivers.files.extras import require_extras
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits, check_file
-from topdress.drivers.files.log_text import texts_of
-from topdress.drivers.files.parquet_limits import check_parquet, check_texts
-from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
+from topdress.drivers.files.log_text import format_values
+from topdress.drivers.files.parquet_limits import check_parquet, check_text_bytes
+from topdress.drivers.files.run_meta import RunMeta, format_meta_yaml, parse_meta_yaml
 
 if TYPE_CHECKING:
     import polars as pl
 
 # Format of the metadata, a contract.
-FORMAT = "topdress-log-store/1"
-SUFFIXES = frozenset({".parquet", ".pq"})
+STORE_FORMAT = "topdress-log-store/1"
+STORE_SUFFIXES = frozenset({".parquet", ".pq"})
 # Key of our metadata, and the first and last bytes of every Parquet.
-_KEY, _MAGIC = "topdress", b"PAR1"
+_METADATA_KEY, _PARQUET_MAGIC = "topdress", b"PAR1"
 # Bytes of a footer.
-_MOST_FOOTER = 64 << 20
+_MAX_FOOTER_BYTES = 64 << 20
 
 
-class Stored(NamedTuple):
+class StoredLog(NamedTuple):
     """Holds a store's contents; columns, `meta` and findings as those of `RunLog`."""
 
     columns: Columns
@@ -47,96 +47,98 @@ class Stored(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def is_store(path: Path) -> bool:
+def is_log_store(path: Path) -> bool:
     """Tells whether topdress (of any version) wrote this Parquet file."""
-    return path.suffix.lower() in SUFFIXES and _KEY.encode() in _footer(path)
+    return path.suffix.lower() in STORE_SUFFIXES and _METADATA_KEY.encode() in _read_footer(path)
 
 
-def write_store(
+def write_log_store(
     path: Path, columns: Columns, meta: RunMeta | None, findings: Sequence[Finding] = ()
 ) -> None:
     """Writes a store, whole or not at all. columns: arrays of length n, float64 (NaN: not known)
     or object (texts). Raises OSError."""
-    need("Parquet", "parquet")
+    require_extras("Parquet", "parquet")
     about = {
-        "format": FORMAT,
-        "meta": None if meta is None else meta_to_yaml(meta),
+        "format": STORE_FORMAT,
+        "meta": None if meta is None else format_meta_yaml(meta),
         "findings": [list(finding) for finding in findings],
     }
     data = io.BytesIO()
-    _frame(columns).write_parquet(data, metadata={_KEY: json.dumps(about, ensure_ascii=False)})
+    _build_frame(columns).write_parquet(
+        data, metadata={_METADATA_KEY: json.dumps(about, ensure_ascii=False)}
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, data.getvalue())
 
 
-def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
+def write_log_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
     """Writes the same as a run log of text with its sidecar, each whole or not at all; every
     number reads back the same, and a log that topdress wrote is the same to the byte. Raises
     OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
-        write_atomically(sidecar(path), meta_to_yaml(meta))
-    write_atomically(path, csv_text(columns, _cell_texts))
+        write_atomically(find_sidecar(path), format_meta_yaml(meta))
+    write_atomically(path, format_csv(columns, _format_cells))
 
 
-def _cell_texts(name: str, column: NDArray[Any]) -> Sequence[str | None]:
-    return list(column) if is_text(column) else texts_of(name, column.tolist())
+def _format_cells(name: str, column: NDArray[Any]) -> Sequence[str | None]:
+    return list(column) if is_text_column(column) else format_values(name, column.tolist())
 
 
-def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
+def read_log_store(path: Path, only: Collection[str] | None = None) -> StoredLog:
     """Returns a store's contents. `only`: names of the wanted columns (None: all); `time_s` is
     always read. Raises TableError."""
-    need("Parquet", "parquet")
+    require_extras("Parquet", "parquet")
     import polars as pl
 
     try:
         check_file(path)
         check_parquet(path)
-        about = stored_about(path)
+        about = read_store_meta(path)
         names = [
             name
             for name in pl.read_parquet_schema(path)
             if only is None or name in only or name == "time_s"
         ]
         frame = pl.read_parquet(path, columns=names)
-        check_texts(frame, path)
+        check_text_bytes(frame, path)
     except BeyondLimits as error:
         raise TableError(path, str(error).removeprefix(f"{path}: ")) from None
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise TableError(path, f"not readable as Parquet: {_first_line(error)}") from None
-    columns = {name: _column(frame.drop_in_place(name)) for name in names}
+        raise TableError(path, f"not readable as Parquet: {_find_first_line(error)}") from None
+    columns = {name: _convert_series(frame.drop_in_place(name)) for name in names}
     if "time_s" not in columns or not bool(np.all(np.diff(columns["time_s"]) > 0.0)):
         raise TableError(path, "column time_s: missing, or not strictly increasing")
-    return Stored(columns, *about)
+    return StoredLog(columns, *about)
 
 
-def stored_about(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
+def read_store_meta(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
     """Returns sidecar and findings of a store, without reading its columns. Raises TableError,
     OSError."""
-    need("Parquet", "parquet")
+    require_extras("Parquet", "parquet")
     import polars as pl
 
     try:
-        stated = json.loads(pl.read_parquet_metadata(path)[_KEY])
-        if stated["format"] != FORMAT:
-            raise TableError(path, f"key format: value {stated['format']}: allowed {FORMAT}")
-        meta = None if stated["meta"] is None else meta_from_yaml(stated["meta"])
+        stated = json.loads(pl.read_parquet_metadata(path)[_METADATA_KEY])
+        if stated["format"] != STORE_FORMAT:
+            raise TableError(path, f"key format: value {stated['format']}: allowed {STORE_FORMAT}")
+        meta = None if stated["meta"] is None else parse_meta_yaml(stated["meta"])
         return meta, tuple(Finding(*one) for one in stated["findings"])
     except pl.exceptions.PolarsError as error:
-        raise TableError(path, f"not readable as Parquet: {_first_line(error)}") from None
+        raise TableError(path, f"not readable as Parquet: {_find_first_line(error)}") from None
     except TableError:
         raise
     except (KeyError, TypeError, ValueError) as error:
         raise TableError(
-            path, f"what it says of its log is not readable: {_first_line(error)}"
+            path, f"what it says of its log is not readable: {_find_first_line(error)}"
         ) from None
 
 
-def _first_line(error: Exception) -> str:
+def _find_first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def _footer(path: Path) -> bytes:
+def _read_footer(path: Path) -> bytes:
     """Returns the part of a Parquet file that describes it; empty where there is none. It needs
     no polars."""
     with contextlib.suppress(OSError), path.open("rb") as file:
@@ -146,13 +148,13 @@ def _footer(path: Path) -> bytes:
         file.seek(size - 8)
         # The last eight bytes: length of the footer, and PAR1.
         length, magic = int.from_bytes(file.read(4), "little"), file.read(4)
-        if magic == _MAGIC and length <= min(size - 8, _MOST_FOOTER):
+        if magic == _PARQUET_MAGIC and length <= min(size - 8, _MAX_FOOTER_BYTES):
             file.seek(size - 8 - length)
             return file.read(length)
     return b""
 
 
-def _frame(columns: Columns) -> pl.DataFrame:
+def _build_frame(columns: Columns) -> pl.DataFrame:
     """Returns columns as a data frame. Not known is null, so that every other reader of Parquet
     sees it so."""
     import polars as pl
@@ -168,9 +170,9 @@ def _frame(columns: Columns) -> pl.DataFrame:
 
 
 # Returns a column as texts or numbers (n,).
-def _column(series: pl.Series) -> NDArray[Any]:
+def _convert_series(series: pl.Series) -> NDArray[Any]:
     import polars as pl
 
     if series.dtype == pl.String or series.name in TEXT_COLUMNS:
-        return texts_array(series.cast(pl.String).to_list())
+        return make_texts_array(series.cast(pl.String).to_list())
     return np.array(series.cast(pl.Float64).fill_null(float("nan")).to_numpy(), np.float64)

@@ -21,33 +21,33 @@ from topdress.control.log_row import (
 HEADER = ",".join(COLUMNS) + "\n"
 
 # Bytes of a line as written: half of the bytes that are searched for the begin of the last line.
-LONGEST_ROW = 32_768
+MAX_ROW_BYTES = 32_768
 # Characters that the texts of a longer line keep: all of them together fit then.
-LONGEST_CELL = 1_000
+MAX_CUT_CELL = 1_000
 # Bytes of a character in UTF-8.
-MOST_BYTES = 4
+MAX_CHARACTER_BYTES = 4
 # Ends a text that was cut.
-CUT = "..."
+CUT_MARK = "..."
 # Decimals of time_s where two rows fall into the same millisecond.
 _CLOSE_TIME_DECIMALS = 6
 # Takes its value and prints nothing.
-_EMPTY = "%.0s"
+_EMPTY_FORM = "%.0s"
 
 
-def _form(column: str) -> str:
+def _find_number_form(column: str) -> str:
     if column in EXACT_COLUMNS or column in TEXT_COLUMNS:
         return "%s"
     return "%d" if column in WHOLE_COLUMNS else f"%.{DECIMALS[column]}f"
 
 
-def texts_of(column: str, values: Sequence[float]) -> list[str | None]:
+def format_values(column: str, values: Sequence[float]) -> list[str | None]:
     """Returns every value of a column (n,) as a log's row has it; None where not known. A value
     with more digits than its column has the shortest text that reads back as the same number."""
     numbers = list(filter(math.isfinite, values))
     texts = list(map(repr, numbers))
     if column in ALL_COLUMNS and column not in EXACT_COLUMNS | TEXT_COLUMNS:
         close = (f"%.{_CLOSE_TIME_DECIMALS}f",) if column == "time_s" else ()
-        for form in (*close, _form(column)):
+        for form in (*close, _find_number_form(column)):
             made = ((form + "\n") * len(numbers) % tuple(numbers)).split("\n")[:-1]
             texts = [
                 new if float(new) == number else old
@@ -57,7 +57,7 @@ def texts_of(column: str, values: Sequence[float]) -> list[str | None]:
     return [next(found) if math.isfinite(one) else None for one in values]
 
 
-def columns_of(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
+def find_log_columns(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
     """Returns the columns of a machine's logs, the first of `ALL_COLUMNS`; the machine is plain
     data."""
     sections = (machine or {}).get("sections")
@@ -67,7 +67,7 @@ def columns_of(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
     return ALL_COLUMNS if valved else COLUMNS
 
 
-def header_of(columns: tuple[str, ...]) -> str:
+def format_header(columns: tuple[str, ...]) -> str:
     return ",".join(columns) + "\n"
 
 
@@ -76,7 +76,7 @@ class RowText:
     unknown columns. columns: the first of `ALL_COLUMNS`; cells beyond are left out."""
 
     def __init__(self, columns: tuple[str, ...] = COLUMNS) -> None:
-        self._forms = tuple(_form(column) for column in columns)
+        self._forms = tuple(_find_number_form(column) for column in columns)
         self._templates: dict[tuple[bool, ...], str] = {}
         self._last_time = ""
 
@@ -84,53 +84,58 @@ class RowText:
         """Returns a row as a line with its line end.
 
         Numbers that are not finite are unknown; line breaks in texts become spaces. Texts of a line
-        that no reader would take are cut to `LONGEST_CELL`.
+        that no reader would take are cut to `MAX_CUT_CELL`.
 
         Raises
         ------
         TypeError : a number's column holds a text.
         """
-        line = self._line(row[: len(self._forms)])
+        line = self._format_cells(row[: len(self._forms)])
         if (
-            len(line) > LONGEST_ROW // MOST_BYTES
-            and len(line.encode(errors="replace")) > LONGEST_ROW
+            len(line) > MAX_ROW_BYTES // MAX_CHARACTER_BYTES
+            and len(line.encode(errors="replace")) > MAX_ROW_BYTES
         ):
-            line = self._line(tuple([_short(value) for value in row[: len(self._forms)]]))
+            line = self._format_cells(
+                tuple([_cut_long_text(value) for value in row[: len(self._forms)]])
+            )
         time, comma, rest = line.partition(",")
         if time == self._last_time:
             return f"{row.time_s:.{_CLOSE_TIME_DECIMALS}f}{comma}{rest}"
         self._last_time = time
         return line
 
-    def _line(self, cells: tuple[float | str | None, ...]) -> str:
+    def _format_cells(self, cells: tuple[float | str | None, ...]) -> str:
         unknown = tuple([value is None for value in cells])
         template = self._templates.get(unknown)
         if template is None:
             template = (
                 ",".join(
-                    _EMPTY if u else form for u, form in zip(unknown, self._forms, strict=True)
+                    _EMPTY_FORM if u else form for u, form in zip(unknown, self._forms, strict=True)
                 )
                 + "\n"
             )
             self._templates[unknown] = template
         line = template % cells
-        if not _is_plain(line, len(self._forms)):
+        if not _is_plain_line(line, len(self._forms)):
             line = (
                 ",".join(
-                    [_cell(value, form) for value, form in zip(cells, self._forms, strict=True)]
+                    [
+                        _format_cell(value, form)
+                        for value, form in zip(cells, self._forms, strict=True)
+                    ]
                 )
                 + "\n"
             )
         return line
 
 
-def _short(value: float | str | None) -> float | str | None:
-    if isinstance(value, str) and len(value) > LONGEST_CELL:
-        return value[: LONGEST_CELL - len(CUT)] + CUT
+def _cut_long_text(value: float | str | None) -> float | str | None:
+    if isinstance(value, str) and len(value) > MAX_CUT_CELL:
+        return value[: MAX_CUT_CELL - len(CUT_MARK)] + CUT_MARK
     return value
 
 
-def _is_plain(line: str, columns: int) -> bool:
+def _is_plain_line(line: str, columns: int) -> bool:
     return (
         line.count(",") == columns - 1
         and line.count("\n") == 1
@@ -143,7 +148,7 @@ def _is_plain(line: str, columns: int) -> bool:
 
 
 # Returns a cell as text, quoted where needed.
-def _cell(value: float | str | None, form: str) -> str:
+def _format_cell(value: float | str | None, form: str) -> str:
     if value is None:
         return ""
     if isinstance(value, str):

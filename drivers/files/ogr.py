@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import shapely
-from topdress.drivers.files.extras import extra_line
+from topdress.drivers.files.extras import format_extra_line
 from topdress.drivers.plain_text import RefusedInput
 
 # GDAL's drivers by ending.
-FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
+DRIVER_OF_ENDING = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 
 
 def write_layer(
@@ -37,17 +37,17 @@ def write_layer(
 
     Raises
     ------
-    Refused : pyogrio is not there.
+    RefusedInput : pyogrio is not there.
     OSError : the file cannot be written.
     """
-    pyogrio = _pyogrio(path)
+    pyogrio = _import_pyogrio(path)
     suffix = path.suffix.lower()
     # GDAL writes step by step, so it gets a place of its own.
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / f"{path.stem}{'.kml' if suffix == '.kmz' else suffix}"
         if append and path.exists():
             place.write_bytes(path.read_bytes())
-        fields = [_array(values) for values in columns.values()]
+        fields = [_make_field_array(values) for values in columns.values()]
         kinds = {shape.geom_type for shape in shapes}
         pyogrio.raw.write(
             place,
@@ -55,7 +55,7 @@ def write_layer(
             fields,
             list(columns),
             layer=layer,
-            driver=FORMATS[suffix],
+            driver=DRIVER_OF_ENDING[suffix],
             geometry_type=kinds.pop() if len(kinds) == 1 else "Unknown",
             crs="EPSG:4326",
             append=append,
@@ -71,14 +71,14 @@ def write_layer(
 
 
 # Returns attributes as numbers where all are, else as texts.
-def _array(values: Sequence[Any]) -> Any:
+def _make_field_array(values: Sequence[Any]) -> Any:
     if all(value is None or isinstance(value, int | float) for value in values):
         return np.array([np.nan if value is None else float(value) for value in values])
     return np.array(["" if value is None else str(value) for value in values], dtype=object)
 
 
-# Returns the module. Raises Refused where the extra is missing.
-def _pyogrio(path: Path) -> Any:
+# Returns the module. Raises RefusedInput where the extra is missing.
+def _import_pyogrio(path: Path) -> Any:
     try:
         import pyogrio
         import pyogrio.raw
@@ -86,7 +86,7 @@ def _pyogrio(path: Path) -> Any:
         raise RefusedInput(
             path,
             "{kind} needs the extra gis",
-            f": {extra_line('gis')}",
+            f": {format_extra_line('gis')}",
             kind=path.suffix[1:].upper(),
         ) from None
     return pyogrio

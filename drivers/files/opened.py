@@ -8,9 +8,9 @@ from typing import Literal
 
 from topdress.control.calibration.bench_table import KNOWN_COLUMNS, recognise_kind
 from topdress.control.log_row import COLUMNS, SPEED_COLUMNS
-from topdress.drivers.files.file_sniffer import FOREIGN, holds_points, what_is
-from topdress.drivers.files.foreign import our_names
-from topdress.drivers.files.header_names import our_names as renamed
+from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, has_worked_points, sniff_file_kind
+from topdress.drivers.files.foreign import rename_log_header
+from topdress.drivers.files.header_names import rename_header as renamed
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.words import (
     COMMAND_WORDS,
@@ -20,24 +20,24 @@ from topdress.drivers.files.imports.words import (
     has_time_column,
 )
 from topdress.drivers.files.limits import check_file
-from topdress.drivers.files.log_store import SUFFIXES as PARQUET
-from topdress.drivers.files.log_store import is_store
-from topdress.drivers.files.table import NoHeader, header_of
+from topdress.drivers.files.log_store import STORE_SUFFIXES as PARQUET
+from topdress.drivers.files.log_store import is_log_store
+from topdress.drivers.files.table import NoHeaderError, read_header
 from topdress.drivers.plugins import has_format_plugin
 
 # Share of known columns; a log with fewer is another program's, which the import reads better.
-KNOWN_SHARE = 0.5
+MIN_KNOWN_SHARE = 0.5
 # Columns that a log has and a bench table has not.
-_LOGGED = frozenset(
+_LOG_COLUMNS = frozenset(
     {"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEED_COLUMNS}
 )
 # Suffixes of maps.
-_AREAS = frozenset({".gpkg", ".kml", ".kmz", ".tif", ".tiff"})
+_AREA_SUFFIXES = frozenset({".gpkg", ".kml", ".kmz", ".tif", ".tiff"})
 
-Held = Literal["log", "table", "map", "field", ""]
+ContentKind = Literal["log", "table", "map", "field", ""]
 
 
-class Opened:
+class FileContent:
     """Answers questions about a file. Nothing is read before, and each answer is found once."""
 
     def __init__(self, path: Path) -> None:
@@ -46,19 +46,19 @@ class Opened:
     @property
     def is_table(self) -> bool:
         """Tells whether it has rows and columns, whatever its suffix: a text or a workbook."""
-        return not (self.path.is_dir() or self._suffix in FOREIGN or self._of_areas)
+        return not (self.path.is_dir() or self._suffix in FOREIGN_SUFFIXES or self._of_areas)
 
     @property
     def _of_areas(self) -> bool:
-        return self._suffix in _AREAS or has_format_plugin(self._suffix)
+        return self._suffix in _AREA_SUFFIXES or has_format_plugin(self._suffix)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Returns the names of a table's columns, as they stand; none where its first line holds
         only numbers. Raises TableError."""
         try:
-            return header_of(self.path)
-        except NoHeader:
+            return read_header(self.path)
+        except NoHeaderError:
             return ()
 
     @property
@@ -71,11 +71,11 @@ class Opened:
     def foreign(self) -> bool:
         """Tells whether the import reads this rather than `read_log`: our own logs are never
         guessed. Raises TableError, OSError."""
-        if is_store(self.path):
+        if is_log_store(self.path):
             return False
         if not self.is_table or not self.names:  # the import asks what its columns are
             return True
-        plain, ours = _plain(self.names), our_names(self.names).names
+        plain, ours = _normalise_names(self.names), rename_log_header(self.names).names
         known = sum(name in COLUMNS for name in ours)
         if "time_s" in plain:
             return known == 1 and any(  # another's `commanded_rpm` next to its readings
@@ -84,33 +84,33 @@ class Opened:
                 if not name.startswith("x_")
             )
         return not (
-            {"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1
+            {"time_s", "utc"} & set(ours) and known >= MIN_KNOWN_SHARE * len(ours) and known > 1
         )
 
     @cached_property
-    def holds(self) -> Held:
+    def holds(self) -> ContentKind:
         """Returns what the file holds; empty: a table whose columns do not show it. A file of
         areas is a map, even if its outlines are used as a field. Raises BeyondLimits, OSError.
         """
         check_file(self.path)
         if self.is_table:
-            return self._by_columns()
+            return self._find_by_columns()
         if self._suffix in PARQUET:
             return "log"
         if self._of_areas:
             return "map"
-        if what_is(self.path).id == "aog":
+        if sniff_file_kind(self.path).id == "aog":
             return "field"
-        return "log" if holds_points(self.path) and not self._points_of_map() else "map"
+        return "log" if has_worked_points(self.path) and not self._has_map_points() else "map"
 
-    def _by_columns(self) -> Held:
+    def _find_by_columns(self) -> ContentKind:
         from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text
         from topdress.drivers.files.prescriptions.grid_from_points import find_metre_columns
 
         if has_polygon_text(self.path):
             return "map"
         try:
-            if is_run_log(self.names):
+            if is_run_log_header(self.names):
                 return "log"
             if self.bench is not None:
                 return "table"
@@ -124,7 +124,7 @@ class Opened:
         has_places = has_places_without_time(self.names) or find_metre_columns(parted) is not None
         return "map" if has_places else ""
 
-    def _points_of_map(self) -> bool:
+    def _has_map_points(self) -> bool:
         from topdress.drivers.files.imports.read import read_raw_table
 
         try:
@@ -133,13 +133,15 @@ class Opened:
             return False
 
 
-def is_run_log(names: tuple[str, ...]) -> bool:
+def is_run_log_header(names: tuple[str, ...]) -> bool:
     """Tells whether a header is a log's, not a bench table's: it has the time of each row."""
-    ours = set(our_names(names).names)
-    if "time_s" in _plain(names):
+    ours = set(rename_log_header(names).names)
+    if "time_s" in _normalise_names(names):
         return True
-    return bool({"time_s", "utc"} & ours) and (recognise_kind(ours) is None or bool(_LOGGED & ours))
+    return bool({"time_s", "utc"} & ours) and (
+        recognise_kind(ours) is None or bool(_LOG_COLUMNS & ours)
+    )
 
 
-def _plain(names: tuple[str, ...]) -> list[str]:
+def _normalise_names(names: tuple[str, ...]) -> list[str]:
     return [name.strip().lower() for name in names]

@@ -24,26 +24,26 @@ from topdress.drivers.files.limits import (
     OVERLAPS,
     SHARED_CROSSINGS,
     TOUCHES,
-    held_to,
+    check_limit,
 )
 from topdress.drivers.plain_text import PlaceInFile
 
 # Corners of an outline; the edges of a smaller outline make no more pairs than are allowed.
-MANY = 500
+LARGE_CORNERS = 500
 # Corners of small zones: two of them cross in 400 places at most.
-FEW = 20
+SMALL_ZONE_CORNERS = 20
 # Where an outline returns to one of its corners, two of its edges meet two others.
-PAIRS_OF_A_CORNER = 4
+PAIRS_PER_CORNER = 4
 # A corner off its neighbour's edge by rounding: the edges on both of its sides cross that edge.
-CROSSINGS_OF_A_CORNER = 2
+CROSSINGS_PER_CORNER = 2
 # Ways in which zones overlap, in GEOS's words.
-HOWS = ("overlaps", "contains", "within")
+OVERLAP_PREDICATES = ("overlaps", "contains", "within")
 # Share of the smaller of two zones that is no overlap: corners rounded to 1 cm, in cells of 10 m.
-SLIVER = 1e-3
+SLIVER_SHARE = 1e-3
 # Zones compared with all others at once, and pairs.
-MOST_STEP, PAIRS_AT_ONCE = 64, 100_000
+MAX_ZONE_STEP, PAIRS_AT_ONCE = 64, 100_000
 # Pairs of extents at once, 8 MB; or so many shapes, against 400 000 others 100 MB.
-AT_ONCE, LEAST_STEP = 500_000, 16
+EXTENTS_AT_ONCE, MIN_SHAPE_STEP = 500_000, 16
 
 
 def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
@@ -65,21 +65,23 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
     crossed = check_outlines(zones, label)
     shapes = make_polygons(zones)
     low, high = np.split(shapely.bounds(shapes), 2, axis=1)
-    less = 0.5 * SLIVER * (high - low)
+    less = 0.5 * SLIVER_SHARE * (high - low)
     extents = shapely.box(*(low + less).T, *(high - less).T)
-    _check_shared(zones, label)
-    if _meeting(extents, OVERLAPS.most) <= OVERLAPS.most:
+    _check_shared_crossings(zones, label)
+    if _count_meeting_extents(extents, OVERLAPS.most) <= OVERLAPS.most:
         return crossed  # as cells do that lie next to one another
     areas, tree, found = shapely.area(shapes), shapely.STRtree(shapes), 0
-    step = max(1, min(MOST_STEP, PAIRS_AT_ONCE // len(shapes)))
+    step = max(1, min(MAX_ZONE_STEP, PAIRS_AT_ONCE // len(shapes)))
     for begin in range(0, len(shapes), step):
         asked = shapes[begin : begin + step]
-        later, earlier = np.concatenate([tree.query(asked, predicate=how) for how in HOWS], axis=1)
+        later, earlier = np.concatenate(
+            [tree.query(asked, predicate=how) for how in OVERLAP_PREDICATES], axis=1
+        )
         later += begin
         later, earlier = later[later > earlier], earlier[later > earlier]
         shared = shapely.area(shapely.intersection(shapes[later], shapes[earlier]))
-        found += int((shared > SLIVER * np.minimum(areas[later], areas[earlier])).sum())
-        held_to(OVERLAPS, found, label)
+        found += int((shared > SLIVER_SHARE * np.minimum(areas[later], areas[earlier])).sum())
+        check_limit(OVERLAPS, found, label)
     return crossed
 
 
@@ -104,33 +106,39 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path 
     """
     shapes = make_polygons_as_drawn(zones)
     wrong = np.flatnonzero(~shapely.is_valid(shapes)).tolist()
-    large = [k for k, zone in enumerate(zones) if sum(map(len, zone)) > MANY]
+    large = [k for k, zone in enumerate(zones) if sum(map(len, zone)) > LARGE_CORNERS]
     near = crossings = crossed = 0
     for k in sorted({*large, *wrong}):
-        near += _near_pairs(zones[k], NEAR_EDGES.most - near)
-        held_to(NEAR_EDGES, near, label)
+        near += _count_near_pairs(zones[k], NEAR_EDGES.most - near)
+        check_limit(NEAR_EDGES, near, label)
     for k in wrong:
         met, through = _count_meetings(zones[k])
-        held_to(CROSSINGS, crossings + through, label)
-        held_to(TOUCHES, (met - through) // PAIRS_OF_A_CORNER, label)
+        check_limit(CROSSINGS, crossings + through, label)
+        check_limit(TOUCHES, (met - through) // PAIRS_PER_CORNER, label)
         if are_self_crossing(shapes[k : k + 1])[0]:
             crossed += 1
-            crossings += through + (met - through) // PAIRS_OF_A_CORNER
-            held_to(CROSSINGS, crossings, label)
+            crossings += through + (met - through) // PAIRS_PER_CORNER
+            check_limit(CROSSINGS, crossings, label)
     return crossed
 
 
-def _check_shared(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
+def _check_shared_crossings(
+    zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str
+) -> None:
     """Refuses zones whose outlines cross each other too often: two of a few hundred corners can
     do so in a hundred thousand places. Zones with few corners are limited by `OVERLAPS`. Raises
     BeyondLimits."""
-    large = [zone for zone in zones if sum(map(len, zone)) > FEW]
+    large = [zone for zone in zones if sum(map(len, zone)) > SMALL_ZONE_CORNERS]
     if len(large) < 2:
         return
-    ends = np.concatenate([_ends(zone) for zone in large])
+    ends = np.concatenate([_list_edge_ends(zone) for zone in large])
     edges = shapely.linestrings(ends)
     owner = np.repeat(np.arange(len(large)), [sum(map(len, zone)) for zone in large])
-    tree, found, step = shapely.STRtree(edges), 0, max(LEAST_STEP, AT_ONCE // len(edges))
+    tree, found, step = (
+        shapely.STRtree(edges),
+        0,
+        max(MIN_SHAPE_STEP, EXTENTS_AT_ONCE // len(edges)),
+    )
     for begin in range(0, len(edges), step):
         asked, met = tree.query(edges[begin : begin + step])
         asked += begin
@@ -138,7 +146,7 @@ def _check_shared(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path |
         once = owner[asked] < owner[met]
         found += int(_are_crossing(ends[asked[once]], ends[met[once]]).sum())
         # Zones that share a border cross at its corners, by rounding alone.
-        held_to(SHARED_CROSSINGS, found - CROSSINGS_OF_A_CORNER * len(edges), label)
+        check_limit(SHARED_CROSSINGS, found - CROSSINGS_PER_CORNER * len(edges), label)
 
 
 def _are_crossing(one: Floats, other: Floats) -> np.ndarray:
@@ -155,21 +163,21 @@ def _are_crossing(one: Floats, other: Floats) -> np.ndarray:
     return apart
 
 
-def _ends(zone: Sequence[Floats]) -> Floats:
+def _list_edge_ends(zone: Sequence[Floats]) -> Floats:
     """Returns both ends (n, 2, 2) of each edge of a zone's closed rings."""
     return np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
 
 
-def _near_pairs(zone: Sequence[Floats], most: int) -> int:
+def _count_near_pairs(zone: Sequence[Floats], most: int) -> int:
     """Returns the number of pairs of a zone's edges whose extents meet, except neighbours; it
     stops soon after `most`."""
-    return _meeting(shapely.linestrings(_ends(zone)), most, followers=2)
+    return _count_meeting_extents(shapely.linestrings(_list_edge_ends(zone)), most, followers=2)
 
 
 def _count_meetings(zone: Sequence[Floats]) -> tuple[int, int]:
     """Returns the number of pairs of a zone's edges that meet, except neighbours, and of those
     that go through each other."""
-    ends = _ends(zone)
+    ends = _list_edge_ends(zone)
     edges = shapely.linestrings(ends)
     one, other = shapely.STRtree(edges).query(edges, predicate="intersects")
     once = one < other
@@ -177,11 +185,11 @@ def _count_meetings(zone: Sequence[Floats]) -> tuple[int, int]:
     return max(0, int(once.sum()) - len(edges)), through
 
 
-def _meeting(shapes: np.ndarray, most: int, followers: int = 0) -> int:
+def _count_meeting_extents(shapes: np.ndarray, most: int, followers: int = 0) -> int:
     """Returns the number of pairs whose extents meet; for each shape, itself and so many
     followers are left out."""
     tree, found = shapely.STRtree(shapes), 0
-    step = max(LEAST_STEP, AT_ONCE // len(shapes))
+    step = max(MIN_SHAPE_STEP, EXTENTS_AT_ONCE // len(shapes))
     for begin in range(0, len(shapes), step):
         asked = shapes[begin : begin + step]
         found += len(tree.query(asked)[0]) - (1 + followers) * len(asked)

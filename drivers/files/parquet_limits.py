@@ -17,7 +17,7 @@ from topdress.drivers.files.limits import (
     PARQUET_CELLS,
     PARQUET_PACKED,
     BeyondLimits,
-    held_to,
+    check_limit,
 )
 from topdress.drivers.plain_text import PlaceInFile
 
@@ -25,19 +25,26 @@ if TYPE_CHECKING:
     import polars as pl
 
 # First and last bytes of a Parquet.
-MAGIC = b"PAR1"
+PARQUET_MAGIC = b"PAR1"
 # Bytes of a footer, and of a page's header.
-LONGEST_FOOTER, LONGEST_HEADER = 16 * MB, 64 << 10
+MAX_FOOTER_BYTES, MAX_HEADER_BYTES = 16 * MB, 64 << 10
 # Structs within structs: a damaged footer may nest without end.
-DEEPEST = 20
+MAX_DEPTH = 20
 # Ids of fields of the file; `ROWS` of a row group too.
-ROWS, ROW_GROUPS = 3, 4
+ROWS_FIELD, ROW_GROUPS_FIELD = 3, 4
 # Ids of fields of a row group, a column chunk and its metadata.
-COLUMNS, META, VALUES, PACKED, DATA_PAGE, DICTIONARY_PAGE = 1, 3, 5, 7, 9, 11
+COLUMNS_FIELD, META_FIELD, VALUES_FIELD, PACKED_FIELD, DATA_PAGE_FIELD, DICTIONARY_PAGE_FIELD = (
+    1,
+    3,
+    5,
+    7,
+    9,
+    11,
+)
 # So many cells of a single value cost next to nothing, however small the file.
 FREE_CELLS = 1_000_000
 # Ids of fields of a page's header; each kind of page has its values in field 1.
-PAGE_UNPACKED, PAGE_PACKED, PAGE_KINDS = 2, 3, (5, 7, 8)
+PAGE_UNPACKED_FIELD, PAGE_PACKED_FIELD, PAGE_KIND_FIELDS = 2, 3, (5, 7, 8)
 
 
 def check_parquet(path: Path) -> None:
@@ -49,115 +56,119 @@ def check_parquet(path: Path) -> None:
             file.seek(max(0, size - 8))
             tail = file.read(8)
             length = int.from_bytes(tail[:4], "little")
-            if tail[4:] != MAGIC or not 0 < length <= min(size - 12, LONGEST_FOOTER):
+            if tail[4:] != PARQUET_MAGIC or not 0 < length <= min(size - 12, MAX_FOOTER_BYTES):
                 raise ValueError
             file.seek(size - 8 - length)
-            chunks = _column_chunks(_Thrift(file.read(length)).struct(), size, path)
+            chunks = _list_column_chunks(_ThriftReader(file.read(length)).read_struct(), size, path)
             values = unpacked = 0
             for chunk in chunks:
-                at = min(chunk[DATA_PAGE], chunk.get(DICTIONARY_PAGE) or chunk[DATA_PAGE])
-                end = at + chunk[PACKED]
+                at = min(
+                    chunk[DATA_PAGE_FIELD],
+                    chunk.get(DICTIONARY_PAGE_FIELD) or chunk[DATA_PAGE_FIELD],
+                )
+                end = at + chunk[PACKED_FIELD]
                 while at < end:
                     file.seek(at)
-                    thrift = _Thrift(file.read(LONGEST_HEADER))
-                    page = thrift.struct()
+                    thrift = _ThriftReader(file.read(MAX_HEADER_BYTES))
+                    page = thrift.read_struct()
                     values += max(
-                        (page[kind].get(1, 0) for kind in PAGE_KINDS if kind in page), default=0
+                        (page[kind].get(1, 0) for kind in PAGE_KIND_FIELDS if kind in page),
+                        default=0,
                     )
-                    unpacked += page[PAGE_UNPACKED]
-                    held_to(PARQUET_CELLS, values, path)
-                    held_to(PARQUET_BYTES, unpacked, path)
-                    if min(page[PAGE_UNPACKED], page[PAGE_PACKED]) < 0:
+                    unpacked += page[PAGE_UNPACKED_FIELD]
+                    check_limit(PARQUET_CELLS, values, path)
+                    check_limit(PARQUET_BYTES, unpacked, path)
+                    if min(page[PAGE_UNPACKED_FIELD], page[PAGE_PACKED_FIELD]) < 0:
                         raise ValueError
-                    at += thrift.at + page[PAGE_PACKED]
+                    at += thrift.at + page[PAGE_PACKED_FIELD]
     except (ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
         if isinstance(error, BeyondLimits):
             raise
         raise BeyondLimits(path, "not readable as Parquet: its footer is damaged") from None
 
 
-def check_texts(frame: pl.DataFrame, path: Path) -> None:
+def check_text_bytes(frame: pl.DataFrame, path: Path) -> None:
     """Checks the texts of a file as it was read: a text is in it once, however many rows have
     it. Raises BeyondLimits."""
     import polars as pl
 
     texts = [column for column in frame.iter_columns() if column.dtype == pl.String]
     size = sum(int(column.str.len_bytes().sum() or 0) for column in texts)
-    held_to(PARQUET_BYTES, size, PlaceInFile(str(path)).go_down("its texts"))
+    check_limit(PARQUET_BYTES, size, PlaceInFile(str(path)).go_down("its texts"))
 
 
-def _column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[int, Any]]:
+def _list_column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[int, Any]]:
     """Returns the metadata of each column of each row group. Raises BeyondLimits where it
     announces more than is read, ValueError where it is impossible."""
-    groups = footer.get(ROW_GROUPS, [])
-    chunks = [chunk[META] for group in groups for chunk in group.get(COLUMNS, [])]
-    counts = [footer[ROWS], *(group[ROWS] for group in groups)]
-    values = [chunk[VALUES] for chunk in chunks]
-    if min(*counts, *values, *(chunk[PACKED] for chunk in chunks), 0) < 0:
+    groups = footer.get(ROW_GROUPS_FIELD, [])
+    chunks = [chunk[META_FIELD] for group in groups for chunk in group.get(COLUMNS_FIELD, [])]
+    counts = [footer[ROWS_FIELD], *(group[ROWS_FIELD] for group in groups)]
+    values = [chunk[VALUES_FIELD] for chunk in chunks]
+    if min(*counts, *values, *(chunk[PACKED_FIELD] for chunk in chunks), 0) < 0:
         raise ValueError
     cells = max(sum(values), *counts, sum(counts[1:]))
-    held_to(PARQUET_CELLS, cells, path)
+    check_limit(PARQUET_CELLS, cells, path)
     if cells > FREE_CELLS:
-        held_to(PARQUET_PACKED, cells // size, PlaceInFile(str(path)).go_down("a byte"))
+        check_limit(PARQUET_PACKED, cells // size, PlaceInFile(str(path)).go_down("a byte"))
     return chunks
 
 
-class _Thrift:
+class _ThriftReader:
     """Reads Thrift's compact protocol. `at`: the byte behind what was read."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
 
-    def struct(self, depth: int = 0) -> dict[int, Any]:
+    def read_struct(self, depth: int = 0) -> dict[int, Any]:
         """Returns fields by their ids. Raises ValueError, IndexError."""
-        if depth > DEEPEST:
+        if depth > MAX_DEPTH:
             raise ValueError("nested too deeply")
         found: dict[int, Any] = {}
         number = 0
-        while head := self._byte():
+        while head := self._read_byte():
             # The upper four bits hold the step from the last id; 0: the id follows.
-            number = number + (head >> 4) if head >> 4 else self._whole()
-            found[number] = self._value(head & 15, depth)
+            number = number + (head >> 4) if head >> 4 else self._read_zigzag()
+            found[number] = self._read_value(head & 15, depth)
         return found
 
-    def _value(self, kind: int, depth: int) -> Any:
+    def _read_value(self, kind: int, depth: int) -> Any:
         # Types of the protocol: true, false; byte; i16 to i64; double; binary; list, set; struct.
         if kind in (1, 2):
             return kind == 1
         if kind == 3:
-            return self._byte()
+            return self._read_byte()
         if kind in (4, 5, 6):
-            return self._whole()
+            return self._read_zigzag()
         if kind in (7, 8):
-            return self._skip(8 if kind == 7 else self._varying())
+            return self._skip_bytes(8 if kind == 7 else self._read_varint())
         if kind in (9, 10):
-            head = self._byte()
-            count = head >> 4 if head >> 4 < 15 else self._varying()
+            head = self._read_byte()
+            count = head >> 4 if head >> 4 < 15 else self._read_varint()
             return [
-                self._byte() if head & 15 in (1, 2) else self._value(head & 15, depth)
-                for _ in self._each(count)
+                self._read_byte() if head & 15 in (1, 2) else self._read_value(head & 15, depth)
+                for _ in self._check_count(count)
             ]
         if kind == 12:
-            return self.struct(depth + 1)
+            return self.read_struct(depth + 1)
         raise ValueError(f"type {kind}")  # maps do not occur
 
-    def _each(self, count: int) -> range:
+    def _check_count(self, count: int) -> range:
         if count > len(self.data) - self.at:
             raise ValueError("longer than there are bytes")
         return range(count)
 
-    def _byte(self) -> int:
+    def _read_byte(self) -> int:
         self.at += 1
         return self.data[self.at - 1]
 
-    def _skip(self, count: int) -> None:
-        self._each(count)
+    def _skip_bytes(self, count: int) -> None:
+        self._check_count(count)
         self.at += count
 
-    def _varying(self) -> int:
+    def _read_varint(self) -> int:
         number = shift = 0
         while True:
-            byte = self._byte()
+            byte = self._read_byte()
             number |= (byte & 127) << shift
             shift += 7
             if byte < 128:
@@ -165,7 +176,7 @@ class _Thrift:
             if shift > 63:
                 raise ValueError("a number without an end")
 
-    def _whole(self) -> int:
-        number = self._varying()
+    def _read_zigzag(self) -> int:
+        number = self._read_varint()
         # Zigzag: the lowest bit is the sign.
         return number >> 1 ^ -(number & 1)

@@ -16,24 +16,24 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 
-def plain(value: Any) -> Any:
+def convert_to_plain(value: Any) -> Any:
     """Returns models, NamedTuples, data classes, arrays, enums, dates and paths as mappings,
     lists, texts and numbers. Raises TypeError for anything else."""
     if isinstance(value, BaseModel):
         return {
-            info.alias or name: plain(getattr(value, name))
+            info.alias or name: convert_to_plain(getattr(value, name))
             for name, info in type(value).model_fields.items()
         }
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {name: plain(part) for name, part in value._asdict().items()}
+        return {name: convert_to_plain(part) for name, part in value._asdict().items()}
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: convert_to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {str(plain(key)): plain(part) for key, part in value.items()}
+        return {str(convert_to_plain(key)): convert_to_plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(part) for part in value]
+        return [convert_to_plain(part) for part in value]
     if isinstance(value, Enum) or hasattr(value, "tolist"):
-        return plain(value.value if isinstance(value, Enum) else value.tolist())
+        return convert_to_plain(value.value if isinstance(value, Enum) else value.tolist())
     if isinstance(value, dt.date | dt.time):
         return value.isoformat()
     if isinstance(value, PurePath):
@@ -46,13 +46,13 @@ def plain(value: Any) -> Any:
 T = TypeVar("T")
 
 
-def typed(kind: type[T], data: Any) -> T:
+def build_from_plain(kind: type[T], data: Any) -> T:
     """Returns a data class or NamedTuple, and those within, from the data that JSON makes of it.
     Unknown keys are ignored, so that an older program reads a newer one's files. Raises
     ValueError, in a line, where a value does not fit."""
     hashable: Any = kind
     try:
-        made: T = _adapter(hashable).validate_python(data)
+        made: T = _make_adapter(hashable).validate_python(data)
         return made
     except ValidationError as error:
         unknown = [one["loc"] for one in error.errors() if one["type"] == "extra_forbidden"]
@@ -61,15 +61,15 @@ def typed(kind: type[T], data: Any) -> T:
             raise ValueError(
                 f"{'.'.join(map(str, first['loc'])) or kind.__name__}: {first['msg']}"
             ) from None
-    return typed(kind, _without(data, unknown))
+    return build_from_plain(kind, _drop_keys(data, unknown))
 
 
-def _without(data: Any, unknown: list[tuple[int | str, ...]]) -> Any:
+def _drop_keys(data: Any, unknown: list[tuple[int | str, ...]]) -> Any:
     """Returns a copy that lacks the keys at these places."""
     here = {place[0] for place in unknown if len(place) == 1}
     items = data.items() if isinstance(data, Mapping) else enumerate(data)
     kept = {
-        name: _without(part, deeper)
+        name: _drop_keys(part, deeper)
         if (deeper := [place[1:] for place in unknown if place[0] == name and len(place) > 1])
         else part
         for name, part in items
@@ -79,11 +79,11 @@ def _without(data: Any, unknown: list[tuple[int | str, ...]]) -> Any:
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
+def _make_adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-class _ByName(GenerateJsonSchema):
+class _SchemaByName(GenerateJsonSchema):
     """Makes schemas of NamedTuples, and of their defaults, as objects with properties."""
 
     def named_tuple_schema(self, schema: Any) -> JsonSchemaValue:
@@ -102,9 +102,9 @@ class _ByName(GenerateJsonSchema):
         return self.kw_arguments_schema(schema["arguments_schema"], schema.get("var_kwargs_schema"))
 
     def encode_default(self, dft: Any) -> Any:
-        return plain(dft)
+        return convert_to_plain(dft)
 
 
-def schema_of(model: type[BaseModel]) -> dict[str, Any]:
+def make_model_schema(model: type[BaseModel]) -> dict[str, Any]:
     """Returns the JSON schema of a model's files."""
-    return model.model_json_schema(by_alias=True, schema_generator=_ByName)
+    return model.model_json_schema(by_alias=True, schema_generator=_SchemaByName)

@@ -13,21 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from topdress.control.recordings.finding import Finding
-from topdress.drivers.files.atomic import sidecar
+from topdress.drivers.files.atomic import find_sidecar
 from topdress.drivers.files.columns import Columns
-from topdress.drivers.files.foreign import examined, needed, our_names
+from topdress.drivers.files.foreign import examine_columns, find_needed_columns, rename_log_header
 from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.log_store import is_store, read_store, stored_about
-from topdress.drivers.files.log_text import columns_of, header_of
-from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml
-from topdress.drivers.files.table import columns_of as columns_of_cells
+from topdress.drivers.files.log_store import is_log_store, read_log_store, read_store_meta
+from topdress.drivers.files.log_text import find_log_columns, format_header
+from topdress.drivers.files.run_meta import RunMeta, parse_meta_yaml
+from topdress.drivers.files.table import convert_cells as columns_of_cells
 from topdress.drivers.files.table import read_table
 
 # Step between rows, s: larger steps may be milliseconds, which another column shows, so all columns
 # are read.
 SLOW_STEP_S = 2.0
 # Columns of numbers; times may be dates.
-_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}
+_NUMBER_COLUMNS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,43 +131,43 @@ def read_log(
     """
     path = Path(path)
     if without:
-        log = _read_log(path, only, without)
+        log = _read_log_columns(path, only, without)
         if not log.step_s >= SLOW_STEP_S:
             return log
-    return _read_log(path, only, (), data)
+    return _read_log_columns(path, only, (), data)
 
 
-def _read_log(
+def _read_log_columns(
     path: Path,
     only: Collection[str] | None,
     without: Collection[str] = (),
     data: bytes | None = None,
 ) -> RunLog:
-    if data is None and is_store(path):
-        return RunLog(path, *read_store(path, only))
-    meta, meta_findings = _sidecar_of(path) if data is None else (None, ())
+    if data is None and is_log_store(path):
+        return RunLog(path, *read_log_store(path, only))
+    meta, meta_findings = _read_sidecar(path) if data is None else (None, ())
     if data is None and _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
         columns = {
             name: np.array([], object if name in TEXT_COLUMNS else np.float64)
-            for name in _own_columns(meta)
+            for name in _find_own_columns(meta)
             if only is None or name in only or name == "time_s"
         }
         return RunLog(path, columns, meta, (*meta_findings, found))
     table = read_table(
         path,
-        _NUMBERS,
+        _NUMBER_COLUMNS,
         TEXT_COLUMNS,
-        rename=our_names,
-        own_header=_own_columns(meta),
+        rename=rename_log_header,
+        own_header=_find_own_columns(meta),
         data=data,
         choose=None
         if only is None and not without
-        else lambda names: needed(
+        else lambda names: find_needed_columns(
             names, [name for name in names if name not in without] if only is None else only
         ),
     )
-    columns, findings = examined(path, table.columns, table.names)
+    columns, findings = examine_columns(path, table.columns, table.names)
     if only is not None:
         columns = {
             name: array for name, array in columns.items() if name in only or name == "time_s"
@@ -175,12 +175,12 @@ def _read_log(
     return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
 
 
-def log_of(path: Path, given: Columns, meta: RunMeta) -> RunLog:
+def build_log(path: Path, given: Columns, meta: RunMeta) -> RunLog:
     """Returns a table with a run log's columns as the log that would be read from it, examined
     in the same way. Raises TableError where it has no rows."""
-    columns, findings = examined(
+    columns, findings = examine_columns(
         path,
-        columns_of_cells(dict(given), _NUMBERS | {"time_s"}, TEXT_COLUMNS),
+        columns_of_cells(dict(given), _NUMBER_COLUMNS | {"time_s"}, TEXT_COLUMNS),
         tuple(given),
     )
     log = RunLog(path, columns, meta, tuple(findings))
@@ -189,7 +189,7 @@ def log_of(path: Path, given: Columns, meta: RunMeta) -> RunLog:
     return log
 
 
-def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
+def read_filled_log(path: str | Path, without: Collection[str] = ()) -> RunLog:
     """Returns a run log with rows; `without` as of `read_log`. Raises TableError also where it
     has no whole row."""
     log = read_log(path, without=without)
@@ -198,13 +198,13 @@ def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
     return log
 
 
-def meta_of(path: Path) -> RunMeta | None:
+def read_log_meta(path: Path) -> RunMeta | None:
     """Returns a run log's sidecar without reading its rows; None: there is none that can be
     used."""
-    if not is_store(path):
-        return _sidecar_of(path)[0]
+    if not is_log_store(path):
+        return _read_sidecar(path)[0]
     try:
-        return stored_about(path)[0]
+        return read_store_meta(path)[0]
     except (TableError, OSError):
         return None
 
@@ -212,7 +212,7 @@ def meta_of(path: Path) -> RunMeta | None:
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
     """Tells whether the file is only a begin of our header line (an empty file: only next to our
     sidecar)."""
-    header = header_of(_own_columns(meta)).encode()
+    header = format_header(_find_own_columns(meta)).encode()
     try:
         with path.open("rb") as file:
             start = file.read(len(header) + 1).rstrip(b"\0")
@@ -225,15 +225,15 @@ def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
     )
 
 
-def _own_columns(meta: RunMeta | None) -> tuple[str, ...]:
+def _find_own_columns(meta: RunMeta | None) -> tuple[str, ...]:
     """Returns the columns that this program writes, with the machine of the sidecar."""
-    return columns_of(None if meta is None else meta.machine)
+    return find_log_columns(None if meta is None else meta.machine)
 
 
-def _sidecar_of(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
-    place = sidecar(path)
+def _read_sidecar(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
+    place = find_sidecar(path)
     try:
-        return meta_from_yaml(place.read_text(encoding="utf-8")), ()
+        return parse_meta_yaml(place.read_text(encoding="utf-8")), ()
     except FileNotFoundError:
         return None, ()
     except (OSError, ValueError) as error:

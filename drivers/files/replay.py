@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # In the order of the loop's measurements.
-SENSORS = (
+SENSOR_COLUMNS = (
     "wheel_speed_mps",
     "shaft_rpm",
     "opening_mm",
@@ -41,10 +41,10 @@ SENSORS = (
 )
 
 # Columns of a fix besides its place.
-_GNSS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
+_GNSS_COLUMNS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
 
 
-class _HeldRows(NamedTuple):
+class _NewestReadings(NamedTuple):
     """Holds the newest reading of every row: the row that it stands in (-1: none yet), and when
     it was sampled."""
 
@@ -52,25 +52,26 @@ class _HeldRows(NamedTuple):
     time_s: Floats
 
 
-def measurements(log: RunLog) -> Iterator[Measurements]:
+def iter_measurements(log: RunLog) -> Iterator[Measurements]:
     """Yields what the loop was given at each row: values are the newest accepted, however old
     (see their time). A log with ground speed but neither places nor wheel speed gives its speed
     as the wheel's."""
     if not len(log):
         return
     time_s = log.time_s.tolist()
-    fixes = _fixes(log)
+    fixes = _find_fixes(log)
     index = "ndre" if any(log.has(name) for name in (*NDRE_COLUMNS, "ndre")) else "ndvi"
     single = NDRE_COLUMNS if index == "ndre" else HEAD_COLUMNS
-    heads = [_readings(log, name, name) for name in single if log.has(name)] or [
-        _readings(log, index, "ndvi_1")
+    heads = [_find_readings(log, name, name) for name in single if log.has(name)] or [
+        _find_readings(log, index, "ndvi_1")
     ]
     stands_for_wheel = (
         log.has("speed_mps") and not log.has("lat_deg") and not log.has("wheel_speed_mps")
     )
     wheel = "speed_mps" if stands_for_wheel else "wheel_speed_mps"
     sensors = [
-        _readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS
+        _find_readings(log, wheel if name == "wheel_speed_mps" else name, name)
+        for name in SENSOR_COLUMNS
     ]
     switch = [
         None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()
@@ -115,9 +116,11 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         )
 
 
-def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
+def _find_readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
     values = log.numbers(column)
-    held = _held(log.time_s, np.isfinite(values), _changes(values), VALID_FOR_S[sensor])
+    held = _find_newest_readings(
+        log.time_s, np.isfinite(values), _find_changes(values), VALID_FOR_S[sensor]
+    )
     readings: list[Reading | None] = []
     plain = values.tolist()
     for row, time_s in zip(held.row.tolist(), held.time_s.tolist(), strict=True):
@@ -125,17 +128,21 @@ def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
     return readings
 
 
-def _fixes(log: RunLog) -> list[GnssFix | None]:
+def _find_fixes(log: RunLog) -> list[GnssFix | None]:
     lat_deg, lon_deg = log.numbers("lat_deg"), log.numbers("lon_deg")
     known = np.isfinite(lat_deg) & np.isfinite(lon_deg)
     utc = log.texts("utc")
     if log.has("utc"):
         fresh = np.concatenate(([True], utc[1:] != utc[:-1]))
-        held = _held(log.time_s, known, fresh, np.inf, repeats=False)
+        held = _find_newest_readings(log.time_s, known, fresh, np.inf, repeats=False)
     else:
-        fresh = _changes(lat_deg) | _changes(lon_deg) | _changes(log.numbers("speed_mps"))
-        held = _held(log.time_s, known, fresh, GNSS_VALID_FOR_S)
-    columns = [log.numbers(name).tolist() for name in _GNSS]
+        fresh = (
+            _find_changes(lat_deg)
+            | _find_changes(lon_deg)
+            | _find_changes(log.numbers("speed_mps"))
+        )
+        held = _find_newest_readings(log.time_s, known, fresh, GNSS_VALID_FOR_S)
+    columns = [log.numbers(name).tolist() for name in _GNSS_COLUMNS]
     lats, lons, utcs = lat_deg.tolist(), lon_deg.tolist(), utc.tolist()
     fixes: list[GnssFix | None] = []
     for row, time_s in zip(held.row.tolist(), held.time_s.tolist(), strict=True):
@@ -161,23 +168,23 @@ def _fixes(log: RunLog) -> list[GnssFix | None]:
     return fixes
 
 
-def _changes(values: Floats) -> Flags:
+def _find_changes(values: Floats) -> Flags:
     """Tells which values differ from the row before; the first does, unknown after unknown does
     not."""
     differs = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
     return np.concatenate((np.ones(min(1, values.size), bool), differs))
 
 
-def _period_s(time_s: Floats, fresh: Flags) -> float:
+def _estimate_period_s(time_s: Floats, fresh: Flags) -> float:
     """Returns the sensor's period, s, by the shortest usual interval between fresh values; 0
     where there is none."""
     intervals_s = np.diff(time_s[fresh])
     return float(np.quantile(intervals_s, 0.1)) if intervals_s.size else 0.0
 
 
-def _held(
+def _find_newest_readings(
     time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True
-) -> _HeldRows:
+) -> _NewestReadings:
     """Returns the newest reading at every row (module docstring); `repeats`: a repeated value
     may have been sampled again."""
     rows = np.arange(time_s.size)
@@ -187,20 +194,20 @@ def _held(
     changed_s = time_s[np.maximum(np.maximum.accumulate(np.where(new, rows, -1)), 0)]
     sampled_s = changed_s
     if repeats:
-        period_s = min(_period_s(time_s, new), hold_s / 2.0)
+        period_s = min(_estimate_period_s(time_s, new), hold_s / 2.0)
         since_s = time_s - changed_s
         again_s = (
             time_s
             if period_s <= 0.0
             else changed_s + np.floor(since_s / period_s + 1e-6) * period_s
         )
-        latest_s = np.maximum(changed_s, _last_known_before_a_gap_s(time_s, known) - hold_s)
+        latest_s = np.maximum(changed_s, _find_last_known_s(time_s, known) - hold_s)
         # A value is no newer than its row.
         sampled_s = np.minimum(np.minimum(again_s, latest_s), time_s)
-    return _HeldRows(row, np.where(row >= 0, sampled_s[np.maximum(row, 0)], np.nan))
+    return _NewestReadings(row, np.where(row >= 0, sampled_s[np.maximum(row, 0)], np.nan))
 
 
-def _last_known_before_a_gap_s(time_s: Floats, known: Flags) -> Floats:
+def _find_last_known_s(time_s: Floats, known: Flags) -> Floats:
     """Returns for every row the time, s, of the last known row before the cells become empty;
     infinite where they do not."""
     ends = known & np.concatenate((~known[1:], [False]))

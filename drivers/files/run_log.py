@@ -17,16 +17,23 @@ from types import TracebackType
 from typing import Self
 
 from topdress.control.log_row import LogRow
-from topdress.drivers.files.atomic import CutShort, NewFile, create, keep, sidecar, write_atomically
-from topdress.drivers.files.log_text import RowText, columns_of, header_of
-from topdress.drivers.files.run_meta import RunMeta, meta_to_yaml
+from topdress.drivers.files.atomic import (
+    CutShortError,
+    NewFile,
+    create_new_file,
+    find_sidecar,
+    sync_to_disk,
+    write_atomically,
+)
+from topdress.drivers.files.log_text import RowText, find_log_columns, format_header
+from topdress.drivers.files.run_meta import RunMeta, format_meta_yaml
 
 # Rows reach the operating system at least this often, s: what a kill of the worker can cost.
-FLUSH_S = 0.1
+FLUSH_PERIOD_S = 0.1
 # Rows reach the disk itself about this often, s.
-SYNC_S = 1.0
+SYNC_PERIOD_S = 1.0
 # Rows wait in memory while a disk is slow; a longer wait, s, is reported.
-SLOW_S = 20.0
+SLOW_DISK_S = 20.0
 # Rows that wait: an hour at 20 Hz; later rows are lost, and counted.
 MAX_WAITING_ROWS = 72_000
 # Bytes that a simulation collects before it writes.
@@ -36,7 +43,11 @@ Create = Callable[[Path, bool], NewFile]
 
 
 def begin_log(
-    path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create, kept: bool = True
+    path: Path,
+    meta: RunMeta,
+    overwrite: bool = False,
+    create: Create = create_new_file,
+    kept: bool = True,
 ) -> NewFile:
     """Creates a log with its sidecar and its header.
 
@@ -60,13 +71,13 @@ def begin_log(
     """
     file = create(path, overwrite)
     try:
-        write_atomically(sidecar(file.path), meta_to_yaml(meta), kept)
-        _write_all(file, bytearray(_header(meta)))
+        write_atomically(find_sidecar(file.path), format_meta_yaml(meta), kept)
+        _write_all_bytes(file, bytearray(_encode_header(meta)))
         if kept:
             file.sync()
     except BaseException:
         file.close()
-        for path in (file.path, sidecar(file.path)):
+        for path in (file.path, find_sidecar(file.path)):
             path.unlink(missing_ok=True)
         raise
     return file
@@ -77,7 +88,7 @@ class PlainLogWriter:
 
     def __init__(self, path: Path, meta: RunMeta, overwrite: bool = False) -> None:
         """Creates the log. Raises OSError."""
-        self._text = RowText(columns_of(meta.machine))
+        self._text = RowText(find_log_columns(meta.machine))
         self._waiting = bytearray()
         self._file = begin_log(Path(path), meta, overwrite)
 
@@ -89,12 +100,12 @@ class PlainLogWriter:
         """Takes a row. Raises OSError."""
         self._waiting += self._text.line(row).encode(errors="replace")
         if len(self._waiting) >= _BLOCK_BYTES:
-            _write_all(self._file, self._waiting)
+            _write_all_bytes(self._file, self._waiting)
 
     def close(self) -> None:
         """Writes the rest and closes. Raises OSError."""
         try:
-            _write_all(self._file, self._waiting)
+            _write_all_bytes(self._file, self._waiting)
             self._file.sync()
         finally:
             self._file.close()
@@ -111,7 +122,9 @@ class PlainLogWriter:
         self.close()
 
 
-def write_log(path: Path, meta: RunMeta, rows: Iterable[LogRow], overwrite: bool = False) -> Path:
+def write_whole_log(
+    path: Path, meta: RunMeta, rows: Iterable[LogRow], overwrite: bool = False
+) -> Path:
     """Writes a whole log at once; returns its path. Raises OSError."""
     with PlainLogWriter(path, meta, overwrite) as writer:
         for row in rows:
@@ -134,9 +147,9 @@ class RunLogWriter:
         *,
         overwrite: bool = False,
         clock: Callable[[], float] = time.monotonic,
-        create: Create = create,
-        flush_s: float = FLUSH_S,
-        sync_s: float = SYNC_S,
+        create: Create = create_new_file,
+        flush_s: float = FLUSH_PERIOD_S,
+        sync_s: float = SYNC_PERIOD_S,
         max_waiting_rows: int = MAX_WAITING_ROWS,
     ) -> None:
         """Creates the files in the caller's thread, before the loop starts. To sync them is the
@@ -157,8 +170,8 @@ class RunLogWriter:
             max_waiting_rows,
         )
         self._rows: SimpleQueue[LogRow] = SimpleQueue()
-        self._text = RowText(columns_of(meta.machine))
-        self._header = _header(meta)
+        self._text = RowText(find_log_columns(meta.machine))
+        self._header = _encode_header(meta)
         self._formatted = bytearray()  # written by the thread only
         self._formatted_rows = 0
         self._unsynced = bytearray()  # written and perhaps not kept
@@ -188,7 +201,7 @@ class RunLogWriter:
         if self._trouble:
             return self._trouble
         waited_s = self._clock() - self._good_at_s
-        if waited_s > SLOW_S and not self._closing.is_set():
+        if waited_s > SLOW_DISK_S and not self._closing.is_set():
             return f"{self.path}: the disk has not answered for {waited_s:.0f} s"
         return ""
 
@@ -245,14 +258,14 @@ class RunLogWriter:
             if not self._started_kept:
                 # Somebody may have removed the sidecar: the log continues.
                 with contextlib.suppress(FileNotFoundError):
-                    keep(sidecar(self._file.path))
+                    sync_to_disk(find_sidecar(self._file.path))
                 self._file.sync()
                 self._started_kept = True
             if self._trouble and not self._file.stands:
                 self._file = self._gone_on_with(self._file)
             try:
                 self._write_formatted(self._file)
-            except CutShort as error:
+            except CutShortError as error:
                 self._file = self._anew_after(self._file, error.left)
                 self._write_formatted(self._file)
             self._formatted_rows = 0
@@ -263,13 +276,13 @@ class RunLogWriter:
                 self._unsynced.clear()
                 self._trouble = ""
         except OSError as error:
-            self._trouble = _in_words(self.path, error)
+            self._trouble = _describe_error(self.path, error)
         self._good_at_s = self._clock()
 
     def _write_formatted(self, file: NewFile) -> None:
         waiting = bytes(self._formatted)
         try:
-            _write_all(file, self._formatted)
+            _write_all_bytes(file, self._formatted)
         finally:
             self._unsynced += waiting[: len(waiting) - len(self._formatted)]
 
@@ -295,11 +308,11 @@ class RunLogWriter:
         path = before.path
         if not path.parent.is_dir():
             raise OSError("its folder is gone")
-        if path.exists() and _begins_with(path, self._header):
+        if path.exists() and _has_own_header(path, self._header):
             file = NewFile(path, go_on_at=self._synced_bytes)
             self._formatted[:0] = self._unsynced
         else:
-            text = _read_again(before, self._header) or self._header + self._unsynced
+            text = _read_deleted(before, self._header) or self._header + self._unsynced
             file = begin_log(path, self._meta, not path.exists(), self._create)
             self._formatted[:0] = text[len(self._header) :]
             self._synced_bytes = len(self._header)
@@ -313,20 +326,20 @@ class RunLogWriter:
             self._file = begin_log(self._wanted, self._meta, self._overwrite, self._create, kept)
             self._started_kept, self._trouble = kept, ""
         except OSError as error:
-            self._trouble = _in_words(self._wanted, error)
+            self._trouble = _describe_error(self._wanted, error)
             self._good_at_s = self._clock()
 
 
-def _header(meta: RunMeta) -> bytes:
-    return header_of(columns_of(meta.machine)).encode()
+def _encode_header(meta: RunMeta) -> bytes:
+    return format_header(find_log_columns(meta.machine)).encode()
 
 
-def _begins_with(path: Path, header: bytes) -> bool:
+def _has_own_header(path: Path, header: bytes) -> bool:
     with open(path, "rb") as file:
         return file.read(len(header)) == header
 
 
-def _read_again(file: NewFile, header: bytes) -> bytes:
+def _read_deleted(file: NewFile, header: bytes) -> bytes:
     try:
         text = file.all()
     except OSError:
@@ -334,7 +347,7 @@ def _read_again(file: NewFile, header: bytes) -> bytes:
     return text[: text.rfind(b"\n") + 1] if text.startswith(header) else b""
 
 
-def _write_all(file: NewFile, data: bytearray) -> None:
+def _write_all_bytes(file: NewFile, data: bytearray) -> None:
     """Writes and removes from `data` what the file takes; on OSError the rest is still there."""
     while data:
         taken = file.write(data)
@@ -343,5 +356,5 @@ def _write_all(file: NewFile, data: bytearray) -> None:
         del data[:taken]
 
 
-def _in_words(path: Path, error: OSError) -> str:
+def _describe_error(path: Path, error: OSError) -> str:
     return f"{path}: log not written: {error.strerror or error}"

@@ -11,12 +11,12 @@ from typing import Any
 
 import yaml
 from pydantic import BaseModel
-from topdress.drivers.files.atomic import sidecar
-from topdress.drivers.files.plain import plain
-from topdress.drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
+from topdress.drivers.files.atomic import find_sidecar
+from topdress.drivers.files.plain import convert_to_plain
+from topdress.drivers.files.yaml_text import YamlError, dump_yaml, parse_yaml
 
 # Format of the sidecar, a contract.
-FORMAT = "topdress-run-log/1"
+RUN_LOG_FORMAT = "topdress-run-log/1"
 
 Resolved = Mapping[str, Any]
 
@@ -38,7 +38,7 @@ class RunMeta:
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
-def run_meta(
+def make_run_meta(
     machine: BaseModel | Resolved | None = None,
     crop: BaseModel | Resolved | None = None,
     job: BaseModel | Resolved | None = None,
@@ -50,10 +50,10 @@ def run_meta(
 ) -> RunMeta:
     """Returns a `RunMeta` of this software, from configuration models or plain data."""
     return RunMeta(
-        software=f"topdress {software_version()}",
-        machine=_plain(machine),
-        crop=_plain(crop),
-        job=_plain(job),
+        software=f"topdress {find_software_version()}",
+        machine=_convert_optional(machine),
+        crop=_convert_optional(crop),
+        job=_convert_optional(job),
         seed=seed,
         sha256=dict(sha256 or {}),
         started_utc=started_utc,
@@ -61,17 +61,17 @@ def run_meta(
     )
 
 
-def software_version() -> str:
+def find_software_version() -> str:
     try:
         return version("topdress")
     except PackageNotFoundError:
         return "unknown"
 
 
-def meta_to_yaml(meta: RunMeta) -> str:
+def format_meta_yaml(meta: RunMeta) -> str:
     return dump_yaml(
         {
-            "format": FORMAT,
+            "format": RUN_LOG_FORMAT,
             "software": meta.software,
             "started_utc": meta.started_utc,
             "seed": meta.seed,
@@ -84,23 +84,23 @@ def meta_to_yaml(meta: RunMeta) -> str:
     )
 
 
-def meta_from_yaml(text: str) -> RunMeta:
+def parse_meta_yaml(text: str) -> RunMeta:
     """Returns the description of a run. Raises ValueError, in a line, where the text does not
     describe a run log."""
     try:
         data, _ = parse_yaml(text)
-    except (YamlProblem, yaml.YAMLError) as problem:
+    except (YamlError, yaml.YAMLError) as problem:
         raise ValueError(f"not readable: {problem}") from None
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
+    if not isinstance(data, dict) or data.get("format") != RUN_LOG_FORMAT:
         found = data.get("format") if isinstance(data, dict) else None
-        raise ValueError(f"key format: value {found}: allowed {FORMAT}")
+        raise ValueError(f"key format: value {found}: allowed {RUN_LOG_FORMAT}")
     seed, checksums = data.get("seed"), data.get("sha256")
     known = {"format", "software", "machine", "crop", "job", "seed", "sha256", "started_utc"}
     return RunMeta(
         software=str(data.get("software") or ""),
-        machine=_mapping(data.get("machine")),
-        crop=_mapping(data.get("crop")),
-        job=_mapping(data.get("job")),
+        machine=_take_mapping(data.get("machine")),
+        crop=_take_mapping(data.get("crop")),
+        job=_take_mapping(data.get("job")),
         seed=seed if isinstance(seed, int) else None,
         sha256={str(k): str(v) for k, v in checksums.items()}
         if isinstance(checksums, dict)
@@ -110,17 +110,17 @@ def meta_from_yaml(text: str) -> RunMeta:
     )
 
 
-def sidecar_meta(log: str | Path) -> RunMeta | None:
+def read_sidecar_meta(log: str | Path) -> RunMeta | None:
     """Returns the description next to a log; None: there is none that can be read."""
     try:
-        return meta_from_yaml(sidecar(Path(log)).read_text(encoding="utf-8"))
+        return parse_meta_yaml(find_sidecar(Path(log)).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
 
 
-def _plain(value: BaseModel | Resolved | None) -> Resolved | None:
-    return None if value is None else dict(plain(value))
+def _convert_optional(value: BaseModel | Resolved | None) -> Resolved | None:
+    return None if value is None else dict(convert_to_plain(value))
 
 
-def _mapping(value: object) -> Resolved | None:
+def _take_mapping(value: object) -> Resolved | None:
     return value if isinstance(value, dict) else None

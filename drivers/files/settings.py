@@ -9,10 +9,10 @@ from typing import Annotated, Literal, NamedTuple
 import platformdirs
 from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
-from topdress.drivers.files.config import ConfigError, Kind, load, save
+from topdress.drivers.files.config import ConfigError, Kind, load_config, save_config
 
 # Highest rate that may be typed, kg/ha.
-MOST_RATE_KG_HA = 2000.0
+MAX_RATE_KG_HA = 2000.0
 
 Keys = Annotated[
     str, Field(min_length=1, max_length=80, description="keys, with commas between them")
@@ -22,8 +22,8 @@ Keys = Annotated[
 class ManualRate(FrozenModel):
     """What may be typed as a manual rate; never beyond the crop's own limit."""
 
-    low_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 0.0
-    high_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = MOST_RATE_KG_HA
+    low_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = 0.0
+    high_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = MAX_RATE_KG_HA
 
     # Refuses a range without room. Raises ValueError.
     @model_validator(mode="after")
@@ -39,9 +39,9 @@ class Presets(FrozenModel):
     """Rates on keys of their own. Defaults: a light, a middle and a full top dressing of urea
     for winter wheat, of the order of the grades in the decision paper's table (0 to 300 kg/ha)."""
 
-    first_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 100.0
-    second_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 150.0
-    third_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 200.0
+    first_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = 100.0
+    second_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = 150.0
+    third_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = 200.0
 
 
 class Rates(FrozenModel):
@@ -80,7 +80,7 @@ class Settings(FrozenModel):
     )
 
 
-class Read(NamedTuple):
+class ReadSettings(NamedTuple):
     """Holds settings to use, and why they are not the file's; empty where they are, or where
     there is no file."""
 
@@ -91,27 +91,27 @@ class Read(NamedTuple):
 SETTINGS = Kind("topdress-settings/1", "settings", Settings)
 
 
-def settings_path() -> Path:
+def find_settings_path() -> Path:
     """Returns the path of this user's file."""
     return Path(platformdirs.user_config_dir("topdress", appauthor=False)) / "settings.yaml"
 
 
-def read_settings(path: Path) -> Read:
+def read_settings(path: Path) -> ReadSettings:
     """Returns the file's settings; the defaults where there is none, or where it is broken.
     Never raises, never writes."""
     if not path.exists():
-        return Read(Settings())
+        return ReadSettings(Settings())
     try:
-        return Read(load(path, SETTINGS).model)
+        return ReadSettings(load_config(path, SETTINGS).model)
     except ConfigError as error:
         more = f" (+{len(error.lines) - 1})" if len(error.lines) > 1 else ""
-        return Read(Settings(), f"{error.lines[0]}{more}")
+        return ReadSettings(Settings(), f"{error.lines[0]}{more}")
 
 
 def write_settings(path: Path, settings: Settings) -> None:
     """Writes the settings, whole or not at all. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    save(
+    save_config(
         path,
         settings,
         SETTINGS,

@@ -8,12 +8,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
-from topdress.drivers.files.config import ConfigError, Kind, load
+from topdress.drivers.files.config import ConfigError, Kind, load_config
 
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="a colour such as #00518f")]
 
 # Names of colours that the console's styles use.
-COLOURS = (
+THEME_COLOURS = (
     "background",
     "surface",
     "panel",
@@ -44,9 +44,9 @@ class ThemeData(FrozenModel):
     def _known(self) -> ThemeData:
         if self.name in ("day", "night", "contrast"):
             raise ValueError(f"name {self.name}: is a built-in theme; allowed is another name")
-        unknown = [name for name in self.colours if name not in COLOURS]
+        unknown = [name for name in self.colours if name not in THEME_COLOURS]
         if unknown:
-            raise ValueError(f"colours.{unknown[0]}: unknown: allowed {', '.join(COLOURS)}")
+            raise ValueError(f"colours.{unknown[0]}: unknown: allowed {', '.join(THEME_COLOURS)}")
         return self
 
 
@@ -59,7 +59,7 @@ def read_themes(folder: Path) -> tuple[tuple[ThemeData, ...], tuple[str, ...]]:
     wrong: list[str] = []
     for path in sorted(folder.glob("*.yaml")):
         try:
-            themes.append(load(path, THEME).model)
+            themes.append(load_config(path, THEME).model)
         except ConfigError as error:
             wrong.append(error.lines[0])
     return tuple(themes), tuple(wrong)

@@ -19,23 +19,23 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.product_calibration import apply_product
 from topdress.control.orders import CANOPY_SOURCES
 from topdress.drivers.cab_config import BoardConfig, CabConfig
-from topdress.drivers.files.config import Loaded, load, load_any, sha256_of
+from topdress.drivers.files.config import Loaded, calc_sha256, load_any_config, load_config
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from topdress.drivers.files.prescriptions.for_job import list_job_files
-from topdress.drivers.files.weather import WeatherError, growing_days
+from topdress.drivers.files.weather import WeatherError, count_growing_days
 
 # Relays of a rate module besides the drive's own.
-MODULE_VALVES = 15
+MAX_MODULE_VALVES = 15
 # Share by which two numbers for the same wheel may differ.
-SAME_SHARE = 1e-4
+SAME_WHEEL_SHARE = 1e-4
 
 # Returns the names of the logs of work on this field that is continued.
 OwnLogs = Callable[[Job], Collection[str]]
 
 
 # Returns no names: the job begins.
-def no_logs(job: Job) -> Collection[str]:
+def list_no_logs(job: Job) -> Collection[str]:
     return ()
 
 
@@ -55,7 +55,7 @@ class Setup:
     # whose N share and flow crop and machine have; None: their own
     product: Product | None = None
     # under whose ceiling the crop is; None: the job has none
-    n_year: YearN | None = None
+    n_year: YearNitrogen | None = None
 
     @property
     def growth(self) -> Growth | None:
@@ -77,11 +77,11 @@ class Setup:
         )
 
 
-def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
+def load_by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
     """Returns configuration files, in any order, by their `format:`. Raises ConfigError."""
     found: dict[str, Loaded[BaseModel]] = {}
     for file in files:
-        kind, loaded = load_any(file, KINDS)
+        kind, loaded = load_any_config(file, KINDS)
         if kind is CROP:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
         if kind is PRODUCT:
@@ -98,8 +98,8 @@ def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
     return found
 
 
-def setup_of(
-    found: Mapping[str, Loaded[BaseModel]], today: dt.date, own_logs: OwnLogs = no_logs
+def build_setup(
+    found: Mapping[str, Loaded[BaseModel]], today: dt.date, own_logs: OwnLogs = list_no_logs
 ) -> Setup:
     """Returns the setup of these files; the shipped nominal file replaces each missing one.
     own_logs: as in `load_setup`. Raises ConfigError."""
@@ -111,7 +111,7 @@ def setup_of(
 
 
 def load_setup(
-    machine: str | Path, job: str | Path, today: dt.date, own_logs: OwnLogs = no_logs
+    machine: str | Path, job: str | Path, today: dt.date, own_logs: OwnLogs = list_no_logs
 ) -> Setup:
     """Reads a job, the crop and the product that it names, and a machine.
 
@@ -130,10 +130,10 @@ def load_setup(
     ------
     ConfigError : a line for each error.
     """
-    got_machine = load(machine, MACHINE)
-    got_job = load(job, JOB)
-    got_crop = load(got_job.model.crop, CROP, base=got_job.path.parent)
-    got_product = product_of(got_job.model, got_job.path.parent)
+    got_machine = load_config(machine, MACHINE)
+    got_job = load_config(job, JOB)
+    got_crop = load_config(got_job.model.crop, CROP, base=got_job.path.parent)
+    got_product = load_job_product(got_job.model, got_job.path.parent)
     product = None if got_product is None else got_product.model
     crop, spreader = got_crop.model, got_machine.model
     try:
@@ -142,10 +142,10 @@ def load_setup(
                 update={"product": product.name, "product_n_fraction": product.n_fraction}
             )
             spreader = apply_product(spreader, product)
-        days = got_job.model.days or growing_days(
-            _dated(crop, got_job.model), got_crop.path.parent, today
+        days = got_job.model.days or count_growing_days(
+            _apply_job_dates(crop, got_job.model), got_crop.path.parent, today
         )
-        n_year = year_n(got_job, crop, today, own_logs)
+        n_year = find_year_nitrogen(got_job, crop, today, own_logs)
         crop = crop if n_year is None else crop.limit_rates(n_year.most_kg_ha)
         rule = make_rule(crop, got_job.model, days)
     except (WeatherError, ValueError, OSError) as error:
@@ -158,7 +158,7 @@ def load_setup(
     }
     # What is not there, or is a folder, is said when it is read.
     named = {
-        str(path): sha256_of(path)
+        str(path): calc_sha256(path)
         for name in got_job.model.named_files
         if (path := folder / name).is_file()
     }
@@ -169,7 +169,7 @@ def load_setup(
     )
 
 
-class YearN(NamedTuple):
+class YearNitrogen(NamedTuple):
     """Holds the nitrogen of a field's year, kg/ha. `earlier`: by the farm record; `n_fraction`:
     of the product."""
 
@@ -199,9 +199,9 @@ class YearN(NamedTuple):
         )
 
 
-def year_n(
-    job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_logs
-) -> YearN | None:
+def find_year_nitrogen(
+    job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = list_no_logs
+) -> YearNitrogen | None:
     """Returns what the job's ceiling of nitrogen leaves.
 
     Parameters
@@ -224,7 +224,7 @@ def year_n(
         return None
     earlier_kg_ha, passes = 0.0, 0
     if wanted.record is not None:
-        from topdress.drivers.files.farm_lines import given_in_year
+        from topdress.drivers.files.farm_lines import sum_year_nitrogen
 
         boundary = ground.make_boundary()
         if boundary is None or not ground.title:
@@ -234,10 +234,10 @@ def year_n(
             )
         begins = wanted.year_from or dt.date(today.year, 1, 1)
         names = {"client": job.model.client, "farm": job.model.farm, "field": ground.title}
-        earlier_kg_ha, passes = given_in_year(
+        earlier_kg_ha, passes = sum_year_nitrogen(
             job.path.parent / wanted.record, names, begins, boundary.area_ha, own_logs(job.model)
         )
-    found = YearN(
+    found = YearNitrogen(
         wanted.year_max_kg_ha, wanted.given_kg_ha, earlier_kg_ha, passes, crop.product_n_fraction
     )
     if found.left_kg_ha <= 0.0:
@@ -247,7 +247,7 @@ def year_n(
     return found
 
 
-def _dated(crop: Crop, job: Job) -> Crop:
+def _apply_job_dates(crop: Crop, job: Job) -> Crop:
     """Returns the crop with the job's dates of sowing and sensing, where it counts days from
     dates."""
     dates = {
@@ -260,7 +260,7 @@ def _dated(crop: Crop, job: Job) -> Crop:
     return crop.model_copy(update={"days": crop.days.model_copy(update=dates)})
 
 
-def growth_note(growth: Growth | None) -> str:
+def describe_growth(growth: Growth | None) -> str:
     """Returns a note about the crop's stage; empty where it is in its window, or has none."""
     if growth is None or (growth.stage is not None and not growth.is_outside):
         return ""
@@ -270,13 +270,13 @@ def growth_note(growth: Growth | None) -> str:
     return f"growth stage {growth.scale} {growth.stage:g} is outside: {window}"
 
 
-def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
+def load_job_product(job: Job, folder: Path) -> Loaded[Product] | None:
     """Returns the product file that a job names, a path next to it or a shipped file; None where
     it names none. Raises ConfigError."""
-    return None if job.product_file is None else load(job.product_file, PRODUCT, base=folder)
+    return None if job.product_file is None else load_config(job.product_file, PRODUCT, base=folder)
 
 
-def product_note(product: Product, machine: Machine) -> str:
+def describe_product(product: Product, machine: Machine) -> str:
     """Returns a note about a product on a machine; empty where there is a catch test."""
     if product.find_newest_test(machine.id) is not None:
         return ""
@@ -286,7 +286,7 @@ def product_note(product: Product, machine: Machine) -> str:
     )
 
 
-def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
+def find_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
     """Returns a line for each disagreement of a cab file and a machine file: the wheel, by which
     the one counts pulses and the other judges everything else; valves of sections that no device
     of the cab drives."""
@@ -299,11 +299,11 @@ def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -
         machine.switched_strips
         and module is not None
         and module.valves
-        and len(machine.switched_strips) > MODULE_VALVES
+        and len(machine.switched_strips) > MAX_MODULE_VALVES
     ):
         lines.append(
             f"{cab.path}: key rate_module.valves: value true: allowed for at most "
-            f"{MODULE_VALVES} sections; "
+            f"{MAX_MODULE_VALVES} sections; "
             f"{machine_path} has {len(machine.switched_strips)}"
         )
     elif machine.switched_strips and board is None and not (module is not None and module.valves):
@@ -312,10 +312,10 @@ def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -
             "valves: true, for the "
             f"sections' valves of {machine_path}"
         )
-    return lines + ([] if board is None else _wheels(cab, board, machine, machine_path))
+    return lines + ([] if board is None else _compare_wheels(cab, board, machine, machine_path))
 
 
-def _wheels(
+def _compare_wheels(
     cab: Loaded[BaseModel], board: BoardConfig, machine: Machine, machine_path: str
 ) -> list[str]:
     pairs = (
@@ -327,11 +327,11 @@ def _wheels(
         f"{machine_path} has it (key "
         f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
         for key, ours, theirs in pairs
-        if abs(ours / theirs - 1.0) > SAME_SHARE
+        if abs(ours / theirs - 1.0) > SAME_WHEEL_SHARE
     ]
 
 
-def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
+def find_index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
     """Returns a line where the rule's index is not the heads' index. cab None: the heads are
     simulated. A job that does not go by the canopy needs none."""
     if job.target.source not in CANOPY_SOURCES:

@@ -17,23 +17,23 @@ import numpy as np
 import shapefile
 import shapely
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.archives import Files, Folder, files_at
+from topdress.drivers.files.archives import Files, Folder, open_archive
 from topdress.drivers.files.imports.dialect import find_encoding
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.layers import (
     Layer,
-    open_ring,
-    polygon_of,
-    projection_in,
-    together,
-    turned,
+    apply_projection,
+    build_polygon,
+    combine_shapes,
+    drop_closing_corner,
+    find_projection,
 )
 from topdress.drivers.files.limits import DAMAGED_ZIP
-from topdress.drivers.files.stated_units import StatedUnit, side_units
+from topdress.drivers.files.stated_units import StatedUnit, read_side_units
 from topdress.drivers.plain_text import OneLineError, PlaceInFile, RefusedInput
 
 # Encodings by byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
-DRIVERS = {
+ENCODING_OF_DRIVER = {
     0x01: "cp437",
     0x02: "cp850",
     0x03: "cp1252",
@@ -56,7 +56,7 @@ DRIVERS = {
     0xCB: "cp1253",
 }
 # Encodings by the words of a .cpg.
-SPELLED = {
+ENCODING_OF_SPELLING = {
     "utf8": "utf-8",
     "65001": "utf-8",
     "gbk": "gb18030",
@@ -93,7 +93,7 @@ class ShapeSet:
 
     def part(self, ending: str) -> bytes | None:
         """Returns the file of this set with an ending, in either case; None: there is none.
-        Raises Refused, OSError."""
+        Raises RefusedInput, OSError."""
         wanted = self.name[: -len(".shp")].casefold() + ending
         for name in self.files.names:
             if name.casefold() == wanted:
@@ -102,7 +102,7 @@ class ShapeSet:
 
     @contextmanager
     def reader(self, encoding: str | None = None) -> Iterator[Any]:
-        """Yields a pyshp reader. Raises what that raises, Refused, OSError."""
+        """Yields a pyshp reader. Raises what that raises, RefusedInput, OSError."""
         parts = {
             key: io.BytesIO(data)
             for key in ("shp", "shx", "dbf")
@@ -127,24 +127,24 @@ class ShapeSet:
         spelled = re.sub(r"[^a-z0-9]", "", stated.decode("ascii", "ignore").lower())
         bare = spelled.removeprefix("cp").removeprefix("ansi").removeprefix("ms")
         names = (
-            SPELLED.get(spelled) or SPELLED.get(bare),
-            DRIVERS.get(dbf[29]) if len(dbf) > 29 else None,
+            ENCODING_OF_SPELLING.get(spelled) or ENCODING_OF_SPELLING.get(bare),
+            ENCODING_OF_DRIVER.get(dbf[29]) if len(dbf) > 29 else None,
         )
-        texts = _texts_of(dbf)
+        texts = _read_dbf_texts(dbf)
         # Texts in other encodings hardly ever read as UTF-8.
         for name in ("utf-8", *names):
-            if name is not None and _reads(texts, name):
+            if name is not None and _is_encoded_as(texts, name):
                 return name
         return find_encoding(b" ".join(texts))
 
     def units(self, columns: Collection[str]) -> dict[str, StatedUnit]:
         """Returns units by column, in small letters, from the files that makers and programs put
         next to it."""
-        return side_units(self.files, self.name, columns)
+        return read_side_units(self.files, self.name, columns)
 
 
 @contextmanager
-def damage_said(label: str) -> Iterator[None]:
+def report_damage(label: str) -> Iterator[None]:
     """Turns whatever a reader of shapefiles raises on damaged ones into a line."""
     try:
         yield
@@ -163,11 +163,11 @@ def damage_said(label: str) -> Iterator[None]:
         ) from None
 
 
-def shape_sets(path: Path) -> list[ShapeSet]:
-    """Returns the shapefiles at a .shp, in a zip, or in a folder. Raises Refused, OSError."""
+def find_shape_sets(path: Path) -> list[ShapeSet]:
+    """Returns the shapefiles at a .shp, in a zip, or in a folder. Raises RefusedInput, OSError."""
     if path.suffix.lower() == ".shp" and not path.is_dir():
         return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
-    files = files_at(path)
+    files = open_archive(path)
     return [
         ShapeSet(files, name, files.label(name))
         for name in files.names
@@ -175,34 +175,34 @@ def shape_sets(path: Path) -> list[ShapeSet]:
     ]
 
 
-def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
+def read_shape_layer(shapes: ShapeSet, encoding: str | None = None) -> Layer:
     """Returns all shapes of a set with their attributes: points, lines and polygons. Raises
-    Refused, OSError."""
+    RefusedInput, OSError."""
     where = PlaceInFile(shapes.label)
-    with damage_said(shapes.label):
+    with report_damage(shapes.label):
         text = shapes.part(".prj")
         with shapes.reader(encoding) as reader:
-            names, kind = column_names(reader), reader.shapeTypeName
+            names, kind = read_column_names(reader), reader.shapeTypeName
             found = np.empty(len(reader), dtype=object)
             rows = []
             for k, (shape, record) in enumerate(
                 zip(reader.iterShapes(), reader.iterRecords(), strict=True)
             ):
-                found[k] = _shape(shape, kind, where.go_down("row {row}", row=k + 1))
+                found[k] = _build_shape(shape, kind, where.go_down("row {row}", row=k + 1))
                 rows.append(dict(zip(names, record, strict=True)))
         units = shapes.units(names)
         projection = (
             None
             if text is None
-            else projection_in(
+            else find_projection(
                 text.decode("utf-8", "replace"), where, shapely.get_coordinates(found)
             )
         )
-    degrees, findings = turned(found, projection)
+    degrees, findings = apply_projection(found, projection)
     return Layer(shapes.stem, tuple(rows), degrees, findings, units, kind)
 
 
-def _shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None:
+def _build_shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None:
     """Returns a shape; None: it is empty. Parts of a polygon are outlines, which run clockwise,
     and holes, which run the other way."""
     places = np.asarray([corner[:2] for corner in shape.points], dtype=np.float64).reshape(-1, 2)
@@ -212,28 +212,28 @@ def _shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None
         return shapely.Point(places[0])
     parts = np.split(places, shape.parts[1:])
     if kind.startswith("POLYLINE"):
-        return together([shapely.LineString(part) for part in parts if len(part) > 1])
-    clockwise = [_clockwise(open_ring(part)) for part in parts]
+        return combine_shapes([shapely.LineString(part) for part in parts if len(part) > 1])
+    clockwise = [_is_clockwise(drop_closing_corner(part)) for part in parts]
     outlines = [part for part, is_one in zip(parts, clockwise, strict=True) if is_one] or parts
     holes = (
         [part for part, is_one in zip(parts, clockwise, strict=True) if not is_one]
         if len(parts) > 1
         else []
     )
-    return together(
+    return combine_shapes(
         [
-            polygon_of(rings, where)
-            for rings in sorted_rings(outlines, holes if any(clockwise) else [])
+            build_polygon(rings, where)
+            for rings in sort_rings(outlines, holes if any(clockwise) else [])
         ]
     )
 
 
-def _clockwise(corners: Floats) -> bool:
+def _is_clockwise(corners: Floats) -> bool:
     x, y = corners[:, 0] - corners[0, 0], corners[:, 1] - corners[0, 1]
     return bool(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0.0)
 
 
-def sorted_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tuple[Floats, ...]]:
+def sort_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tuple[Floats, ...]]:
     """Returns each outline with the holes that lie in it; holes outside all outlines are left
     out."""
     if len(outlines) == 1 or not holes:
@@ -249,7 +249,7 @@ def sorted_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tu
     return [(outline, *inside[k]) for k, outline in enumerate(outlines)]
 
 
-def column_names(reader: Any) -> list[str]:
+def read_column_names(reader: Any) -> list[str]:
     """Returns the names of a reader's columns, each once; a letter that the ten bytes of a name
     have cut is left out."""
     names: list[str] = []
@@ -264,7 +264,7 @@ def column_names(reader: Any) -> list[str]:
     return names
 
 
-def _reads(texts: list[bytes], encoding: str) -> bool:
+def _is_encoded_as(texts: list[bytes], encoding: str) -> bool:
     """Tells whether texts are in an encoding; the last letter of a text may be cut by its
     length, but not of every text that has such letters."""
     whole = cut = 0
@@ -280,7 +280,7 @@ def _reads(texts: list[bytes], encoding: str) -> bool:
     return whole > 0 or cut == 0
 
 
-def _texts_of(dbf: bytes) -> list[bytes]:
+def _read_dbf_texts(dbf: bytes) -> list[bytes]:
     """Returns the bytes of names and text cells."""
     if len(dbf) < 32:
         return []

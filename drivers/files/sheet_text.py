@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topdress.drivers.files.limits import CELLS, MB, BeyondLimits, held_to
+from topdress.drivers.files.limits import CELLS, MB, BeyondLimits, check_limit
 
 if TYPE_CHECKING:
     from python_calamine import CalamineSheet
@@ -25,14 +25,14 @@ from topdress.drivers.files.limits import DAMAGED_ZIP
 
 # Bytes that are unpacked at a time. A workbook is streamed before its reader (calamine) makes all
 # cells between the first and the last, empty ones too, and ends the whole program where it cannot.
-CHUNK = 4 * MB
+CHUNK_BYTES = 4 * MB
 # Reference of a cell; `(?<=...)` stands behind the literal, so that the search runs at the speed of
 # memory where there is none.
-_COLUMN = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
+_COLUMN_REFERENCE = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
 # Number of a row.
-_ROW = re.compile(rb'row[^>]{0,200}?\sr="(\d{1,9})"')
+_ROW_REFERENCE = re.compile(rb'row[^>]{0,200}?\sr="(\d{1,9})"')
 # Cell with a row number of six digits or more.
-_FAR_DOWN = re.compile(rb'r="(?<=\sr=")[A-Z]{1,9}(\d{6,12})"')
+_FAR_ROW_REFERENCE = re.compile(rb'r="(?<=\sr=")[A-Z]{1,9}(\d{6,12})"')
 
 
 def check_sheets(path: Path) -> None:
@@ -51,29 +51,29 @@ def check_sheets(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         for info in archive.infolist():
             label = f"{path}: {info.filename}"
-            chunks = _unpacked(archive, info, label)
+            chunks = _iter_unpacked(archive, info, label)
             if path.suffix.lower() == ".ods":
-                spans = _of_document(chunks) if info.filename == "content.xml" else iter(())
+                spans = _count_ods_cells(chunks) if info.filename == "content.xml" else iter(())
             elif path.suffix.lower() == ".xlsb" and info.filename.lower().endswith(".bin"):
                 # in .xlsx such a file holds a printer's settings
-                spans = _of_records(chunks)
+                spans = _count_xlsb_cells(chunks)
             else:
-                spans = _of_markup(chunks)
+                spans = _count_xlsx_cells(chunks)
             for cells in spans:
-                held_to(CELLS, cells, label)
+                check_limit(CELLS, cells, label)
             for _ in chunks:
                 # to its end: what the directory says is held against what is there
                 pass
 
 
-def cells_of(sheet: CalamineSheet, label: str) -> list[list[Any]]:
+def read_sheet_cells(sheet: CalamineSheet, label: str) -> list[list[Any]]:
     """Returns all cells from the first row and column on. Raises BeyondLimits where there are
     too many."""
-    held_to(CELLS, sheet.total_height * sheet.total_width, label)
+    check_limit(CELLS, sheet.total_height * sheet.total_width, label)
     return sheet.to_python(skip_empty_area=False)
 
 
-def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> Iterator[bytes]:
+def _iter_unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> Iterator[bytes]:
     """Yields an entry's bytes. Raises BeyondLimits where they are more than the directory says:
     calamine takes all there are."""
     stated = info.file_size
@@ -81,7 +81,7 @@ def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> It
     longer.file_size += 1
     found = 0
     with archive.open(longer) as entry:
-        for chunk in iter(lambda: entry.read(CHUNK), b""):
+        for chunk in iter(lambda: entry.read(CHUNK_BYTES), b""):
             found += len(chunk)
             if found > stated:
                 raise BeyondLimits(
@@ -92,7 +92,7 @@ def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> It
             yield chunk
 
 
-def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
+def _count_xlsx_cells(chunks: Iterator[bytes]) -> Iterator[int]:
     """Yields the cells so far of a sheet of .xlsx, whatever its name, and of its strings, a
     little more than there are: rows times columns by the references of rows and cells; where
     cells have none, by the longest row."""
@@ -101,42 +101,42 @@ def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
     rest = b""
     for chunk in chunks:
         text = rest + chunk
-        references = _COLUMN.findall(text)
+        references = _COLUMN_REFERENCE.findall(text)
         columns.update(references)
-        stated = [*_ROW.findall(text), *_FAR_DOWN.findall(text)]
+        stated = [*_ROW_REFERENCE.findall(text), *_FAR_ROW_REFERENCE.findall(text)]
         last_row = max(last_row, max(map(int, stated), default=0))
-        here = _tags(text, b"c")
+        here = _count_tags(text, b"c")
         if here > len(references):  # some name no column
             first, *others = text.replace(b":row", b"<row").split(b"<row")
-            in_row += _tags(first, b"c")
+            in_row += _count_tags(first, b"c")
             for row in others:
-                widest, in_row = max(widest, in_row), _tags(row, b"c")
+                widest, in_row = max(widest, in_row), _count_tags(row, b"c")
             widest = max(widest, in_row)
         cells, rows, strings = (
             cells + here,
-            rows + _tags(text, b"row"),
-            strings + _tags(text, b"si"),
+            rows + _count_tags(text, b"row"),
+            strings + _count_tags(text, b"si"),
         )
-        width = max(widest, max((_number(name) for name in columns), default=0))
+        width = max(widest, max((_parse_column_letters(name) for name in columns), default=0))
         yield max(cells, strings, max(last_row, rows) * width)
         # A reference may lie across two chunks.
         rest = text[-300:]
 
 
-def _tags(text: bytes, name: bytes) -> int:
+def _count_tags(text: bytes, name: bytes) -> int:
     """Returns the number of elements whose name begins so, with a prefix or without."""
     return text.count(b"<" + name) + text.count(b":" + name)
 
 
 # Returns the number of a column's letters: A is 1, AA 27.
-def _number(column: bytes) -> int:
+def _parse_column_letters(column: bytes) -> int:
     number = 0
     for letter in column:
         number = number * 26 + letter - 64
     return number
 
 
-def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
+def _count_ods_cells(chunks: Iterator[bytes]) -> Iterator[int]:
     """Yields the cells so far of .ods: a row and a cell may stand for many; empty ones at the
     end do not count."""
     total = in_row = filled = repeated = 0
@@ -145,9 +145,9 @@ def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
         nonlocal in_row, filled, repeated
         kind = name.rpartition(":")[2]
         if kind == "table-row":
-            in_row, filled, repeated = 0, 0, _times(attributes, "rows")
+            in_row, filled, repeated = 0, 0, _read_repeats(attributes, "rows")
         elif kind in ("table-cell", "covered-table-cell"):
-            in_row += _times(attributes, "columns")
+            in_row += _read_repeats(attributes, "columns")
             filled = (
                 in_row if any("value" in key or "formula" in key for key in attributes) else filled
             )
@@ -169,21 +169,21 @@ def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
         yield total
 
 
-def _times(attributes: dict[str, str], what: str) -> int:
+def _read_repeats(attributes: dict[str, str], what: str) -> int:
     text = next(
         (value for key, value in attributes.items() if key.endswith(f"number-{what}-repeated")), "1"
     )
     return int(text) if text.isdecimal() and len(text) < 10 else 1
 
 
-def _of_records(chunks: Iterator[bytes]) -> Iterator[int]:
+def _count_xlsb_cells(chunks: Iterator[bytes]) -> Iterator[int]:
     """Yields the cells so far of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a row with
     its number, 1 to 11 are cells."""
     last_row = last_column = -1
     rest = b""
     for chunk in chunks:
         data, at = rest + chunk, 0
-        while (record := _record(data, at)) is not None:
+        while (record := _find_record(data, at)) is not None:
             kind, begin, at = record
             if kind == 0 and at - begin >= 4:
                 last_row = max(last_row, int.from_bytes(data[begin : begin + 4], "little"))
@@ -193,14 +193,14 @@ def _of_records(chunks: Iterator[bytes]) -> Iterator[int]:
         yield (last_row + 1) * (last_column + 1)
 
 
-def _record(data: bytes, at: int) -> tuple[int, int, int] | None:
+def _find_record(data: bytes, at: int) -> tuple[int, int, int] | None:
     """Returns kind, begin and end of a record's content; None where it is not complete."""
-    kind, at = _varying(data, at, 2)
-    size, begin = _varying(data, at, 4)
+    kind, at = _read_varint(data, at, 2)
+    size, begin = _read_varint(data, at, 4)
     return (kind, begin, begin + size) if 0 <= begin and begin + size <= len(data) else None
 
 
-def _varying(data: bytes, at: int, most: int) -> tuple[int, int]:
+def _read_varint(data: bytes, at: int, most: int) -> tuple[int, int]:
     """Returns a number of seven bits a byte, and where it ends; -1 where it is not complete."""
     number = 0
     for k in range(most):
@@ -213,10 +213,10 @@ def _varying(data: bytes, at: int, most: int) -> tuple[int, int]:
 
 
 # Suffixes of workbooks.
-SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
+WORKBOOK_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
-def sheets_of(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]:
+def read_sheets(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]:
     """Returns the rows of each sheet, or of the sheet of this name. Raises TableError, OSError."""
     from python_calamine import CalamineError, CalamineWorkbook
 
@@ -228,18 +228,18 @@ def sheets_of(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]
                     path, f"source.sheet {only}: allowed {format_list(book.sheet_names)}"
                 )
             return {
-                name: cells_of(book.get_sheet_by_name(name), f"sheet {name}")
+                name: read_sheet_cells(book.get_sheet_by_name(name), f"sheet {name}")
                 for name in ([only] if only else book.sheet_names)
             }
     except (CalamineError, BeyondLimits, *DAMAGED_ZIP) as error:
         raise TableError(path, f"not readable as a workbook: {error}") from None
 
 
-def sheet_text(path: Path) -> bytes:
+def read_sheet_text(path: Path) -> bytes:
     """Returns the sheet with a table as CSV, dates as ISO 8601. Raises TableError, OSError."""
     filled = {
         name: rows
-        for name, rows in sheets_of(path).items()
+        for name, rows in read_sheets(path).items()
         if any(cell != "" for row in rows for cell in row)
     }
     if len(filled) != 1:
@@ -252,13 +252,13 @@ def sheet_text(path: Path) -> bytes:
     [rows] = filled.values()
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(
-        [cell_text(cell) for cell in row] for row in rows
+        [format_cell(cell) for cell in row] for row in rows
     )
     return text.getvalue().encode()
 
 
 # Returns a cell as text, dates as ISO 8601.
-def cell_text(value: Any) -> str:
+def format_cell(value: Any) -> str:
     if isinstance(value, bool):
         return str(int(value))
     if isinstance(value, float):

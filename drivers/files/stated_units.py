@@ -20,23 +20,23 @@ from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.units import find_named_unit, is_rate_unit
 from topdress.drivers.files.imports.words import SHAPEFILE_NAME_LENGTH, fold_column_name
 from topdress.drivers.files.limits import SIDE
-from topdress.drivers.files.xml_text import XmlError, local, xml_root
+from topdress.drivers.files.xml_text import XmlError, find_local_name, parse_xml_root
 from topdress.drivers.plain_text import RefusedInput
 
 # Stands for the rate, whichever column that is.
-ANY = ""
+ANY_COLUMN = ""
 # Endings behind the stem of files with metadata.
-SIDES = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")
+SIDE_ENDINGS = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")
 # Levels below the element that names a column in which its unit may be: Esri's
 # attr/attrdomv/rdom/attrunit.
-LEVELS = 3
+MAX_UNIT_DEPTH = 3
 # Words for unit in the languages of makers.
 UNIT_WORDS = frozenset(
     """unit units uom einheit einheiten masseinheit mengeneinheit unite unites unidad unidades unita
     eenheid eenheden jednostka 单位 单位名称 计量单位 единица""".split()
 )
 # A line such as `unit: l/ha`.
-_SAID = re.compile(r"^\s*#?\s*(?P<key>[^:=]{1,40})[:=]\s*(?P<unit>\S.{0,30}?)\s*$")
+_UNIT_LINE = re.compile(r"^\s*#?\s*(?P<key>[^:=]{1,40})[:=]\s*(?P<unit>\S.{0,30}?)\s*$")
 
 
 class StatedUnit(NamedTuple):
@@ -51,7 +51,7 @@ class StatedUnit(NamedTuple):
 NO_UNITS: Mapping[str, StatedUnit] = {}
 
 
-class Stated(dict[str, StatedUnit]):
+class StatedUnits(dict[str, StatedUnit]):
     """Collects units by column in small letters, or ANY. Two that differ are kept together, as a
     text that is no known unit."""
 
@@ -60,18 +60,18 @@ class Stated(dict[str, StatedUnit]):
     ) -> None:
         """Adds a unit. sure: the table itself holds it, so that it belongs to the rate, known or
         not."""
-        if not text.strip() or (column == ANY and not sure and not is_rate_unit(text)):
+        if not text.strip() or (column == ANY_COLUMN and not sure and not is_rate_unit(text)):
             return
         before = self.get(column)
         if before is None:
             self[column] = StatedUnit(text.strip(), source, unit_column)
-        elif _known(before.text) != _known(text):
+        elif _find_known_name(before.text) != _find_known_name(text):
             self[column] = StatedUnit(f"{before.text}, {text.strip()}", source)
 
 
-def together(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
+def merge_units(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
     """Returns all units of several collections."""
-    found = Stated()
+    found = StatedUnits()
     for one in several:
         for column, unit in one.items():
             found.add(column, unit.text, unit.source, True, unit.unit_column)
@@ -79,24 +79,27 @@ def together(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
 
 
 # Returns a unit's name, or the text where it is not known.
-def _known(text: str) -> str:
+def _find_known_name(text: str) -> str:
     found = find_named_unit(text)
     return text.strip() if found is None else found.name
 
 
-def names_unit(key: str) -> bool:
+def is_unit_name(key: str) -> bool:
     """Tells whether a key, tag or column announces a unit."""
     plain = fold_column_name(key)
     return bool(UNIT_WORDS & set(plain.split("_"))) or plain.endswith(("unit", "units", "_uom"))
 
 
-def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, StatedUnit]:
-    """Returns units from the files that programs put next to `name`. Raises Refused, OSError."""
+def read_side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, StatedUnit]:
+    """Returns units from the files that programs put next to `name`.
+    Raises RefusedInput, OSError."""
     plain = name.casefold()
     stem = plain.removesuffix(PurePosixPath(plain).suffix)
     found: dict[str, StatedUnit] = {}
     for there in files.names:
-        if there.casefold() in {start + ending for start in (stem, plain) for ending in SIDES}:
+        if there.casefold() in {
+            start + ending for start in (stem, plain) for ending in SIDE_ENDINGS
+        }:
             data = files.read(there)
             if len(data) > SIDE.most:
                 raise RefusedInput(
@@ -105,26 +108,28 @@ def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, S
                     found=len(data),
                     most=SIDE.most,
                 )
-            found |= of_markup(data, columns, PurePosixPath(there).name)
+            found |= find_markup_units(data, columns, PurePosixPath(there).name)
     return found
 
 
-def of_markup(data: bytes | str, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
+def find_markup_units(
+    data: bytes | str, columns: Collection[str], source: str
+) -> dict[str, StatedUnit]:
     """Returns units in JSON or XML; none where it is neither."""
     text = data.encode() if isinstance(data, str) else data
     try:
         if text.lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"{", b"[")):
-            return of_json(json.loads(text.decode("utf-8-sig")), columns, source)
-        return of_element(xml_root(text, source), columns, source)
+            return find_json_units(json.loads(text.decode("utf-8-sig")), columns, source)
+        return find_element_units(parse_xml_root(text, source), columns, source)
     except (XmlError, ValueError, RecursionError):
         return {}
 
 
-def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
+def find_json_units(root: Any, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
     """Returns units by column: of a record that names a column, a key that does, or a list of
     units by column."""
-    found = Stated()
-    left: list[tuple[Any, str]] = [(root, ANY)]
+    found = StatedUnits()
+    left: list[tuple[Any, str]] = [(root, ANY_COLUMN)]
     while left:
         node, about = left.pop()
         if isinstance(node, list):
@@ -132,55 +137,59 @@ def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, State
         if not isinstance(node, Mapping):
             continue
         texts = [value for value in node.values() if isinstance(value, str)]
-        about = next(filter(None, (_column(text, columns) for text in texts)), about)
+        about = next(filter(None, (_find_column(text, columns) for text in texts)), about)
         for key, value in node.items():
-            if names_unit(key) and isinstance(value, str):
-                found.add(about, _with_slash(value), source)
-            elif names_unit(key) and isinstance(value, Mapping):
+            if is_unit_name(key) and isinstance(value, str):
+                found.add(about, _write_with_slash(value), source)
+            elif is_unit_name(key) and isinstance(value, Mapping):
                 for name, unit in value.items():
-                    if isinstance(unit, str) and (column := _column(name, columns)):
-                        found.add(column, _with_slash(unit), source)
+                    if isinstance(unit, str) and (column := _find_column(name, columns)):
+                        found.add(column, _write_with_slash(unit), source)
             else:
-                left.append((value, _column(key, columns) or about))
+                left.append((value, _find_column(key, columns) or about))
     return dict(found)
 
 
-def of_element(root: Element, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
+def find_element_units(
+    root: Element, columns: Collection[str], source: str
+) -> dict[str, StatedUnit]:
     """Returns units of elements that name a column, in an attribute or a child's text: in the
     element, or in another of its names."""
-    found = Stated()
+    found = StatedUnits()
     for element in root.iter():
         texts = [
             *element.attrib.values(),
             *(child.text for child in element if not len(child) and child.text),
         ]
-        column = next(filter(None, (_column(text, columns) for text in texts)), ANY)
+        column = next(filter(None, (_find_column(text, columns) for text in texts)), ANY_COLUMN)
         if column:
             for text in texts:
                 if (
                     (unit := split_unit_name(text)[1]) is not None
                     and is_rate_unit(unit)
-                    and not _column(text, columns)
+                    and not _find_column(text, columns)
                 ):
                     found.add(column, unit, source)
-        for inner in _below(element, LEVELS) if column else (element,):
-            if names_unit(local(inner)) or any(map(names_unit, inner.attrib.values())):
-                found.add(column, _with_slash(inner.text or ""), source)
+        for inner in _iter_below(element, MAX_UNIT_DEPTH) if column else (element,):
+            if is_unit_name(find_local_name(inner)) or any(
+                map(is_unit_name, inner.attrib.values())
+            ):
+                found.add(column, _write_with_slash(inner.text or ""), source)
             for key, value in inner.attrib.items():
-                if names_unit(key):
-                    found.add(column, _with_slash(value), source)
+                if is_unit_name(key):
+                    found.add(column, _write_with_slash(value), source)
     return dict(found)
 
 
-def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, StatedUnit]:
+def find_text_units(column: str, texts: Iterable[str], source: str) -> dict[str, StatedUnit]:
     """Returns units in lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY
     where they belong to no particular column."""
-    found = Stated()
+    found = StatedUnits()
     for text in texts:
-        said = _SAID.match(text)
+        said = _UNIT_LINE.match(text)
         unit = (
             said["unit"]
-            if said is not None and names_unit(said["key"])
+            if said is not None and is_unit_name(said["key"])
             else split_unit_name(text)[1]
         )
         if unit is not None and is_rate_unit(unit):
@@ -188,7 +197,7 @@ def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, Stated
     return dict(found)
 
 
-def _column(text: str, columns: Collection[str]) -> str:
+def _find_column(text: str, columns: Collection[str]) -> str:
     """Returns the column that a text names, in small letters, as cut by a shapefile; empty:
     none."""
     plain = text.strip().casefold()
@@ -207,13 +216,13 @@ def _column(text: str, columns: Collection[str]) -> str:
     )
 
 
-def _below(element: Element, levels: int) -> Iterator[Element]:
+def _iter_below(element: Element, levels: int) -> Iterator[Element]:
     yield element
     for child in element if levels else ():
-        yield from _below(child, levels - 1)
+        yield from _iter_below(child, levels - 1)
 
 
-def _with_slash(unit: str) -> str:
+def _write_with_slash(unit: str) -> str:
     """Returns `lb1ac-1` as lb/ac and `g1[m2]-1` as g/m2: John Deere writes them so."""
     found = re.fullmatch(r"([A-Za-z]+)1?\[?([A-Za-z]+\d?)\]?-1", unit.strip())
     return f"{found[1]}/{found[2]}" if found else unit.strip()

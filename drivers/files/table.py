@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
-from topdress.drivers.files.columns import Columns, is_text, texts_array
-from topdress.drivers.files.header_names import Renamed
+from topdress.drivers.files.columns import Columns, is_text_column, make_texts_array
+from topdress.drivers.files.header_names import RenamedHeader
 from topdress.drivers.files.imports.header import EMPTY_CELLS, is_unit_row, is_value_cell
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.numbers import parse_number, parse_number_cells
@@ -25,20 +25,20 @@ from topdress.drivers.files.imports.text import (
     read_cell_columns,
 )
 from topdress.drivers.files.limits import check_file
-from topdress.drivers.files.sheet_text import SUFFIXES, sheet_text
+from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES, read_sheet_text
 
-Rename = Callable[[tuple[str, ...]], Renamed]
+Rename = Callable[[tuple[str, ...]], RenamedHeader]
 
 # Signs that may separate columns.
 _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 # Cells that are tested before a column of unknown kind is taken for numbers as a whole.
-_LOOKED_AT = 1000
+_TYPE_SAMPLE_CELLS = 1000
 # Bytes in which a header is searched.
-HEAD = 1 << 20
+HEADER_BYTES = 1 << 20
 
 
-class NoHeader(TableError):
+class NoHeaderError(TableError):
     """The first line holds only numbers: the meaning of the columns is an open question."""
 
 
@@ -97,8 +97,8 @@ def read_table(
     ------
     TableError : it cannot be read.
     """
-    data, findings = _text(path, data=data)
-    layout = _layout(path, data, findings)
+    data, findings = _read_text(path, data=data)
+    layout = _find_layout(path, data, findings)
     data, cut = drop_cut_row(
         data, layout.body, layout.separator, len(layout.names), layout.names == own_header
     )
@@ -129,25 +129,27 @@ def read_table(
         )
         del data
         findings += odd
-        columns = columns_of(cells, numbers, texts, findings)
+        columns = convert_cells(cells, numbers, texts, findings)
     for name, factor in factors.items():
         if name in columns and columns[name].dtype != object:
             columns[name] = columns[name] * factor
     return Table(path, layout.names, columns, tuple(findings))
 
 
-def header_of(path: Path) -> tuple[str, ...]:
+def read_header(path: Path) -> tuple[str, ...]:
     """Returns the names in a table's header, as they stand; of a text only its begin is read.
     Raises TableError."""
-    data, findings = _text(path, HEAD)
-    return _layout(path, data, findings).names
+    data, findings = _read_text(path, HEADER_BYTES)
+    return _find_layout(path, data, findings).names
 
 
-def _text(path: Path, most: int = -1, data: bytes | None = None) -> tuple[bytes, list[Finding]]:
+def _read_text(
+    path: Path, most: int = -1, data: bytes | None = None
+) -> tuple[bytes, list[Finding]]:
     """Returns the text in UTF-8. most: bytes, cut at a line's end; -1: all. Raises TableError,
     BeyondLimits."""
     try:
-        data = _bytes(path, most) if data is None else data
+        data = _read_bytes(path, most) if data is None else data
     except FileNotFoundError:
         raise TableError(path, "no such file") from None
     except OSError as error:
@@ -156,21 +158,21 @@ def _text(path: Path, most: int = -1, data: bytes | None = None) -> tuple[bytes,
     return data, findings
 
 
-def _bytes(path: Path, most: int) -> bytes:
+def _read_bytes(path: Path, most: int) -> bytes:
     check_file(path)
-    if path.suffix.lower() in SUFFIXES:
-        return sheet_text(path)
+    if path.suffix.lower() in WORKBOOK_SUFFIXES:
+        return read_sheet_text(path)
     with path.open("rb") as file:
         data = file.read(most)
     return data[: data.rfind(b"\n") + 1] or data if len(data) == most else data
 
 
-def _layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
-    line, separator, lines, start = _header_line(path, data)
+def _find_layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
+    line, separator, lines, start = _find_header_line(path, data)
     if lines > 1:
         findings.append(Finding("preamble", f"{many(lines - 1, 'line')} before the header skipped"))
     separator = separator or max(_SEPARATORS, key=line.count)
-    names = _names(path, line, separator)
+    names = _parse_names(path, line, separator)
     if separator in _SEPARATOR_NAMES:
         findings.append(
             Finding(
@@ -178,7 +180,7 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
             )
         )
     body = min(start, len(data))
-    below = _below_units(data, body, separator)
+    below = _skip_unit_row(data, body, separator)
     if below is not None:
         findings.append(
             Finding("unit_row", "a row of units below the header was passed over", rows=1)
@@ -194,7 +196,7 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
     return _TableLayout(names, separator, comma, lines, body)
 
 
-def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
+def _find_header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
     """Returns the header line, the separator that a line before it names ("": none), its number,
     and the byte behind it."""
     start = lines = 0
@@ -207,52 +209,56 @@ def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
         before, start = start, end + 1
         if line.lower().startswith("sep=") and len(line) == 5 and line[4] in _SEPARATORS:
             separator = line[4]
-        elif line.strip(" ,;\t|") and not line.startswith("#") and not _is_title(line, data, start):
+        elif (
+            line.strip(" ,;\t|")
+            and not line.startswith("#")
+            and not _is_title_line(line, data, start)
+        ):
             return line, separator, lines, start
         elif before >= len(data):
             raise TableError(path, "no header row: the file holds comments only")
 
 
-def _is_title(line: str, data: bytes, start: int) -> bool:
+def _is_title_line(line: str, data: bytes, start: int) -> bool:
     """Tells whether a line of words is a title above a header: a single cell above rows of
     several, or words above words above numbers."""
-    if any(is_value_cell(cell) for cell in _cells(line)):
+    if any(is_value_cell(cell) for cell in _split_cells(line)):
         return False
     below = [
         row
         for row in data[start : start + 8000].decode(errors="replace").splitlines()[:8]
         if row.strip(" ,;\t|")
     ]
-    rows = [cells for row in below if not is_unit_row(cells := _cells(row))]
+    rows = [cells for row in below if not is_unit_row(cells := _split_cells(row))]
     if len(rows) < 2 or len(rows[0]) < 2 or any(is_value_cell(cell) for cell in rows[0]):
         return (
-            len(_cells(line)) == 1
+            len(_split_cells(line)) == 1
             and len(rows) > 2
-            and _is_title(below[0], data, start + len(below[0]))
+            and _is_title_line(below[0], data, start + len(below[0]))
         )
     return any(is_value_cell(cell) for cell in rows[1])
 
 
-def _cells(line: str) -> list[str]:
+def _split_cells(line: str) -> list[str]:
     """Returns the filled cells by the sign that separates most."""
     sign = max(_SEPARATORS, key=line.count)
     return [cell.strip() for cell in line.split(sign) if cell.strip()]
 
 
-def _below_units(data: bytes, body: int, separator: str) -> int | None:
+def _skip_unit_row(data: bytes, body: int, separator: str) -> int | None:
     """Returns the byte behind a row of units at `body`; None: there is none."""
     end = data.find(b"\n", body)
     cells = data[body:end].decode(errors="replace").strip("\r").split(separator)
     return end + 1 if end > body and len(cells) > 1 and is_unit_row(cells) else None
 
 
-def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
+def _parse_names(path: Path, line: str, separator: str) -> tuple[str, ...]:
     try:
         names = tuple(name.strip() for name in next(csv.reader([line], delimiter=separator)))
     except csv.Error as error:
         raise TableError(path, f"no header row: {error}") from None
     if all(is_value_cell(name) or name.lower() in EMPTY_CELLS for name in names):
-        raise NoHeader(
+        raise NoHeaderError(
             path,
             f"no header row: the first line is {line[:40].strip()}; the first line must name the "
             "columns",
@@ -278,7 +284,7 @@ def _has_decimal_comma(sample: bytes, separator: str) -> bool:
     return bool(with_comma) and all(map(is_value_cell, with_comma))
 
 
-def columns_of(
+def convert_cells(
     cells: dict[str, CellColumn],
     numbers: Collection[str],
     texts: Collection[str],
@@ -290,7 +296,7 @@ def columns_of(
     for name in list(cells):
         column = cells.pop(name)
         if not isinstance(column, NumberCells):
-            column = _typed(name, column, numbers, texts)
+            column = _convert_column(name, column, numbers, texts)
         if not isinstance(column, NumberCells):
             columns[name] = column
             continue
@@ -308,15 +314,17 @@ def columns_of(
     return columns
 
 
-def _typed(
+def _convert_column(
     name: str, column: NDArray[Any], numbers: Collection[str], texts: Collection[str]
 ) -> CellColumn:
     """Returns numbers where the column must have them, or where all its cells are numbers."""
-    if not is_text(column):
+    if not is_text_column(column):
         return NumberCells(column.astype(np.float64))
     cells = column.tolist()
-    if name not in texts and (name in numbers or None not in map(parse_number, cells[:_LOOKED_AT])):
+    if name not in texts and (
+        name in numbers or None not in map(parse_number, cells[:_TYPE_SAMPLE_CELLS])
+    ):
         found = parse_number_cells(cells)
         if name in numbers or not found.bad:
             return NumberCells(found.values, found.bad, found.cell)
-    return texts_array(cells)
+    return make_texts_array(cells)

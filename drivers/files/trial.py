@@ -15,7 +15,7 @@ from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
 from topdress.control.machine.elements import Array
 from topdress.control.machine.machine import Machine
 from topdress.control.papers.trial import Plot, Trial
-from topdress.drivers.files.any_log import open_log
+from topdress.drivers.files.any_log import open_any_log
 from topdress.drivers.files.exports.as_applied import build_as_applied, find_outlet_way
 from topdress.drivers.files.fields.shapes import read_named_shapes
 from topdress.drivers.files.outlines import check_outlines
@@ -24,16 +24,16 @@ from topdress.drivers.files.table import read_table
 from topdress.drivers.plain_text import OneLineError
 
 # Length of the stretches that count to a plot by their middle, s: 0.25 m at 4.5 km/h.
-FINE_S = 0.2
+FINE_STRETCH_S = 0.2
 # Columns of weights; kg, kg, m2.
-NUMBERS = ("applied_kg", "sample_kg", "sample_m2")
+WEIGHT_COLUMNS = ("applied_kg", "sample_kg", "sample_m2")
 
 
 class TrialError(OneLineError):
     """Plots, weights or a log are no trial; a line names file, row and what is allowed."""
 
 
-class Weights(NamedTuple):
+class PlotWeights(NamedTuple):
     """Holds what was weighed on a plot. `treatment`: "" where no column has it."""
 
     treatment: str
@@ -41,9 +41,9 @@ class Weights(NamedTuple):
     samples_kg_ha: tuple[float, ...]
 
 
-def read_plots(path: Path) -> dict[str, Any]:
+def read_trial_plots(path: Path) -> dict[str, Any]:
     """Returns plots, name -> polygon in longitude and latitude, from any format of a field.
-    Raises TrialError, Refused, OSError."""
+    Raises TrialError, RefusedInput, OSError."""
     found: dict[str, Any] = {}
     for name, shape in read_named_shapes(path):
         parts = [
@@ -72,21 +72,21 @@ def read_plots(path: Path) -> dict[str, Any]:
     return found
 
 
-def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, Weights]:
+def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, PlotWeights]:
     """Returns the weights of each plot. Rows have `plot`, and applied_kg (hopper before less
     after), or sample_kg of sample_m2 harvested; `treatment` if need be. Amounts of a plot add
     up, samples are replicates. Raises TrialError, TableError."""
-    table = read_table(path, numbers=NUMBERS, texts=("plot", "treatment"))
+    table = read_table(path, numbers=WEIGHT_COLUMNS, texts=("plot", "treatment"))
     if "plot" not in table.columns:
         raise TrialError(
-            f"{path}: column plot missing: allowed are plot, treatment, {', '.join(NUMBERS)}"
+            f"{path}: column plot missing: allowed are plot, treatment, {', '.join(WEIGHT_COLUMNS)}"
         )
-    if not any(name in table.columns for name in NUMBERS[:2]):
+    if not any(name in table.columns for name in WEIGHT_COLUMNS[:2]):
         raise TrialError(
             f"{path}: neither applied_kg nor sample_kg: allowed is what was spread, or "
             "harvested, by plot"
         )
-    found: dict[str, Weights] = {}
+    found: dict[str, PlotWeights] = {}
     for row in range(table.rows):
         cells = {name: column[row] for name, column in table.columns.items()}
         name = str(cells["plot"]).strip()
@@ -94,15 +94,15 @@ def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, Weights]:
             raise TrialError(
                 f"{path}: row {row + 1}: plot {name!r}: allowed is one of {', '.join(plots)}"
             )
-        found[name] = _with_row(
-            found.get(name, Weights("", None, ())), cells, f"{path}: row {row + 1}"
+        found[name] = _add_weight_row(
+            found.get(name, PlotWeights("", None, ())), cells, f"{path}: row {row + 1}"
         )
     return found
 
 
-def _with_row(before: Weights, cells: Mapping[str, Any], where: str) -> Weights:
+def _add_weight_row(before: PlotWeights, cells: Mapping[str, Any], where: str) -> PlotWeights:
     """Returns a plot's weights with another row. Raises TrialError."""
-    applied, sample, area = (float(cells.get(key, np.nan)) for key in NUMBERS)
+    applied, sample, area = (float(cells.get(key, np.nan)) for key in WEIGHT_COLUMNS)
     for key, value, least in (
         ("applied_kg", applied, 0.0),
         ("sample_kg", sample, 0.0),
@@ -117,7 +117,7 @@ def _with_row(before: Weights, cells: Mapping[str, Any], where: str) -> Weights:
         raise TrialError(
             f"{where}: treatment {treatment!r}: allowed is {before.treatment!r}, as above"
         )
-    return Weights(
+    return PlotWeights(
         before.treatment or treatment,
         before.applied_kg if np.isnan(applied) else (before.applied_kg or 0.0) + applied,
         before.samples_kg_ha
@@ -148,33 +148,35 @@ def read_trial(
     TrialError : plots, weights or log do not fit.
     ExportError : the log cannot be exported.
     TableError : a table cannot be read.
-    Refused : the plots cannot be read.
+    RefusedInput : the plots cannot be read.
     OSError : a file cannot be opened.
     """
-    outlines = read_plots(plots)
+    outlines = read_trial_plots(plots)
     weighed = {} if weights is None else read_weights(weights, outlines)
-    run = open_log(log)
-    applied = build_as_applied(run, machine, every_s=FINE_S)
-    readings, hz = _readings(run, applied.machine)
+    run = open_any_log(log)
+    applied = build_as_applied(run, machine, every_s=FINE_STRETCH_S)
+    readings, hz = _find_head_readings(run, applied.machine)
     later = None
     if after is not None:
-        seen = open_log(after)
+        seen = open_any_log(after)
         own = None if seen.meta is None else seen.meta.machine
-        later, _ = _readings(seen, applied.machine if own is None else Machine.model_validate(own))
+        later, _ = _find_head_readings(
+            seen, applied.machine if own is None else Machine.model_validate(own)
+        )
     s = applied.stretches
     at = np.column_stack((s.lon_deg, s.lat_deg))
     found = []
     for name, outline in outlines.items():
         shapely.prepare(outline)
         inside = shapely.contains_xy(outline, at[:, 0], at[:, 1])
-        there = weighed.get(name, Weights("", None, ()))
+        there = weighed.get(name, PlotWeights("", None, ()))
         found.append(
             Plot(
                 name,
                 there.treatment or name.rpartition("-")[0] or name,
-                _area_m2(outline),
-                readings.within(outline),
-                np.zeros(0) if later is None else later.within(outline),
+                _calc_area_m2(outline),
+                readings.select_within(outline),
+                np.zeros(0) if later is None else later.select_within(outline),
                 float(s.target_kg[inside].sum()) if inside.any() else None,
                 float(s.applied_kg[inside].sum()) if inside.any() else None,
                 there.applied_kg,
@@ -192,7 +194,7 @@ def read_trial(
     return Trial(tuple(found), hz, share, grain_n)
 
 
-class _Readings(NamedTuple):
+class _HeadReadings(NamedTuple):
     """Holds the fused heads' readings where they looked: values (n,), places (n, 2) longitude
     and latitude."""
 
@@ -200,11 +202,11 @@ class _Readings(NamedTuple):
     at: Array
 
     # Returns the values within an outline (k,).
-    def within(self, outline: Any) -> Array:
+    def select_within(self, outline: Any) -> Array:
         return np.asarray(self.values[shapely.contains_xy(outline, self.at[:, 0], self.at[:, 1])])
 
 
-def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
+def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, float]:
     """Returns each new reading of the heads once, their mean, at the place that they look at;
     and how often they come, 1/s. Raises TrialError."""
     columns = [name for names in (HEAD_COLUMNS, NDRE_COLUMNS) for name in names if log.has(name)]
@@ -225,11 +227,11 @@ def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
         raise TrialError(f"{log.path}: fewer than two canopy readings: allowed are more")
     hz = 1.0 / float(np.median(np.diff(log.time_s[new])))
     at = np.array([plane.convert_to_deg(east, north)[::-1] for east, north in places[new].tolist()])
-    return _Readings(np.nanmean(heads[new], axis=1), at), hz
+    return _HeadReadings(np.nanmean(heads[new], axis=1), at), hz
 
 
 # Returns an outline's area, m2.
-def _area_m2(outline: Any) -> float:
+def _calc_area_m2(outline: Any) -> float:
     middle = outline.centroid
     plane = TangentPlane(float(middle.y), float(middle.x))
     return float(

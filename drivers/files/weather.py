@@ -21,7 +21,7 @@ from topdress.drivers.files.limits import CONFIG
 from topdress.drivers.plain_text import OneLineError
 
 # Range of air temperatures on earth, degC (WMO records: -89.2 and 56.7).
-COLDEST_C, HOTTEST_C = -90.0, 60.0
+MIN_TEMP_C, MAX_TEMP_C = -90.0, 60.0
 
 
 class WeatherError(OneLineError):
@@ -51,7 +51,7 @@ def read_weather(path: Path) -> Weather:
     if not lines:
         raise WeatherError(f"{path}: is empty; columns date and mean_temp_c are needed")
     header = [name.strip().lower() for name in lines[0]]
-    wanted = _temperature_columns(path, header)
+    wanted = _find_temperature_columns(path, header)
     dates: list[dt.date] = []
     temps: list[float] = []
     for number, cells in enumerate(lines[1:], start=2):
@@ -60,8 +60,8 @@ def read_weather(path: Path) -> Weather:
         where = f"{path}: row {number}"
         if len(cells) < len(header):
             raise WeatherError(f"{where}: {len(cells)} cells, the header has {len(header)}")
-        dates.append(_date(where, cells[header.index("date")]))
-        values = [_temperature(where, name, cells[header.index(name)]) for name in wanted]
+        dates.append(_parse_date(where, cells[header.index("date")]))
+        values = [_parse_temperature(where, name, cells[header.index(name)]) for name in wanted]
         if len(values) == 2 and values[0] > values[1]:
             raise WeatherError(
                 f"{where}: min_temp_c {values[0]:g} is above max_temp_c {values[1]:g}"
@@ -72,7 +72,7 @@ def read_weather(path: Path) -> Weather:
     return Weather(np.array(dates, dtype="datetime64[D]"), np.array(temps, dtype=np.float64))
 
 
-def growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
+def count_growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
     """Returns D of paper A, eq 4, for a crop: as written in its file, or counted by its own day
     rule: from its weather file, or every day since sowing.
 
@@ -116,7 +116,7 @@ def growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
         raise WeatherError(f"{path}: {error}") from error
 
 
-def _temperature_columns(path: Path, header: list[str]) -> list[str]:
+def _find_temperature_columns(path: Path, header: list[str]) -> list[str]:
     if "date" not in header:
         raise WeatherError(f"{path}: no column date; found {', '.join(header)}")
     if "mean_temp_c" in header:
@@ -128,7 +128,7 @@ def _temperature_columns(path: Path, header: list[str]) -> list[str]:
     )
 
 
-def _date(where: str, text: str) -> dt.date:
+def _parse_date(where: str, text: str) -> dt.date:
     try:
         return dt.date.fromisoformat(text.strip())
     except ValueError:
@@ -137,16 +137,16 @@ def _date(where: str, text: str) -> dt.date:
         ) from None
 
 
-def _temperature(where: str, name: str, text: str) -> float:
+def _parse_temperature(where: str, name: str, text: str) -> float:
     if not text.strip():
         return math.nan
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not COLDEST_C <= value <= HOTTEST_C:
+    if not MIN_TEMP_C <= value <= MAX_TEMP_C:
         raise WeatherError(
-            f"{where}: {name} {text.strip()!r}: allowed is {COLDEST_C:g} to {HOTTEST_C:g} degC, "
+            f"{where}: {name} {text.strip()!r}: allowed is {MIN_TEMP_C:g} to {MAX_TEMP_C:g} degC, "
             "or nothing"
         )
     return value

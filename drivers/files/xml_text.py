@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from topdress.drivers.files.limits import TAGS, held_to
+from topdress.drivers.files.limits import TAGS, check_limit
 from topdress.drivers.plain_text import OneLineError, PlaceInFile
 
 
@@ -17,7 +17,7 @@ class XmlError(OneLineError):
 
 
 @dataclass
-class Total:
+class XmlTotal:
     """Counts bytes and tags of several files that are joined to one. label: of the file that
     names them."""
 
@@ -26,13 +26,15 @@ class Total:
     tags: int = 0
 
 
-def xml_root(data: bytes, label: PlaceInFile | Path | str, total: Total | None = None) -> Element:
+def parse_xml_root(
+    data: bytes, label: PlaceInFile | Path | str, total: XmlTotal | None = None
+) -> Element:
     """Returns the root of all elements. total: of the files that this file is joined to. Raises
     XmlError, BeyondLimits."""
     plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data  # UTF-16
-    total = total or Total(label)
+    total = total or XmlTotal(label)
     total.tags += plain.count(b"<")
-    held_to(TAGS, total.tags, label)
+    check_limit(TAGS, total.tags, label)
     # A few bytes of entities can stand for any number of bytes.
     if b"<!ENTITY" in plain:
         raise XmlError("entities of its own: allowed is XML without them")
@@ -43,6 +45,6 @@ def xml_root(data: bytes, label: PlaceInFile | Path | str, total: Total | None =
         raise XmlError(str(error)) from None
 
 
-def local(element: Element) -> str:
+def find_local_name(element: Element) -> str:
     """Returns an element's name without its namespace."""
     return str(element.tag).rpartition("}")[2]

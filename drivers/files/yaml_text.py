@@ -21,12 +21,12 @@ MAX_DEPTH = 40
 
 
 # Begin of the tags of plain data.
-_PLAIN = "tag:yaml.org,2002:"
-_KEY_TAGS = frozenset(_PLAIN + name for name in ("str", "int", "float", "bool", "merge"))
-_TAGS = _KEY_TAGS | {_PLAIN + name for name in ("null", "seq", "map")}
+_TAG_PREFIX = "tag:yaml.org,2002:"
+_KEY_TAGS = frozenset(_TAG_PREFIX + name for name in ("str", "int", "float", "bool", "merge"))
+_TAGS = _KEY_TAGS | {_TAG_PREFIX + name for name in ("null", "seq", "map")}
 
 
-class YamlProblem(OneLineError):
+class YamlError(OneLineError):
     """The text is no YAML as read here; a line names the line of the file."""
 
 
@@ -39,7 +39,7 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         self.nodes += 1
         if self.nodes > NODES.most:
-            raise YamlProblem(f"line {self.line + 1}: nested too deeply or too large")
+            raise YamlError(f"line {self.line + 1}: nested too deeply or too large")
         return super().compose_node(parent, index)
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
@@ -61,61 +61,61 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456
 _Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<$"), ["<"])
 
 
-def _decimal_int(loader: _Loader, node: yaml.ScalarNode) -> int:
+def _construct_decimal(loader: _Loader, node: yaml.ScalarNode) -> int:
     return int(str(loader.construct_scalar(node)))
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _decimal_int)
+_Loader.add_constructor("tag:yaml.org,2002:int", _construct_decimal)
 
 
 def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
     """Returns the data, and for every path of keys and indexes the line (from 1) where it
-    stands. Raises YamlProblem: syntax, duplicate keys, other tags than plain data, too many or
+    stands. Raises YamlError: syntax, duplicate keys, other tags than plain data, too many or
     too deep nodes."""
     try:
         loader = _Loader(text)
     except yaml.reader.ReaderError as error:
-        raise YamlProblem(f"character {error.position + 1}: not allowed in YAML") from None
+        raise YamlError(f"character {error.position + 1}: not allowed in YAML") from None
     try:
         node = loader.get_single_node()
         if node is None:
             return None, {}
         lines: dict[KeyPath, int] = {}
-        _visit(node, (), lines, 0)
+        _record_lines(node, (), lines, 0)
         return loader.construct_document(node), lines
     except yaml.MarkedYAMLError as error:
-        raise YamlProblem(_one_line(error)) from None
+        raise YamlError(_format_yaml_error(error)) from None
     except (ValueError, OverflowError, RecursionError) as error:
-        if isinstance(error, YamlProblem):
+        if isinstance(error, YamlError):
             raise
-        raise YamlProblem(f"not YAML: {error}") from None
+        raise YamlError(f"not YAML: {error}") from None
     finally:
         loader.dispose()
 
 
-def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int) -> int:
+def _record_lines(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int) -> int:
     """Records lines and refuses duplicates and bombs; returns the number of nodes seen so far."""
     count += 1
     if node.tag not in _TAGS:
-        raise YamlProblem(
+        raise YamlError(
             f"line {node.start_mark.line + 1}: not YAML as read here: tag {node.tag}: "
             "allowed is plain data without tags"
         )
     if count > NODES.most or len(path) > MAX_DEPTH:
-        raise YamlProblem(f"line {node.start_mark.line + 1}: nested too deeply or too large")
+        raise YamlError(f"line {node.start_mark.line + 1}: nested too deeply or too large")
     lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
-            count = _visit(child, (*path, index), lines, count)
+            count = _record_lines(child, (*path, index), lines, count)
     elif isinstance(node, yaml.MappingNode):
         seen: dict[str, int] = {}
         for key, child in node.value:
             line = key.start_mark.line + 1
             if not isinstance(key, yaml.ScalarNode) or key.tag not in _KEY_TAGS or not key.value:
-                raise YamlProblem(f"line {line}: a key must be a name")
+                raise YamlError(f"line {line}: a key must be a name")
             if key.value in seen:
                 where = ".".join(str(p) for p in (*path, key.value))
-                raise YamlProblem(
+                raise YamlError(
                     f"key {where}: stands twice, in lines {seen[key.value]} and {line}: "
                     "allowed once"
                 )
@@ -123,12 +123,12 @@ def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int
             inside = path if key.tag == "tag:yaml.org,2002:merge" else (*path, key.value)
             if inside != path:
                 lines[inside] = line
-            count = _visit(child, inside, lines, count)
+            count = _record_lines(child, inside, lines, count)
     return count
 
 
 # Returns PyYAML's error as a line.
-def _one_line(error: yaml.MarkedYAMLError) -> str:
+def _format_yaml_error(error: yaml.MarkedYAMLError) -> str:
     mark = error.problem_mark or error.context_mark
     line = f"line {mark.line + 1}: " if mark is not None else ""
     problem = " ".join(str(error.problem or error.context or "").split())

@@ -16,7 +16,7 @@ from topdress.control.agronomy.strips import StripValue
 from topdress.control.agronomy.yield_potential import YIELD_SETS, YieldPotential
 from topdress.control.field.job import Job, make_rule
 from topdress.drivers.files.config_error import ConfigError
-from topdress.drivers.files.farm_lines import COLUMNS
+from topdress.drivers.files.farm_lines import RECORD_COLUMNS
 from topdress.drivers.files.setup import Setup, load_setup
 
 from tests.command import topdress
@@ -380,8 +380,8 @@ def test_what_is_credited_and_what_was_given_comes_off():
 def written(folder: Path, rows: list[dict[str, str]], **nitrogen: object) -> Path:
     if rows:
         lines = [
-            ",".join(COLUMNS),
-            *(",".join(row.get(name, "") for name in COLUMNS) for row in rows),
+            ",".join(RECORD_COLUMNS),
+            *(",".join(row.get(name, "") for name in RECORD_COLUMNS) for row in rows),
         ]
         (folder / "farm.csv").write_text("\n".join(lines) + "\n")
         nitrogen = {"record": "farm.csv", **nitrogen}

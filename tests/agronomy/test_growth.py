@@ -16,10 +16,10 @@ from topdress.control.agronomy.days import count_days_above_base
 from topdress.control.agronomy.growth import Growth, GrowthStage, GrowthWindow, assess_growth
 from topdress.control.log_row import LogRow
 from topdress.control.orders import Do, Order
-from topdress.drivers.files.config import load, save
+from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.kinds import JOB
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.files.weather import WeatherError, growing_days, read_weather
+from topdress.drivers.files.weather import WeatherError, count_growing_days, read_weather
 
 from tests.app.made_up.job import facts_of
 from tests.command import topdress
@@ -105,20 +105,20 @@ def test_the_report_says_it():
 
 
 def test_check_says_it(tmp_path):
-    demo = load("demo", JOB).model.model_copy(update={"crop": "osu_winter_wheat_2007"})
+    demo = load_config("demo", JOB).model.model_copy(update={"crop": "osu_winter_wheat_2007"})
     for growth, said in (
         (None, "growth stage not said"),
         (GrowthStage(scale="feekes", stage=8), "feekes 8 is outside"),
         (GrowthStage(scale="feekes", stage=5), ""),
     ):
-        save(tmp_path / "job.yaml", demo.model_copy(update={"growth": growth}), JOB)
+        save_config(tmp_path / "job.yaml", demo.model_copy(update={"growth": growth}), JOB)
         result = topdress("check", tmp_path / "job.yaml")
         assert (
             result.exit_code == 0
             and ("growth stage" in result.output) == bool(said)
             and said in result.output
         )
-    save(
+    save_config(
         tmp_path / "job.yaml", demo.model_copy(update={"ndvi_nrich": 0.5, "ndvi_check": 0.55}), JOB
     )
     assert "response index 0.91: no response" in topdress("check", tmp_path / "job.yaml").output
@@ -147,14 +147,14 @@ def test_the_jobs_dates_count_with_the_crops_weather(tmp_path):
     days = crop.days.model_copy(
         update={"count": None, "above_c": None, "weather": "w.csv", "sown": dt.date(2025, 11, 1)}
     )
-    save(tmp_path / "crop.yaml", crop.model_copy(update={"days": days}), CROP)
-    demo = load("demo", JOB).model.model_copy(update={"crop": "crop.yaml"})
+    save_config(tmp_path / "crop.yaml", crop.model_copy(update={"days": days}), CROP)
+    demo = load_config("demo", JOB).model.model_copy(update={"crop": "crop.yaml"})
     for dates, count in (
         ({}, 100),
         ({"sown": dt.date(2025, 11, 11)}, 90),
         ({"sensed": dt.date(2026, 1, 30)}, 90),
     ):
-        save(tmp_path / "job.yaml", demo.model_copy(update=dates), JOB)
+        save_config(tmp_path / "job.yaml", demo.model_copy(update=dates), JOB)
         assert (
             load_setup("huanghai", str(tmp_path / "job.yaml"), dt.date(2026, 2, 9)).rule.days
             == count
@@ -307,15 +307,17 @@ def test_a_crop_counts_by_its_own_day_rule(file, crop_data):
     when = {"weather": "weather.csv", "sown": "2013-11-01", "sensed": "2013-11-07"}
     oklahoma = Crop.model_validate(crop_data("osu_winter_wheat_2004") | {"days": when})
     huanghai = Crop.model_validate(crop_data("huanghai_wheat") | {"days": when})
-    assert growing_days(oklahoma, folder, TODAY) == 3
-    assert growing_days(huanghai, folder, TODAY) == 5
+    assert count_growing_days(oklahoma, folder, TODAY) == 3
+    assert count_growing_days(huanghai, folder, TODAY) == 5
     until_today = Crop.model_validate(
         crop_data("huanghai_wheat") | {"days": when | {"sensed": None}}
     )
-    assert growing_days(until_today, folder, dt.date(2013, 11, 3)) == 2
+    assert count_growing_days(until_today, folder, dt.date(2013, 11, 3)) == 2
     with pytest.raises(WeatherError, match=r"weather\.csv: no mean temperature for .* days"):
-        growing_days(until_today, folder, dt.date(2013, 12, 1))
+        count_growing_days(until_today, folder, dt.date(2013, 12, 1))
 
 
 def test_a_written_count_needs_no_file(tmp_path, crop_data):
-    assert growing_days(Crop.model_validate(crop_data("huanghai_wheat")), tmp_path, TODAY) == 82
+    assert (
+        count_growing_days(Crop.model_validate(crop_data("huanghai_wheat")), tmp_path, TODAY) == 82
+    )

@@ -36,7 +36,7 @@ from topdress.console.reports.diagnosis_wording import find_effect_title, format
 from topdress.control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
 from topdress.control.machine.machine import CATALOGUE
 from topdress.control.orders import Do
-from topdress.drivers.files.plain import plain, typed
+from topdress.drivers.files.plain import build_from_plain, convert_to_plain
 
 from tests.app.made_up.diagnosis import SOURCES, MadeUpDiagnosis, having, sample_found
 
@@ -482,7 +482,7 @@ async def test_every_action_is_in_the_palette(app):
 def test_a_view_goes_through_json_and_comes_back():
     found = sample_found()._replace(left_curve=sample_found().drawn[0].over, refused=("x: y",))
     found = having(found, unexplained=(Unexplained("flow", "supply_v", 0.4),), findings=("a note",))
-    assert typed(DiagnosisView, plain(found)) == found
+    assert build_from_plain(DiagnosisView, convert_to_plain(found)) == found
 
 
 def test_verdicts_in_one_line():
@@ -637,10 +637,10 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
 
 def test_the_plans_of_all_manoeuvres_are_known():
     from topdress.control.experiments.manoeuvres import list_manoeuvres
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import MACHINE
 
-    plans = {one.id: one.plan for one in list_manoeuvres(load("huanghai", MACHINE).model)}
+    plans = {one.id: one.plan for one in list_manoeuvres(load_config("huanghai", MACHINE).model)}
     assert (
         all(map(read_catalogue("zh").texts.get, plans.values()))
         and sample_found().found.next_run.plan == plans["stairs"]

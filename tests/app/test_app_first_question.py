@@ -17,10 +17,10 @@ from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
 from topdress.console.services.recent import find_recent_sets
 from topdress.control.orders import Do, Order
-from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.config import find_shipped_files, load_config, save_config
 from topdress.drivers.files.kinds import JOB
 from topdress.drivers.files.run_log import PlainLogWriter
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_meta import make_run_meta
 
 from tests.app.harness import feed, in_state, settled
 from tests.command import topdress
@@ -123,7 +123,7 @@ def worked(
 ) -> None:
     """The sidecar of a log, so many seconds after some moment."""
     logs.mkdir(parents=True, exist_ok=True)
-    meta = run_meta(
+    meta = make_run_meta(
         {"title": "A machine"},
         None,
         {"title": job, "field": {"title": field}},
@@ -140,17 +140,21 @@ def test_recent_jobs_are_sets_of_files_the_newest_first(tmp_path):
     for name in ("north", "south", "gone"):
         jobs[name] = own / "jobs" / f"{name}.yaml"
         jobs[name].parent.mkdir(parents=True, exist_ok=True)
-        save(jobs[name], load("demo", JOB).model.model_copy(update={"title": name}), JOB)
-    machine = shipped("machines")["huanghai"]
+        save_config(
+            jobs[name], load_config("demo", JOB).model.model_copy(update={"title": name}), JOB
+        )
+    machine = find_shipped_files("machines")["huanghai"]
     worked(logs, "a", 1, jobs["north"], machine, job="north")
     worked(logs, "b", 2, jobs["south"], machine, job="south", field="By the river")
     worked(logs, "c", 3, jobs["north"], machine, job="north")
-    worked(logs, "d", 4, shipped("jobs")["demo"], machine)  # nothing of the user's own
+    worked(logs, "d", 4, find_shipped_files("jobs")["demo"], machine)  # nothing of the user's own
     worked(logs, "e", 5, jobs["gone"], machine)
     jobs["gone"].unlink()
     (logs / "broken.yaml").write_text("format: [")
-    save(
-        own / "jobs" / "new.yaml", load("demo", JOB).model.model_copy(update={"title": "new"}), JOB
+    save_config(
+        own / "jobs" / "new.yaml",
+        load_config("demo", JOB).model.model_copy(update={"title": "new"}),
+        JOB,
     )
     found = find_recent_sets(logs, own)
     assert [(one.job, one.began_utc[:10]) for one in found] == [
@@ -172,7 +176,7 @@ def test_run_takes_a_job_by_path_or_name_and_asks_nothing_then(tmp_path, monkeyp
     monkeypatch.setattr(screens.platformdirs, "user_data_dir", lambda *_a, **_k: str(tmp_path))
     own = tmp_path / "jobs" / "north.yaml"
     own.parent.mkdir()
-    save(own, load("demo", JOB).model, JOB)
+    save_config(own, load_config("demo", JOB).model, JOB)
     begun = []
     monkeypatch.setattr(screens, "show_run", lambda config, *_rest: begun.append(config))
     for given in (["north"], ["demo"], [str(own)], ["north", "--config", "huanghai"], []):

@@ -26,7 +26,7 @@ from topdress.console.cli.screens import make_run_services
 from topdress.console.services.job import JobFiles
 from topdress.console.services.launcher import Launcher
 from topdress.console.services.settings import read_settings_store
-from topdress.drivers.files.setup import by_kind, setup_of
+from topdress.drivers.files.setup import build_setup, load_by_kind
 
 WATCHED = {
     "open",
@@ -87,8 +87,8 @@ def app(source, clock, tmp_path, monkeypatch):
     log.parent.mkdir(parents=True)
     log.write_text("time_s\n0.0\n")
     launcher = Launcher((), (), 1, 20.0, None, tmp_path / "trouble.log")
-    found = by_kind(())
-    setup = setup_of(found, dt.date(2026, 3, 18))
+    found = load_by_kind(())
+    setup = build_setup(found, dt.date(2026, 3, 18))
     services = replace(
         make_run_services(lambda: (setup, found)),
         job=JobFiles(launcher),

@@ -26,7 +26,7 @@ from topdress.console.locale.po import read_po
 from topdress.control.machine.form import FORMS
 from topdress.control.orders import Alarm, Severity, State, Strategy, TargetSource
 from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS
-from topdress.drivers.files.config import load, shipped
+from topdress.drivers.files.config import find_shipped_files, load_config
 from topdress.drivers.files.kinds import CROP
 
 from tests.app.gallery import Picture, settle, still_app
@@ -54,16 +54,16 @@ def marked() -> dict[str, str]:
 REFUSALS_BY = {
     "Reason": 0,
     "at": 0,
-    "NoLattice": 0,
+    "NoGridError": 0,
     "RefusedInput": 1,
     "BeyondLimits": 1,
     "ArchiveError": 1,
     "ShapesError": 1,
     "PrescriptionError": 1,
-    "NotAMap": 1,
-    "NoPolygons": 1,
+    "NotAMapError": 1,
+    "NoPolygonsError": 1,
     "RateQuestion": 1,
-    "_asked": 1,
+    "_choose_error_class": 1,
 }
 
 
@@ -114,7 +114,9 @@ def all_texts() -> dict[str, str]:
 def crop_notes() -> set[str]:
     """What the shipped crops note about themselves, the names of keys left out."""
     notes = {
-        note for place in shipped(CROP.folder).values() for note in load(place, CROP).model.warnings
+        note
+        for place in find_shipped_files(CROP.folder).values()
+        for note in load_config(place, CROP).model.warnings
     }
     return {
         note.partition(": ")[0] if note.startswith("example values") else note for note in notes
@@ -139,7 +141,7 @@ def test_the_refusals_of_a_prescription_are_found():
         "words.py",
         "features.py",
         "csv_zones.py",
-        "lattice.py",
+        "grid_from_points.py",
         "raster.py",
         "layers.py",
         "isoxml_read.py",

@@ -18,7 +18,7 @@ from topdress.console.app.guide_line_store import (
 from topdress.console.services.line_files import KeptLineFiles, find_lines_path
 from topdress.control.log_row import LogRow
 from topdress.drivers.files.run_log import PlainLogWriter
-from topdress.drivers.files.run_meta import meta_to_yaml, run_meta
+from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta
 
 from tests.app.gallery import StillClock, StillSource
 from tests.app.harness import settled, turned
@@ -89,7 +89,7 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
 
 def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
     log, files = tmp_path / "run.csv", KeptLineFiles()
-    writer = PlainLogWriter(log, run_meta())
+    writer = PlainLogWriter(log, make_run_meta())
     for k in range(9):
         writer.append(
             LogRow(
@@ -122,11 +122,11 @@ FIELD = {
 def _worked(folder, name, field, *records):
     """A job's log by its sidecar, and what was kept beside it."""
     log = folder / f"{name}.csv"
-    meta = run_meta(
+    meta = make_run_meta(
         job={"title": name, "field": field},
         started_utc=f"{name[:4]}-{name[4:6]}-{name[6:8]}T08:00:00Z",
     )
-    log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
+    log.with_suffix(".yaml").write_text(format_meta_yaml(meta), encoding="utf-8")
     files = KeptLineFiles()
     for record in records:
         files.append_record(str(log), record)

@@ -23,7 +23,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.control.machine.fall import calc_drop_s, find_paper_lag_s
 from topdress.control.machine.machine import Adopted, Machine, add_effect
 from topdress.control.machine.start import calc_response_s, find_first_fall_s
-from topdress.drivers.files.config import load
+from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import MACHINE as MACHINE_FILES
 
 from tests.command import topdress
@@ -295,7 +295,7 @@ def test_calibrate_lag_takes_a_table_of_steps(tmp_path: Path) -> None:
     result = topdress("calibrate", "lag", tmp_path / "steps.csv", "--out", out)
     assert result.exit_code == 0, result.output
     assert "tube: 10 changes between two rates" in result.output
-    mine = load(str(out), MACHINE_FILES).model
+    mine = load_config(str(out), MACHINE_FILES).model
     assert (
         mine.tube_is_settled
         and mine.fall.carried_share <= 0.4

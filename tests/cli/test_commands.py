@@ -26,7 +26,7 @@ from topdress.control.machine.machine import CATALOGUE, Machine, add_effect, lis
 from topdress.control.machine.terms import Term
 from topdress.control.metering.setting import PLAN_BAND_MM_SHARE
 from topdress.drivers.files import setup
-from topdress.drivers.files.config import load, save
+from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import JOB, MACHINE
 
@@ -112,7 +112,9 @@ def test_replay_with_another_strategy_moves_the_other_drive(log: Path, tmp_path:
 def test_balanced_is_read_as_opening_first_and_said(log: Path, tmp_path: Path) -> None:
     """A word of older job files: at each door where it was accepted."""
     job, said = tmp_path / "old.yaml", "note: strategy balanced: works as opening_first"
-    save(job, load("demo", JOB).model.model_copy(update={"strategy": "balanced"}), JOB, "")
+    save_config(
+        job, load_config("demo", JOB).model.model_copy(update={"strategy": "balanced"}), JOB, ""
+    )
     word = ["--strategy", "balanced"]
     simulate = ["simulate", "--seconds", "3"]
     for k, (command, has) in enumerate(
@@ -214,17 +216,19 @@ def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> N
 
 
 def test_check_says_ok_for_everything_shipped() -> None:
-    from topdress.drivers.files.config import shipped
+    from topdress.drivers.files.config import find_shipped_files
 
     names = [
-        name for folder in ("machines", "crops", "products", "jobs") for name in shipped(folder)
+        name
+        for folder in ("machines", "crops", "products", "jobs")
+        for name in find_shipped_files(folder)
     ]
     assert len(names) >= 8
     result = topdress("check", *names)
     assert result.exit_code == 0, result.output
     assert result.output.count(": ok (") == len(names)
     assert all(
-        "typical figures" in shipped("machines")[name].read_text(encoding="utf-8")
+        "typical figures" in find_shipped_files("machines")[name].read_text(encoding="utf-8")
         for name in ("drive_alone", "planter", "spreader")
     )
 
@@ -314,7 +318,7 @@ def test_cancelled_as_its_files_begin_it_leaves_none(
         assert (tmp_path / ".a.part.yaml").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("topdress.drivers.files.run_log._write_all", cancelled)
+    monkeypatch.setattr("topdress.drivers.files.run_log._write_all_bytes", cancelled)
     done = topdress("simulate", "--seconds", "2", "--out", tmp_path / "a.csv")
     assert done.exit_code == 130 and list(tmp_path.iterdir()) == []
 
@@ -394,7 +398,7 @@ TERM = Term.model_validate(
 def extended(tmp_path: Path) -> Path:
     path = tmp_path / "new.yaml"
     after = add_effect(Machine(), "flow.gain", 3.0).model_copy(update={"terms": (TERM,)})
-    save(path, append_history(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
+    save_config(path, append_history(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
     return path
 
 
@@ -411,7 +415,7 @@ def test_undo_writes_another_file(extended: Path, tmp_path: Path) -> None:
     said = topdress("history", extended, "--undo", "--out", tmp_path / "back.yaml")
     assert said.exit_code == 0
     assert extended.read_bytes() == before
-    back = load(str(tmp_path / "back.yaml"), MACHINE).model
+    back = load_config(str(tmp_path / "back.yaml"), MACHINE).model
     assert (list_effect_sizes(back), back.terms) == ({}, ())
     assert "taken back" in topdress("history", tmp_path / "back.yaml").output
 
@@ -436,7 +440,7 @@ def test_a_shipped_machine_has_none() -> None:
 def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     """What is done, in its order; no screen is drawn and no worker runs."""
     done: list[str] = []
-    setup_of = setup.setup_of
+    setup_of = setup.build_setup
 
     def start(self: Launcher, resumed: Path | None = None) -> WorkerAddress:
         done.append("worker")
@@ -452,7 +456,7 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     monkeypatch.setattr(screens, "is_first_time", lambda: False)
     monkeypatch.setattr("topdress.console.running.find_running_worker", lambda: None)
     monkeypatch.setattr(Launcher, "start_process", start)
-    monkeypatch.setattr(setup, "setup_of", read)
+    monkeypatch.setattr(setup, "build_setup", read)
     monkeypatch.setattr(TopdressApp, "run", lambda self: done.append("screen"))
     return done
 

@@ -19,8 +19,8 @@ from topdress.control.machine.machine import add_effect
 from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S, make_input_rows, make_no_switch
 from topdress.drivers.files import extras
-from topdress.drivers.files.config import load, shipped
-from topdress.drivers.files.file_sniffer import what_is
+from topdress.drivers.files.config import find_shipped_files, load_config
+from topdress.drivers.files.file_sniffer import sniff_file_kind
 from topdress.drivers.files.kinds import MACHINE
 
 from tests.command import topdress
@@ -67,7 +67,7 @@ KINDS: dict[str, tuple[str, bytes]] = {
 def test_a_kind_is_known_by_its_bytes(name: str, tmp_path: Path) -> None:
     kind, data = KINDS[name]
     (tmp_path / name).write_bytes(data)
-    assert what_is(tmp_path / name).id == kind
+    assert sniff_file_kind(tmp_path / name).id == kind
 
 
 def test_zips_and_folders(tmp_path: Path) -> None:
@@ -79,10 +79,10 @@ def test_zips_and_folders(tmp_path: Path) -> None:
     ):
         with zipfile.ZipFile(tmp_path / name, "w") as archive:
             archive.writestr(inside, "x")
-        assert what_is(tmp_path / name).id == kind
-    assert what_is(tmp_path).id == "folder"
+        assert sniff_file_kind(tmp_path / name).id == kind
+    assert sniff_file_kind(tmp_path).id == "folder"
     (tmp_path / "Field.txt").write_text("x")
-    assert what_is(tmp_path).id == "aog"
+    assert sniff_file_kind(tmp_path).id == "aog"
 
 
 READERS = [
@@ -169,18 +169,20 @@ def test_decode_and_devices_do_not_end_well_where_nothing_was(
 def test_an_install_line_needs_no_package_of_ours(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    assert re.fullmatch(r"\S+ -m pip install 'textual-serve>=[\d.]+'", extras.extra_line("serve"))
+    assert re.fullmatch(
+        r"\S+ -m pip install 'textual-serve>=[\d.]+'", extras.format_extra_line("serve")
+    )
     # an environment of `uv tool install`
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
     monkeypatch.setattr(extras.shutil, "which", lambda _: "/usr/bin/uv")
     assert re.fullmatch(
-        r"uv pip install --python \S+ 'textual-serve>=[\d.]+'", extras.extra_line("serve")
+        r"uv pip install --python \S+ 'textual-serve>=[\d.]+'", extras.format_extra_line("serve")
     )
     # an environment of pipx, whatever its back end
     monkeypatch.setattr(extras.sys, "prefix", str(tmp_path / "topdress"))
     (tmp_path / "topdress").mkdir()
-    (tmp_path / "topdress" / extras.OF_PIPX).touch()
-    line = extras.extra_line("diagnosis")
+    (tmp_path / "topdress" / extras.PIPX_METADATA).touch()
+    line = extras.format_extra_line("diagnosis")
     assert re.fullmatch(r"pipx inject topdress 'numba>=[\d.]+'", line)
 
 
@@ -213,7 +215,9 @@ def test_effects_of_a_machine_have_its_bounds(tmp_path: Path) -> None:
     listed = {
         one["id"]: one
         for one in json.loads(
-            topdress("effects", "--json", "--machine", shipped("machines")["spreader"]).output
+            topdress(
+                "effects", "--json", "--machine", find_shipped_files("machines")["spreader"]
+            ).output
         )
     }
     assert (listed["gate.slow"]["low"], listed["gate.slow"]["high"]) == (-40.0, 39.0)
@@ -246,7 +250,7 @@ def test_a_spreader_meters_and_places_what_is_wanted() -> None:
 
 @pytest.mark.exam
 def test_a_log_of_a_shaft_alone_is_diagnosed(tmp_path: Path) -> None:
-    drive = load("drive_alone", MACHINE).model
+    drive = load_config("drive_alone", MACHINE).model
     rng, time = np.random.default_rng(4), np.arange(0.0, 240.0, 0.05)
     asked = np.round(rng.uniform(0.0, 600.0, 200)[(time / 1.5).astype(int)], 1)
     inputs = make_input_rows(ShaftInput, len(time), command_rpm=asked, opening_mm=0.0, supply_v=7.4)

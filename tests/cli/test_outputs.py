@@ -17,7 +17,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from topdress.console.cli import app
 from topdress.control.machine.history import append_history
 from topdress.control.machine.machine import Machine, add_effect
-from topdress.drivers.files.config import save, shipped
+from topdress.drivers.files.config import find_shipped_files, save_config
 from topdress.drivers.files.kinds import MACHINE
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.write import write_prescription
@@ -106,9 +106,9 @@ FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce
 @pytest.fixture(scope="module")
 def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("originals")
-    shutil.copy(shipped("machines")["huanghai"], folder / "machine.yaml")
-    shutil.copy(shipped("machines")["huanghai"], folder / "machine.json")
-    crop = shipped("crops")["huanghai_wheat"].read_text(encoding="utf-8")
+    shutil.copy(find_shipped_files("machines")["huanghai"], folder / "machine.yaml")
+    shutil.copy(find_shipped_files("machines")["huanghai"], folder / "machine.json")
+    crop = find_shipped_files("crops")["huanghai_wheat"].read_text(encoding="utf-8")
     (folder / "crop.yaml").write_text(_counted_from_weather(crop), encoding="utf-8")
     (folder / "weather.csv").write_text(
         "date,mean_temp_c\n" + "".join(f"2013-11-{day:02d},9.0\n" for day in range(1, 31))
@@ -492,7 +492,7 @@ def test_json_stands_alone_on_standard_output(
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [ListPortInfo("/dev/ttyS9")])
     Path("bad.yaml").write_text("format: topdress-machine/1\nflow: {gain_percent: 700}\n")
     after = add_effect(Machine(), "flow.gain", 3.0)
-    save(
+    save_config(
         Path("new.yaml"),
         append_history(Machine(), after, data="run.csv", date="2026-07-09"),
         MACHINE,

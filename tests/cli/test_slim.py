@@ -138,4 +138,4 @@ def test_all_else_is_refused_with_what_installs_it(
 def test_extras_says_what_is_there_and_what_installs_the_rest(slim: Callable[..., Ran]) -> None:
     said = slim("extras").stdout.splitlines()
     for name, line in zip(extras.EXTRAS, said, strict=True):
-        assert f"not installed: {extras.extra_line(name)}" in line
+        assert f"not installed: {extras.format_extra_line(name)}" in line

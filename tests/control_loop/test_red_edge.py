@@ -15,11 +15,11 @@ from topdress.control.agronomy.noa import prepare_rule
 from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 from topdress.control.simulation.canopy import convert_to_ndre
 from topdress.drivers.cab_config import HeadsConfig
-from topdress.drivers.files.config import load, save
+from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.kinds import CROP, JOB
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.run_log import write_log
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_log import write_whole_log
+from topdress.drivers.files.run_meta import make_run_meta
 
 from tests.command import topdress
 from tests.control_loop.closed import SETUP, Closed
@@ -80,7 +80,9 @@ def test_the_row_names_what_the_heads_read(worked):
 
 def test_a_log_of_red_edge_is_run_again(worked, tmp_path):
     setup, crop, rule, job, rows = worked
-    log = read_log(write_log(tmp_path / "run.csv", run_meta(setup.machine, crop, job), rows))
+    log = read_log(
+        write_whole_log(tmp_path / "run.csv", make_run_meta(setup.machine, crop, job), rows)
+    )
     again = [
         tick.row
         for tick in rerun_loop(log, type(setup)(setup.machine, crop, rule, job, {}, tmp_path, None))
@@ -106,9 +108,11 @@ def test_a_strip_is_measured_in_the_index_that_there_is():
 
 @pytest.fixture
 def files(tmp_path):
-    save(tmp_path / "crop.yaml", dense(SETUP.crop), CROP)
-    save(
-        tmp_path / "job.yaml", load("demo", JOB).model.model_copy(update={"crop": "crop.yaml"}), JOB
+    save_config(tmp_path / "crop.yaml", dense(SETUP.crop), CROP)
+    save_config(
+        tmp_path / "job.yaml",
+        load_config("demo", JOB).model.model_copy(update={"crop": "crop.yaml"}),
+        JOB,
     )
     cab = "format: topdress-cab/1\nheads:\n  protocol: {protocol}\n  ports: [COM1]\n{more}"
     (tmp_path / "greenseeker.yaml").write_text(cab.format(protocol="greenseeker", more=""))

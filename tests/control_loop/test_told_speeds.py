@@ -11,9 +11,9 @@ from topdress.control.field.job import Ground, Job
 from topdress.control.field.planned_speed import find_pass_number, find_planned_mps
 from topdress.control.readings import SpeedPlan, describe_announcement, parse_announcement
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.replay import measurements
-from topdress.drivers.files.run_log import write_log
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.replay import iter_measurements
+from topdress.drivers.files.run_log import write_whole_log
+from topdress.drivers.files.run_meta import make_run_meta
 from topdress.drivers.files.setup import Setup
 
 from tests.control_loop.closed import SETUP, Closed
@@ -65,9 +65,11 @@ def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
     closed = Closed(sim={"begin_m": 30.0, "speed_told": "plan", "speed_changes": changes})
     rows = [step.tick.row for step in closed.through(45.0)]
     log = read_log(
-        write_log(tmp_path / "run.csv", run_meta(SETUP.machine, SETUP.crop, closed.job), rows)
+        write_whole_log(
+            tmp_path / "run.csv", make_run_meta(SETUP.machine, SETUP.crop, closed.job), rows
+        )
     )
-    announced = [m.speed_told for m in measurements(log)]
+    announced = [m.speed_told for m in iter_measurements(log)]
     assert (
         all(one is not None for one in announced[1:])
         and len({one.points for one in announced[1:]}) > 50
@@ -95,7 +97,7 @@ def off(rows, log, setup) -> float:
 
 def test_a_log_without_the_column_is_read_as_before(tmp_path):
     (tmp_path / "old.csv").write_text("time_s,speed_mps\n0.0,1.25\n0.5,1.27\n")
-    assert [m.speed_told for m in measurements(read_log(tmp_path / "old.csv"))] == [None, None]
+    assert [m.speed_told for m in iter_measurements(read_log(tmp_path / "old.csv"))] == [None, None]
 
 
 def test_passes_are_counted_from_the_origin_to_the_right():

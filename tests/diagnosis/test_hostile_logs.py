@@ -20,7 +20,7 @@ from topdress.control.diagnosis.runs.log import (
 from topdress.control.diagnosis.runs.terms import _make_term_id
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.terms import Term
-from topdress.drivers.files.any_log import open_log
+from topdress.drivers.files.any_log import open_any_log
 
 from tests.diagnosis.hostile.logs import hostile_log
 
@@ -38,7 +38,7 @@ def test_a_hostile_log_ends_in_a_result(number: int, tmp_path: Path) -> None:
     path.write_text(one.text, encoding="utf-8", newline="\n")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = diagnose_run(dict(open_log(path).columns), Machine())
+        found = diagnose_run(dict(open_any_log(path).columns), Machine())
     json.dumps(found.to_json(), allow_nan=False)
     assert not [text for text in found.findings if "please report" in text], (
         one.name,

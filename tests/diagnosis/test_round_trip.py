@@ -26,7 +26,7 @@ from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 from topdress.control.machine.stage_runner import MAX_MODEL_STEP_S
 from topdress.control.machine.term_sums import sum_over_log
 from topdress.control.machine.terms import Term
-from topdress.drivers.files.config import load, save
+from topdress.drivers.files.config import load_config, save_config
 from topdress.drivers.files.kinds import MACHINE
 
 Array = npt.NDArray[np.float64]
@@ -62,8 +62,8 @@ def log() -> dict[str, Array]:
 
 
 def written(machine: Machine, found: Diagnosis, place: Path) -> Machine:
-    save(place / "file.yaml", extend(machine, found), MACHINE)
-    read: Machine = load(str(place / "file.yaml"), MACHINE).model
+    save_config(place / "file.yaml", extend(machine, found), MACHINE)
+    read: Machine = load_config(str(place / "file.yaml"), MACHINE).model
     return read
 
 

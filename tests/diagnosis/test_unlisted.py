@@ -18,7 +18,7 @@ from topdress.control.diagnosis.judgement.prior import NAMED
 from topdress.control.diagnosis.runs.adoption import select_adoptable
 from topdress.control.diagnosis.runs.compared import compared
 from topdress.control.diagnosis.runs.diagnose import diagnose_run
-from topdress.drivers.files.config import load
+from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import MACHINE
 
 FIRST, SECOND = "grid_long", "scatter_long"  # both move shaft and gate over their ranges
@@ -51,7 +51,7 @@ def answers(hidden: SimpleNamespace) -> Iterator[dict[str, Answer]]:
 
 
 def _answer(hidden: SimpleNamespace, name: str, seed: int) -> Answer:
-    machine = load("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE).model
     first, second = (
         _log(hidden, name, programme, seed, k) for k, programme in enumerate((FIRST, SECOND))
     )

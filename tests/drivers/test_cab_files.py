@@ -18,7 +18,13 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.closed_loop import RunRecord, simulate_run
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.files.config import ConfigError, load, load_any, schema, shipped
+from topdress.drivers.files.config import (
+    ConfigError,
+    find_shipped_files,
+    load_any_config,
+    load_config,
+    make_json_schema,
+)
 from topdress.drivers.files.kinds import CAB, KINDS
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.ports import make_memory_pair
@@ -28,8 +34,8 @@ from tests.command import topdress
 
 
 def test_three_cabs_are_shipped():
-    assert set(shipped("cabs")) == {"virtual", "virtual_module", "huanghai_cab"}
-    real = load("huanghai_cab", CAB).model
+    assert set(find_shipped_files("cabs")) == {"virtual", "virtual_module", "huanghai_cab"}
+    real = load_config("huanghai_cab", CAB).model
     assert isinstance(real, CabConfig) and real.heads is not None and real.heads.count == 6
     assert (
         real.gnss is not None
@@ -37,11 +43,11 @@ def test_three_cabs_are_shipped():
         and real.has_work_switch
         and not real.virtual
     )
-    assert load("virtual", CAB).model.virtual
+    assert load_config("virtual", CAB).model.virtual
 
 
 def test_the_schema_is_published_for_editors():
-    body = schema(CAB)
+    body = make_json_schema(CAB)
     assert {"gnss", "heads", "board", "rate_module", "lag_rig"} <= set(body["properties"])
 
 
@@ -66,7 +72,7 @@ def test_what_is_wrong_is_said_with_file_key_and_line(tmp_path, text, said):
     path = tmp_path / "cab.yaml"
     path.write_text(f"format: topdress-cab/1\n{text}\n")
     with pytest.raises(ConfigError, match=said) as error:
-        load_any(path, KINDS)
+        load_any_config(path, KINDS)
     assert str(error.value).startswith(str(path)) and "(line " in str(error.value)
 
 
@@ -155,7 +161,7 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
 
     from topdress.console.worker.assemble import assemble_run
     from topdress.console.worker.options import Options
-    from topdress.drivers.files.config import save
+    from topdress.drivers.files.config import save_config
     from topdress.drivers.files.kinds import MACHINE
 
     cab, machine = tmp_path / "cab.yaml", tmp_path / "machine.yaml"
@@ -163,11 +169,11 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
         "format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', "
         "wheel_circumference_m: 2.45}\n"
     )
-    nominal = load("huanghai", MACHINE).model
+    nominal = load_config("huanghai", MACHINE).model
     said = "key board.wheel_circumference_m: value 2.45: allowed 2.5, as"
     for circumference, wrong in ((2.5, True), (2.45, False)):
         machine.unlink(missing_ok=True)
-        save(
+        save_config(
             machine,
             nominal.model_copy(
                 update={"speed": nominal.speed._replace(wheel_circumference_m=circumference)}
@@ -225,7 +231,7 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
 
 def test_valves_that_no_device_drives_are_said(tmp_path):
 
-    machine = str(shipped("machines")["huanghai_sections"])
+    machine = str(find_shipped_files("machines")["huanghai_sections"])
     module = "rate_module: {pulses_per_turn: 360.0, fixed_opening_mm: 25.0, address: 127.0.0.1"
     for devices, wrong in (
         (module + "}", True),

@@ -15,7 +15,7 @@ import yaml
 from topdress.console.link import Link, WorkerGone
 from topdress.console.running import start_worker
 from topdress.control.orders import Do, Order
-from topdress.drivers.files.config import shipped
+from topdress.drivers.files.config import find_shipped_files
 from topdress.drivers.files.read_log import read_log
 
 from tests.command import serving
@@ -50,7 +50,7 @@ def cab_file(folder: Path, urls: dict[str, list[str]]) -> str:
 
 def job_file(folder: Path) -> str:
     """The shipped job with a short way to the field."""
-    job = yaml.safe_load(shipped("jobs")["demo"].read_text())
+    job = yaml.safe_load(find_shipped_files("jobs")["demo"].read_text())
     job["simulated"]["run_in_m"] = 2.0
     path = folder / "job.yaml"
     path.write_text(yaml.safe_dump(job))

@@ -12,7 +12,7 @@ from topdress.control.sensing import predict_speed_ahead_mps, predict_way_ahead_
 from topdress.drivers.files.exports.as_applied import build_as_applied
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import RunLogWriter
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_meta import make_run_meta
 from topdress.drivers.files.setup import load_setup
 from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, DriveRunaway
 
@@ -129,7 +129,7 @@ def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
     it.run(3.0)
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
     writer = RunLogWriter(
-        tmp_path / "run.csv", run_meta(setup.machine, setup.crop, it.job, seed=1, sha256={})
+        tmp_path / "run.csv", make_run_meta(setup.machine, setup.crop, it.job, seed=1, sha256={})
     )
     for tick in it.ticks:
         writer.append(tick.row)

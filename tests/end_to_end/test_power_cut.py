@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from topdress.console.worker import resume
-from topdress.drivers.files.run_meta import meta_from_yaml
+from topdress.drivers.files.run_meta import parse_meta_yaml
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 WORKED_S = 7.0  # longer than a snapshot is old
@@ -47,7 +47,9 @@ def test_kill_of_both_and_the_next_start_goes_on(benchmark_module, tmp_path):
         # the log's last second may be lost
         assert first.area_ha == pytest.approx(done.area_ha, rel=0.15)
         assert first.tally.log_before == where.log_path
-        meta = meta_from_yaml(Path(later.log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
+        meta = parse_meta_yaml(
+            Path(later.log_path).with_suffix(".yaml").read_text(encoding="utf-8")
+        )
         assert meta.extra["resumes"] == where.log_path
         terminal.type("\x1b[21~")  # F10: the Job screen
         wait(lambda: terminal.shows("goes on from"), 10.0, "the Job screen", terminal)

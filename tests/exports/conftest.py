@@ -13,8 +13,8 @@ from topdress.control.log_row import LogRow
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.exports.as_applied import AsApplied, build_as_applied
 from topdress.drivers.files.read_log import RunLog, read_log
-from topdress.drivers.files.run_log import write_log
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_log import write_whole_log
+from topdress.drivers.files.run_meta import make_run_meta
 
 STEP_S, SPEED_MPS, TRIM = 0.05, 1.25, 1.02
 BEGIN = dt.datetime(2026, 3, 7, 23, 59, 50, tzinfo=dt.UTC)
@@ -64,7 +64,7 @@ def known_log(tmp_path_factory: pytest.TempPathFactory) -> RunLog:
         }
     }
     path: Path = tmp_path_factory.mktemp("log") / "known.csv"
-    write_log(path, run_meta(machine, crop, job), [row(k, machine) for k in range(1301)])
+    write_whole_log(path, make_run_meta(machine, crop, job), [row(k, machine) for k in range(1301)])
     return read_log(path)
 
 

@@ -32,8 +32,8 @@ from topdress.drivers.files.exports.as_applied import (
 from topdress.drivers.files.exports.columns import EXPORT_COLUMNS
 from topdress.drivers.files.exports.write import write_as_applied
 from topdress.drivers.files.read_log import RunLog, read_log
-from topdress.drivers.files.run_log import write_log
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_log import write_whole_log
+from topdress.drivers.files.run_meta import make_run_meta
 from topdress.drivers.files.setup import load_setup
 
 from tests.control_loop.closed import Closed
@@ -240,8 +240,10 @@ def by_section(tmp_path_factory: pytest.TempPathFactory):
     )
     path = tmp_path_factory.mktemp("log") / "run.csv"
     log = read_log(
-        write_log(
-            path, run_meta(setup.machine, setup.crop, closed.job), [step.tick.row for step in steps]
+        write_whole_log(
+            path,
+            make_run_meta(setup.machine, setup.crop, closed.job),
+            [step.tick.row for step in steps],
         )
     )
     return build_as_applied(log), closed.loop.totals, steps

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from topdress.control.log_row import LogRow
-from topdress.drivers.files.config import load
+from topdress.drivers.files.config import load_config
 from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct, build_as_applied
 from topdress.drivers.files.kinds import MACHINE
 from topdress.drivers.files.read_log import RunLog, read_log
-from topdress.drivers.files.run_log import write_log
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_log import write_whole_log
+from topdress.drivers.files.run_meta import make_run_meta
 
 from tests.command import topdress
 
@@ -40,7 +40,7 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
     """A machine file 20 % off all along says nothing; 3 m of clods at 20 s do."""
     from topdress.console.reports.job_page import calc_effort_rise, make_job_page
 
-    machine = load("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE).model
     own = 8.0 + 0.6 * 70.0 + 0.06 * 5.5 * 20.0
     with (
         known_log.path.open(encoding="utf-8", newline="") as text,
@@ -135,7 +135,7 @@ def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
         "target": {"source": "map", "map": "C:\\maps\\north.geojson"},
     }
     path = tmp_path / "log.csv"
-    write_log(path, run_meta(None, {"name": "winter wheat"}, job, seed=7), rows)
+    write_whole_log(path, make_run_meta(None, {"name": "winter wheat"}, job, seed=7), rows)
     told = find_job_events(read_log(path))
     assert told.working == ((120.0, 360.0), (480.0, 540.0)) and told.refills == ((420.0, 250.0),)
     assert sorted(told.alarms) == [("hopper_low", 180.0, 360.0), ("shaft_silent", 240.0, 360.0)]
@@ -168,7 +168,7 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
     assert meta is not None and meta.job is not None
     priced = {**meta.job, "price_per_kg": 0.62, "currency": "U<D", "product": "urea"}
     path = tmp_path / "log.csv"
-    write_log(path, dataclasses.replace(meta, job=priced), list(known_log.rows()))
+    write_whole_log(path, dataclasses.replace(meta, job=priced), list(known_log.rows()))
     done = topdress("map", path, "--out", tmp_path / "r.html")
     assert done.exit_code == 0, done.output
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
@@ -184,7 +184,7 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
     assert (row["cost"], row["currency"], row["price_per_kg"]) == (found[1], "U<D", "0.62")
     assert float(found[1]) == pytest.approx(0.62 * float(row["applied_kg"]), abs=0.01)
     assert float(found[2]) == pytest.approx(0.62 * float(row["applied_kg_ha"]), abs=0.02)
-    free = write_log(
+    free = write_whole_log(
         tmp_path / "free.csv",
         dataclasses.replace(meta, job={**priced, "price_per_kg": "dear"}),
         list(known_log.rows()),

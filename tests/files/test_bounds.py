@@ -20,7 +20,7 @@ from topdress.control.simulation.assembly import (
 )
 from topdress.control.simulation.canopy import CANOPY_CELL_M, MAX_CANOPY_CELLS, CanopyField
 from topdress.control.simulation.closed_loop import simulate_run
-from topdress.drivers.files.config import ConfigError, validated
+from topdress.drivers.files.config import ConfigError, validate_config
 from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
 from topdress.drivers.files.setup import load_setup
 
@@ -102,7 +102,7 @@ def test_the_simulated_canopy_has_a_most(east_m, north_m):
 def test_plants_beyond_what_a_list_may_hold_are_refused():
     sim = {"passes": 1000, "pass_length_m": 20_000.0, "plants": {"spacing_m": 0.02}}
     with pytest.raises(ConfigError) as refused:
-        validated({"format": "topdress-job/1", "simulated": sim}, JOB, "job.yaml")
+        validate_config({"format": "topdress-job/1", "simulated": sim}, JOB, "job.yaml")
     assert "more than 1000000 plants" in str(refused.value) and "\n" not in str(refused.value)
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from topdress.drivers.files import lock as lock_module
-from topdress.drivers.files.atomic import create, sidecar, write_atomically
-from topdress.drivers.files.lock import stands, take_lock
+from topdress.drivers.files.atomic import create_new_file, find_sidecar, write_atomically
+from topdress.drivers.files.lock import is_same_file, take_lock
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
@@ -61,9 +61,9 @@ def test_who_reads_while_a_file_is_replaced_finds_one_of_both_whole(tmp_path: Pa
 
 
 def test_a_taken_name_is_never_taken_again(tmp_path: Path) -> None:
-    first = create(tmp_path / "run.csv")
+    first = create_new_file(tmp_path / "run.csv")
     first.write(bytearray(b"precious"))
-    second = create(tmp_path / "run.csv")
+    second = create_new_file(tmp_path / "run.csv")
     assert (first.path.name, second.path.name) == ("run.csv", "run-2.csv")
     assert first.path.read_bytes() == b"precious"
     first.close()
@@ -72,14 +72,14 @@ def test_a_taken_name_is_never_taken_again(tmp_path: Path) -> None:
 
 def test_a_name_whose_sidecar_is_taken_is_taken(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text("my own configuration")
-    log = create(tmp_path / "run.csv")
+    log = create_new_file(tmp_path / "run.csv")
     log.close()
     assert log.path.name == "run-2.csv"
-    assert sidecar(log.path).name == "run-2.yaml"
+    assert find_sidecar(log.path).name == "run-2.yaml"
 
 
 def test_a_deleted_log_is_noticed(tmp_path: Path) -> None:
-    log = create(tmp_path / "run.csv")
+    log = create_new_file(tmp_path / "run.csv")
     try:
         log.path.unlink()
     except PermissionError:
@@ -130,11 +130,11 @@ def test_where_no_file_can_be_made_it_says_so(tmp_path: Path) -> None:
 def test_a_lock_whose_file_was_removed_does_not_stand(tmp_path: Path) -> None:
     path = tmp_path / "a.lock"
     first = take_lock(path)
-    assert first is not None and stands(first, path)
+    assert first is not None and is_same_file(first, path)
     path.unlink()
-    assert not stands(first, path)
+    assert not is_same_file(first, path)
     second = take_lock(path)
-    assert second is not None and stands(second, path) and not stands(first, path)
+    assert second is not None and is_same_file(second, path) and not is_same_file(first, path)
     first.close()
     second.close()
 
@@ -149,5 +149,5 @@ def test_what_is_locked_is_the_file_of_that_name(tmp_path: Path) -> None:
         lock_module._take(handle)
 
     lock = take_lock(path, later)
-    assert lock is not None and stands(lock, path) and removed
+    assert lock is not None and is_same_file(lock, path) and removed
     lock.close()

@@ -15,14 +15,14 @@ import openpyxl
 import polars as pl
 import pytest
 from topdress.control.log_row import COLUMNS, LogRow
-from topdress.drivers.files.any_log import open_log
+from topdress.drivers.files.any_log import open_any_log
 from topdress.drivers.files.bench_table import read_bench_table
 from topdress.drivers.files.imports.import_errors import TableError
-from topdress.drivers.files.log_store import is_store, write_store
-from topdress.drivers.files.opened import Opened
-from topdress.drivers.files.read_log import RunLog, meta_of, read_log, read_rows
-from topdress.drivers.files.run_log import write_log
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.log_store import is_log_store, write_log_store
+from topdress.drivers.files.opened import FileContent
+from topdress.drivers.files.read_log import RunLog, read_filled_log, read_log, read_log_meta
+from topdress.drivers.files.run_log import write_whole_log
+from topdress.drivers.files.run_meta import make_run_meta
 
 from tests.command import topdress
 
@@ -288,7 +288,7 @@ HELD = {
 @pytest.mark.parametrize("case", HELD)
 def test_what_a_file_holds_is_asked_in_one_place(written: Write, tmp_path: Path, case: str) -> None:
     name, text, holds, foreign = HELD[case]
-    file = Opened(written(text, name))
+    file = FileContent(written(text, name))
     assert file.holds == holds
     if foreign is None:
         with pytest.raises(TableError, match="the file is empty"):
@@ -298,13 +298,14 @@ def test_what_a_file_holds_is_asked_in_one_place(written: Write, tmp_path: Path,
 
 
 def test_stores_and_folders_are_asked_there_too(tmp_path: Path) -> None:
-    write_store(tmp_path / "a.parquet", {"time_s": T}, None)
+    write_log_store(tmp_path / "a.parquet", {"time_s": T}, None)
     assert (
-        Opened(tmp_path / "a.parquet").holds == "log" and not Opened(tmp_path / "a.parquet").foreign
+        FileContent(tmp_path / "a.parquet").holds == "log"
+        and not FileContent(tmp_path / "a.parquet").foreign
     )
-    assert Opened(tmp_path).holds == "map" and Opened(tmp_path).foreign
+    assert FileContent(tmp_path).holds == "map" and FileContent(tmp_path).foreign
     (tmp_path / "Field.txt").write_text("x")
-    assert Opened(tmp_path).holds == "field"
+    assert FileContent(tmp_path).holds == "field"
 
 
 # --- Run logs as Parquet: read back equal, whole or refused in one line, and taken by every
@@ -337,7 +338,9 @@ def text_log(tmp_path: Path) -> Path:
         )
         for k in range(40)
     ]
-    path = write_log(tmp_path / "run.csv", run_meta(seed=3, extra={"note": "ß 播"}), rows)
+    path = write_whole_log(
+        tmp_path / "run.csv", make_run_meta(seed=3, extra={"note": "ß 播"}), rows
+    )
     with path.open("a", encoding="utf-8") as file:
         file.write("2.0,cut")  # power loss: the finding must be kept
     return path
@@ -346,19 +349,19 @@ def text_log(tmp_path: Path) -> Path:
 def test_a_log_is_read_back_equal_from_its_store(text_log: Path, tmp_path: Path) -> None:
     log = read_log(text_log)
     place = tmp_path / "store" / "run.parquet"
-    write_store(place, log.columns, log.meta, log.findings)
+    write_log_store(place, log.columns, log.meta, log.findings)
     assert log.findings
     same(read_log(place), log)
-    assert meta_of(place) == log.meta
-    assert is_store(place) and not Opened(place).foreign
-    same(open_log(place), log)
+    assert read_log_meta(place) == log.meta
+    assert is_log_store(place) and not FileContent(place).foreign
+    same(open_any_log(place), log)
     # not NaN: others must see it too
     assert pl.read_parquet(place)["hopper_kg"].null_count() == 26
 
 
 def test_only_some_columns(text_log: Path, tmp_path: Path) -> None:
     log = read_log(text_log)
-    write_store(tmp_path / "run.parquet", log.columns, log.meta)
+    write_log_store(tmp_path / "run.parquet", log.columns, log.meta)
     assert list(read_log(tmp_path / "run.parquet", only=["state"]).columns) == ["time_s", "state"]
 
 
@@ -366,9 +369,9 @@ def test_the_command_makes_it_and_takes_it_back(text_log: Path, tmp_path: Path) 
     store, again = tmp_path / "kept.parquet", tmp_path / "again.csv"
     told = topdress("import", text_log, "--out", store)
     assert told.exit_code == 0 and "40 rows" in told.output, told.output
-    same(read_rows(store), read_rows(text_log))
+    same(read_filled_log(store), read_filled_log(text_log))
     assert topdress("import", store, "--out", again).exit_code == 0
-    whole, back = read_rows(text_log), read_rows(again)
+    whole, back = read_filled_log(text_log), read_filled_log(again)
     same(replace(back, findings=()), replace(whole, findings=()))
     twice = topdress("import", text_log, "--out", store)
     assert twice.exit_code != 0 and "exists already" in twice.output
@@ -391,7 +394,7 @@ def test_a_spoilt_store_is_refused_in_one_line(text_log: Path, tmp_path: Path, s
     columns = dict(log.columns)
     if spoil == "times":
         columns["time_s"] = columns["time_s"][::-1].copy()
-    write_store(place, columns, log.meta)
+    write_log_store(place, columns, log.meta)
     data = place.read_bytes()
     if spoil == "cut":  # the footer stands, a column is torn
         place.write_bytes(data[:4] + b"\0" * 400 + data[404:])
@@ -406,7 +409,10 @@ def test_parquet_of_another_program_is_foreign(tmp_path: Path) -> None:
     pl.DataFrame({"time_s": [0.0, 1.0], "speed": [1.0, 1.1]}).write_parquet(
         tmp_path / "other.parquet"
     )
-    assert not is_store(tmp_path / "other.parquet") and Opened(tmp_path / "other.parquet").foreign
+    assert (
+        not is_log_store(tmp_path / "other.parquet")
+        and FileContent(tmp_path / "other.parquet").foreign
+    )
 
 
 def test_a_log_of_ours_comes_back_from_its_store_to_the_byte(tmp_path: Path) -> None:
@@ -431,7 +437,9 @@ def test_a_log_of_ours_comes_back_from_its_store_to_the_byte(tmp_path: Path) -> 
         )
         for k in range(60)
     ] + [LogRow(3.1), LogRow(3.1001)]
-    first = write_log(tmp_path / "run.csv", run_meta(seed=3, extra={"note": "ß 播"}), rows)
+    first = write_whole_log(
+        tmp_path / "run.csv", make_run_meta(seed=3, extra={"note": "ß 播"}), rows
+    )
     for source, out in (
         (first, tmp_path / "run.parquet"),
         (tmp_path / "run.parquet", tmp_path / "back" / "run.csv"),
@@ -454,7 +462,7 @@ def test_of_another_program_s_text_every_number_comes_back_the_same(tmp_path: Pa
         (tmp_path / "run.parquet", tmp_path / "back" / "run.csv"),
     ):
         assert topdress("import", source, "--out", out).exit_code == 0
-    log, back = read_rows(first), read_rows(tmp_path / "back" / "run.csv")
+    log, back = read_filled_log(first), read_filled_log(tmp_path / "back" / "run.csv")
     for name in ("time_s", "hopper_kg", "load"):
         np.testing.assert_array_equal(log.columns[name], back.columns[name])
 

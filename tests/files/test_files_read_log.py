@@ -19,7 +19,7 @@ from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
 from topdress.drivers.files.log_text import HEADER, RowText
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_log import write_whole_log
 from topdress.drivers.files.run_meta import RunMeta
 
 MakeRow = Callable[[float], LogRow]
@@ -88,7 +88,7 @@ def as_logged(row: LogRow) -> LogRow:
 @given(rows_of_any_kind)
 @settings(max_examples=60, **QUIETLY)
 def test_what_is_written_is_read_back(tmp_path: Path, rows: list[LogRow]) -> None:
-    path = write_log(tmp_path / "run.csv", RunMeta(software="t"), rows, overwrite=True)
+    path = write_whole_log(tmp_path / "run.csv", RunMeta(software="t"), rows, overwrite=True)
     log = read_log(path)
     assert list(log.rows()) == [as_logged(row) for row in rows]
     assert log.meta == RunMeta(software="t")
@@ -102,7 +102,7 @@ def test_one_row_with_a_text_is_a_row_and_no_row_of_units(tmp_path: Path, text: 
     """A comma alone, split at commas, looked like two inch marks."""
     rows = [LogRow(0.0, **{name: text}) for name in ("events", "alarms")]
     for row in rows:
-        path = write_log(tmp_path / "run.csv", RunMeta(software="t"), [row], overwrite=True)
+        path = write_whole_log(tmp_path / "run.csv", RunMeta(software="t"), [row], overwrite=True)
         assert list(read_log(path).rows()) == [as_logged(row)]
 
 
@@ -149,7 +149,7 @@ def test_a_log_cut_anywhere_opens_up_to_its_last_whole_row(
     tmp_path: Path, full_row: MakeRow, beside: bool
 ) -> None:
     rows = [full_row(0.0), LogRow(0.05, lat_deg=34.1, events='雨 mark, "so"')]
-    path = write_log(tmp_path / "run.csv", RunMeta(software="t"), rows)
+    path = write_whole_log(tmp_path / "run.csv", RunMeta(software="t"), rows)
     whole = path.read_bytes()
     expected = [as_logged(row) for row in rows]
     if not beside:
@@ -165,7 +165,7 @@ def test_a_log_cut_anywhere_opens_up_to_its_last_whole_row(
 
 
 def test_zeros_left_by_a_power_loss_are_no_row(tmp_path: Path, full_row: MakeRow) -> None:
-    path = write_log(tmp_path / "run.csv", RunMeta(), [full_row(0.0), full_row(0.05)])
+    path = write_whole_log(tmp_path / "run.csv", RunMeta(), [full_row(0.0), full_row(0.05)])
     with path.open("ab") as file:
         file.write(b"0.1" + b"\0" * 4000)
     log = read_log(path)
@@ -174,7 +174,7 @@ def test_zeros_left_by_a_power_loss_are_no_row(tmp_path: Path, full_row: MakeRow
 
 
 def test_rows_hold_plain_python_values(tmp_path: Path, full_row: MakeRow) -> None:
-    (row,) = read_log(write_log(tmp_path / "run.csv", RunMeta(), [full_row(0.0)])).rows()
+    (row,) = read_log(write_whole_log(tmp_path / "run.csv", RunMeta(), [full_row(0.0)])).rows()
     for column, value in zip(COLUMNS, row, strict=False):
         wanted = str if column in TEXT_COLUMNS else int if column in WHOLE_COLUMNS else float
         assert type(value) is wanted, column
@@ -224,7 +224,7 @@ def test_a_sidecar_that_is_none_is_said(written: Written) -> None:
 
 def test_the_quick_and_the_careful_way_agree(tmp_path: Path, full_row: MakeRow) -> None:
     rows = [full_row(k * 0.05)._replace(hopper_kg=None if k % 3 else 200.0 + k) for k in range(50)]
-    path = write_log(tmp_path / "run.csv", RunMeta(), rows)
+    path = write_whole_log(tmp_path / "run.csv", RunMeta(), rows)
     quick = list(read_log(path).rows())
     # such a table is taken apart row by row
     path.write_text(path.read_text() + "9,short\n")
@@ -253,7 +253,7 @@ def test_a_machine_with_valves_has_their_column_and_no_other_has(tmp_path: Path)
         for k, told in enumerate(("0;1;1", None, "0;0;0"))
     ]
     machine = {"sections": [{"outlets": 2, "valve": {"open_s": 0.2, "close_s": 0.2}}] * 3}
-    path = write_log(tmp_path / "run.csv", RunMeta(machine=machine), rows)
+    path = write_whole_log(tmp_path / "run.csv", RunMeta(machine=machine), rows)
     assert path.read_text(encoding="utf-8").splitlines()[0] == HEADER.rstrip("\n") + ",sections_cmd"
     log = read_log(path)
     assert [row.sections_cmd for row in log.rows()] == ["0;1;1", None, "0;0;0"]
@@ -266,13 +266,15 @@ def test_a_machine_with_valves_has_their_column_and_no_other_has(tmp_path: Path)
         {"sections": [{"outlets": 6, "valve": None}]},
         {"sections": 3},
     ):
-        plain = write_log(tmp_path / "plain.csv", RunMeta(machine=other), rows, overwrite=True)
+        plain = write_whole_log(
+            tmp_path / "plain.csv", RunMeta(machine=other), rows, overwrite=True
+        )
         assert plain.read_text(encoding="utf-8").splitlines()[0] == HEADER.rstrip("\n")
 
 
 def with_long_row(tmp_path: Path, at: int, size: int, rows: int = 40, quoted: bool = False) -> Path:
     """A log of which one row has that many bytes of events, as 232 marks in one tick left it."""
-    path = write_log(
+    path = write_whole_log(
         tmp_path / "run.csv",
         RunMeta(software="t"),
         [LogRow(0.05 * k, state="working", speed_mps=1.0, events="mark here") for k in range(rows)],
@@ -353,5 +355,5 @@ def test_events_full_of_signs_that_part_columns_are_no_columns(tmp_path: Path, s
         )
         for k in range(20)
     ]
-    log = read_log(write_log(tmp_path / "run.csv", RunMeta(software="t"), rows))
+    log = read_log(write_whole_log(tmp_path / "run.csv", RunMeta(software="t"), rows))
     assert len(log) == 20 and log.columns["events"][7] == rows[7].events.strip()

@@ -14,12 +14,12 @@ import yaml
 from pydantic import BaseModel
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, VALID_FOR_S, LogRow
 from topdress.control.readings import Measurements, Reading
-from topdress.drivers.files.atomic import NewFile, create
-from topdress.drivers.files.log_text import HEADER, LONGEST_CELL, LONGEST_ROW, RowText
+from topdress.drivers.files.atomic import NewFile, create_new_file
+from topdress.drivers.files.log_text import HEADER, MAX_CUT_CELL, MAX_ROW_BYTES, RowText
 from topdress.drivers.files.read_log import RunLog, read_log
-from topdress.drivers.files.replay import measurements
-from topdress.drivers.files.run_log import PlainLogWriter, RunLogWriter, write_log
-from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml, run_meta
+from topdress.drivers.files.replay import iter_measurements
+from topdress.drivers.files.run_log import PlainLogWriter, RunLogWriter, write_whole_log
+from topdress.drivers.files.run_meta import RunMeta, make_run_meta, parse_meta_yaml
 
 from tests.waiting import wait_for
 
@@ -41,7 +41,7 @@ class Shaky:
     def create(self, path: Path, overwrite: bool) -> NewFile:
         if self.refuse_open is not None:
             raise self.refuse_open
-        return _ShakyFile(create(path, overwrite), self)
+        return _ShakyFile(create_new_file(path, overwrite), self)
 
 
 class _ShakyFile(NewFile):
@@ -117,7 +117,7 @@ def test_the_sidecar_says_with_what_the_run_was_made(tmp_path: Path, full_row: M
         format: str = "topdress-crop/1"
         y_max_t_ha: float = 7.5
 
-    meta = run_meta(
+    meta = make_run_meta(
         {"id": "huanghai"},
         Crop(),
         None,
@@ -126,7 +126,7 @@ def test_the_sidecar_says_with_what_the_run_was_made(tmp_path: Path, full_row: M
         started_utc="2026-03-20T08:00:00.000Z",
         extra={"effects": ["flow.gain=5"]},
     )
-    path = write_log(tmp_path / "run.csv", meta, [full_row(0.0)])
+    path = write_whole_log(tmp_path / "run.csv", meta, [full_row(0.0)])
     text = path.with_suffix(".yaml").read_text()
     said = yaml.safe_load(text)
     assert said["format"] == "topdress-run-log/1"
@@ -137,18 +137,18 @@ def test_the_sidecar_says_with_what_the_run_was_made(tmp_path: Path, full_row: M
         None,
     )
     assert (said["seed"], said["sha256"]) == (7, {"a.yaml": "00ff"})
-    assert meta_from_yaml(text) == meta
+    assert parse_meta_yaml(text) == meta
 
 
 def test_an_existing_log_is_left_alone_unless_asked(tmp_path: Path, full_row: MakeRow) -> None:
-    first = write_log(tmp_path / "run.csv", META, [full_row(0.0)])
+    first = write_whole_log(tmp_path / "run.csv", META, [full_row(0.0)])
     before = first.read_bytes()
-    second = write_log(tmp_path / "run.csv", META, [full_row(1.0)])
+    second = write_whole_log(tmp_path / "run.csv", META, [full_row(1.0)])
     with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META)) as third:
         assert third.path.name == "run-3.csv"
     assert second.name == "run-2.csv"
     assert first.read_bytes() == before
-    again = write_log(tmp_path / "run.csv", META, [full_row(2.0)], overwrite=True)
+    again = write_whole_log(tmp_path / "run.csv", META, [full_row(2.0)], overwrite=True)
     assert again == first and first.read_text().splitlines()[1].startswith("2.000,")
 
 
@@ -360,7 +360,7 @@ def test_a_log_that_is_cut_short_goes_on_in_a_new_one(
     assert b"\0" not in (tmp_path / "run.csv").read_bytes() + log.path.read_bytes()
     assert (
         len(read_log(log.path)) == 4
-        and meta_from_yaml(log.path.with_suffix(".yaml").read_text()) == META
+        and parse_meta_yaml(log.path.with_suffix(".yaml").read_text()) == META
     )
 
 
@@ -422,11 +422,11 @@ def test_no_row_is_longer_than_a_reader_takes(tmp_path: Path, letter: str) -> No
     texts = dict.fromkeys(TEXT_COLUMNS & set(COLUMNS) - {"utc"}, letter * 300_000)
     rows = [LogRow(0.05 * k, state="working", speed_mps=1.0, events=f"mark {k}") for k in range(20)]
     rows[7] = rows[7]._replace(**texts)
-    path = write_log(tmp_path / "run.csv", META, rows)
-    assert max(map(len, path.read_bytes().split(b"\n"))) <= LONGEST_ROW
+    path = write_whole_log(tmp_path / "run.csv", META, rows)
+    assert max(map(len, path.read_bytes().split(b"\n"))) <= MAX_ROW_BYTES
     read = read_log(path)
     assert len(read) == 20 and read.columns["events"][8] == "mark 8"
-    assert read.columns["events"][7] == letter * (LONGEST_CELL - 3) + "..."
+    assert read.columns["events"][7] == letter * (MAX_CUT_CELL - 3) + "..."
 
 
 def test_a_row_of_many_bytes_that_fits_is_left_as_it_is() -> None:
@@ -472,7 +472,7 @@ def logged(
     for k in range(round(seconds / TICK_S)):
         rows.append(LogRow(round(k * TICK_S, 3))._replace(**{column: sensor.at(k * TICK_S)}))
         truth.append(sensor.newest)
-    return read_log(write_log(tmp_path / "run.csv", RunMeta(), rows, overwrite=True)), truth
+    return read_log(write_whole_log(tmp_path / "run.csv", RunMeta(), rows, overwrite=True)), truth
 
 
 def the_reading(m: Measurements, column: str) -> Reading | None:
@@ -487,7 +487,7 @@ def test_values_and_their_times_come_back(tmp_path: Path, column: str, period_s:
     log, truth = logged(
         tmp_path, column, Sensor(period_s, VALID_FOR_S[column], silent=(10.0, 15.0))
     )
-    for m, true in zip(measurements(log), truth, strict=True):
+    for m, true in zip(iter_measurements(log), truth, strict=True):
         reading = the_reading(m, column)
         assert reading is not None and true is not None
         assert reading.value == true.value
@@ -504,7 +504,7 @@ def test_a_silent_head_grows_old_as_it_did(tmp_path: Path) -> None:
     original = sensor.random.normal
     sensor.random = type("R", (), {"normal": staticmethod(lambda *_: original(0.5, 0.01))})()  # type: ignore[assignment]
     log, truth = logged(tmp_path, "ndvi_1", sensor)
-    for m, true in zip(measurements(log), truth, strict=True):
+    for m, true in zip(iter_measurements(log), truth, strict=True):
         reading = m.ndvi[0]
         assert reading is not None and true is not None
         assert (reading.value, reading.time_s) == (
@@ -519,7 +519,7 @@ def test_a_steady_value_that_comes_is_never_taken_for_silence(tmp_path: Path) ->
         "opening_mm",
         Sensor(0.05, VALID_FOR_S["opening_mm"], silent=(20.0, 99.0), steady=True),
     )
-    for m, true in zip(measurements(log), truth, strict=True):
+    for m, true in zip(iter_measurements(log), truth, strict=True):
         assert m.opening_mm is not None and true is not None
         age_s, true_age_s = m.time_s - m.opening_mm.time_s, m.time_s - true.time_s
         assert age_s == pytest.approx(true_age_s, abs=VALID_FOR_S["opening_mm"] + TICK_S)
@@ -532,14 +532,14 @@ def test_a_steady_value_that_comes_is_never_taken_for_silence(tmp_path: Path) ->
 def test_a_rare_change_is_not_a_slow_sensor(written: Written) -> None:
     lines = [f"{k * 0.05:.2f},{25 if k < 300 else 26}" for k in range(600)]
     log = read_log(written("time_s,opening_mm\n" + "\n".join(lines) + "\n"))
-    for m in measurements(log):
+    for m in iter_measurements(log):
         assert m.opening_mm is not None
         assert m.time_s - m.opening_mm.time_s <= VALID_FOR_S["opening_mm"] / 2 + 1e-6
 
 
 def test_never_received_is_none_and_no_sensor_stays_none(written: Written) -> None:
     log = read_log(written("time_s,hopper_kg,work_switch\n0,,\n1,5,1\n2,,0\n"))
-    first, second, third = measurements(log)
+    first, second, third = iter_measurements(log)
     assert (
         first.hopper_kg is None
         and second.hopper_kg == Reading(5.0, 1.0)
@@ -555,7 +555,7 @@ def test_a_new_utc_makes_a_new_fix(written: Written) -> None:
         tenth = k // 4
         lines.append(f"{k * 0.05:.2f},2026-03-20T08:00:00.{2 * tenth}00Z,34.1,119.5,4,12,0.0,")
     log = read_log(written("\n".join(lines) + "\n"))
-    for k, m in enumerate(measurements(log)):
+    for k, m in enumerate(iter_measurements(log)):
         assert m.gnss is not None
         assert m.gnss.time_s == pytest.approx(k // 4 * 0.2)
         assert m.gnss.utc == f"2026-03-20T08:00:00.{2 * (k // 4)}00Z"
@@ -574,7 +574,7 @@ def test_a_lost_fix_stays_the_newest_and_grows_old(written: Written) -> None:
     ]
     lines += [f"{k / 10:.1f},,," for k in range(5, 9)]
     lines += ["0.9,2026-03-20T08:00:00.900Z,34.2,119.5"]
-    fixes = [m.gnss for m in measurements(read_log(written("\n".join(lines) + "\n")))]
+    fixes = [m.gnss for m in iter_measurements(read_log(written("\n".join(lines) + "\n")))]
     assert [fix.time_s for fix in fixes if fix] == pytest.approx(
         [0, 0.1, 0.2, 0.3, 0.4, 0.4, 0.4, 0.4, 0.4, 0.9]
     )
@@ -587,23 +587,23 @@ def test_a_place_that_comes_after_its_utc_is_as_old_as_itself(written: Written) 
     log = read_log(
         written(f"time_s,utc,lat_deg,lon_deg\n0,{utc},,\n1,{utc},34.1,119.5\n2,{utc},34.1,119.5\n")
     )
-    assert [m.gnss and m.gnss.time_s for m in measurements(log)] == [None, 1.0, 1.0]
+    assert [m.gnss and m.gnss.time_s for m in iter_measurements(log)] == [None, 1.0, 1.0]
 
 
 def test_without_utc_a_new_place_makes_a_new_fix(written: Written) -> None:
     lines = [f"{k * 0.05:.2f},{34.1 + k // 2 * 1e-6:.6f},119.5" for k in range(40)]
     log = read_log(written("time_s,lat_deg,lon_deg\n" + "\n".join(lines) + "\n"))
-    assert [m.gnss.time_s for m in measurements(log) if m.gnss] == pytest.approx(
+    assert [m.gnss.time_s for m in iter_measurements(log) if m.gnss] == pytest.approx(
         [k // 2 * 0.1 for k in range(40)]
     )
 
 
 def test_a_speed_without_places_is_replayed_as_the_wheel(written: Written) -> None:
     log = read_log(written("time_s,speed_mps,ndvi\n0,1.2,0.5\n1,1.3,0.6\n"))
-    readings = [m.wheel_speed_mps for m in measurements(log)]
+    readings = [m.wheel_speed_mps for m in iter_measurements(log)]
     assert [reading.value for reading in readings if reading] == [1.2, 1.3]
 
 
 def test_an_empty_log_replays_nothing(written: Written) -> None:
     log = read_log(written("time_s,speed_mps\n"))
-    assert list(measurements(log)) == [] and list(log.rows()) == []
+    assert list(iter_measurements(log)) == [] and list(log.rows()) == []

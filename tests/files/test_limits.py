@@ -32,11 +32,11 @@ from topdress.drivers.files.config import ConfigError
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.read import read_raw_table
 from topdress.drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
-from topdress.drivers.files.log_store import read_store
+from topdress.drivers.files.log_store import read_log_store
 from topdress.drivers.files.prescriptions.for_job import read_plant_places
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.setup import by_kind
+from topdress.drivers.files.setup import load_by_kind
 from topdress.drivers.files.sheet_text import check_sheets
 from topdress.drivers.plain_text import join_lines
 
@@ -77,7 +77,7 @@ def test_the_page_shows_the_table() -> None:
         for line in PAGE.read_text(encoding="utf-8").splitlines()
         if line.startswith("| ") and "up to" not in line
     ]
-    assert rows == [[one.what, limits._amount(one.most, one.unit)] for one in LIMITS]
+    assert rows == [[one.what, limits._format_amount(one.most, one.unit)] for one in LIMITS]
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_yaml_is_plain_data_with_names(tmp_path: Path, text: str) -> None:
     path = tmp_path / "job.yaml"
     path.write_text(f"format: topdress-job/1\n{text}\n")
     with pytest.raises(ConfigError) as said:
-        by_kind([str(path)])
+        load_by_kind([str(path)])
     assert len(said.value.lines) == 1
     assert "plain data without tags" in str(said.value) or "!" not in text
 
@@ -207,7 +207,7 @@ def test_yaml_has_a_depth(tmp_path: Path) -> None:
     path = tmp_path / "job.yaml"
     path.write_text(f"format: topdress-job/1\na: {'[' * 60}{']' * 60}\n")
     with pytest.raises(ConfigError, match="nested too deeply or too large"):
-        by_kind([str(path)])
+        load_by_kind([str(path)])
 
 
 @pytest.mark.parametrize(
@@ -459,7 +459,7 @@ def grown(read: str, path: Path, seconds: float = 60.0, most_mb: int = 600) -> s
 
 
 MAP = "from topdress.drivers.files.prescriptions.read import read_prescription as read"
-RAW = "from topdress.drivers.files.imports.read import read_raw as read"
+RAW = "from topdress.drivers.files.imports.read import read_raw_table as read"
 
 
 @pytest.mark.parametrize(
@@ -619,7 +619,8 @@ def test_yaml_is_counted_as_it_is_read(tmp_path: Path, text: str) -> None:
     path = tmp_path / "job.yaml"
     path.write_text(f"format: topdress-job/1\n{text}\n")
     read = (
-        "from topdress.drivers.files.setup import by_kind\nread = lambda path: by_kind([str(path)])"
+        "from topdress.drivers.files.setup import load_by_kind\n"
+        "read = lambda path: load_by_kind([str(path)])"
     )
     assert "nested too deeply or too large" in grown(read, path)
 
@@ -705,7 +706,7 @@ def _of_spoilt_bytes(packed: bytes) -> bytes:
 
 def _job(path: Path) -> None:
     try:
-        by_kind([str(path)])
+        load_by_kind([str(path)])
     except ConfigError as error:
         assert all(line == join_lines(line) for line in error.lines)
         raise ValueError(error.lines[0]) from None
@@ -782,7 +783,7 @@ def test_a_small_parquet_that_is_large_when_it_is_read_is_refused(
         path.write_bytes(data.replace(whole(piece), whole(rows)))
     assert path.stat().st_size < 300_000
     with pytest.raises((BeyondLimits, TableError), match="allowed up to") as refused:
-        read_store(path) if is_store else read_raw_table(path)
+        read_log_store(path) if is_store else read_raw_table(path)
     assert said in str(refused.value) and "\n" not in str(refused.value)
 
 

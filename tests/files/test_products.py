@@ -14,10 +14,10 @@ from topdress.console.services.job import JobFiles, Launcher
 from topdress.control.agronomy.product import CatchTest, Product
 from topdress.control.field.job_names import JobNames
 from topdress.control.machine.product_calibration import apply_product
-from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.config import find_shipped_files, load_config, save_config
 from topdress.drivers.files.config_error import ConfigError
 from topdress.drivers.files.kinds import JOB, MACHINE, PRODUCT
-from topdress.drivers.files.setup import load_setup, product_note
+from topdress.drivers.files.setup import describe_product, load_setup
 
 from tests.command import topdress
 
@@ -25,7 +25,7 @@ TODAY = dt.date(2026, 3, 18)
 
 
 def prills(*tests: CatchTest) -> Product:
-    return load("urea_prilled", PRODUCT).model.model_copy(update={"catch_tests": tests})
+    return load_config("urea_prilled", PRODUCT).model.model_copy(update={"catch_tests": tests})
 
 
 def caught(grams: float, day: str, machine: str = "huanghai", **more: float) -> CatchTest:
@@ -37,7 +37,7 @@ def caught(grams: float, day: str, machine: str = "huanghai", **more: float) -> 
 @pytest.fixture
 def job(tmp_path) -> Path:
     """A job with a product that this machine has caught twice."""
-    save(
+    save_config(
         tmp_path / "mine.yaml",
         prills(
             caught(5.9, "2025-03-01"),
@@ -46,8 +46,8 @@ def job(tmp_path) -> Path:
         ),
         PRODUCT,
     )
-    demo = load("demo", JOB).model
-    save(tmp_path / "job.yaml", demo.model_copy(update={"product_file": "mine.yaml"}), JOB)
+    demo = load_config("demo", JOB).model
+    save_config(tmp_path / "job.yaml", demo.model_copy(update={"product_file": "mine.yaml"}), JOB)
     return tmp_path / "job.yaml"
 
 
@@ -60,10 +60,10 @@ def test_the_newest_test_with_this_machine_counts(job):
     assert str(job.parent / "mine.yaml") in setup.sha256
     assert load_setup("spreader", str(job), TODAY).machine.flow.grams_per_rev_mm == 1.4
     bench = load_setup("bench", str(job), TODAY)
-    assert bench.machine == load("bench", MACHINE).model, (
+    assert bench.machine == load_config("bench", MACHINE).model, (
         "never caught with it: its own file counts"
     )
-    assert "no catch test with machine bench" in product_note(bench.product, bench.machine)
+    assert "no catch test with machine bench" in describe_product(bench.product, bench.machine)
 
 
 def test_a_jobs_rate_follows_the_n_share(job):
@@ -81,12 +81,12 @@ def test_files_of_before_read_equal():
     """A job that names no product: machine and crop are those of their files, the product in
     the crop included."""
     setup = load_setup("huanghai", "demo", TODAY)
-    assert setup.product is None and setup.machine == load("huanghai", MACHINE).model
+    assert setup.product is None and setup.machine == load_config("huanghai", MACHINE).model
     assert (setup.crop.product, setup.crop.product_n_fraction) == ("urea", 0.45)
 
 
 def test_what_a_test_tells_replaces_what_was_told():
-    machine = load("huanghai", MACHINE).model
+    machine = load_config("huanghai", MACHINE).model
     machine = machine.model_copy(
         update={"flow": machine.flow._replace(gain_percent=4.0, zero_offset_g_rev=3.0)}
     )
@@ -125,7 +125,7 @@ def test_what_a_test_tells_replaces_what_was_told():
 )
 def test_what_is_not_allowed(change):
     with pytest.raises(ValidationError):
-        Product.model_validate(load("urea_prilled", PRODUCT).model.model_dump() | change)
+        Product.model_validate(load_config("urea_prilled", PRODUCT).model.model_dump() | change)
 
 
 def test_check_tells_of_the_product(job, tmp_path):
@@ -134,13 +134,15 @@ def test_check_tells_of_the_product(job, tmp_path):
         said.exit_code == 0
         and "product urea_prilled: no catch test with machine bench" in said.output
     )
-    save(job, load(str(job), JOB).model.model_copy(update={"product_file": "none.yaml"}), JOB)
+    save_config(
+        job, load_config(str(job), JOB).model.model_copy(update={"product_file": "none.yaml"}), JOB
+    )
     said = topdress("check", job)
     assert said.exit_code != 0 and "none.yaml" in said.output
     with pytest.raises(ConfigError, match="name it in the job file"):
-        from topdress.drivers.files.setup import by_kind
+        from topdress.drivers.files.setup import load_by_kind
 
-        by_kind([str(shipped("products")["can_27"])])
+        load_by_kind([str(find_shipped_files("products")["can_27"])])
 
 
 def test_a_catch_test_is_added_with_its_date(tmp_path):
@@ -166,7 +168,7 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
         out,
     )
     assert said.exit_code == 0, said.output
-    test = load(str(out), PRODUCT).model.find_newest_test("huanghai")
+    test = load_config(str(out), PRODUCT).model.find_newest_test("huanghai")
     assert (
         test.grams_per_rev_mm == pytest.approx(6.1, rel=0.002)
         and test.date == TODAY
@@ -176,7 +178,7 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
     said = topdress(
         "calibrate", "catch", table, "--product", out, "--date", "2026-03-19", "--out", again
     )
-    assert said.exit_code == 0 and len(load(str(again), PRODUCT).model.catch_tests) == 2
+    assert said.exit_code == 0 and len(load_config(str(again), PRODUCT).model.catch_tests) == 2
     for more in (
         ["--out", str(out), "--product", str(out)],
         ["--out", str(tmp_path / "x.yaml"), "--date", "today"],
@@ -188,7 +190,7 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
 def desk(tmp_path):
     launcher = Launcher((), (), 1, 20.0, str(tmp_path / "logs" / "run.csv"), tmp_path / "trouble")
     (tmp_path / "products").mkdir()
-    save(tmp_path / "products" / "mine.yaml", prills(caught(6.2, "2026-03-17")), PRODUCT)
+    save_config(tmp_path / "products" / "mine.yaml", prills(caught(6.2, "2026-03-17")), PRODUCT)
 
     async def link(resumed=None):
         """A worker that starts with what was taken."""
@@ -214,7 +216,9 @@ async def test_another_product_in_the_cab_brings_its_flow(desk, tmp_path):
         one for one in list_checks(None, 0.0, facts, "", None, METRIC) if one.label == "product"
     )
     assert line.level == OK and "6.20 g a turn and mm (catch test of 2026-03-17)" in line.text
-    desk.save_job_names(JobNames(product="can_27", product_file=str(shipped("products")["can_27"])))
+    desk.save_job_names(
+        JobNames(product="can_27", product_file=str(find_shipped_files("products")["can_27"]))
+    )
     await desk.restart_worker()
     line = next(
         one

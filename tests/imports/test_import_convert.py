@@ -16,7 +16,7 @@ import pytest
 import yaml
 from click.testing import Result
 from topdress.control.log_row import COMMANDS_HELD
-from topdress.drivers.files.any_log import open_log, raw_and_mapping
+from topdress.drivers.files.any_log import open_any_log, read_with_mapping
 from topdress.drivers.files.imports.convert import convert_table
 from topdress.drivers.files.imports.join import join_files
 from topdress.drivers.files.imports.log_file import write_imported_log
@@ -500,7 +500,7 @@ def test_what_is_opened_is_what_would_be_written_and_read_and_no_file_lies_betwe
         ),
         "in.import.yaml",
     )
-    raw, mapping, said_by = raw_and_mapping(source)
+    raw, mapping, said_by = read_with_mapping(source)
     assert said_by == place
     write_imported_log(
         tmp_path / "out.csv",
@@ -510,7 +510,7 @@ def test_what_is_opened_is_what_would_be_written_and_read_and_no_file_lies_betwe
     )
     read = read_log(tmp_path / "out.csv")
     monkeypatch.setattr(tempfile, "mkdtemp", lambda *_, **__: pytest.fail("a file in between"))
-    opened = open_log(source)
+    opened = open_any_log(source)
     assert list(opened.columns) == list(read.columns) and len(opened) == 5
     for name, array in read.columns.items():
         np.testing.assert_array_equal(opened.columns[name], array, err_msg=name)

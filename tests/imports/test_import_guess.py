@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import Result
-from topdress.drivers.files.columns import text_column
-from topdress.drivers.files.config import load
-from topdress.drivers.files.foreign import our_names
+from topdress.drivers.files.columns import make_text_column
+from topdress.drivers.files.config import load_config
+from topdress.drivers.files.foreign import rename_log_header
 from topdress.drivers.files.imports.convert import convert_table
 from topdress.drivers.files.imports.guess import guess_import_file
 from topdress.drivers.files.imports.guess_columns import _read_values
@@ -42,7 +42,7 @@ def table(header: str, *columns: object) -> str:
 @pytest.mark.parametrize(("words", "known"), [(0, 10), (5, 5), (6, None), (9, None), (10, None)])
 def test_a_column_is_of_numbers_where_half_of_it_is(words: int, known: int | None) -> None:
     cells = ["off"] * words + [f"{k}.5" for k in range(10 - words)]
-    values = _read_values(RawTable(Path("a.csv"), {"x": text_column(cells)}, Source()), "x")
+    values = _read_values(RawTable(Path("a.csv"), {"x": make_text_column(cells)}, Source()), "x")
     assert (values.size, int(np.isfinite(values).sum())) == (
         (10, known) if known is not None else (0, 0)
     )
@@ -302,7 +302,7 @@ def test_a_unit_at_the_end_of_a_name_is_taken(
     assert not found.doubts and set(found.mapping.columns) == {"speed_mps"}
     unit = find_named_unit(found.mapping.columns["speed_mps"].unit or "")
     assert unit is not None and unit.factor == pytest.approx(factor)
-    plain = our_names(("time_s", "x", cell.replace("VEHSPD", "SPEED")))
+    plain = rename_log_header(("time_s", "x", cell.replace("VEHSPD", "SPEED")))
     assert ("speed_mps" in plain.names and plain.factors["speed_mps"] == pytest.approx(factor)) or (
         "speed_kmh" in plain.names and factor == 1 / 3.6
     )
@@ -329,7 +329,7 @@ def test_a_written_guess_reads_back_as_it_was(
     ):
         source, place = written(content, f"{number}.csv"), tmp_path / f"{number}.yaml"
         assert topdress("import", source, "--guess", "--mapping", place).exit_code == 0
-        assert load(place, IMPORT).model == guess_import_file(read_raw_table(source)).mapping
+        assert load_config(place, IMPORT).model == guess_import_file(read_raw_table(source)).mapping
 
 
 def _points(folder: Path, **columns: list[object]) -> Path:

@@ -16,9 +16,9 @@ import polars as pl
 import pytest
 from click.testing import Result
 from topdress.console.services.logs import RunLogs
-from topdress.drivers.files.any_log import open_log
+from topdress.drivers.files.any_log import open_any_log
 from topdress.drivers.files.columns import count_rows
-from topdress.drivers.files.config import load
+from topdress.drivers.files.config import load_config
 from topdress.drivers.files.exports.as_applied import build_as_applied
 from topdress.drivers.files.exports.time_log import (
     LoggedData,
@@ -26,7 +26,7 @@ from topdress.drivers.files.exports.time_log import (
     encode_layout,
     encode_records,
 )
-from topdress.drivers.files.file_sniffer import holds_points
+from topdress.drivers.files.file_sniffer import has_worked_points
 from topdress.drivers.files.imports.convert import convert_table
 from topdress.drivers.files.imports.devices import NumberMeaning
 from topdress.drivers.files.imports.guess import guess_import_file
@@ -290,7 +290,7 @@ def run(*words: str) -> str:
 
 def test_points_are_replayed_diagnosed_and_summed(tmp_path: Path) -> None:
     path = points(tmp_path / "applied.geojson")
-    assert holds_points(path)
+    assert has_worked_points(path)
     assert "(run, 200 rows" in run("diagnose", str(path), "--machine", "huanghai")
     assert "200 rows" in run("replay", str(path), "--headless", "--out", str(tmp_path / "r.csv"))
     told = json.loads(run("map", str(path), "--machine", "huanghai", "--json"))
@@ -302,7 +302,7 @@ def test_points_are_replayed_diagnosed_and_summed(tmp_path: Path) -> None:
 def test_what_is_unsure_is_asked_and_nothing_is_left(tmp_path: Path) -> None:
     path = points(tmp_path / "applied.geojson", told=False)
     with pytest.raises(LogImportError, match="no unit in the header"):
-        open_log(path)
+        open_any_log(path)
     assert [file.name for file in tmp_path.iterdir()] == ["applied.geojson"]
 
 
@@ -459,7 +459,7 @@ def test_the_commands(topdress: Callable[..., Result], tmp_path: Path) -> None:
         "import", made.path, "--task", "Field 2", "--guess", "--mapping", tmp_path / "m.yaml"
     )
     assert guessed.exit_code == 0 and "DET3 is Bin 2 of Spreader" in guessed.output
-    mapping = load(tmp_path / "m.yaml", IMPORT).model
+    mapping = load_config(tmp_path / "m.yaml", IMPORT).model
     assert mapping.source.task == "Field 2" and mapping.source.task_log is None
     done = topdress(
         "import", made.path, "--mapping", tmp_path / "m.yaml", "--out", tmp_path / "a.csv"

@@ -36,7 +36,7 @@ from topdress.control.machine.scale import ScaleInput, read_scale
 from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
 from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from topdress.control.machine.terms import Term
-from topdress.drivers.files.config import ConfigError, load, save, shipped
+from topdress.drivers.files.config import ConfigError, find_shipped_files, load_config, save_config
 from topdress.drivers.files.kinds import MACHINE
 
 PUBLISHED = """shaft.dead_zone shaft.saturation shaft.neutral shaft.back_gain shaft.back_zone
@@ -282,11 +282,11 @@ def test_what_was_changed_by_hand_since_stays() -> None:
 
 def test_the_file_keeps_it(tmp_path: Path) -> None:
     extended = extend(Machine(), found(3.0, TERM), date="2026-07-09", sha256="2" * 64)
-    save(tmp_path / "new.yaml", extended, MACHINE)
-    read = load(str(tmp_path / "new.yaml"), MACHINE).model
+    save_config(tmp_path / "new.yaml", extended, MACHINE)
+    read = load_config(str(tmp_path / "new.yaml"), MACHINE).model
     assert read == extended
-    save(tmp_path / "back.yaml", undo_last_change(read, date="2026-07-10"), MACHINE)
-    back = load(str(tmp_path / "back.yaml"), MACHINE).model
+    save_config(tmp_path / "back.yaml", undo_last_change(read, date="2026-07-10"), MACHINE)
+    back = load_config(str(tmp_path / "back.yaml"), MACHINE).model
     assert (list_effect_sizes(back), back.terms, back.history[0].terms) == (
         {},
         (),
@@ -366,7 +366,7 @@ OF_HUANGHAI = {
 
 
 def of(name: str) -> Machine:
-    return load(name, MACHINE).model
+    return load_config(name, MACHINE).model
 
 
 @pytest.mark.parametrize("effect_id", CATALOGUE)
@@ -401,7 +401,7 @@ def test_bounds_are_shares_of_the_machines_own_ranges(
     assert find_size_bounds(effect_id, of(name)) == pytest.approx((low, high))
 
 
-@pytest.mark.parametrize("name", sorted(shipped("machines")))
+@pytest.mark.parametrize("name", sorted(find_shipped_files("machines")))
 @pytest.mark.parametrize("effect_id", sorted(CATALOGUE))
 def test_sizes_tried_lie_within_the_bounds(name: str, effect_id: str) -> None:
     machine = of(name)
@@ -436,22 +436,22 @@ def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:
 def test_a_machine_file_with_a_size_out_of_its_bounds_is_refused_by_key_and_line(
     tmp_path: Path,
 ) -> None:
-    text = shipped("machines")["huanghai"].read_text(encoding="utf-8")
+    text = find_shipped_files("machines")["huanghai"].read_text(encoding="utf-8")
     place = tmp_path / "m.yaml"
     place.write_text(
         text.replace("full_opening_mm: 60.0", "full_opening_mm: 60.0\n  dead_band_rpm: 150.0"),
         "utf-8",
     )
     with pytest.raises(ConfigError) as refused:
-        load(place, MACHINE)
+        load_config(place, MACHINE)
     line = place.read_text("utf-8").splitlines().index("  dead_band_rpm: 150.0") + 1
     assert refused.value.lines == (
         f"{place}: key shaft.dead_band_rpm: value 150.0: allowed 0 to 60 r/min where "
         f"limits.shaft_high_rpm is 100 (line {line})",
     )
-    drive = shipped("machines")["drive_alone"].read_text(encoding="utf-8")
+    drive = find_shipped_files("machines")["drive_alone"].read_text(encoding="utf-8")
     place.write_text(drive.replace("shaft:\n", "shaft:\n  dead_band_rpm: 150.0\n"), "utf-8")
-    assert load(place, MACHINE).model.shaft.dead_band_rpm == 150.0
+    assert load_config(place, MACHINE).model.shaft.dead_band_rpm == 150.0
 
 
 def test_what_is_told_at_full_speed_is_told_at_the_machines_own() -> None:

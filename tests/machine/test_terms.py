@@ -31,7 +31,7 @@ from topdress.control.machine.term_sums import (
     sum_over_log,
 )
 from topdress.control.machine.terms import Term, list_needed_values, make_term_params, parse_term
-from topdress.drivers.files.config import ConfigError, load, save, shipped
+from topdress.drivers.files.config import ConfigError, find_shipped_files, load_config, save_config
 from topdress.drivers.files.kinds import MACHINE
 
 TEXTS = {
@@ -221,7 +221,7 @@ def test_told_is_the_mean_of_the_command_a_dead_time_ago() -> None:
 def test_a_bad_term_is_refused_in_one_line(
     change: dict[str, Any], line: str, tmp_path: Path
 ) -> None:
-    data = yaml.safe_load(shipped("machines")["huanghai"].read_text(encoding="utf-8"))
+    data = yaml.safe_load(find_shipped_files("machines")["huanghai"].read_text(encoding="utf-8"))
     data["terms"] = [
         {
             "id": "flow.travel",
@@ -235,7 +235,7 @@ def test_a_bad_term_is_refused_in_one_line(
     path = tmp_path / "m.yaml"
     path.write_text(yaml.safe_dump(data))
     with pytest.raises(ConfigError) as wrong:
-        load(path, MACHINE)
+        load_config(path, MACHINE)
     assert (
         len(wrong.value.lines) == 1
         and line in wrong.value.lines[0]
@@ -246,18 +246,18 @@ def test_a_bad_term_is_refused_in_one_line(
 def test_a_machine_with_terms_is_written_and_read_back(tmp_path: Path) -> None:
     terms = tuple(made(text).model_copy(update={"id": form.value}) for form, text in TEXTS.items())
     machine = Machine(terms=terms)
-    save(tmp_path / "m.yaml", machine, MACHINE)
-    assert load(tmp_path / "m.yaml", MACHINE).model == machine
+    save_config(tmp_path / "m.yaml", machine, MACHINE)
+    assert load_config(tmp_path / "m.yaml", MACHINE).model == machine
 
 
 def test_an_old_file_with_tables_over_becomes_a_term_with_a_note(tmp_path: Path) -> None:
-    data = yaml.safe_load(shipped("machines")["huanghai"].read_text(encoding="utf-8"))
+    data = yaml.safe_load(find_shipped_files("machines")["huanghai"].read_text(encoding="utf-8"))
     nodes, values = [11 + 0.5 * k for k in range(8)], [float(k - 5) for k in range(8)]
     data |= {"tables_over": {"flow": "supply_v"}}
     data["flow"] |= {"table_x": nodes, "table_percent": values}
     data["gate"] |= {"table_x": list(range(8)), "table_mm": [0.0] * 8}
     (tmp_path / "old.yaml").write_text(yaml.safe_dump(data))
-    machine = load(tmp_path / "old.yaml", MACHINE).model
+    machine = load_config(tmp_path / "old.yaml", MACHINE).model
     assert [(t.acts_on, t.form, t.variable_names, t.nodes, t.values) for t in machine.terms] == [
         ("flow_percent", "table", ("supply_v",), tuple(nodes), tuple(values))
     ]

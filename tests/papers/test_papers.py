@@ -35,7 +35,7 @@ from topdress.control.papers.map_geometry import boundary_table, cells_that_agre
 from topdress.control.papers.page import Claim, How, Table, ledger
 from topdress.control.papers.points import delays, microsteps, points_claims
 from topdress.control.targets.point import calc_point_lag
-from topdress.drivers.files.config import load
+from topdress.drivers.files.config import load_config
 from topdress.drivers.files.kinds import CROP
 
 from tests.command import topdress
@@ -44,7 +44,7 @@ from tests.places import PAPERS
 
 @pytest.fixture(scope="module")
 def crop() -> Crop:
-    return load("huanghai_wheat", CROP).model
+    return load_config("huanghai_wheat", CROP).model
 
 
 def rows(path: Path) -> list[dict[str, str]]:

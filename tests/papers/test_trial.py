@@ -15,7 +15,7 @@ from scipy.stats import ttest_ind
 from topdress.control.geodesy import TangentPlane
 from topdress.control.papers import published
 from topdress.control.papers.trial import Plot, Trial, choice_of, trial_section
-from topdress.drivers.files.trial import TrialError, read_plots, read_trial, read_weights
+from topdress.drivers.files.trial import TrialError, read_trial, read_trial_plots, read_weights
 
 from tests.command import topdress
 from tests.geojson import feature, geojson
@@ -224,7 +224,7 @@ def test_weights_that_are_none(text: str, said: str, tmp_path: Path) -> None:
 
 def test_plots_that_are_none(driven: Driven, tmp_path: Path) -> None:
     with pytest.raises(TrialError, match="plot A: allowed is a name of its own"):
-        read_plots(plots_file(tmp_path / "twice.geojson", ("A", "A")))
+        read_trial_plots(plots_file(tmp_path / "twice.geojson", ("A", "A")))
     far = plots_file(tmp_path / "far.geojson")
     far.write_text(far.read_text().replace("119.8", "118.8"))
     with pytest.raises(TrialError, match="lies in none of the plots"):

@@ -37,7 +37,7 @@ from topdress.control.targets.prescription import (
     project_prescription,
 )
 from topdress.control.targets.rate_map import GridMap, ZoneMap, make_frame_deg, make_frame_m
-from topdress.drivers.files.config import shipped
+from topdress.drivers.files.config import find_shipped_files
 from topdress.drivers.files.prescriptions.for_job import read_job_map, read_job_plants
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.setup import Setup, load_setup
@@ -223,7 +223,7 @@ def job(tmp_path: Path) -> Path:
     """The shipped map job and its map in a folder of their own."""
     folder = tmp_path / "job"
     folder.mkdir()
-    source = shipped("jobs")["map_demo"]
+    source = find_shipped_files("jobs")["map_demo"]
     for path in (source, source.with_suffix(".geojson")):
         shutil.copy(path, folder)
     return folder / "map_demo.yaml"

@@ -26,7 +26,7 @@ from topdress.control.orders import Alarm, Severity
 from topdress.control.targets.map_check import check_map
 from topdress.control.targets.prescription import GridDeg, MapData, Zone, calc_rate_shares
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.config import shipped
+from topdress.drivers.files.config import find_shipped_files
 from topdress.drivers.files.prescriptions.read import read_prescription
 from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
 
@@ -55,7 +55,11 @@ def strips(folder: Path, rates: tuple[float, ...], south: float = LAT) -> Path:
             for a in [south + k * STEP]
         ),
     )
-    text = shipped("jobs")["map_demo"].read_text().replace("map_demo.geojson", "map.geojson")
+    text = (
+        find_shipped_files("jobs")["map_demo"]
+        .read_text()
+        .replace("map_demo.geojson", "map.geojson")
+    )
     (folder / "job.yaml").write_text(text)
     return folder / "job.yaml"
 

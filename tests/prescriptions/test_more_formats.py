@@ -230,7 +230,7 @@ def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.M
 def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
 
     from topdress.control.agronomy.noa import decide_rate_kg_ha
-    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config import load_config
     from topdress.drivers.files.kinds import CROP
 
     zones = tuple(zone._replace(rate_kg_ha=0.30 + 0.04 * k) for k, zone in enumerate(plan().zones))
@@ -245,7 +245,7 @@ def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
     assert run().startswith("2 ")
     done = run("--rule", "demo", "--out", tmp_path / "rates.geojson")
     assert done.startswith("0 ") and "NDVI taken to rates by the rule" in done, done
-    crop = load("huanghai_wheat", CROP).model
+    crop = load_config("huanghai_wheat", CROP).model
     back = read_prescription(tmp_path / "rates.geojson").data.zones
     assert [zone.rate_kg_ha for zone in back] == [
         decide_rate_kg_ha(crop, zone.rate_kg_ha) for zone in zones

@@ -16,7 +16,7 @@ from topdress.control.field.coverage import Raster
 from topdress.control.field.job import Ground, Job
 from topdress.control.field.totals import Totaliser, TotalSums
 from topdress.control.geodesy import TangentPlane
-from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.config import find_shipped_files, load_config, save_config
 from topdress.drivers.files.kinds import JOB
 
 NOW = dt.datetime.now(dt.UTC)
@@ -136,9 +136,9 @@ def done_before(loop, place):
 def jobs(tmp_path):
     """A job of the demo's field with other words and rules in it, and the same on a field far
     away."""
-    demo = load(shipped("jobs")["demo"], JOB).model
+    demo = load_config(find_shipped_files("jobs")["demo"], JOB).model
     far = demo.field.model_copy(update={"origin_lat_deg": 35.0})
-    save(
+    save_config(
         tmp_path / "mapped.yaml",
         demo.model_copy(
             update={
@@ -151,7 +151,7 @@ def jobs(tmp_path):
         JOB,
         "",
     )
-    save(tmp_path / "far.yaml", demo.model_copy(update={"field": far}), JOB, "")
+    save_config(tmp_path / "far.yaml", demo.model_copy(update={"field": far}), JOB, "")
     return tmp_path
 
 

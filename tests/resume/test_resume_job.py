@@ -37,9 +37,9 @@ from topdress.control.log_row import LogRow
 from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.orders import Alarm, Do, Order, Severity
-from topdress.drivers.files.plain import plain, typed
+from topdress.drivers.files.plain import build_from_plain, convert_to_plain
 from topdress.drivers.files.read_log import read_log
-from topdress.drivers.files.run_meta import meta_from_yaml
+from topdress.drivers.files.run_meta import parse_meta_yaml
 from topdress.drivers.files.setup import load_setup
 
 
@@ -184,7 +184,7 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     )
     assert frames[-1].totals.cuc_percent is not None
     log = later.writer.path
-    assert log.name == "b.csv" and meta_from_yaml(log.with_suffix(".yaml").read_text()).extra[
+    assert log.name == "b.csv" and parse_meta_yaml(log.with_suffix(".yaml").read_text()).extra[
         "resumes"
     ] == str(parts.writer.path)
     kept = resume.read_snapshot(resume.make_snapshot_path(log))
@@ -556,7 +556,10 @@ def test_standing_before_gone_and_red_before_amber():
 def test_records_survive_a_file_and_the_time_before_is_added():
     first = AlarmHistory()
     first.add_row_alarms(1.0, "2026-03-18T06:00:00Z", (RED, AMBER))
-    kept = tuple(typed(AlarmRecord, one) for one in json.loads(json.dumps(plain(first.records))))
+    kept = tuple(
+        build_from_plain(AlarmRecord, one)
+        for one in json.loads(json.dumps(convert_to_plain(first.records)))
+    )
     assert kept == first.records
     later = AlarmHistory()
     later.add_row_alarms(0.5, "2026-03-18T07:00:00Z", (RED,))

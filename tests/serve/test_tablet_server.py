@@ -35,7 +35,7 @@ from topdress.console.link import Link
 from topdress.console.running import WorkerAddress, WorkerFailed, start_worker
 from topdress.control.orders import Answer, Do, Order
 from topdress.drivers.files.lock import take_lock
-from topdress.drivers.files.run_meta import meta_to_yaml, run_meta
+from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
 from topdress.console.serve import server as server_module  # noqa: E402
@@ -269,8 +269,8 @@ async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate():
 def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
     log = tmp_path / "run.csv"
     assert read_options(WorkerAddress(1, None, 1, "", str(log))) == {} and read_options(None) == {}
-    meta = run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
-    log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
+    meta = make_run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
+    log.with_suffix(".yaml").write_text(format_meta_yaml(meta), encoding="utf-8")
     assert read_options(WorkerAddress(1, None, 1, "", str(log))) == {
         "limits_kg_ha": (0.0, 450.0),
         "hopper_kg": 280.0,

@@ -18,14 +18,16 @@ from topdress.control.log_row import LogRow
 from topdress.control.simulation.assembly import add_simulated_field
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import PlainLogWriter
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_meta import make_run_meta
 from topdress.drivers.files.setup import Setup, load_setup
 
 
 def write(path: Path, setup: Setup, rows: int = 300, boundary: bool = True) -> Path:
     """A log of a machine that stands at the field's origin."""
     job = add_simulated_field(setup.job, setup.machine) if boundary else setup.job
-    meta = run_meta(setup.machine, setup.crop, job, seed=1, extra={"job_folder": str(setup.folder)})
+    meta = make_run_meta(
+        setup.machine, setup.crop, job, seed=1, extra={"job_folder": str(setup.folder)}
+    )
     writer = PlainLogWriter(path, meta)
     for k in range(rows):
         writer.append(

@@ -31,10 +31,10 @@ from topdress.control.field.totals import TotalSums
 from topdress.control.geodesy import TangentPlane
 from topdress.control.targets.map_check import check_map
 from topdress.control.targets.prescription import MapData, Zone
-from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.config import find_shipped_files, load_config, save_config
 from topdress.drivers.files.kinds import JOB
 from topdress.drivers.files.run_log import PlainLogWriter
-from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.run_meta import make_run_meta
 
 
 class NoWorker(Launcher):
@@ -61,7 +61,7 @@ def desk(launcher, tmp_path):
 
 
 def test_a_start_that_fails_leaves_the_files_of_before(desk, launcher):
-    desk.choose_file("job", str(shipped("jobs")["map_demo"]))
+    desk.choose_file("job", str(find_shipped_files("jobs")["map_demo"]))
     launcher.fails = True
     with pytest.raises(WorkerFailed):
         asyncio.run(desk.restart_worker())
@@ -83,24 +83,28 @@ def test_facts_of_what_is_shipped(desk):
         facts.field_ha == pytest.approx(8.64, abs=0.01)
         and facts.setup.job.target.source == "canopy"
     )
-    assert Path(facts.job_file) == shipped("jobs")["demo"] and facts.job_file == facts.jobs[0].value
+    assert (
+        Path(facts.job_file) == find_shipped_files("jobs")["demo"]
+        and facts.job_file == facts.jobs[0].value
+    )
     assert {file.label for file in facts.crops} >= {"huanghai_wheat", "osu_durum_2006"}
 
 
 def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tmp_path):
-    before = shipped("jobs")["demo"].read_bytes()
+    before = find_shipped_files("jobs")["demo"].read_bytes()
     path = Path(desk.save_strip_value(StripValue("nrich", 0.71, 0.004, 38)))
     assert "standard error 0.0040, 38 samples" in path.read_text(encoding="utf-8")
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
     assert (
-        load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
+        load_config(path, JOB).model.ndvi_nrich == 0.71
+        and find_shipped_files("jobs")["demo"].read_bytes() == before
     )
     facts = desk.find_facts()
     assert (
         facts.setup.rule.ndvi_nrich == facts.setup.job.ndvi_nrich == 0.71
         and facts.job_file == str(path)
     )
-    both = load(Path(desk.save_strip_value(StripValue("check", 0.55))), JOB).model
+    both = load_config(Path(desk.save_strip_value(StripValue("check", 0.55))), JOB).model
     assert (both.ndvi_nrich, both.ndvi_check) == (
         0.71,
         0.55,
@@ -108,22 +112,25 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
 
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
-    desk.choose_file("job", str(shipped("jobs")["map_demo"]))
+    desk.choose_file("job", str(find_shipped_files("jobs")["map_demo"]))
     asyncio.run(desk.restart_worker())
-    new = load(Path(desk.save_strip_value(StripValue("nrich", 0.7))), JOB).model
+    new = load_config(Path(desk.save_strip_value(StripValue("nrich", 0.7))), JOB).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
 
 def test_another_crop_and_machine(desk, launcher):
     before = desk.find_facts().crop_file
-    desk.choose_file("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
+    desk.choose_file("crop", str(find_shipped_files("crops")["osu_winter_wheat_2006"]))
     assert desk.find_facts().crop_file == before, "what runs is what is said"
     asyncio.run(desk.restart_worker())
-    desk.choose_file("machine", str(shipped("machines")["bench"]))
+    desk.choose_file("machine", str(find_shipped_files("machines")["bench"]))
     asyncio.run(desk.restart_worker())
     facts = desk.find_facts()
-    assert facts.crop_file == str(shipped("crops")["osu_winter_wheat_2006"])
-    assert facts.machine_file == str(shipped("machines")["bench"]) and len(launcher.config) == 2
+    assert facts.crop_file == str(find_shipped_files("crops")["osu_winter_wheat_2006"])
+    assert (
+        facts.machine_file == str(find_shipped_files("machines")["bench"])
+        and len(launcher.config) == 2
+    )
 
 
 def test_what_cannot_be_used_is_one_line_and_changes_nothing(desk, launcher, tmp_path):
@@ -164,8 +171,8 @@ def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_pat
 
 def test_a_shipped_file_by_its_name_is_the_same_file(tmp_path):
     other = str(tmp_path / "other.yaml")
-    assert list_other_files((str(shipped("jobs")["demo"]),), ("demo", other)) == (other,)
-    assert list_other_files(("demo",), (str(shipped("jobs")["demo"]),)) == ()
+    assert list_other_files((str(find_shipped_files("jobs")["demo"]),), ("demo", other)) == (other,)
+    assert list_other_files(("demo",), (str(find_shipped_files("jobs")["demo"]),)) == ()
 
 
 async def test_begin_anew_is_not_asked_again(desk, launcher):
@@ -202,11 +209,11 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
     desk, launcher, tmp_path, box, far, anew, named
 ):
     """Anew: that job is ended, and asked about no more. What lies elsewhere is no concern of it."""
-    demo = load(shipped("jobs")["demo"], JOB).model
+    demo = load_config(find_shipped_files("jobs")["demo"], JOB).model
     field = demo.field.model_copy(
         update={"origin_lat_deg": 36.0 if far else demo.field.origin_lat_deg}
     )
-    save(
+    save_config(
         tmp_path / "other.yaml",
         demo.model_copy(update={"field": field, "strategy": "balanced"}),
         JOB,
@@ -241,10 +248,13 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
 
 
 def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
-    job = shipped("jobs")["map_demo"]
+    job = find_shipped_files("jobs")["map_demo"]
     log = tmp_path / "run.csv"
     PlainLogWriter(
-        log, run_meta(sha256={str(job): "x", str(shipped("crops")["huanghai_wheat"]): "y"})
+        log,
+        make_run_meta(
+            sha256={str(job): "x", str(find_shipped_files("crops")["huanghai_wheat"]): "y"}
+        ),
     ).close()
     launcher.config = ("mine.yaml", str(job))
     assert launcher.adopt_running_files(str(log)) == ("mine.yaml",), "what is not used is said"
@@ -261,7 +271,9 @@ def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
 
 def test_the_limits_of_a_run_are_its_own(tmp_path):
     log = tmp_path / "run.csv"
-    PlainLogWriter(log, run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})).close()
+    PlainLogWriter(
+        log, make_run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
+    ).close()
     found = read_running_limits(str(log))
     assert found is not None and found[:2] == (450.0, 280.0) and found.machine is not None
     assert (
@@ -272,7 +284,7 @@ def test_the_limits_of_a_run_are_its_own(tmp_path):
 
 def test_an_export_of_nothing_is_one_line(desk, tmp_path):
     log = tmp_path / "run.csv"
-    PlainLogWriter(log, run_meta()).close()
+    PlainLogWriter(log, make_run_meta()).close()
     with pytest.raises((ValueError, OSError)) as caught:
         desk.export_as_applied(str(log), ".geojson", lambda done, of, what: None, lambda: False)
     assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
@@ -318,7 +330,7 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     assert seen.rates_kg_ha == (pytest.approx(224.2, abs=0.1), pytest.approx(358.7, abs=0.1))
     assert seen.picture is not None and seen.picture.planned is not None and seen.check is not None
     assert launcher.config == () and not (tmp_path / "maps").exists(), "looking changes nothing"
-    job = load(Path(desk.choose_map(seen)), JOB).model
+    job = load_config(Path(desk.choose_map(seen)), JOB).model
     assert job.target.source == "map" and Path(job.target.map).parent == tmp_path / "maps"
     stick.unlink()  # the stick is pulled
     assert desk.find_facts().setup.job.target.source == "canopy", (
@@ -344,13 +356,15 @@ def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tm
         ({"hold_mean_kg_ha": 250.0}, "map"),
         ({"source": "map_and_canopy", "map": "old.geojson"}, "map_and_canopy"),
     ):
-        data = load("demo", JOB).model.model_dump(mode="json")
+        data = load_config("demo", JOB).model.model_dump(mode="json")
         job = Job.model_validate(data | {"target": data["target"] | target})
-        save(tmp_path / "job.yaml", job, JOB)
-        shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
+        save_config(tmp_path / "job.yaml", job, JOB)
+        shutil.copy(
+            find_shipped_files("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson"
+        )
         desk.choose_file("job", str(tmp_path / "job.yaml"))
         asyncio.run(desk.restart_worker())
-        new = load(
+        new = load_config(
             Path(desk.choose_map(desk.preview_map(str(tmp_path / "old.geojson"), MapReading()))),
             JOB,
         ).model
@@ -425,24 +439,27 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
 
     def versions():
         return [
-            load(path, JOB).model.ndvi_nrich for path in sorted((jobs / "history").glob("*.yaml"))
+            load_config(path, JOB).model.ndvi_nrich
+            for path in sorted((jobs / "history").glob("*.yaml"))
         ]
 
     desk.save_strip_value(StripValue("nrich", 0.71))
     desk.save_strip_value(StripValue("nrich", 0.72))
     desk.save_job_names(JobNames(client="Li Ming"))
-    assert load(jobs / "demo.yaml", JOB).model.client == "" == desk.find_facts().setup.job.client, (
-        "nothing has it yet"
-    )
+    assert (
+        load_config(jobs / "demo.yaml", JOB).model.client
+        == ""
+        == desk.find_facts().setup.job.client
+    ), "nothing has it yet"
     desk.drop_choices()
     assert versions() == [0.71], "what was not taken is not kept"
     desk.save_job_names(JobNames(client="Li Ming"))
     asyncio.run(desk.restart_worker())
-    desk.choose_file("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
+    desk.choose_file("crop", str(find_shipped_files("crops")["osu_winter_wheat_2006"]))
     launcher.fails = True
     with pytest.raises(WorkerFailed):
         asyncio.run(desk.restart_worker())
-    job = load(jobs / "demo.yaml", JOB).model
+    job = load_config(jobs / "demo.yaml", JOB).model
     assert (job.id, job.client, job.ndvi_nrich) == (
         "demo",
         "Li Ming",

@@ -22,7 +22,7 @@ from topdress.control.diagnosis.live import watch
 from topdress.control.diagnosis.result import Departure
 from topdress.drivers.files.growing_log import GrowingLog
 from topdress.drivers.files.imports import text
-from topdress.drivers.files.log_store import write_store
+from topdress.drivers.files.log_store import write_log_store
 
 FOUND = Departure("flow", "flow.gain", -4.0, 600.0)
 
@@ -219,7 +219,7 @@ def test_logs_of_other_programs_and_stores_are_followed_too(path: Path, tmp_path
     path.write_bytes(b"".join(head[:201]))
     more = times(growing)
     assert first and more and len(first) + len(more) == 200
-    write_store(tmp_path / "run.parquet", {"time_s": np.arange(3.0)}, None)
+    write_log_store(tmp_path / "run.parquet", {"time_s": np.arange(3.0)}, None)
     assert times(GrowingLog(tmp_path / "run.parquet")) == [0.0, 1.0, 2.0]
 
 

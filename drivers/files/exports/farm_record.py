@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.exports.as_applied import AsApplied
-from topdress.drivers.files.farm_lines import COLUMNS, record_rows
+from topdress.drivers.files.farm_lines import RECORD_COLUMNS, read_record_rows
 
 
 class FarmPass(NamedTuple):
@@ -113,7 +113,7 @@ def write_farm_record(passes: Sequence[FarmPass], path: Path) -> tuple[int, int]
     FarmRecordError : the file is no such record.
     OSError : it cannot be read or written.
     """
-    rows = record_rows(path)
+    rows = read_record_rows(path)
     # The last column is the log's name.
     places = {row[-1]: k for k, row in enumerate(rows)}
     added = replaced = 0
@@ -128,7 +128,7 @@ def write_farm_record(passes: Sequence[FarmPass], path: Path) -> tuple[int, int]
             added += 1
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(RECORD_COLUMNS)
     writer.writerows(rows)
     write_atomically(path, text.getvalue())
     return added, replaced

@@ -118,7 +118,7 @@ def write_export_geojson(applied: AsApplied, path: Path, polygons: bool = False)
 
 
 def write_export_geopackage(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """Writes a GeoPackage with a layer `as_applied` by pyogrio (extra gis). Raises Refused,
+    """Writes a GeoPackage with a layer `as_applied` by pyogrio (extra gis). Raises RefusedInput,
     OSError."""
     from topdress.drivers.files.ogr import write_layer
 

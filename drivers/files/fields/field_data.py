@@ -167,7 +167,6 @@ def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -
         }
     if data.lines:
         changes["lines"] = tuple(
-            # Job files take titles of up to 80 letters.
             GuidanceLine(title=one.title[:80], points_m=tuple(_round_places(plane, one.places_deg)))
             for one in data.lines
         )

@@ -16,9 +16,9 @@ from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.fields.field_data import FieldData, FieldError, FieldLine
 from topdress.drivers.files.fields.task_fields import find_task_set, read_task_shapes
-from topdress.drivers.files.layers import GEOJSON, Layer, name_of, read_layers
+from topdress.drivers.files.layers import GEOJSON_ENDINGS, Layer, find_shape_name, read_layers
 from topdress.drivers.files.limits import check_file
-from topdress.drivers.files.ogr import FORMATS, write_layer
+from topdress.drivers.files.ogr import DRIVER_OF_ENDING, write_layer
 
 # Share of a polygon's area within another, from which it counts as a hole: drawn edges overlap a
 # little.
@@ -85,12 +85,13 @@ def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
 
 
 def read_named_shapes(path: Path) -> list[tuple[str, Any]]:
-    """Returns names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
+    """Returns names and shapes in longitude and latitude.
+    Raises FieldError, RefusedInput, OSError."""
     return _read_shapes_and_findings(path)[0]
 
 
 def _read_shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
-    """Returns names and shapes, and what else the file holds. Raises FieldError, Refused,
+    """Returns names and shapes, and what else the file holds. Raises FieldError, RefusedInput,
     OSError."""
     layers = [] if path.suffix.lower() == ".xml" else read_layers(path)
     files = None if layers else find_task_set(path)
@@ -126,7 +127,7 @@ def _collect_layer_shapes(path: Path, layers: Sequence[Layer]) -> list[tuple[str
                 f"(WGS84){said[1]}"
             )
     return [
-        (name_of(row) or layer.name, shape)
+        (find_shape_name(row) or layer.name, shape)
         for layer in layers
         for row, shape in zip(layer.rows, layer.shapes, strict=True)
         if shape is not None
@@ -196,7 +197,8 @@ def _extract_ring_deg(ring: Any) -> Floats:
 
 
 def write_field_shapes(data: FieldData, path: Path) -> None:
-    """Writes a field as shapes, in the format of the path's ending. Raises Refused, OSError."""
+    """Writes a field as shapes, in the format of the path's ending.
+    Raises RefusedInput, OSError."""
     polygons = (
         []
         if data.outline_deg is None
@@ -205,7 +207,7 @@ def write_field_shapes(data: FieldData, path: Path) -> None:
         ]
     )
     lines = [shapely.LineString(line.places_deg[:, ::-1]) for line in data.lines]
-    if path.suffix.lower() in GEOJSON:
+    if path.suffix.lower() in GEOJSON_ENDINGS:
         features = [
             {
                 "type": "Feature",
@@ -226,7 +228,7 @@ def write_field_shapes(data: FieldData, path: Path) -> None:
         )
         return
     # KML knows this attribute as a placemark's title.
-    column = "Name" if FORMATS[path.suffix.lower()] == "KML" else "name"
+    column = "Name" if DRIVER_OF_ENDING[path.suffix.lower()] == "KML" else "name"
     shapes, titles = (
         [*polygons, *lines],
         [*([data.title] * len(polygons)), *(line.title for line in data.lines)],

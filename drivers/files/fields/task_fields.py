@@ -21,7 +21,7 @@ EXTERIOR_LINE, INTERIOR_LINE, GUIDANCE_LINE = "1", "2", "5"
 
 def find_task_set(path: Path) -> TaskSet | None:
     """Returns the task set at a path; None where there is none. Raises FieldError where there
-    are several, Refused, OSError."""
+    are several, RefusedInput, OSError."""
     found = find_task_sets(path)
     if len(found) > 1:
         names = ", ".join(one.label for one in found[:12])
@@ -31,7 +31,7 @@ def find_task_set(path: Path) -> TaskSet | None:
 
 def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]], list[Finding]]:
     """Returns names and shapes in longitude and latitude, and what the set holds. Raises
-    FieldError, Refused, OSError."""
+    FieldError, RefusedInput, OSError."""
     root = read_task_tree(files)
     findings = [Finding("task_set", _describe_task_set(root))]
     shapes: list[tuple[str, shapely.Geometry]] = []

@@ -12,7 +12,7 @@ from topdress.control.geodesy import TangentPlane
 from topdress.drivers.files.fields.agopengps import read_worked_triangles
 from topdress.drivers.files.fields.field_data import FieldError
 from topdress.drivers.files.fields.shapes import read_named_shapes
-from topdress.drivers.files.file_sniffer import what_is
+from topdress.drivers.files.file_sniffer import sniff_file_kind
 from topdress.drivers.files.outlines import check_outlines
 
 # AgOpenGPS's file of worked ground, compared in small letters.
@@ -34,7 +34,7 @@ def read_worked_area(path: Path, plane: TangentPlane | None = None) -> DoneGroun
     Raises
     ------
     FieldError : no ground, or a file that cannot be read.
-    Refused : an outline that cannot be used, in one line.
+    RefusedInput : an outline that cannot be used, in one line.
     OSError : a file cannot be opened.
     """
     shapes = _read_polygons_deg(path)
@@ -57,7 +57,7 @@ def _read_polygons_deg(path: Path) -> np.ndarray:
         raise FieldError(
             f"{path}: no such file: allowed is a field of AgOpenGPS, or a file of polygons"
         )
-    if path.name.lower() == SECTIONS_FILE or (path.is_dir() and what_is(path).id == "aog"):
+    if path.name.lower() == SECTIONS_FILE or (path.is_dir() and sniff_file_kind(path).id == "aog"):
         triangles = read_worked_triangles(path if path.is_dir() else path.parent)
         if not len(triangles):
             raise FieldError(f"{path}: no ground is marked as worked in Sections.txt")

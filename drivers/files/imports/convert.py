@@ -14,17 +14,17 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.recordings.times import mend_times
 from topdress.drivers.files.columns import (
     Columns,
+    calc_median,
     count_microseconds,
     count_rows,
-    is_text,
-    is_time,
+    is_text_column,
+    is_time_column,
+    make_text_column,
+    make_unknown_like,
     map_texts,
-    median_of,
     select_rows,
-    text_column,
-    unknown_like,
 )
-from topdress.drivers.files.config_words import nearest
+from topdress.drivers.files.config_words import suggest_nearest
 from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import (
@@ -87,7 +87,7 @@ def convert_table(raw: RawTable, mapping: ImportFile) -> ConvertedFile:
 
     Raises
     ------
-    ImportTrouble : a line for each key that does not fit this file.
+    LogImportError : a line for each key that does not fit this file.
     """
     _require_columns(raw, mapping)
     times = read_row_times(raw, mapping.time)
@@ -118,7 +118,8 @@ def _require_columns(raw: RawTable, mapping: ImportFile) -> None:
     wanted |= {"time.column": mapping.time.column, "time.date_column": mapping.time.date_column}
     wanted["working.column"] = mapping.working.column if mapping.working else None
     wrong = [
-        f"{key} {name}: no such column: allowed {format_list(raw.names)}{nearest(name, raw.names)}"
+        f"{key} {name}: no such column: allowed {format_list(raw.names)}"
+        f"{suggest_nearest(name, raw.names)}"
         for key, name in wanted.items()
         if name is not None and name not in raw.names
     ]
@@ -181,7 +182,7 @@ def _read_utc_us(raw: RawTable, column: Column) -> NDArray[np.float64]:
     """Returns the UTC next to another time, ISO 8601 or a time by type, in microseconds (n,)."""
     assert column.source is not None
     cells = raw.columns[column.source]
-    if is_time(cells):
+    if is_time_column(cells):
         return count_microseconds(cells)
     us = read_time_texts(cells, None, "UTC").us
     if np.isnan(us).all():
@@ -193,7 +194,7 @@ def _read_utc_us(raw: RawTable, column: Column) -> NDArray[np.float64]:
     return us
 
 
-# Adds a finding about cells that are no number. Raises ImportTrouble where most are none.
+# Adds a finding about cells that are no number. Raises LogImportError where most are none.
 def _report_bad_cells(
     raw: RawTable, source: str, found: ParsedNumbers, findings: list[Finding]
 ) -> None:
@@ -285,7 +286,7 @@ def _find_state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray
     if working.equals:
         marks = [float(mark) for mark in working.equals if not isinstance(mark, str)]
         holds = np.isin(found, marks)
-        if is_text(cells):
+        if is_text_column(cells):
             words = {word.casefold() for word in working.equals if isinstance(word, str)}
             texts = [text.strip().lower() for text in cells.tolist()]
             holds |= np.array([text in words for text in texts])
@@ -305,7 +306,7 @@ def _find_state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray
             f"working: column {working.column} never fulfils the condition: its values are {kinds}",
         )
     states = np.where(holds, State.WORKING.value, State.READY.value)
-    return text_column(np.where(known, states, "").tolist())
+    return make_text_column(np.where(known, states, "").tolist())
 
 
 def _collect_extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
@@ -319,11 +320,11 @@ def _collect_extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Colu
     extras: Columns = {}
     for source in raw.names:
         cells = raw.columns[source]
-        if source in used or is_time(cells):
+        if source in used or is_time_column(cells):
             continue
         found = parse_number_column(cells, raw.decimal_comma, mapping.missing)
         values = found.values if found.bad == 0 else _clean_texts(cells, mapping.missing)
-        if not (values != "" if is_text(values) else ~np.isnan(values)).any():
+        if not (values != "" if is_text_column(values) else ~np.isnan(values)).any():
             continue
         name = make_extra_name(source, raw.units.get(source))
         number, free = 1, name
@@ -381,14 +382,14 @@ def _shift_commands(columns: Columns, constants: list[str]) -> Columns:
     """
     times = columns[TIME_US]
     # The first row begins one usual step earlier; one second without any.
-    step = int(median_of(np.diff(times)) or 1e6)
-    stated = columns.get(EVENTS_COLUMN, unknown_like(text_column([]), len(times)))
+    step = int(calc_median(np.diff(times)) or 1e6)
+    stated = columns.get(EVENTS_COLUMN, make_unknown_like(make_text_column([]), len(times)))
     longer = {TIME_US: np.concatenate(([times[0] - step], times))}
     for name, column in columns.items():
         if name in COMMAND_COLUMNS:
             longer[name] = np.concatenate((column, column[-1:]))
         elif name != TIME_US:
             is_held = name in (*constants, STATE_COLUMN)
-            before = column[:1] if is_held else unknown_like(column, 1)
+            before = column[:1] if is_held else make_unknown_like(column, 1)
             longer[name] = np.concatenate((before, column))
-    return {**longer, EVENTS_COLUMN: text_column([COMMANDS_HELD, *stated.tolist()])}
+    return {**longer, EVENTS_COLUMN: make_text_column([COMMANDS_HELD, *stated.tolist()])}

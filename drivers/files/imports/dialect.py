@@ -84,7 +84,7 @@ def find_dialect(label: str, sample: str, encoding: str, said: Source) -> TextDi
 
     Raises
     ------
-    ImportTrouble : no row of numbers is found.
+    LogImportError : no row of numbers is found.
     """
     lines = sample.splitlines()[:SAMPLE_LINES]
     # Excel writes the separator as `sep=;` in the first line.

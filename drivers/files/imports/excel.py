@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
-from topdress.drivers.files.columns import TIME, text_column
+from topdress.drivers.files.columns import TIME_TYPE, make_text_column
 from topdress.drivers.files.imports.dialect import SAMPLE_LINES
 from topdress.drivers.files.imports.header import TableLayout, find_table_layout
 from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.raw import RawTable, split_header
-from topdress.drivers.files.sheet_text import cell_text, sheets_of
+from topdress.drivers.files.sheet_text import format_cell, read_sheets
 
 # Rows of a log: a shorter table next to a longer one holds notes.
 MIN_LOG_ROWS = 20
@@ -25,7 +25,7 @@ MIN_LOG_ROWS = 20
 def read_excel(path: Path, said: Source) -> RawTable:
     """Returns the table of a workbook: of the sheet that is named, else of the only sheet with a
     table. Raises TableError, OSError."""
-    tables = sheets_of(path, said.sheet)
+    tables = read_sheets(path, said.sheet)
     found = {
         name: (rows, layout)
         for name, rows in tables.items()
@@ -70,7 +70,7 @@ def _find_layout(rows: list[list[Any]], said: Source) -> TableLayout | None:
             if below < len(rows)
             else None
         )
-    return find_table_layout([[cell_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
+    return find_table_layout([[format_cell(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
 
 
 # Returns a sheet's table. Raises ImportTrouble.
@@ -89,8 +89,8 @@ def _build_table(
             "source.names in the import file",
         )
     names, units = split_header(
-        list(said.names) if said.names else [cell_text(cell) for cell in rows[layout.header]],
-        None if layout.units is None else [cell_text(cell) for cell in rows[layout.units]],
+        list(said.names) if said.names else [format_cell(cell) for cell in rows[layout.header]],
+        None if layout.units is None else [format_cell(cell) for cell in rows[layout.units]],
     )
     body = [row for row in rows[layout.body :] if any(cell != "" for cell in row)]
     if not body:
@@ -106,7 +106,7 @@ def _build_table(
         }
     )
     above = tuple(
-        " ".join(filter(None, map(cell_text, row))) for row in rows[: max(layout.header, 0)]
+        " ".join(filter(None, map(format_cell, row))) for row in rows[: max(layout.header, 0)]
     )
     return RawTable(path, columns, source, units, layout.body + 1, findings, above)
 
@@ -117,5 +117,5 @@ def _build_column(values: tuple[Any, ...]) -> NDArray[Any]:
     if kinds <= {float, int, bool}:
         return np.array([np.nan if value == "" else float(value) for value in values], np.float64)
     if kinds <= {dt.datetime, dt.date}:
-        return np.array([None if value == "" else value for value in values], TIME)
-    return text_column([cell_text(value) for value in values])
+        return np.array([None if value == "" else value for value in values], TIME_TYPE)
+    return make_text_column([format_cell(value) for value in values])

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, PLAUSIBLE_RANGES
 from topdress.control.recordings.speeds import identify_unit
 from topdress.drivers.files.columns import (
+    calc_median,
     count_differences,
-    is_number,
-    is_text,
-    median_of,
-    number_texts,
+    format_numbers,
+    is_number_column,
+    is_text_column,
     select_rows,
 )
 from topdress.drivers.files.imports import physics
@@ -87,7 +87,7 @@ def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCand
     columns = {
         name: column
         for name, column in tried.columns.items()
-        if is_number(column) and name not in (TIME_US, UTC_US_COLUMN)
+        if is_number_column(column) and name not in (TIME_US, UTC_US_COLUMN)
     }
     _check_row_spacing(time_s, out)
     _check_speed_units(time_s, columns, out, chosen)
@@ -107,7 +107,7 @@ def _describe_too_close(raw: RawTable, out: ImportGuess) -> str:
     )
     if not steps.size or not (steps > 0).all():
         return ""
-    each = median_of(steps)
+    each = calc_median(steps)
     return (
         f"{time.column} grows by {each:.3g} {time.counts} in each row: are the times in "
         "another unit?"
@@ -334,7 +334,7 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
 
     Raises
     ------
-    ImportTrouble : the table has no times that can be read.
+    LogImportError : the table has no times that can be read.
     """
     time = guess_times(raw)
     out = ImportGuess(
@@ -408,7 +408,9 @@ def _find_work_column(
         if source in taken or subject is None or subject.id != "work":
             continue
         column = raw.columns[source]
-        texts = column.tolist() if is_text(column) else number_texts(column.astype(np.float64))
+        texts = (
+            column.tolist() if is_text_column(column) else format_numbers(column.astype(np.float64))
+        )
         kinds = list(islice(filter(None, dict.fromkeys(text.strip() for text in texts)), 12))
         on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON_WORDS]
         # More words are no switch.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, EFFORT_COLUMNS, PLAUSIBLE_RANGES, TEXT_COLUMNS
 from topdress.control.recordings.speeds import IMPLAUSIBLE_MPS, MOVING_MPS
-from topdress.drivers.files.columns import is_time
+from topdress.drivers.files.columns import is_time_column
 from topdress.drivers.files.imports import physics
 from topdress.drivers.files.imports.convert import make_extra_name
 from topdress.drivers.files.imports.guessed import (
@@ -119,7 +119,7 @@ def _find_named_commands(
 
 # Returns a column as a candidate, with target, unit and role; None: it is no column of the log.
 def _make_candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
-    if is_time(raw.columns[name]):
+    if is_time_column(raw.columns[name]):
         return None
     plain = fold_column_name(split_unit_name(name)[0])
     unit = find_named_unit(raw.units[name]) if name in raw.units else None
@@ -508,7 +508,7 @@ def find_extra_columns(raw: RawTable, used: Iterable[str | None]) -> dict[str, C
     no key."""
     columns: dict[str, Column] = {}
     for source in raw.names:
-        if source in set(used) or is_time(raw.columns[source]):
+        if source in set(used) or is_time_column(raw.columns[source]):
             continue
         marks = physics.find_sentinels(_read_values(raw, source), (-np.inf, np.inf))
         name = make_extra_name(source, raw.units.get(source))

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from topdress.drivers.files.columns import (
+    calc_median,
     count_differences,
-    is_text,
-    is_time,
-    known_values,
-    median_of,
+    is_text_column,
+    is_time_column,
+    select_known,
 )
 from topdress.drivers.files.imports.header import split_unit_name
 from topdress.drivers.files.imports.import_errors import TableError
@@ -87,7 +87,7 @@ class TimeGuess(NamedTuple):
 def guess_times(raw: RawTable) -> TimeGuess:
     """Returns the best guess of a table's times, with a doubt where it is not sure."""
     names = {name: fold_column_name(split_unit_name(name)[0]) for name in raw.names}
-    stamped = [name for name in raw.names if is_time(raw.columns[name])]
+    stamped = [name for name in raw.names if is_time_column(raw.columns[name])]
     called = [
         name
         for name in raw.names
@@ -105,7 +105,7 @@ def guess_times(raw: RawTable) -> TimeGuess:
             return found
     for name in raw.names:
         if (
-            is_text(raw.columns[name])
+            is_text_column(raw.columns[name])
             and (found := _guess_from_texts(raw, name, names[name], dated)) is not None
         ):
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
@@ -139,10 +139,10 @@ def guess_times(raw: RawTable) -> TimeGuess:
 # Returns the times of a column that is called a time; None: it holds none.
 def _guess_from_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
     column = raw.columns[name]
-    if is_time(column):
+    if is_time_column(column):
         zone = "UTC" if name not in raw.utc and has_any_word(plain, UTC_WORDS) else None
         return TimeGuess(Times(column=name, zone=zone), "times by type")
-    texts = _guess_from_texts(raw, name, plain, dated) if is_text(column) else None
+    texts = _guess_from_texts(raw, name, plain, dated) if is_text_column(column) else None
     return texts or _guess_clock_digits(raw, name, plain, dated) or _guess_from_numbers(raw, name)
 
 
@@ -151,7 +151,7 @@ def _guess_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) 
     jump by 41 at each minute's end. None: they are none."""
     if _guess_by_unit(raw.units.get(name, "")) is not None:
         return None
-    values = known_values(
+    values = select_known(
         parse_number_column(raw.columns[name][:_SAMPLE_ROWS], raw.decimal_comma).values
     )
     seconds, minutes = values % 100.0, (values // 100.0) % 100.0
@@ -189,7 +189,7 @@ def _guess_from_texts(raw: RawTable, name: str, plain: str, dated: list[str]) ->
     if _is_readable_as(texts, None):
         offset = read_time_texts(texts, None, None).kind == "utc"
         return TimeGuess(Times(column=name, zone=None if offset else zone), "reads as ISO 8601")
-    if dated and not is_time(raw.columns[dated[0]]):
+    if dated and not is_time_column(raw.columns[dated[0]]):
         found_day = _guess_with_day(raw, dated[0], raw.columns[name][:_SAMPLE_ROWS], name, zone)
         if found_day is not None:
             return found_day
@@ -216,7 +216,7 @@ def _is_all_matching(texts: NDArray[Any], pattern: re.Pattern[str]) -> bool:
 def _count_odd_steps(values: NDArray[np.float64]) -> int:
     """Returns how many steps from row to row differ from the usual step."""
     steps = count_differences(values)
-    usual = median_of(steps)
+    usual = calc_median(steps)
     return int((np.abs(steps - usual) > 0.1 * abs(usual)).sum())
 
 
@@ -303,11 +303,11 @@ def _is_readable_as(texts: NDArray[Any], form: str | None) -> bool:
 # Returns the times of a column of numbers; None: it holds too many texts.
 def _guess_from_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     found = parse_number_column(raw.columns[name], raw.decimal_comma)
-    known = known_values(found.values)
+    known = select_known(found.values)
     if found.bad > 0.05 * found.values.size or known.size < 2:
         return None
     steps = np.diff(known)
-    step = median_of(steps[steps > 0])
+    step = calc_median(steps[steps > 0])
     whole = bool((known == np.round(known)).all())
     stated = (
         _guess_since_1970(float(known[0]))
@@ -402,5 +402,5 @@ def _is_evenly_growing(raw: RawTable, name: str) -> bool:
     steps = count_differences(
         parse_number_column(raw.columns[name][:_SAMPLE_ROWS], raw.decimal_comma).values
     )
-    middle = median_of(steps)
+    middle = calc_median(steps)
     return bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)

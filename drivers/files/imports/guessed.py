@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from topdress.drivers.files.imports.mapping import IMPORT, Column, ImportFile
 from topdress.drivers.files.imports.units import ColumnUnit
-from topdress.drivers.files.plain import plain
+from topdress.drivers.files.plain import convert_to_plain
 from topdress.drivers.files.yaml_text import dump_yaml
 
 # Path of keys in an import file.
@@ -114,13 +114,13 @@ def format_mapping(guess: ImportGuess, head: Iterable[str]) -> str:
         "",
         *_format_doubts(guess, ("source", "names"), 0),
         "source:",
-        *_format_pairs(_drop_empty_keys(plain(mapping.source)), 2),
+        *_format_pairs(_drop_empty_keys(convert_to_plain(mapping.source)), 2),
     ]
     lines += [
         "",
         *_format_doubts(guess, ("time",), 0),
         "time:" + _format_reason(guess, ("time",)),
-        *_format_pairs(_drop_empty_keys(plain(mapping.time)), 2),
+        *_format_pairs(_drop_empty_keys(convert_to_plain(mapping.time)), 2),
     ]
     if mapping.time.zone is None and mapping.time.counts in ("text", "excel_day"):
         lines.append(
@@ -145,7 +145,7 @@ def format_mapping(guess: ImportGuess, head: Iterable[str]) -> str:
             "",
             *_format_doubts(guess, ("working",), 0),
             "working:" + _format_reason(guess, ("working",)),
-            *_format_pairs(_drop_empty_keys(plain(mapping.working)), 2),
+            *_format_pairs(_drop_empty_keys(convert_to_plain(mapping.working)), 2),
         ]
     if mapping.width_m is not None:
         lines += ["", f"width_m: {mapping.width_m:g}"]
@@ -159,9 +159,11 @@ def format_mapping(guess: ImportGuess, head: Iterable[str]) -> str:
 
 
 def _list_column_keys(column: Column) -> dict[str, Any]:
-    usual = plain(Column.from_source("x"))
+    usual = convert_to_plain(Column.from_source("x"))
     return {
-        key: value for key, value in plain(column).items() if key == "from" or value != usual[key]
+        key: value
+        for key, value in convert_to_plain(column).items()
+        if key == "from" or value != usual[key]
     }
 
 

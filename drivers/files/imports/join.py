@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from topdress.control.log_row import FILE_BEGINS
 from topdress.control.recordings.finding import Finding
-from topdress.drivers.files.columns import Columns, count_rows, stack_tables, text_column
+from topdress.drivers.files.columns import Columns, count_rows, make_text_column, stack_tables
 from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN, ConvertedFile
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Join
@@ -38,7 +38,7 @@ def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
 
     Raises
     ------
-    ImportTrouble : files that are to follow their clocks overlap.
+    LogImportError : files that are to follow their clocks overlap.
     """
     by_clock = _is_joined_by_clock(parts, join)
     ordered = (
@@ -66,7 +66,7 @@ def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
     return JoinedFiles(stack_tables(tables), tuple(ordered), tuple(begins), tuple(findings))
 
 
-# Tells whether files are placed by their clocks. Raises ImportTrouble where they overlap.
+# Tells whether files are placed by their clocks. Raises LogImportError where they overlap.
 def _is_joined_by_clock(parts: Sequence[ConvertedFile], join: Join) -> bool:
     if len(parts) == 1 or join.order == "runs":
         return False
@@ -104,4 +104,4 @@ def _mark_file_begin(columns: Columns, name: str) -> None:
         columns[EVENTS_COLUMN].tolist() if EVENTS_COLUMN in columns else [""] * count_rows(columns)
     )
     events[0] = f"{events[0]};{mark}" if events[0] else mark
-    columns[EVENTS_COLUMN] = text_column(events)
+    columns[EVENTS_COLUMN] = make_text_column(events)

@@ -11,34 +11,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.log_row import COLUMNS, DECIMALS, TEXT_COLUMNS, WHOLE_COLUMNS
-from topdress.drivers.files.atomic import sidecar, write_atomically
+from topdress.drivers.files.atomic import find_sidecar, write_atomically
 from topdress.drivers.files.columns import (
-    TIME,
+    TIME_TYPE,
     Columns,
     count_rows,
-    csv_text,
-    is_text,
-    number_texts,
-    text_column,
-    texts_array,
+    format_csv,
+    format_numbers,
+    is_text_column,
+    make_text_column,
+    make_texts_array,
 )
-from topdress.drivers.files.config import sha256_of
+from topdress.drivers.files.config import calc_sha256
 from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN
 from topdress.drivers.files.imports.join import JoinedFiles
 from topdress.drivers.files.imports.mapping import ImportFile
-from topdress.drivers.files.log_store import SUFFIXES, write_store
-from topdress.drivers.files.plain import plain
-from topdress.drivers.files.read_log import RunLog, log_of, meta_of
-from topdress.drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
+from topdress.drivers.files.log_store import STORE_SUFFIXES, write_log_store
+from topdress.drivers.files.plain import convert_to_plain
+from topdress.drivers.files.read_log import RunLog, build_log, read_log_meta
+from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta, parse_meta_yaml
 
 
 def build_log_columns(log: JoinedFiles) -> Columns:
     """Returns the columns as they are written: those of the run log in their order, then extra
     columns; times as texts."""
     there = log.columns
-    columns: Columns = {"time_s": text_column(_format_times(there[TIME_US]))}
+    columns: Columns = {"time_s": make_text_column(_format_times(there[TIME_US]))}
     if UTC_US_COLUMN in there:
-        columns["utc"] = text_column(_format_utc_times(there[UTC_US_COLUMN]))
+        columns["utc"] = make_text_column(_format_utc_times(there[UTC_US_COLUMN]))
     own = [name for name in COLUMNS if name in there and name not in ("time_s", "utc")]
     beyond = [
         name for name in there if name not in COLUMNS and name not in (TIME_US, UTC_US_COLUMN)
@@ -50,8 +50,8 @@ def build_run_log(
     path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
 ) -> RunLog:
     """Returns the log and its sidecar as read from `path`, in memory. Raises TableError."""
-    return log_of(
-        path, build_read_columns(log), meta_from_yaml(_format_sidecar(log, mapping, mapping_file))
+    return build_log(
+        path, build_read_columns(log), parse_meta_yaml(_format_sidecar(log, mapping, mapping_file))
     )
 
 
@@ -81,18 +81,18 @@ def write_imported_log(
     ------
     OSError : the log cannot be written.
     """
-    if path.suffix.lower() in SUFFIXES:
+    if path.suffix.lower() in STORE_SUFFIXES:
         read = build_run_log(path, log, mapping, mapping_file)
-        write_store(path, read.columns, read.meta, read.findings)
+        write_log_store(path, read.columns, read.meta, read.findings)
         return build_log_columns(log)
     columns = build_log_columns(log)
-    text = csv_text(columns, _format_cells)
+    text = format_csv(columns, _format_cells)
     path.parent.mkdir(parents=True, exist_ok=True)
     # The log gets its name after the sidecar is there: no log without one.
     part = path.with_name(f".{path.stem}.part.csv")
     try:
         write_atomically(part, text)
-        write_atomically(sidecar(path), _format_sidecar(log, mapping, mapping_file))
+        write_atomically(find_sidecar(path), _format_sidecar(log, mapping, mapping_file))
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -103,7 +103,7 @@ def is_import_of(log: Path, files: Iterable[Path]) -> bool:
     """Tells whether the log at `log` was made from these very files, so that it can be made
     again."""
     try:
-        meta = meta_of(log)
+        meta = read_log_meta(log)
         stated = [] if meta is None else meta.extra["imported"]["files"]
         return meta is not None and {file["sha256"] for file in stated} == {
             _calc_checksum(path) for path in files
@@ -128,24 +128,26 @@ def _format_sidecar(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | 
     found = [str(finding) for part in log.parts for finding in part.findings]
     stated: dict[str, object] = {
         "files": files,
-        "mapping": _drop_empty_keys(plain(mapping)),
+        "mapping": _drop_empty_keys(convert_to_plain(mapping)),
         "found": [*found, *map(str, log.findings)],
     }
     widths = {part.raw.width_m for part in log.parts}
     if len(widths) == 1 and (width_m := widths.pop()) is not None:
         # As-applied areas are compared with it.
         stated["width_m"] = width_m
-    checksums = {} if mapping_file is None else {mapping_file.name: sha256_of(mapping_file)}
-    return meta_to_yaml(
-        run_meta(sha256=checksums, started_utc=next(known, None), extra={"imported": stated})
+    checksums = {} if mapping_file is None else {mapping_file.name: calc_sha256(mapping_file)}
+    return format_meta_yaml(
+        make_run_meta(sha256=checksums, started_utc=next(known, None), extra={"imported": stated})
     )
 
 
 def _calc_checksum(path: Path) -> str:
     """Returns the checksum of a file; of a task's folder, of the checksums of its files."""
     if not path.is_dir():
-        return sha256_of(path)
-    lines = [f"{file.name} {sha256_of(file)}" for file in sorted(path.iterdir()) if file.is_file()]
+        return calc_sha256(path)
+    lines = [
+        f"{file.name} {calc_sha256(file)}" for file in sorted(path.iterdir()) if file.is_file()
+    ]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
@@ -168,14 +170,14 @@ def _format_times(us: NDArray[np.float64]) -> list[str]:
 
 def _format_utc_times(us: NDArray[np.float64]) -> list[str]:
     """Returns ISO 8601 with milliseconds; empty where not known."""
-    times = np.nan_to_num(us).astype(np.int64).astype(TIME)
+    times = np.nan_to_num(us).astype(np.int64).astype(TIME_TYPE)
     texts = np.datetime_as_string(times, unit="ms", casting="unsafe").tolist()
     return [f"{text}Z" if one == one else "" for text, one in zip(texts, us.tolist(), strict=True)]
 
 
 def _round_column(name: str, column: NDArray[Any]) -> NDArray[Any]:
-    if is_text(column):
-        return texts_array(column.tolist())
+    if is_text_column(column):
+        return make_texts_array(column.tolist())
     if name in WHOLE_COLUMNS:
         return np.round(column)
     if name in DECIMALS and name not in TEXT_COLUMNS:
@@ -185,7 +187,7 @@ def _round_column(name: str, column: NDArray[Any]) -> NDArray[Any]:
 
 # Returns cells as texts; whole numbers without a point.
 def _format_cells(name: str, column: NDArray[Any]) -> list[str]:
-    if is_text(column):
+    if is_text_column(column):
         return list(column)
-    texts = number_texts(column)
+    texts = format_numbers(column)
     return [text.removesuffix(".0") for text in texts] if name in WHOLE_COLUMNS else texts

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from topdress.control.frozen_model import FrozenModel
 from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from topdress.drivers.files.config import Kind
-from topdress.drivers.files.config_words import nearest
+from topdress.drivers.files.config_words import suggest_nearest
 from topdress.drivers.files.imports.units import KNOWN_UNITS, find_named_unit, find_quantity
 
 # Column of a run log with its events.
@@ -106,7 +106,7 @@ class Times(FrozenModel):
             raise ValueError(
                 f"time.zone {self.zone}: allowed a name such as Europe/Berlin, UTC, or an "
                 "offset such as "
-                f"+08:00{nearest(self.zone, available_timezones())}"
+                f"+08:00{suggest_nearest(self.zone, available_timezones())}"
             )
         return self
 
@@ -261,7 +261,7 @@ def _check_column_name(name: str) -> None:
         raise ValueError(
             f"columns.{name}: no column of a run log: allowed are those of "
             "docs/format-run-log.md, and "
-            f"names that begin with {EXTRA_START}{nearest(name, COLUMNS)}"
+            f"names that begin with {EXTRA_START}{suggest_nearest(name, COLUMNS)}"
         )
 
 

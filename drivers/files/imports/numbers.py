@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.drivers.files.columns import is_text
+from topdress.drivers.files.columns import is_text_column
 from topdress.drivers.files.imports.header import EMPTY_CELLS
 
 # Blanks and apostrophes that group digits.
@@ -66,7 +66,7 @@ def parse_number_column(
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     found = (
         parse_number_cells(column.tolist(), decimal_comma, words)
-        if is_text(column)
+        if is_text_column(column)
         else ParsedNumbers(np.array(column, np.float64))
     )
     values = found.values

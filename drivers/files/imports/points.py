@@ -11,21 +11,21 @@ import shapefile
 import shapely
 from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
-from topdress.drivers.files.archives import chosen
-from topdress.drivers.files.columns import text_column
-from topdress.drivers.files.file_sniffer import POINTS
+from topdress.drivers.files.archives import choose_names
+from topdress.drivers.files.columns import make_text_column
+from topdress.drivers.files.file_sniffer import POINT_TYPES
 from topdress.drivers.files.imports.import_errors import LogImportError, format_list
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.raw import RawTable, find_units_in
 from topdress.drivers.files.layers import Layer, read_geojson
-from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
+from topdress.drivers.files.shape_sets import ShapeSet, find_shape_sets, read_shape_layer
 
 # The log's names of a place.
 LAT_COLUMN, LON_COLUMN = "lat_deg", "lon_deg"
 
 
 def read_points(path: Path, said: Source) -> RawTable:
-    """Returns the points of a GeoJSON file. Raises ImportTrouble, Refused, OSError."""
+    """Returns the points of a GeoJSON file. Raises LogImportError, RefusedInput, OSError."""
     return _convert_layer(
         path, read_geojson(path, ["Point"]), said.model_copy(update={"kind": "geojson"})
     )
@@ -33,16 +33,16 @@ def read_points(path: Path, said: Source) -> RawTable:
 
 def read_point_shapefile(path: Path, said: Source) -> RawTable:
     """Returns a shapefile of points; of a zip or folder the shapefile that holds points, or that
-    `said` names. Raises ImportTrouble, Refused, OSError."""
+    `said` names. Raises LogImportError, RefusedInput, OSError."""
     shapes = _choose_shape_set(path, said)
     kind = _read_shape_type(shapes)
-    if kind not in POINTS and kind in shapefile.SHAPETYPE_LOOKUP:
+    if kind not in POINT_TYPES and kind in shapefile.SHAPETYPE_LOOKUP:
         raise LogImportError(
             path,
             f"shapes of type {shapefile.SHAPETYPE_LOOKUP[kind]}: allowed POINT (a map of areas "
             "is read by topdress map)",
         )
-    layer = layer_of(shapes, said.encoding)
+    layer = read_shape_layer(shapes, said.encoding)
     names = _restore_own_names(list(layer.rows[0]) if layer.rows else [])
     rows = tuple(dict(zip(names, row.values(), strict=True)) for row in layer.rows)
     return _convert_layer(
@@ -51,13 +51,13 @@ def read_point_shapefile(path: Path, said: Source) -> RawTable:
 
 
 def _choose_shape_set(path: Path, said: Source) -> ShapeSet:
-    """Returns the shapefile that is meant. Raises ImportTrouble, Refused, OSError."""
-    found = shape_sets(path)
+    """Returns the shapefile that is meant. Raises LogImportError, RefusedInput, OSError."""
+    found = find_shape_sets(path)
     if said.inside is not None:
-        named = chosen([one.name for one in found], said.inside)
+        named = choose_names([one.name for one in found], said.inside)
         found = [one for one in found if one.name in named]
     if len(found) > 1:
-        found = [one for one in found if _read_shape_type(one) in POINTS] or found
+        found = [one for one in found if _read_shape_type(one) in POINT_TYPES] or found
     if len(found) != 1:
         several = (
             f"{len(found)} shapefiles of points: say source.inside in the import file; allowed "
@@ -123,4 +123,4 @@ def _build_column(values: list[Any]) -> NDArray[Any]:
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, int | float) for value in known):
         return np.array([np.nan if value is None else float(value) for value in values], np.float64)
-    return text_column(["" if value is None else str(value).strip() for value in values])
+    return make_text_column(["" if value is None else str(value).strip() for value in values])

@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from topdress.drivers.files.archives import files_at, holds_time_log
-from topdress.drivers.files.columns import TIME, is_text, text_column
-from topdress.drivers.files.extras import need
+from topdress.drivers.files.archives import has_time_log, open_archive
+from topdress.drivers.files.columns import TIME_TYPE, is_text_column, make_text_column
+from topdress.drivers.files.extras import require_extras
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Source, SourceKind
 from topdress.drivers.files.imports.raw import RawTable, find_units_in
 from topdress.drivers.files.imports.text import read_text_table
 from topdress.drivers.files.imports.words import find_subject, fold_column_name
 from topdress.drivers.files.limits import check_file
-from topdress.drivers.files.parquet_limits import check_parquet, check_texts
+from topdress.drivers.files.parquet_limits import check_parquet, check_text_bytes
 from topdress.drivers.files.prescriptions.column_words import (
     MAX_UNIT_TEXTS,
     find_unit_columns,
     parse_cell,
 )
-from topdress.drivers.files.sheet_text import SUFFIXES
-from topdress.drivers.files.stated_units import ANY, of_texts, together
+from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES
+from topdress.drivers.files.stated_units import ANY_COLUMN, find_text_units, merge_units
 
 if TYPE_CHECKING:
     import polars as pl
@@ -37,7 +37,7 @@ MAX_UNIT_LENGTH = 60
 
 # Kinds of files by their ending; other endings are texts.
 _KIND_OF_SUFFIX: dict[str, SourceKind] = {
-    **dict.fromkeys(SUFFIXES, "excel"),
+    **dict.fromkeys(WORKBOOK_SUFFIXES, "excel"),
     ".geojson": "geojson",
     ".json": "geojson",
     ".shp": "shapefile",
@@ -58,8 +58,8 @@ def read_raw_table(path: Path, said: Source | None = None, data: bytes | None = 
 
     Raises
     ------
-    ImportTrouble : the file is no table.
-    Refused : it cannot be opened, in one line.
+    LogImportError : the file is no table.
+    RefusedInput : it cannot be opened, in one line.
     OSError : it cannot be read.
     """
     said = said or Source()
@@ -104,17 +104,18 @@ def _add_stated_units(raw: RawTable) -> RawTable:
     """Returns the table with units from a column of units, or from a line above the header."""
     texts: dict[str, list[str]] = {}
     for name, column in raw.columns.items():
-        if not is_text(column):
+        if not is_text_column(column):
             continue
         first = next(filter(None, column[:SEARCHED_ROWS].tolist()), "")[:MAX_UNIT_LENGTH]
         if first and parse_cell(first) is None:
             kinds = dict.fromkeys(text[:MAX_UNIT_LENGTH] for text in column.tolist() if text)
             texts[name] = list(islice(kinds, MAX_UNIT_TEXTS + 1))
-    stated = together(
-        of_texts(ANY, raw.above, "the lines above the header"), find_unit_columns(texts)
+    stated = merge_units(
+        find_text_units(ANY_COLUMN, raw.above, "the lines above the header"),
+        find_unit_columns(texts),
     )
     units = {
-        name: stated.get(name.casefold(), stated.get(ANY))
+        name: stated.get(name.casefold(), stated.get(ANY_COLUMN))
         for name in raw.names
         if name not in raw.units
         and (subject := find_subject(fold_column_name(name), None)) is not None
@@ -133,15 +134,15 @@ def _find_source_kind(path: Path) -> SourceKind:
     """Returns the kind of a file. In a folder or a zip a task that was worked comes before
     points, and points before a task that was not."""
     if path.is_dir() or path.suffix.lower() == ".zip":
-        files = files_at(path)
+        files = open_archive(path)
         shapes = any(name.lower().endswith(".shp") for name in files.names)
-        return "shapefile" if shapes and not holds_time_log(files) else "isoxml"
+        return "shapefile" if shapes and not has_time_log(files) else "isoxml"
     return _KIND_OF_SUFFIX.get(path.suffix.lower(), "text")
 
 
 # Returns the table of a Parquet file (extra parquet). Raises ImportTrouble.
 def _read_parquet(path: Path, said: Source) -> RawTable:
-    need("Parquet", "parquet")
+    require_extras("Parquet", "parquet")
     import polars as pl
 
     check_parquet(path)
@@ -153,7 +154,7 @@ def _read_parquet(path: Path, said: Source) -> RawTable:
         ) from None
     if frame.height == 0:
         raise LogImportError(path, "no rows in it")
-    check_texts(frame, path)
+    check_text_bytes(frame, path)
     columns = {name: _convert_series(frame[name]) for name in frame.columns}
     utc = frozenset(
         name for name, kind in frame.schema.items() if getattr(kind, "time_zone", None) is not None
@@ -170,5 +171,5 @@ def _convert_series(series: pl.Series) -> NDArray[Any]:
         return np.array(series.cast(pl.Float64).fill_null(float("nan")).to_numpy(), np.float64)
     if series.dtype in (pl.Date, pl.Datetime):
         micro = series.cast(pl.Datetime("us", getattr(series.dtype, "time_zone", None)))
-        return np.array(micro.dt.timestamp("us").cast(pl.Datetime("us")).to_numpy(), TIME)
-    return text_column(series.cast(pl.String, strict=False).fill_null("").to_list())
+        return np.array(micro.dt.timestamp("us").cast(pl.Datetime("us")).to_numpy(), TIME_TYPE)
+    return make_text_column(series.cast(pl.String, strict=False).fill_null("").to_list())

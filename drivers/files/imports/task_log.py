@@ -13,7 +13,7 @@ import numpy as np
 from topdress.control.log_row import LOG_BEGINS
 from topdress.control.recordings.finding import Finding, many
 from topdress.drivers import day_clock
-from topdress.drivers.files.columns import Columns, count_rows, stack_tables, text_column
+from topdress.drivers.files.columns import Columns, count_rows, make_text_column, stack_tables
 from topdress.drivers.files.imports.devices import (
     DeviceElement,
     NumberMeaning,
@@ -64,8 +64,8 @@ def read_task_log(path: Path, said: Source) -> RawTable:
 
     Raises
     ------
-    ImportTrouble : there is no log, or it is unclear which.
-    Refused : the task set cannot be used, in one line.
+    LogImportError : there is no log, or it is unclear which.
+    RefusedInput : the task set cannot be used, in one line.
     OSError : it cannot be read.
     """
     found = find_task_logs(path, said.inside)
@@ -75,7 +75,8 @@ def read_task_log(path: Path, said: Source) -> RawTable:
 
 
 def find_task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
-    """Returns the time logs of a task set; None: there is no task file. Raises Refused, OSError."""
+    """Returns the time logs of a task set; None: there is no task file.
+    Raises RefusedInput, OSError."""
     files = choose_task_set(path, inside)
     if files is None:
         return None
@@ -164,7 +165,7 @@ def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
 
 
 def _choose_logs(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
-    """Returns the logs of a single task. Raises ImportTrouble with a line for each log."""
+    """Returns the logs of a single task. Raises LogImportError with a line for each log."""
     logs = [
         log
         for log in found.logs
@@ -250,7 +251,7 @@ def _check_no_overlap(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> N
 def _is_by_presentation(
     path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]
 ) -> bool:
-    """Tells whether rates are taken as their device shows them. Raises ImportTrouble where that
+    """Tells whether rates are taken as their device shows them. Raises LogImportError where that
     is open and matters."""
     odd = [one for one in logged if one.shown is not None]
     if not odd:
@@ -335,7 +336,7 @@ def _join_logs(
         columns = build_time_log_columns(log, names, presented)
         if len(logs) > 1:
             mark = [f"{LOG_BEGINS}{log.name}", *[""] * (count_rows(columns) - 1)]
-            columns[EVENTS_COLUMN] = text_column(mark)
+            columns[EVENTS_COLUMN] = make_text_column(mark)
         tables.append(columns)
     return stack_tables(tables)
 
@@ -380,8 +381,8 @@ ORIGIN_TEXTS = {
 
 
 def describe_task_file(path: Path) -> list[str] | None:
-    """Returns what a task file holds, a line each; None: there is no task file. Raises Refused,
-    OSError."""
+    """Returns what a task file holds, a line each; None: there is no task file.
+    Raises RefusedInput, OSError."""
     found = find_task_logs(path)
     if found is None:
         return None

@@ -18,7 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.recordings.finding import Finding, many
-from topdress.drivers.files.columns import BLOCK_ROWS, Columns, count_rows, select_rows, text_column
+from topdress.drivers.files.columns import (
+    BLOCK_ROWS,
+    Columns,
+    count_rows,
+    make_text_column,
+    select_rows,
+)
 from topdress.drivers.files.imports.dialect import (
     DELIMITERS,
     SAMPLE_BYTES,
@@ -257,7 +263,7 @@ def read_cell_columns(
                 found = parse_number_cells(cells, decimal_comma)
                 parts.append(NumberCells(found.values, found.bad, found.cell))
             else:
-                parts.append(text_column(cells))
+                parts.append(make_text_column(cells))
     if rows.wrong and not rows.count:
         line, what, fields = rows.wrong[0]
         comma = "; is the decimal sign a comma? write points, or separate by semicolons"
@@ -346,7 +352,7 @@ def _join_blocks(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
             next((part.cell for part in numeric if part.bad), ""),
         )
     texts = [part for part in parts if not isinstance(part, NumberCells)]
-    return np.concatenate(texts) if texts else text_column([])
+    return np.concatenate(texts) if texts else make_text_column([])
 
 
 def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawTable:

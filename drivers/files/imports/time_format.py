@@ -75,7 +75,7 @@ def parse_times(texts: Sequence[str], form: str) -> Floats:
 
     Raises
     ------
-    ImportTrouble : it is no format.
+    LogImportError : it is no format.
     """
     layout = _compile_format(form)
     us = np.full(len(texts), np.nan)

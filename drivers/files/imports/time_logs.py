@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 from topdress.control.geodesy import TangentPlane
-from topdress.drivers.files.columns import TIME, Columns, count_rows
+from topdress.drivers.files.columns import TIME_TYPE, Columns, count_rows
 from topdress.drivers.files.exports.time_log import FIRST_DAY_UTC
 from topdress.drivers.files.imports.devices import (
     DeviceElement,
@@ -156,7 +156,7 @@ def _decode_heads(
 ) -> Columns:
     epoch = np.datetime64(FIRST_DAY_UTC.replace(tzinfo=None), "ms")
     times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
-    columns: Columns = {UTC_COLUMN: times.astype(TIME)}
+    columns: Columns = {UTC_COLUMN: times.astype(TIME_TYPE)}
     nowhere = np.zeros(len(heads), np.bool_)
     if {"lat_deg", "lon_deg"} <= set(heads.dtype.names or ()):
         lat, lon = (

@@ -15,12 +15,12 @@ from topdress.drivers.files.columns import (
     BLOCK_ROWS,
     count_microseconds,
     count_rows,
-    is_number,
-    is_text,
-    is_time,
+    format_numbers,
+    is_number_column,
+    is_text_column,
+    is_time_column,
+    make_text_column,
     map_texts,
-    number_texts,
-    text_column,
 )
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Times
@@ -80,7 +80,7 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
 
     Raises
     ------
-    ImportTrouble : most cells of the column are no such time.
+    LogImportError : most cells of the column are no such time.
     """
     if times.counts == "rows":
         assert times.step_s is not None
@@ -90,7 +90,7 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
         )
     assert times.column is not None
     column = table.columns[times.column]
-    if is_time(column):
+    if is_time_column(column):
         us = count_microseconds(column)
         return (
             FileClock(us, "utc") if times.column in table.utc else _apply_time_zone(us, times.zone)
@@ -156,7 +156,7 @@ def _read_time_block(column: NDArray[Any], form: str | None) -> _TimeBlock:
 
 def convert_to_texts(column: NDArray[Any]) -> NDArray[Any]:
     """Returns a column as texts."""
-    return text_column(number_texts(column)) if is_number(column) else column
+    return make_text_column(format_numbers(column)) if is_number_column(column) else column
 
 
 def _fill_forward(us: Floats) -> Floats:
@@ -178,14 +178,14 @@ def _join_day_and_time(table: RawTable, times: Times) -> NDArray[Any]:
 def join_day_texts(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[Any]:
     """Returns texts of day and time of day joined, empty where either is not known; `day_form`:
     how the day is written."""
-    if is_time(day):
+    if is_time_column(day):
         texts = _format_iso_days(day)
     else:
         whole = _find_whole_numbers(day) if _FORMAT_PARTS.sub("", day_form) else None
         texts = (
             format_for_time(day, day_form) if whole is None else _convert_spreadsheet_days(whole)
         )
-    return text_column(
+    return make_text_column(
         [
             f"{one.strip()} {other.strip()}" if one and other else ""
             for one, other in zip(texts.tolist(), time.tolist(), strict=True)
@@ -199,7 +199,7 @@ def format_for_time(column: NDArray[Any], form: str) -> NDArray[Any]:
     width = sum(_PART_DIGITS.get(part, 0) for part in _FORMAT_PARTS.findall(form))
     if not width or _FORMAT_PARTS.sub("", form):
         return convert_to_texts(column)
-    if "%.f" in form and is_number(column):
+    if "%.f" in form and is_number_column(column):
         return map_texts(
             lambda ms: ms and f"{ms[:-3]}.{ms[-3:]}", _format_digits(column * 1e3, width + 3)
         )
@@ -209,14 +209,14 @@ def format_for_time(column: NDArray[Any], form: str) -> NDArray[Any]:
 
 def _format_digits(column: Floats, width: int) -> NDArray[Any]:
     """Returns whole numbers with leading zeros, as texts."""
-    return text_column(
+    return make_text_column(
         ["" if value != value else f"{round(value):0{width}d}" for value in column.tolist()]
     )
 
 
 def _find_whole_numbers(column: NDArray[Any]) -> Floats | None:
     """Returns whole numbers, none below 0; None where the column holds others."""
-    if is_text(column):
+    if is_text_column(column):
         found = parse_plain_numbers([text.strip() for text in column.tolist()])
         if found is None:
             return None
@@ -243,7 +243,7 @@ def _convert_to_dates(days: Floats) -> NDArray[np.datetime64]:
 # Returns days as ISO 8601; empty where not known.
 def _format_iso_days(times: NDArray[Any]) -> NDArray[Any]:
     days = np.datetime_as_string(times.astype("datetime64[D]"))
-    return text_column(["" if day == "NaT" else day for day in days.tolist()])
+    return make_text_column(["" if day == "NaT" else day for day in days.tolist()])
 
 
 def _parse_offset_us(offset: str) -> float:

@@ -17,7 +17,7 @@ from topdress.drivers.files.imports.words import (
     fold_column_name,
     has_any_word,
 )
-from topdress.drivers.files.stated_units import ANY, Stated, StatedUnit, names_unit
+from topdress.drivers.files.stated_units import ANY_COLUMN, StatedUnit, StatedUnits, is_unit_name
 
 _NUMBER = re.compile(
     r"^(?P<number>[-+]?[\d.,'’\s]*\d[.,]?(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)?$"
@@ -164,15 +164,15 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
     ----------
     texts : the different texts of each column.
     """
-    found = Stated()
+    found = StatedUnits()
     for name, written in texts.items():
         cells = sorted({cell.strip() for cell in written} - {""})
         if not 0 < len(cells) <= MAX_UNIT_TEXTS or any(
             parse_cell(cell) is not None for cell in cells
         ):
             continue
-        of = [word for word in split_name_words(name) if not names_unit(word)]
-        said = names_unit(name) and (
+        of = [word for word in split_name_words(name) if not is_unit_name(word)]
+        said = is_unit_name(name) and (
             any(map(is_rate_unit, cells))
             or (len(cells) == 1 and not of)
             or all(map(find_named_unit, cells))
@@ -180,10 +180,11 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
         if not said and not all(map(is_rate_unit, cells)):
             continue
         column = next(
-            (other for other in texts if other != name and _is_unit_column_of(other, name)), ANY
+            (other for other in texts if other != name and _is_unit_column_of(other, name)),
+            ANY_COLUMN,
         )
         kinds = set(map(find_word_kind, of))
-        if column != ANY or "rate" in kinds or not kinds & {"a measurement", "a size"}:
+        if column != ANY_COLUMN or "rate" in kinds or not kinds & {"a measurement", "a size"}:
             for cell in cells:
                 found.add(column.casefold(), cell, f"column {name}", True, name)
     return dict(found)
@@ -193,7 +194,7 @@ def _is_unit_column_of(column: str, unit_column: str) -> bool:
     """Tells whether a column of units belongs to a column: `Rate_Unit` and `rateUnit` to `Rate`,
     `Unit2` to `Rate2`."""
     parts = re.sub(r"(?<=\D)(?=\d+$)", "_", fold_column_name(unit_column)).split("_")
-    left = "_".join(part for part in parts if not names_unit(part))
+    left = "_".join(part for part in parts if not is_unit_name(part))
     plain = fold_column_name(column)
     return bool(left) and (
         plain == left or (left.isdigit() and re.search(rf"\D{left}$", plain) is not None)

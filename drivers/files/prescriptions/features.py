@@ -41,7 +41,13 @@ from topdress.drivers.files.prescriptions.words import (
     check_index_value,
     check_rate_kg_ha,
 )
-from topdress.drivers.files.stated_units import ANY, NO_UNITS, StatedUnit, side_units, together
+from topdress.drivers.files.stated_units import (
+    ANY_COLUMN,
+    NO_UNITS,
+    StatedUnit,
+    merge_units,
+    read_side_units,
+)
 from topdress.drivers.plain_text import PlaceInFile
 
 # Which column of a map's attributes is the rate, and in which unit: by name, by type, by range.
@@ -119,7 +125,7 @@ def find_rate_column(
         name: {cell for _, row in numbered if isinstance(cell := row.get(name), str)}
         for name in names
     }
-    side_units = together(side_units, find_unit_columns(texts))
+    side_units = merge_units(side_units, find_unit_columns(texts))
     if choice.index is not None:
         return _take_chosen_column(
             path,
@@ -299,7 +305,7 @@ def _assign_unit(
     unit, source, unit_column = one.unit, "the file", ""
     if one.unread:
         raise _ask_for_unit(path, one, StatedUnit(one.unread, "its own name"), None)
-    for said in (stated.get(one.name.casefold()), stated.get(ANY)):
+    for said in (stated.get(one.name.casefold()), stated.get(ANY_COLUMN)):
         if said is None:
             continue
         meant = _find_rate_unit(said.text)
@@ -394,14 +400,16 @@ def build_imported_map(
 
     Raises
     ------
-    Refused : the map cannot be used, or a question is open.
+    RefusedInput : the map cannot be used, or a question is open.
     OSError : a file next to it cannot be read.
     """
     if not features:
         raise NoPolygonsError(path, "no polygons: allowed is at least one")
     if path.is_file():
         columns = {name for feature in features for name in feature.attributes}
-        units = together(units, side_units(Folder(path.parent, deep=False), path.name, columns))
+        units = merge_units(
+            units, read_side_units(Folder(path.parent, deep=False), path.name, columns)
+        )
     chosen = find_rate_column(
         path, [(feature.number, feature.attributes) for feature in features], choice, units
     )

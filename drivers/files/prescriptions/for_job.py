@@ -20,7 +20,7 @@ from topdress.control.targets.plants import PlantList
 from topdress.control.targets.point_source import MAX_DOSE_ERROR_M, DoseError
 from topdress.control.targets.prescription import MapData, project_prescription, project_rates
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.archives import files_of
+from topdress.drivers.files.archives import list_opened_files
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.prescriptions.words import ZONE_FACTOR, PrescriptionError, RateQuestion
 from topdress.drivers.plain_text import PlaceInFile
@@ -39,7 +39,7 @@ def read_plant_places(path: Path) -> Floats:
 
     Raises
     ------
-    Refused : the file cannot be used, in one line.
+    RefusedInput : the file cannot be used, in one line.
     OSError : it cannot be opened.
     """
     if not path.exists():
@@ -234,7 +234,7 @@ def read_job_plants(job: Job, folder: Path, plane: TangentPlane | None = None) -
 
 def list_job_files(job: Job, folder: Path) -> tuple[Path, ...]:
     """Returns the files of the job's map, plants, index map, zones and worked ground."""
-    return tuple(file for name in job.named_files for file in files_of(folder / name))
+    return tuple(file for name in job.named_files for file in list_opened_files(folder / name))
 
 
 class LoopTargets(TypedDict):

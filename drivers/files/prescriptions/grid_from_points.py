@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from topdress.control.geodesy import TangentPlane
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.columns import known_or_none
+from topdress.drivers.files.columns import list_known_or_none
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.numbers import parse_number_column
@@ -214,7 +214,7 @@ def _convert_utm_places(
 def _read_attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object]]:
     """Returns the attributes of each point. With decimal commas a point groups digits."""
     attributes = {
-        name: known_or_none(column)
+        name: list_known_or_none(column)
         for name, column in raw.columns.items()
         if name not in places
         and (
@@ -239,7 +239,7 @@ def _read_attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, o
 
 def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]:
     """Returns the lattice, and each point's cell as (4, 2) latitude and longitude. Degrees or
-    metres are taken, whichever fits better. Raises NoLattice."""
+    metres are taken, whichever fits better. Raises NoGridError."""
     plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
     east, north = (
         np.array(plane.project_to_m(plane.lat_deg, plane.lon_deg + 1e-4)),
@@ -281,7 +281,7 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
 
 
 def fit_point_grid(places: Floats) -> PointGrid:
-    """Returns the lattice of places (n, 2), m. Raises NoLattice."""
+    """Returns the lattice of places (n, 2), m. Raises NoGridError."""
     if len(places) < MIN_POINT_COUNT:
         raise NoGridError(
             "{count} points: {least} are the least", count=len(places), least=MIN_POINT_COUNT
@@ -346,7 +346,7 @@ def _fit_grid_axes(
     return found[0], found[1], found[2]
 
 
-# Refuses cells that are long, shared or scattered. Raises NoLattice.
+# Refuses cells that are long, shared or scattered. Raises NoGridError.
 def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> None:
     if max(wide, high) > MAX_CELL_RATIO * min(wide, high):
         raise NoGridError("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)

@@ -25,7 +25,7 @@ from topdress.drivers.files.prescriptions.words import (
     calc_factor_kg_ha,
     check_rate_kg_ha,
 )
-from topdress.drivers.files.shape_sets import sorted_rings
+from topdress.drivers.files.shape_sets import sort_rings
 from topdress.drivers.plain_text import PlaceInFile, Reason
 
 # ISO 11783-11: unit of an identifier's numbers, and the size of a step in it.
@@ -330,7 +330,7 @@ def _read_rings_deg(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, 
     for line in polygon.findall("LSG"):
         if line.get("A") in (EXTERIOR_LINE, INTERIOR_LINE):
             (outer if line.get("A") == EXTERIOR_LINE else inner).append(_read_ring_deg(line, where))
-    return sorted_rings(outer, inner)
+    return sort_rings(outer, inner)
 
 
 # Returns a line's corners (k, 2), latitude and longitude, not closed.

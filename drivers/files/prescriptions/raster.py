@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.extras import extra_line
-from topdress.drivers.files.layers import projection_in
-from topdress.drivers.files.limits import RASTER_CELLS, held_to
+from topdress.drivers.files.extras import format_extra_line
+from topdress.drivers.files.layers import find_projection
+from topdress.drivers.files.limits import RASTER_CELLS, check_limit
 from topdress.drivers.files.prescriptions.features import Feature, build_imported_map
 from topdress.drivers.files.prescriptions.projected import Projection
 from topdress.drivers.files.prescriptions.words import (
@@ -22,7 +22,7 @@ from topdress.drivers.files.prescriptions.words import (
     PrescriptionError,
     RateChoice,
 )
-from topdress.drivers.files.stated_units import StatedUnit, of_json, together
+from topdress.drivers.files.stated_units import StatedUnit, find_json_units, merge_units
 from topdress.drivers.plain_text import PlaceInFile
 
 # First bytes of TIFF 6.0 and of BigTIFF, in both byte orders.
@@ -43,7 +43,7 @@ def read_raster(path: Path, choice: RateChoice) -> ImportedMap:
         raise PrescriptionError(
             path,
             "this is a GeoTIFF, a raster: install the extra raster",
-            f": {extra_line('raster')}",
+            f": {format_extra_line('raster')}",
         ) from None
     data = path.read_bytes()
     if data[:4] not in TIFF_MAGIC:
@@ -67,11 +67,11 @@ def _read_open_raster(path: Path, file: Any, choice: RateChoice) -> ImportedMap:
             "degrees on WGS84, or UTM",
         )
     west, south, east, north = file.bounds
-    projection = projection_in(
+    projection = find_projection(
         file.crs.to_wkt(version="WKT1_GDAL"), path, np.array([(west, south), (east, north)])
     )
-    held_to(RASTER_CELLS, file.width * file.height * file.count, path)
-    held_to(
+    check_limit(RASTER_CELLS, file.width * file.height * file.count, path)
+    check_limit(
         RASTER_CELLS,
         max(high * wide for high, wide in file.block_shapes),
         PlaceInFile(str(path)).go_down("a tile"),
@@ -130,7 +130,7 @@ def _find_known_cells(bands: Sequence[Floats]) -> np.ndarray:
 
 
 def _find_averaging_step(known: np.ndarray) -> int:
-    """Returns how many cells on a side become a single cell, so that no more than MOST_CELLS
+    """Returns how many cells on a side become a single cell, so that no more than MAX_CELL_COUNT
     remain."""
     step = max(1, math.isqrt(max(0, int(known.sum()) - 1) // MAX_CELL_COUNT))
     while int(_sum_cell_blocks(known.astype(np.float64), step)[1].sum()) > MAX_CELL_COUNT:
@@ -176,13 +176,13 @@ def _read_band_values(file: Any, number: int) -> Floats:
 
 def _find_band_units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
     """Returns units of the bands: their own, or those of their or the file's tags."""
-    found = [of_json(file.tags(), names, path.name)]
+    found = [find_json_units(file.tags(), names, path.name)]
     for k, name in enumerate(names, start=1):
         found.append(
             {name.casefold(): StatedUnit(unit, path.name)} if (unit := file.units[k - 1]) else {}
         )
-        found.append(of_json({"name": name, **file.tags(k)}, [name], path.name))
-    return together(*found)
+        found.append(find_json_units({"name": name, **file.tags(k)}, [name], path.name))
+    return merge_units(*found)
 
 
 def _calc_corners_deg(

@@ -10,8 +10,8 @@ from pathlib import Path
 from topdress.control.agronomy.noa import Rule
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import MapData, merge_zones
-from topdress.drivers.files.archives import chosen, files_at
-from topdress.drivers.files.file_sniffer import TABLES, holds_points
+from topdress.drivers.files.archives import choose_names, open_archive
+from topdress.drivers.files.file_sniffer import TABLE_SUFFIXES, has_worked_points
 from topdress.drivers.files.imports.import_errors import format_list
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.outlines import check_zones
@@ -24,7 +24,7 @@ from topdress.drivers.files.prescriptions.words import (
     RateChoice,
     RateQuestion,
 )
-from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
+from topdress.drivers.files.shape_sets import ShapeSet, find_shape_sets, read_shape_layer
 from topdress.drivers.plugins import has_format_plugin
 
 # Formats of even cells, none over another.
@@ -55,7 +55,7 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
 
     Raises
     ------
-    Refused : in one line; PrescriptionError and its kinds come from the map's contents.
+    RefusedInput : in one line; PrescriptionError and its kinds come from the map's contents.
     OSError : the file cannot be opened.
     """
     path, choice = Path(path), choice or RateChoice()
@@ -111,14 +111,14 @@ def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
         from topdress.drivers.files.prescriptions.raster import read_raster
 
         return read_raster(path, choice)
-    if suffix in TABLES:
-        from topdress.drivers.files.opened import Opened
+    if suffix in TABLE_SUFFIXES:
+        from topdress.drivers.files.opened import FileContent
         from topdress.drivers.files.prescriptions.csv_zones import has_polygon_text, read_csv_zones
         from topdress.drivers.files.prescriptions.grid_from_points import read_point_grid
 
         if has_polygon_text(path):
             return read_csv_zones(path, choice)
-        if suffix == ".csv" or Opened(path).holds == "map":
+        if suffix == ".csv" or FileContent(path).holds == "map":
             return read_point_grid(path, choice)
     return _read_from_folder(path, choice)
 
@@ -126,9 +126,9 @@ def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
 def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
     """Reads from a folder or zip its task set, else its shapefile. Next to a task set shapefiles
     do not count."""
-    shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
+    shapes = [] if path.suffix.lower() == ".xml" else find_shape_sets(path)
     if choice.inside is not None:
-        named = chosen([one.name for one in shapes], choice.inside)
+        named = choose_names([one.name for one in shapes], choice.inside)
         shapes = [one for one in shapes if one.name in named]
     files = choose_task_set(path, choice.inside)
     if files is not None:
@@ -145,7 +145,7 @@ def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
         )
     if not shapes:
         packed = (
-            format_list(name for name in files_at(path).names if name.lower().endswith(".zip"))
+            format_list(name for name in open_archive(path).names if name.lower().endswith(".zip"))
             if path.suffix.lower() == ".zip"
             else ""
         )
@@ -161,7 +161,7 @@ def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
     [one] = shapes
     return _read_areas_or_points(
         lambda: convert_map_layer(
-            Path(one.label), "shapefile", layer_of(one), choice, title=one.stem
+            Path(one.label), "shapefile", read_shape_layer(one), choice, title=one.stem
         ),
         path,
         choice,
@@ -175,7 +175,7 @@ def _read_areas_or_points(
     try:
         return areas()
     except NoPolygonsError:
-        if not holds_points(path):
+        if not has_worked_points(path):
             raise
     from topdress.drivers.files.prescriptions.grid_from_points import read_point_grid
 

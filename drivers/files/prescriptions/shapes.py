@@ -12,7 +12,13 @@ from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.imports.import_errors import format_list
-from topdress.drivers.files.layers import Layer, name_of, read_geojson, read_layers, stated
+from topdress.drivers.files.layers import (
+    Layer,
+    drop_kml_attributes,
+    find_shape_name,
+    read_geojson,
+    read_layers,
+)
 from topdress.drivers.files.ogr import write_layer
 from topdress.drivers.files.prescriptions.features import (
     Feature,
@@ -34,7 +40,7 @@ POLYGON_TYPES = ("Polygon", "MultiPolygon")
 
 
 def read_map_layers(path: Path, choice: RateChoice) -> ImportedMap:
-    """Returns the prescription of a file with layers. Raises Refused, OSError."""
+    """Returns the prescription of a file with layers. Raises RefusedInput, OSError."""
     layers = read_layers(path)
     if choice.inside is not None:
         layers = [layer for layer in layers if layer.name.casefold() == choice.inside.casefold()]
@@ -55,7 +61,9 @@ def read_map_layers(path: Path, choice: RateChoice) -> ImportedMap:
             else "no layer of polygons named {name}: allowed is at least one polygon",
             name=choice.inside,
         )
-    named = tuple({**stated(row), "title": name_of(row)} for row in held[0].rows)
+    named = tuple(
+        {**drop_kml_attributes(row), "title": find_shape_name(row)} for row in held[0].rows
+    )
     return convert_map_layer(
         path, path.suffix[1:].lower(), held[0]._replace(rows=named), choice, title=path.stem
     )
@@ -80,7 +88,7 @@ def convert_map_layer(
 
     Raises
     ------
-    Refused : the map cannot be used.
+    RefusedInput : the map cannot be used.
     OSError : a file next to it cannot be read.
     """
     features = _list_features(layer)
@@ -129,7 +137,7 @@ def _list_features(layer: Layer) -> list[Feature]:
 
 def write_map_layers(data: MapData, path: Path) -> None:
     """Writes a polygon for each zone, or for each cell of a grid; fallbacks and field are lost.
-    Raises Refused, OSError."""
+    Raises RefusedInput, OSError."""
     # Imported here: `write` imports this module.
     from topdress.drivers.files.prescriptions.write import list_map_zones
 
@@ -152,7 +160,7 @@ OWN_MEMBER = "topdress"
 
 
 def read_geojson_map(path: Path, choice: RateChoice) -> ImportedMap:
-    """Returns the prescription of a FeatureCollection of (multi)polygons. Raises Refused,
+    """Returns the prescription of a FeatureCollection of (multi)polygons. Raises RefusedInput,
     OSError."""
     layer = read_geojson(path, POLYGON_TYPES, strict=True)
     ours = layer.about.get(OWN_MEMBER)

@@ -14,12 +14,18 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from topdress.control.targets.rate_map import Floats
-from topdress.drivers.files.archives import Files, Folder, chosen, files_at, parent
+from topdress.drivers.files.archives import (
+    Files,
+    Folder,
+    choose_names,
+    find_parent_folder,
+    open_archive,
+)
 from topdress.drivers.files.atomic import write_atomically
-from topdress.drivers.files.limits import REFERENCES, XML, held_to
+from topdress.drivers.files.limits import REFERENCES, XML, check_limit
 from topdress.drivers.files.prescriptions.words import PrescriptionError, RateQuestion
-from topdress.drivers.files.run_meta import software_version
-from topdress.drivers.files.xml_text import Total, XmlError, xml_root
+from topdress.drivers.files.run_meta import find_software_version
+from topdress.drivers.files.xml_text import XmlError, XmlTotal, parse_xml_root
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,7 @@ class TaskSet:
     label: str
 
     def read(self, name: str) -> bytes | None:
-        """Returns the file's bytes; None where it is not there. Raises Refused, OSError."""
+        """Returns the file's bytes; None where it is not there. Raises RefusedInput, OSError."""
         there = self._by_name.get((self.inside + name).casefold())
         return None if there is None else self.files.read(there)
 
@@ -44,14 +50,14 @@ class TaskSet:
 
 def find_task_sets(path: Path) -> list[TaskSet]:
     """Returns the task sets at a path: a TASKDATA.XML, or a folder or zip that holds some,
-    however deep. Raises Refused for a zip that cannot be opened, OSError."""
+    however deep. Raises RefusedInput for a zip that cannot be opened, OSError."""
     if path.suffix.lower() == ".xml" and not path.is_dir():
         return [TaskSet(Folder(path.parent, deep=False), "", str(path))] if path.is_file() else []
     if not path.is_dir() and path.suffix.lower() != ".zip":
         return []
-    files = files_at(path)
+    files = open_archive(path)
     return [
-        TaskSet(files, parent(name), files.label(name))
+        TaskSet(files, find_parent_folder(name), files.label(name))
         for name in files.names
         if PurePosixPath(name).name.lower() == "taskdata.xml"
     ]
@@ -72,12 +78,12 @@ def choose_task_set(path: Path, inside: str | None = None) -> TaskSet | None:
     Raises
     ------
     RateQuestion : there are several.
-    Refused : a zip cannot be opened.
+    RefusedInput : a zip cannot be opened.
     OSError : a file cannot be opened.
     """
     found = find_task_sets(path)
     if inside is not None:
-        names = chosen([one.inside + "TASKDATA.XML" for one in found], inside)
+        names = choose_names([one.inside + "TASKDATA.XML" for one in found], inside)
         found = [one for one in found if one.inside + "TASKDATA.XML" in names]
     if len(found) > 1:
         names = [one.inside.rstrip("/") or "TASKDATA.XML" for one in found]
@@ -92,19 +98,19 @@ def choose_task_set(path: Path, inside: str | None = None) -> TaskSet | None:
 
 
 def read_task_tree(files: TaskSet) -> ElementTree.Element:
-    """Returns the root of the task file, with its external files (XFR). Raises Refused."""
+    """Returns the root of the task file, with its external files (XFR). Raises RefusedInput."""
     data = files.read("TASKDATA.XML")
     if data is None:
         raise PrescriptionError(files.label, "{name} is not there", name="TASKDATA.XML")
     # External files count towards the same limits.
-    total = Total(files.label)
+    total = XmlTotal(files.label)
     root = _parse_limited_xml(data, files.label, total)
     if root.tag != "ISO11783_TaskData":
         raise PrescriptionError(
             files.label, "root element {tag}: allowed ISO11783_TaskData", tag=root.tag
         )
     references = [f"{reference.get('A', '')}.XML" for reference in root.findall("XFR")]
-    held_to(REFERENCES, len(references), files.label)
+    check_limit(REFERENCES, len(references), files.label)
     for name in dict.fromkeys(references):
         more = files.read(name)
         if more is None:
@@ -113,12 +119,12 @@ def read_task_tree(files: TaskSet) -> ElementTree.Element:
     return root
 
 
-# Returns the root of an XML file, within the limits of the whole set. Raises Refused.
-def _parse_limited_xml(data: bytes, label: str, total: Total) -> ElementTree.Element:
+# Returns the root of an XML file, within the limits of the whole set. Raises RefusedInput.
+def _parse_limited_xml(data: bytes, label: str, total: XmlTotal) -> ElementTree.Element:
     total.bytes += len(data)
-    held_to(XML, total.bytes, total.label)
+    check_limit(XML, total.bytes, total.label)
     try:
-        return xml_root(data, label, total)
+        return parse_xml_root(data, label, total)
     except XmlError as error:
         raise PrescriptionError(label, "not readable as XML: {why}", why=error) from None
 
@@ -135,7 +141,7 @@ WGS84_PRJ = (
 def make_task_root(from_terminal: bool) -> Element:
     """Returns the root element, version 4.3. `from_terminal`: written after the work, not before
     it."""
-    version = software_version()
+    version = find_software_version()
     root = Element(
         "ISO11783_TaskData",
         VersionMajor="4",

@@ -96,7 +96,7 @@ def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
 
     Raises
     ------
-    PrescriptionError : more than MOST_LEVELS rates of zones.
+    PrescriptionError : more than MAX_RATE_LEVELS rates of zones.
     """
     root = make_task_root(from_terminal=False)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
