@@ -14,7 +14,8 @@ for _name in ("NO_COLOR", "TEXTUAL_THEME"):  # textual reads them when it is imp
 import pytest  # noqa: E402
 import textual.app  # noqa: E402
 import textual.pilot  # noqa: E402
-from textual._compositor import Compositor, LayoutUpdate  # noqa: E402
+from rich.console import RenderableType  # noqa: E402
+from textual._compositor import Compositor  # noqa: E402
 from textual.app import App  # noqa: E402
 from textual.css.model import RuleSet  # noqa: E402
 from textual.css.stylesheet import Stylesheet  # noqa: E402
@@ -101,12 +102,15 @@ def _rest(monkeypatch):
     monkeypatch.setattr(App, "run_test", begun)
 
 
+_draw_update = Compositor.render_update
+
+
 def _forget_update(
     compositor: Compositor, full=False, screen_stack=None, simplify=False
-) -> LayoutUpdate | None:
+) -> RenderableType | None:
     """A picture that is exported is drawn whole; what would go to a terminal is not drawn."""
     if full:
-        return compositor.render_full_update(simplify=simplify)
+        return _draw_update(compositor, full, screen_stack, simplify)
     compositor._dirty_regions.clear()
     return None
 

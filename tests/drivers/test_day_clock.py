@@ -14,7 +14,7 @@ from topdress.drivers import day_clock
 ROOT = Path(__file__).parents[2]
 ROOMS = ("console", "control", "drivers")
 ASKED_ELSEWHERE = re.compile(
-    r"datetime\.now\(|date\.today\(|\btime\.time\(|time_ns\(|fromtimestamp\(|\.localtime\("
+    r"datetime\.now\(|date\.today\(|\btime\.time\(|\btime_ns\(|fromtimestamp\(|\.localtime\("
 )
 YEAR_7000_S = 158_740_000_000.0
 
