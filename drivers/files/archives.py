@@ -121,6 +121,7 @@ def choose_names(found: list[str], inside: str) -> list[str]:
 
 def _is_listed_file(name: str) -> bool:
     """Tells whether a file is neither macOS's nor Windows's own."""
+    # Zips made on Windows may hold backslashes.
     parts = name.replace("\\", "/").split("/")
     # macOS keeps attributes in files of this name.
     return not any(part.lower() in HIDDEN_FOLDERS or part.startswith("._") for part in parts)

@@ -61,6 +61,7 @@ def read_geopackage(path: Path, longest_s: float = MAX_READ_S) -> list[Layer]:
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
             raise RefusedInput(path, "no GeoPackage: its first bytes are not those of SQLite")
+    # SQLite keeps what is not yet in the file here.
     wal = path.with_name(f"{path.name}-wal")
     if wal.is_file() and wal.stat().st_size:
         raise RefusedInput(

@@ -162,6 +162,7 @@ def load_setup(
         for name in got_job.model.named_files
         if (path := folder / name).is_file()
     }
+    # The weather file's path begins at the crop file.
     stated = None if crop.days is None else crop.days.weather
     weather = None if stated is None else got_crop.path.parent / stated
     return Setup(

@@ -129,6 +129,7 @@ def find_json_units(root: Any, columns: Collection[str], source: str) -> dict[st
     """Returns units by column: of a record that names a column, a key that does, or a list of
     units by column."""
     found = StatedUnits()
+    # A list in place of recursion: metadata may be nested deeply.
     left: list[tuple[Any, str]] = [(root, ANY_COLUMN)]
     while left:
         node, about = left.pop()

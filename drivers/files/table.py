@@ -127,6 +127,7 @@ def read_table(
             numbers=numbers,
             decimal_comma=layout.decimal_comma,
         )
+        # The text is no longer needed, and may be large.
         del data
         findings += odd
         columns = convert_cells(cells, numbers, texts, findings)

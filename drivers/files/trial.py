@@ -66,6 +66,7 @@ def read_trial_plots(path: Path) -> dict[str, Any]:
             ],
             path,
         )
+        # Plots that were drawn by hand may touch themselves.
         found[name] = shapely.make_valid(shapely.MultiPolygon(parts))
     if not found:
         raise TrialError(f"{path}: no polygon in it: allowed is an outline for each plot")
@@ -219,6 +220,7 @@ def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, f
         )
     heads = np.column_stack([log.numbers(name) for name in columns])
     some = np.isfinite(heads).any(axis=1)
+    # Heads repeat their reading until the next one comes.
     new = some & np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1)))
     plane, way, heading = find_outlet_way(log, machine)
     ahead = np.radians(heading)

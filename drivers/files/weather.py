@@ -62,6 +62,7 @@ def read_weather(path: Path) -> Weather:
             raise WeatherError(f"{where}: {len(cells)} cells, the header has {len(header)}")
         dates.append(_parse_date(where, cells[header.index("date")]))
         values = [_parse_temperature(where, name, cells[header.index(name)]) for name in wanted]
+        # Exchanged columns give the same mean, but a wrong file.
         if len(values) == 2 and values[0] > values[1]:
             raise WeatherError(
                 f"{where}: min_temp_c {values[0]:g} is above max_temp_c {values[1]:g}"

@@ -159,6 +159,7 @@ def _read_start_fix(path: Path) -> _Plane:
             f"{path}: no StartFix with latitude and longitude: allowed is a field of "
             "version 4 or later"
         ) from None
+    # At a pole a degree of longitude has no length.
     if not (abs(lat) < 90.0 and abs(lon) <= 180.0):
         raise FieldError(f"{path}: StartFix {lat:g}, {lon:g}: allowed are degrees")
     return _Plane(lat, lon)
@@ -310,6 +311,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
         "Boundary.txt": ["$Boundary"],
         "TrackLines.txt": ["$TrackLines"],
         "Headland.txt": ["$Headland"],
+        # Nothing is worked yet, but AgOpenGPS expects the file.
         "Sections.txt": [],
         "Contour.txt": ["$Contour"],
         "Flags.txt": ["$Flags", "0"],

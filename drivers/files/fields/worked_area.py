@@ -40,6 +40,7 @@ def read_worked_area(path: Path, plane: TangentPlane | None = None) -> DoneGroun
     shapes = _read_polygons_deg(path)
     places = shapely.get_coordinates(shapes)
     if plane is None:
+        # Any plane near the ground will do.
         east, north = places.mean(axis=0)
         plane = TangentPlane(float(north), float(east))
     on = plane

@@ -139,6 +139,7 @@ def _convert_column(
     if name in TEXT_COLUMNS:
         return _clean_texts(cells, missing)
     found = parse_number_column(cells, raw.decimal_comma, missing)
+    # Numbers that stand for not known are reported, for they look like readings.
     if found.marked:
         marks = format_list(f"{mark:g}" for mark in missing if not isinstance(mark, str))
         findings.append(

@@ -45,6 +45,7 @@ def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
         sorted(parts, key=_find_first_us) if by_clock or _has_one_epoch(parts) else list(parts)
     )
     tables, begins = [], []
+    # The joined log begins at 0.
     shift = -_find_first_us(ordered[0])
     end_us = 0
     for number, part in enumerate(ordered):

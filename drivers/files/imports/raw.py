@@ -51,6 +51,7 @@ def find_units_in(names: Iterable[str]) -> dict[str, str]:
 def split_header(cells: list[str], units: Sequence[str] | None) -> tuple[list[str], dict[str, str]]:
     """Returns names, each once, and units of columns, from the header's cells and those of a row
     of units below it."""
+    # Spreadsheets write empty cells behind the last name.
     while cells and not cells[-1]:
         cells = cells[:-1]
     names = make_unique(cells)

@@ -42,6 +42,7 @@ def has_polygon_text(path: Path) -> bool:
 def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     """Returns the prescription of a CSV of polygons. Raises PrescriptionError, OSError."""
     data = path.read_bytes()
+    # A byte order mark is no part of the first name.
     text = data.decode(find_encoding(data), errors="replace").lstrip("\ufeff")
     header = text.partition("\n")[0]
     # The sign that the header has most often separates cells.

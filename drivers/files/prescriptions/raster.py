@@ -76,6 +76,7 @@ def _read_open_raster(path: Path, file: Any, choice: RateChoice) -> ImportedMap:
         max(high * wide for high, wide in file.block_shapes),
         PlaceInFile(str(path)).go_down("a tile"),
     )
+    # Bands without a description are numbered from 1, as GDAL does.
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
     bands = [_read_band_values(file, k) for k in range(1, file.count + 1)]
     said: list[Finding] = []
@@ -105,6 +106,7 @@ def _read_open_raster(path: Path, file: Any, choice: RateChoice) -> ImportedMap:
         np.hypot(transform.a, transform.d),
         np.hypot(transform.b, transform.e),
     )
+    # The size of a cell is given in the raster's own unit.
     unit = "deg" if projection is None else "m"
     findings = [
         *said,

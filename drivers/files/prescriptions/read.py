@@ -64,6 +64,7 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
     check_file(path)
     read = _read_by_ending(path, choice)
     if (
+        # Checking takes long, and even cells never overlap.
         read.format not in EVEN_FORMATS
         and read.data.grid is None
         and (crossed := check_zones([zone.rings_deg for zone in read.data.zones], path))
