@@ -4,7 +4,6 @@ are there, and what installs the others?"""
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 import tomllib
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -96,7 +95,7 @@ def find_installer() -> tuple[str, ...]:
     environment = Path(sys.prefix)
     if (environment / PIPX_METADATA).is_file():
         return ("pipx", "inject", environment.name)
-    if find_spec("pip") is None and shutil.which("uv"):
+    if find_spec("pip") is None:
         return ("uv", "pip", "install", "--python", sys.executable)
     return (sys.executable, "-m", "pip", "install")
 
