@@ -121,10 +121,12 @@ class HeadsConfig(FrozenModel):
 
     @property
     def count(self) -> int:
+        """Number of canopy heads."""
         return self.heads if self.multiplexed else len(self.ports)
 
     @property
     def field_map(self) -> HeadFields:
+        """Fields of a line that hold NDVI and the second index."""
         if self.layout is not None:
             return HeadFields(self.layout.fields, self.layout.ndvi, self.layout.index_2)
         found = find_head_fields(self.protocol)
@@ -293,6 +295,7 @@ class CabConfig(FrozenModel):
 
     @property
     def has_work_switch(self) -> bool:
+        """Whether a device of this cab reports a work switch."""
         return any(part is not None and part.work_switch for part in (self.board, self.rate_module))
 
     @property

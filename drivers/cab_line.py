@@ -64,6 +64,7 @@ class DeviceLine:
         self._taps.append(tap)
 
     def remove_tap(self, tap: Tap) -> None:
+        """Stops passing received bytes to `tap`."""
         if tap in self._taps:
             self._taps.remove(tap)
 
@@ -81,6 +82,7 @@ class DeviceLine:
         self.port.plug(plugged)
 
     def make_status(self, now_s: float) -> DeviceStatus:
+        """Returns the state of the line for page Devices."""
         state = self.port.state()
         times_s = self._times_s
         age_s = now_s - times_s[-1] if times_s else None

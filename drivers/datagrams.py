@@ -114,6 +114,7 @@ class _TrafficCounters:
         self.dropped_in = 0
 
     def count_received(self, data: bytes) -> None:
+        """Counts one received datagram and its bytes."""
         self._tail = (self._tail + data.hex(" ").encode() + b"\n")[-RAW_TAIL_BYTES:]
         self._last_s = self._clock()
         self._in += len(data)
@@ -155,6 +156,7 @@ class UdpPort:
 
     @property
     def name(self) -> str:
+        """Address of the port."""
         return self._url
 
     @property
@@ -163,6 +165,7 @@ class UdpPort:
         return int(self._socket.getsockname()[1]) if self._socket else 0
 
     def read_each(self) -> list[bytes]:
+        """Returns the received datagrams."""
         self._bind_socket()
         found: deque[bytes] = deque(maxlen=MAX_WAITING)
         for _ in range(MAX_TAKEN):
@@ -199,9 +202,11 @@ class UdpPort:
         return self._believed
 
     def read(self) -> bytes:
+        """Returns the received datagrams, joined."""
         return b"".join(self.read_each())
 
     def write(self, data: bytes) -> None:
+        """Sends one datagram."""
         self._bind_socket()
         to = self._address.to
         if self._socket is None or to is None:
@@ -215,6 +220,7 @@ class UdpPort:
             self._traffic.dropped_out += 1
 
     def state(self) -> PortState:
+        """Returns whether the socket is open, and its traffic."""
         state = self._traffic.state(self._connects, self._last_error)
         return state if self._plugged else state._replace(connected=False, last_error=UNPLUGGED)
 
@@ -226,6 +232,7 @@ class UdpPort:
             self._close_socket()
 
     def close(self) -> None:
+        """Closes the socket."""
         self._closed = True
         self._close_socket()
 
@@ -269,12 +276,15 @@ class MemoryDatagrams:
 
     @property
     def name(self) -> str:
+        """Name of the line."""
         return self._name
 
     def join_ends(self, other: MemoryDatagrams) -> None:
+        """Joins this end with the other one: each reads what the other writes."""
         self._other, other._other = other, self
 
     def read_each(self) -> list[bytes]:
+        """Returns the received datagrams."""
         found = list(self._waiting)
         self._waiting.clear()
         for data in found:
@@ -282,9 +292,11 @@ class MemoryDatagrams:
         return found
 
     def read(self) -> bytes:
+        """Returns the received datagrams, joined."""
         return b"".join(self.read_each())
 
     def write(self, data: bytes) -> None:
+        """Sends one datagram."""
         if self._other is None or not (self._plugged and self._other._plugged):
             self._traffic.dropped_out += 1
             return
@@ -292,12 +304,15 @@ class MemoryDatagrams:
         self._other._waiting.append(data)
 
     def state(self) -> PortState:
+        """Returns whether the line is there, and its traffic."""
         return self._traffic.state(1, "" if self._plugged else UNPLUGGED)
 
     def plug(self, plugged: bool) -> None:
+        """Plugs or unplugs the line."""
         self._plugged = plugged
 
     def close(self) -> None:
+        """Closes this end."""
         if self._other is not None:
             self._other._other = None
             self._other = None

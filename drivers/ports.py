@@ -124,6 +124,7 @@ class _Inbox:
         self.dropped_out = 0
 
     def put_bytes(self, data: bytes) -> None:
+        """Adds received bytes."""
         now_s = self._clock()
         with self._lock:
             self._pending += data
@@ -136,6 +137,7 @@ class _Inbox:
             self._last_byte_s = now_s
 
     def take_bytes(self) -> bytes:
+        """Returns the received bytes and empties the inbox."""
         if not self._pending:
             return b""
         with self._lock:
@@ -171,6 +173,7 @@ class MemoryPort:
 
     @property
     def name(self) -> str:
+        """Name of the line."""
         return self._name
 
     def join_ends(self, other: MemoryPort) -> None:
@@ -178,9 +181,11 @@ class MemoryPort:
         self._other, other._other = other, self
 
     def read(self) -> bytes:
+        """Returns the received bytes."""
         return self._inbox.take_bytes()
 
     def write(self, data: bytes) -> None:
+        """Sends bytes to the other end."""
         if self._connected and self._other is not None:
             self._other._inbox.put_bytes(data)
             self._inbox.out += len(data)
@@ -188,6 +193,7 @@ class MemoryPort:
             self._inbox.dropped_out += 1
 
     def state(self) -> PortState:
+        """Returns whether the line is there, and its traffic."""
         return self._inbox.state(
             self._connected,
             self._connects,
@@ -195,10 +201,12 @@ class MemoryPort:
         )
 
     def plug(self, plugged: bool) -> None:
+        """Plugs or unplugs the line."""
         self._connects += plugged and not self._plugged
         self._plugged = plugged
 
     def close(self) -> None:
+        """Closes this end."""
         self._open = False
 
     @property
@@ -234,14 +242,17 @@ class SerialStream:
             )
 
     def read(self) -> bytes:
+        """Returns the received bytes. Raises OSError where the device is gone."""
         data: bytes = self._serial.read(1)
         waiting = self._serial.in_waiting if data else 0
         return data + self._serial.read(waiting) if waiting else data
 
     def write(self, data: bytes) -> None:
+        """Sends bytes. Raises OSError where the device is gone."""
         self._serial.write(data)
 
     def close(self) -> None:
+        """Closes the serial line."""
         with contextlib.suppress(OSError):
             self._serial.close()
 
@@ -257,6 +268,7 @@ class SocketStream:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def read(self) -> bytes:
+        """Returns the received bytes. Raises OSError where the connection has ended."""
         if not select.select([self._socket], [], [], READ_WAIT_S)[0]:
             return b""
         data = self._socket.recv(4096)
@@ -265,9 +277,11 @@ class SocketStream:
         return data
 
     def write(self, data: bytes) -> None:
+        """Sends bytes. Raises OSError where the connection has ended."""
         self._socket.sendall(data)
 
     def close(self) -> None:
+        """Closes the connection."""
         self._socket.close()
 
 
@@ -315,12 +329,15 @@ class ThreadedPort:
 
     @property
     def name(self) -> str:
+        """Name or address of the port."""
         return self._name
 
     def read(self) -> bytes:
+        """Returns the bytes received since the last call, without waiting."""
         return self._inbox.take_bytes()
 
     def write(self, data: bytes) -> None:
+        """Queues bytes for the port's thread, without waiting."""
         with self._to_send:
             if self._stream is None:
                 self._inbox.dropped_out += 1
@@ -332,6 +349,7 @@ class ThreadedPort:
             self._to_send.notify()
 
     def state(self) -> PortState:
+        """Returns whether the port is open, its traffic and its last error."""
         return self._inbox.state(self._stream is not None, self._connects, self._last_error)
 
     def plug(self, plugged: bool) -> None:

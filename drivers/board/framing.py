@@ -45,6 +45,7 @@ class Receiver:
         self._skipping = False
 
     def reject(self, kind: str) -> None:
+        """Counts a rejected frame by the kind of its fault."""
         self.rejected[kind] = self.rejected.get(kind, 0) + 1
 
     def feed_bytes(self, data: bytes) -> list[list[bytes]]:

@@ -34,15 +34,18 @@ class RigPins:
     """Defines what the program needs of its hardware; pin layers and tests inherit from it."""
 
     def read(self) -> bytes:
+        """Returns the bytes that the host has sent."""
         return b""
 
     def write(self, data: bytes) -> None:
-        pass
+        """Sends bytes to the host."""
 
     def encoder(self) -> "tuple[int, int, int]":
+        """Returns the counts and the clock, us, at the newest count and at the one before."""
         return 0, 0, 0
 
     def plate(self) -> int:
+        """Returns the reading of the impact plate's converter."""
         return 0
 
 

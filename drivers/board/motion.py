@@ -55,6 +55,7 @@ class ShaftControl:
         self.integral = 0.0
 
     def stop_shaft(self) -> float:
+        """Stops the control and returns the duty of a standing shaft, 0."""
         self.ramped_rpm = self.expected_rpm = self.integral = 0.0
         return 0.0
 
@@ -151,6 +152,7 @@ class GateMotion:
 
     @property
     def reckoned_mm(self) -> float:
+        """Opening by counted steps, mm."""
         return self._stepper.place / self._per_mm
 
     def set_reference(self, opening_mm: float) -> None:
@@ -160,6 +162,7 @@ class GateMotion:
         self.homed = True
 
     def clear_lost(self) -> None:
+        """Clears the mark that steps were lost."""
         self.lost = False
 
     def step_home(self, at_switch: bool, dt_s: float) -> int:
@@ -198,9 +201,11 @@ class Doser:
 
     @property
     def turned_deg(self) -> float:
+        """Angle turned for this dose, degrees."""
         return self._stepper.place * 360.0 / self._per_turn
 
     def start_dose(self, angle_deg: float, shaft_rpm: float) -> None:
+        """Starts a dose of an angle in degrees at a shaft speed in r/min."""
         wanted = angle_deg * self._per_turn / 360.0 + self._over
         self.steps = round(wanted)
         self._over = wanted - self.steps
@@ -208,6 +213,7 @@ class Doser:
         self.running = True
 
     def abort_dose(self) -> None:
+        """Ends the dose where the shaft stands."""
         self.running = False
 
     def step_dose(self, dt_s: float) -> int:

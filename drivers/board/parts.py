@@ -49,6 +49,7 @@ class UsbLine:
         return got
 
     def write(self, data: bytes) -> None:
+        """Queues bytes for the host."""
         if len(self._waiting) + len(data) <= USB_WAITING_BYTES:
             self._waiting += data
 

@@ -162,27 +162,32 @@ class Pins:
     work_switch = valves_open = chance = _unknown
 
     def enable(self, on: bool) -> None:
-        pass
+        """Enables or disables the drivers."""
 
     def duty(self, value: float) -> None:
-        pass
+        """Sets the duty of the shaft motor, 0 to 1."""
 
     def read(self) -> bytes:
+        """Returns the bytes that the host has sent."""
         return b""
 
     def write(self, data: bytes) -> None:
-        pass
+        """Sends bytes to the host."""
 
     def shaft_counts(self) -> int:
+        """Returns the encoder's counts since power-on."""
         return 0
 
     def at_home(self) -> bool:
+        """Tells whether the gate presses the home switch."""
         return False
 
     def driver_fault(self) -> bool:
+        """Tells whether the motor driver reports a fault."""
         return False
 
     def wheel(self) -> "tuple[int, int]":
+        """Returns the wheel's pulses and the time of the newest one, microseconds."""
         return 0, 0
 
 

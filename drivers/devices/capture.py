@@ -36,6 +36,7 @@ def make_capture_lines(time_s: float, direction: str, data: bytes) -> bytes:
 
 
 def is_capture(data: bytes) -> bool:
+    """Tells whether `data` begins as a packet capture does."""
     return data.startswith(HEADER)
 
 

@@ -39,6 +39,7 @@ class _Epoch:
 
     @property
     def has_speed(self) -> bool:
+        """Whether a sentence of this epoch has given a speed."""
         return any(sentence.speed_mps is not None for sentence in self.sentences.values())
 
 

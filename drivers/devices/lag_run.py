@@ -40,6 +40,7 @@ class LagRun(NamedTuple):
 
     @property
     def lag_s(self) -> float:
+        """Time from the order of a change to its landing, s."""
         return self.response_s + self.drop_s
 
 
@@ -93,6 +94,7 @@ class LagTest(_RigTest):
 
     @property
     def is_done(self) -> bool:
+        """Whether every run of the plan has ended."""
         return self._phase == "done"
 
     @property

@@ -56,19 +56,23 @@ class Counts:
     ignored: Counter[str] = field(default_factory=Counter)
 
     def accept(self) -> None:
+        """Counts one accepted line."""
         self.read += 1
         self.accepted += 1
 
     def reject(self, kind: str, times: int = 1) -> None:
+        """Counts faulty lines by the kind of their fault."""
         self.read += times
         self.rejected[kind] += times
 
     def ignore(self, kind: str) -> None:
+        """Counts one line that is of no use, by its kind."""
         self.read += 1
         self.ignored[kind] += 1
 
     @property
     def rejected_total(self) -> int:
+        """Number of rejected lines of all kinds."""
         return sum(self.rejected.values())
 
 

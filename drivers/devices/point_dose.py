@@ -64,6 +64,7 @@ class GivenDose(NamedTuple):
 
     @property
     def is_settled(self) -> bool:
+        """Whether the board has reported how this dose ended."""
         return self.state > DoseState.RUNNING
 
 

@@ -111,6 +111,7 @@ ModuleMessage = Status | BoardStatus | BoardLabel | Trace
 
 
 def calc_checksum(data: bytes) -> int:
+    """Returns the sum of the bytes, modulo 256."""
     return sum(data) & 0xFF
 
 
@@ -147,6 +148,7 @@ def encode_target(target: FlowTarget) -> bytes:
 
 
 def encode_relays(relays: Relays) -> bytes:
+    """Returns the datagram that sets the relays."""
     return seal_datagram(
         RELAYS,
         bytes([_encode_address(relays.module, relays.sensor)])
@@ -159,6 +161,7 @@ def encode_relays(relays: Relays) -> bytes:
 
 
 def encode_status(status: Status) -> bytes:
+    """Returns the datagram of a module's status."""
     flags = HEARS_YOU * status.hears_you | BIN_EMPTY * status.bin_empty
     return seal_datagram(
         STATUS,
@@ -172,6 +175,7 @@ def encode_status(status: Status) -> bytes:
 
 
 def encode_board(board: BoardStatus) -> bytes:
+    """Returns the datagram with which a module names its board."""
     flags = (
         WORK_SWITCH * board.work_switch
         | ETHERNET * board.ethernet
@@ -198,6 +202,7 @@ def encode_label(label: BoardLabel) -> bytes:
 
 
 def encode_trace(trace: Trace) -> bytes:
+    """Returns the datagram of a product's rate and target."""
     return seal_datagram(
         TRACE,
         bytes([_encode_address(trace.module, trace.sensor)])

@@ -23,6 +23,7 @@ class WheelGeometry(NamedTuple):
 
     @property
     def metres_per_pulse(self) -> float:
+        """Distance driven for one pulse, m."""
         return self.circumference_m / self.pulses_per_turn
 
 

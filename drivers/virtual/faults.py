@@ -240,6 +240,7 @@ class ServedLine:
 
     @property
     def name(self) -> str:
+        """Address of the line."""
         return self._ends[0].name
 
     @property
@@ -254,14 +255,17 @@ class ServedLine:
         self._spoiler.faults = faults
 
     def plug(self, plugged: bool) -> None:
+        """Plugs or unplugs the line."""
         for end in self._ends:
             end.plug(plugged)
 
     def read(self) -> bytes:
+        """Returns the bytes that the console has sent."""
         self.send_due()
         return b"".join(end.read() for end in self._ends)
 
     def write(self, data: bytes) -> None:
+        """Sends bytes, through the faults of the line."""
         self._spoiler.put_bytes(data)
         self.send_due()
 
@@ -273,9 +277,11 @@ class ServedLine:
                 end.write(due)
 
     def state(self) -> PortState:
+        """Returns whether the line is there, and its traffic."""
         states = [end.state() for end in self._ends]
         return next((state for state in states if state.connected), states[0])
 
     def close(self) -> None:
+        """Closes the machine's end."""
         for end in self._ends:
             end.close()

@@ -81,6 +81,7 @@ class _ClientSession:
         self._fix: dict[str, object] | None = None
 
     def take_questions(self) -> None:
+        """Answers what the client has asked."""
         state = self._line.state()
         if state.connected and state.connects != self._connects:
             self._connects, self._watched, self._rest = state.connects, False, b""
@@ -92,6 +93,7 @@ class _ClientSession:
                 self._answer_question(question.strip().decode("ascii", "replace"))
 
     def report_fix(self, fix: GnssFix) -> None:
+        """Sends one fix to a client that watches."""
         self._sky = {
             "class": "SKY",
             "device": DEVICE_PATH,
@@ -187,6 +189,7 @@ class GpsdServer:
         return (self.name,) if self._fixed is None else (self.name, *self._fixed.names)
 
     def clients(self) -> Sequence[ClientLine]:
+        """Clients that are connected now."""
         self.send_due()
         return (*self._clients, *(() if self._fixed is None else (self._fixed,)))
 
@@ -217,6 +220,7 @@ class GpsdServer:
         return PortState(bool(self._clients), self._connects, said, 0, 0, 0, 0, None, b"")
 
     def close(self) -> None:
+        """Closes every connection."""
         self._close_connections()
         if self._fixed is not None:
             self._fixed.close()

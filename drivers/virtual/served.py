@@ -72,6 +72,7 @@ class TerminalPort(ThreadedPort):
             self._link.unlink(missing_ok=True)
 
     def close(self) -> None:
+        """Closes the pseudo-terminal."""
         super().close()
         self.disconnect()
 
@@ -149,6 +150,7 @@ class ListeningPort(ThreadedPort):
             self._server = None
 
     def close(self) -> None:
+        """Stops listening."""
         super().close()
         self.disconnect()
 
@@ -303,6 +305,7 @@ class ServedMachine:
         return changes
 
     def close(self) -> None:
+        """Closes the machine's ends of all lines."""
         self._close_lines()
 
     def _build_machine(self, plant: Plant, serve: ServeOptions) -> VirtualMachine:
