@@ -422,7 +422,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._first_s = now_s if begins else self._first_s
         if frame.gnss_age_s is not None or now_s - self._first_s >= FIRST_PICTURE_S:
             self._until_first.stop()
-        self.page.hurry_all()
+        self.page.refresh_all_next_tick()
         self.show_newest()
         if begins:
             if self.ask_job and self.services.job is not None:
@@ -566,7 +566,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if earlier is not None:
             self.alarm_book.add_earlier_records(earlier.alarms)
             self.history.add_earlier_ground(earlier.track)
-            self.page.hurry_all()
+            self.page.refresh_all_next_tick()
         if self.services.lines is not None:
             self._take_kept_lines(await asyncio.to_thread(self.services.lines.read_lines, log_path))
 
@@ -729,7 +729,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._show_gone(self.gone)
 
     def _show_gone(self, why: str) -> None:
-        self.page.hurry_all()
+        self.page.refresh_all_next_tick()
         self.page.show_due(self.clock())
         if not isinstance(self.screen, WorkerLostScreen):
             self.push_screen(
@@ -846,7 +846,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._frame_before = None
         self.undo.forget_changes()
         self._supervise_source()
-        self.page.hurry_all()
+        self.page.refresh_all_next_tick()
 
     def give_order(self, do: Do, value: str | float | bool | None = None) -> None:
         """Give one order; as `give_orders`."""
@@ -991,7 +991,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.pop_screen()
         if self.page is not page:
             self.push_screen(page)
-        page.hurry_all()
+        page.refresh_all_next_tick()
         # else it shows for a moment what it showed when it was left
         if page.is_mounted:
             self.show_newest()
@@ -1004,7 +1004,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def show_changes(self) -> None:
         """Show at once what has changed."""
-        self.page.hurry_all()
+        self.page.refresh_all_next_tick()
         self.show_newest()
 
     def ask_connection(self) -> None:

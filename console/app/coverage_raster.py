@@ -316,7 +316,7 @@ class WorkedGround:
             self._count_passes(by_cell, flat, rows[begin:end, 2 + SPOT_VALUES])
 
     def _count_passes(self, by_cell: Window, cells: npt.NDArray[np.int64], way_m: Floats) -> None:
-        """Count one more spread where the outlets came anew."""
+        """Adds one pass to every cell that the outlets have entered again since they left it."""
         known = np.isfinite(way_m)
         cells, way_m = cells[known], way_m[known]
         order = np.lexsort((way_m, cells))

@@ -44,4 +44,4 @@ class FieldPictures:
         while len(self._known) > _MOST_PICTURES:
             del self._known[next(iter(self._known))]
         self._known[key] = picture
-        self._app.page.hurry_all()
+        self._app.page.refresh_all_next_tick()

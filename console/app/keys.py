@@ -53,7 +53,7 @@ def hold_machine(app: TopdressApp) -> None:
     """Hold the machine, or pause the log that is played."""
     if app.source is None and app.replay_page.job is not None:
         app.replay_page.player.toggle_playing()
-        app.replay_page.hurry_all()
+        app.replay_page.refresh_all_next_tick()
     else:
         app.give_order(Do.HOLD)
 

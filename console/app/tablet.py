@@ -249,7 +249,7 @@ class TabletApp(TopdressApp):
         """Operate: the dialog is only left with a right key."""
         if typed is not None:
             self.looking = False
-            self.page.hurry_all()
+            self.page.refresh_all_next_tick()
             self.connect_source(self._attach_tab)
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:

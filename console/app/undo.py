@@ -17,7 +17,7 @@ from topdress.control.orders import Do, Order, TargetSource
 
 MOST_CHANGES = 20
 # Orders that change nothing that could be as before, each with the reason.
-NOT_UNDONE = MappingProxyType(
+WHY_NOT_UNDOABLE = MappingProxyType(
     {
         Do.READY: "a state: HOLD and STOP leave it",
         Do.START: "a state: HOLD and STOP leave it",

@@ -304,7 +304,7 @@ def _format_channels(found: Diagnosis) -> str:
 
 
 def _format_alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
-    """The three to the same decimals: three digits of the noise."""
+    """Format bias, error and noise with as many decimals as show three digits of the noise."""
     decimals = count_decimals(noise if noise > 0.0 else rmse) + 1
     return format_fixed(bias, decimals), format_fixed(rmse, decimals), format_fixed(noise, decimals)
 

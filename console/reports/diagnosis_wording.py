@@ -27,9 +27,9 @@ from topdress.control.diagnosis.result import (
     Cause,
     Diagnosis,
     FieldCost,
-    Fitted,
     NotShown,
     Size,
+    UnattributedDriveFit,
     Unexplained,
 )
 from topdress.control.machine.machine import CATALOGUE
@@ -241,18 +241,18 @@ def describe_unexplained(of: Unexplained, kind: str, column: bool = True) -> str
 # ------------------------------------------------------------------------------------
 
 
-def format_whole_id(of: Fitted) -> str:
+def format_whole_id(of: UnattributedDriveFit) -> str:
     """The id by which a drive fitted as a whole is adopted."""
     return f"{of.channel} as a whole"
 
 
-def describe_whole(of: Fitted) -> str:
+def describe_whole(of: UnattributedDriveFit) -> str:
     """A drive fitted as a whole: its effects, and the 90 % intervals."""
     sizes = ", ".join(f"{find_effect_title(name)} {format_size(size)}" for name, size in of.sizes)
     return _("{channel} as a whole: {sizes}").format(channel=name_channel(of.channel), sizes=sizes)
 
 
-def describe_whole_gain(of: Fitted) -> str:
+def describe_whole_gain(of: UnattributedDriveFit) -> str:
     """The gain of a drive fitted as a whole."""
     return _(
         "Which of these is wrong is not told apart. Adopted together they predict rows that "

@@ -19,7 +19,7 @@ from topdress.console.reports.panels import (
     draw_smooth_line,
 )
 from topdress.console.reports.run_views import ChannelView, find_view
-from topdress.control.diagnosis.result import TableFit, Unexplained
+from topdress.control.diagnosis.result import Unexplained, UnexplainedCurve
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 from topdress.control.machine.machine import CATALOGUE
 
@@ -145,7 +145,7 @@ def draw_unexplained(
     views: Sequence[ChannelView],
     parts: Sequence[EffectInstance],
     left: Unexplained,
-    fit: TableFit | None,
+    fit: UnexplainedCurve | None,
 ) -> Picture | None:
     """What no effect explains: the residual along the variable named, and the smooth function that
     fits it."""
@@ -183,7 +183,7 @@ def draw_unexplained(
     )
 
 
-def _draw_extension(panel: Panel, fit: TableFit, axis: Axis) -> None:
+def _draw_extension(panel: Panel, fit: UnexplainedCurve, axis: Axis) -> None:
     unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
     nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
     panel.draw_level(0.0)

@@ -48,7 +48,7 @@ VIEW_STAGES = {
     "effort": ("effort", "flow"),
     "gate_effort": ("effort",),
 }
-RUN_WITH_TIME = ("time_s", "hopper_kg", "moved")
+COLUMNS_THAT_GROW_WITH_TIME = ("time_s", "hopper_kg", "moved")
 FIRST_AXES = {"gate": ("opening_mm",), "speed": ("working", "speed_mps"), "heads": ("head", "ndvi")}
 # of what an effect does must time tell beyond what any other axis tells
 LEAST_TIME_GAIN = 0.08
@@ -130,13 +130,13 @@ class ChannelView(NamedTuple):
         if own is not None:
             return own
         best = find_telling_axis(
-            [axis for name, axis in self.axes.items() if name not in RUN_WITH_TIME]
+            [axis for name, axis in self.axes.items() if name not in COLUMNS_THAT_GROW_WITH_TIME]
             # at one command all along, time alone moves
             or list(self.axes.values()),
             effect,
         )
         late = find_telling_axis(
-            [self.axes[name] for name in RUN_WITH_TIME if name in self.axes], effect
+            [self.axes[name] for name in COLUMNS_THAT_GROW_WITH_TIME if name in self.axes], effect
         )
         more = 0.0 if part.onset_s is not None else LEAST_TIME_GAIN
         return (

@@ -24,7 +24,7 @@ from topdress.console.app.pages.diagnosis.service import (
     DiagnosisSource,
     DiagnosisView,
     ExportKind,
-    OpenQuestions,
+    ImportNeedsAnswersError,
     StopSignal,
     TellProgress,
     WorkStopped,
@@ -228,7 +228,7 @@ class DiagnosisFiles:
         ):
             stop.call_on_stop(child.kill)
             done, why = False, ""
-            asked: OpenQuestions | None = None
+            asked: ImportNeedsAnswersError | None = None
             assert child.stdout is not None
             for line in child.stdout:
                 with contextlib.suppress(ValueError):
@@ -236,7 +236,7 @@ class DiagnosisFiles:
                     if "share" in said:
                         tell(float(said["share"]), str(said["stage"]))
                     if "questions" in said:
-                        asked = OpenQuestions(
+                        asked = ImportNeedsAnswersError(
                             tuple(map(str, said["questions"])), str(said["import_file"])
                         )
                     done, why = bool(said.get("done", done)), str(said.get("error", why))

@@ -17,7 +17,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, AdoptionOffer, OpenQuestions
+from topdress.console.app.pages.diagnosis.service import (
+    IMPORT_KIND,
+    AdoptionOffer,
+    ImportNeedsAnswersError,
+)
 from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
@@ -274,7 +278,7 @@ def run_job(path: str) -> int:
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
         carry_out_order(build_from_plain(DiagnosisOrder, said), make_progress_teller())
-    except OpenQuestions as asked:
+    except ImportNeedsAnswersError as asked:
         _print_json_line({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:
         _print_json_line({"error": error.lines[0]})

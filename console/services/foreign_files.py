@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from topdress.console.app.pages.diagnosis.service import OpenQuestions
+from topdress.console.app.pages.diagnosis.service import ImportNeedsAnswersError
 from topdress.drivers.files.atomic import find_free_path
 from topdress.drivers.files.file_sniffer import FOREIGN_SUFFIXES, TABLE_SUFFIXES
 
@@ -80,7 +80,7 @@ def import_file_as_log(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]
     if not found.is_sure and (mapping_file is None or place.read_text(encoding="utf-8") == first):
         if not place.exists():
             write_atomically(place, first)
-        raise OpenQuestions(found.questions, str(place))
+        raise ImportNeedsAnswersError(found.questions, str(place))
     if mapping_file is not None:
         mapping = load_config(mapping_file, IMPORT).model
         raw = read_raw_table(data, mapping.source)

@@ -13,7 +13,7 @@ import numpy as np
 from topdress.console.app.coverage_raster import Box, WorkedGround, make_spot
 from topdress.console.app.layers import MapLayer
 from topdress.console.app.overlay_file import HarvestColumn, LaidFile
-from topdress.console.app.pages.diagnosis.service import OpenQuestions
+from topdress.console.app.pages.diagnosis.service import ImportNeedsAnswersError
 from topdress.console.app.pages.replay.service import LogFile
 from topdress.console.frame import Frame
 from topdress.console.services.diagnosis import DiagnosisFiles
@@ -54,7 +54,7 @@ class MapLayers:
             return lay_log_on_plane(
                 log, find_frame_plane(frame, meta), _find_working_width_m(meta), frame
             )
-        except OpenQuestions as asked:
+        except ImportNeedsAnswersError as asked:
             raise ValueError(_describe_open_question(Path(path), asked.questions)) from None
         except (ValueError, OSError) as error:
             raise ValueError(

@@ -18,7 +18,7 @@ NO_STRIP = "none"
 ENOUGH_N_SUFFICIENCY = 0.95
 # Response index above which a strip was sensed over soil or weeds, or the two strips on different
 # days.
-MAX_PLAUSIBLE_INDEX = 3.0
+MAX_PLAUSIBLE_RESPONSE_INDEX = 3.0
 
 
 class Strips(NamedTuple):
@@ -39,7 +39,7 @@ def calc_measured_index(strips: Strips) -> float | None:
 def find_index_doubt(strips: Strips) -> Doubt:
     """Returns why the measured index is not plausible; "" where it is."""
     index = calc_measured_index(strips)
-    if index is None or INDEX_OF_NO_RESPONSE <= index <= MAX_PLAUSIBLE_INDEX:
+    if index is None or INDEX_OF_NO_RESPONSE <= index <= MAX_PLAUSIBLE_RESPONSE_INDEX:
         return ""
     return "below_1" if index < INDEX_OF_NO_RESPONSE else "above_3"
 

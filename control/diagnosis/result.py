@@ -18,7 +18,7 @@ NOTEBOOK = "topdress.console.reports.notebook"
 
 
 @dataclass(frozen=True, slots=True)
-class Data:
+class SourceSummary:
     path: str
     kind: str  # run, lag, catch, weigh, heads, place
     rows: int
@@ -152,7 +152,7 @@ class Gain:
 
 
 @dataclass(frozen=True, slots=True)
-class TableFit:
+class UnexplainedCurve:
     """The smooth extension where no effect explains what is there: straight lines between nodes
     of one variable."""
 
@@ -204,7 +204,7 @@ class Predicted:
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class UnattributedDriveFit:
     """A drive fitted as a whole, where what is wrong with it was not told apart: sizes by
     effect that predict best together, each no cause. `before`, `after`: r.m.s. error on rows
     that were not fitted to."""
@@ -244,7 +244,7 @@ class Diagnosis:
     Fields that do not apply are None, not left out.
     """
 
-    data: Data
+    data: SourceSummary
     channels: tuple[Channel, ...]
     verdict: Verdict
     causes: tuple[Cause, ...]  # largest consequence first
@@ -255,7 +255,7 @@ class Diagnosis:
     extended_machine: str | None
     findings: tuple[str, ...] = ()  # plain sentences about the data itself
     # smooth extensions, one for each entry of unexplained
-    tables: tuple[TableFit, ...] = ()
+    tables: tuple[UnexplainedCurve, ...] = ()
     # recorded variable -> range of the data
     excited: dict[str, tuple[float, float]] = field(default_factory=dict)
     # what no effect explains, as terms of the machine file
@@ -264,7 +264,7 @@ class Diagnosis:
     rates: tuple[RateFit, ...] = ()
 
     # where the shaft's model leaves more than noise: what predicts best
-    fitted: Fitted | None = None
+    fitted: UnattributedDriveFit | None = None
     # what the machine file predicts, and what it was held against
     predicted: tuple[Predicted, ...] = ()
 

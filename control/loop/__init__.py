@@ -11,7 +11,7 @@ Files:
 - `known_terms`: Which terms of the machine file can control compensate
 - `look_ahead_distance`: How far ahead must a change of the target be made?
 - `loop`: What does control do in one tick?
-- `map_near`: Does the map lie where the machine works?
+- `map_location_check`: Does the map lie where the machine works?
 - `order_handlers`: What does each of the operator's orders to the loop change
 - `reversing`: Where has material landed while the machine reverses without permission to spread?
 - `row`: What stands in the log row of a tick?

@@ -23,7 +23,7 @@ from topdress.control.loop.events import EventQueue
 from topdress.control.loop.expected import ExpectedDrives
 from topdress.control.loop.known_terms import KnownTerms
 from topdress.control.loop.look_ahead_distance import TickReach
-from topdress.control.loop.map_near import MapLocation
+from topdress.control.loop.map_location_check import MapLocation
 from topdress.control.loop.order_handlers import Operator
 from topdress.control.loop.reversing import ReversingWatch
 from topdress.control.loop.row import make_log_row, read_head_ndvi

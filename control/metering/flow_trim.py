@@ -242,7 +242,7 @@ class FlowTrim:
         # the last step of the scale in this rest, kg, and what was known before it
         self._stepped: tuple[float, Matrix] | None = None
         self._filled_kg = 0.0  # ordered in this rest
-        # read in it: the lowest, and what that is made of
+        # Lowest scale reading of this rest, kg, and the inputs from which it was calculated.
         self._lowest: tuple[float, Vector] | None = None
         self._unordered_kg = self._taken_kg = 0.0
         self.grams_per_rev, self.pitch_deg = 100.0, 0.0  # of the newest tick

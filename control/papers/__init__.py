@@ -3,10 +3,10 @@ reproduce`.
 
 Files:
 
-- `claims_decision`: Which claims does the decision paper make, and does each hold here?
 - `claims_lag`: Which claims does the lag paper make, and does each hold here?
 - `correction`: What does the lag paper's correction experiment (section 2.3
 - `decision`: Does the decision paper come out here?
+- `decision_paper_claims`: Which claims does the decision paper make, and does each hold here?
 - `elements`: Which elements do the papers describe, where are they in this program
 - `experiments`: Does one machine reproduce every table of the lag paper?
 - `lag`: Does the lag paper come out here?

@@ -16,7 +16,10 @@ from topdress.control.field.job import Canopy, Job, Simulated
 from topdress.control.machine.elements import Array
 from topdress.control.machine.fault_injection import parse_planted
 from topdress.control.machine.machine import Machine
-from topdress.control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
+from topdress.control.papers.decision_paper_claims import (
+    extra_nitrogen_kg_ha,
+    rate_from_weighing_kg_ha,
+)
 from topdress.control.simulation.assembly import (
     add_simulated_field,
     make_control_loop,
@@ -25,7 +28,7 @@ from topdress.control.simulation.assembly import (
 from topdress.control.simulation.canopy import CanopyField
 from topdress.control.simulation.closed_loop import simulate_run
 
-from .claims_decision import decision_claims, found_in_grain, grain_n, yields
+from .decision_paper_claims import decision_claims, found_in_grain, grain_n, yields
 from .page import Cell, Line, Picture, Section, Table, ledger
 from .published import (
     APPLIED,

@@ -18,7 +18,7 @@ from topdress.control.agronomy.sampling import (
 )
 from topdress.control.machine.elements import Array
 
-from .claims_decision import rate_from_weighing_kg_ha
+from .decision_paper_claims import rate_from_weighing_kg_ha
 from .page import Cell, Line, Picture, Section, Table
 from .published import APPLIED
 

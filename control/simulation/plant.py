@@ -32,7 +32,12 @@ from .canopy import HeadRow, make_canopy_field
 from .noise import CorrelatedNoise, NormalNumbers
 from .on_hopper import HopperDisturbance
 from .plant_rows import find_plants_along_way, make_simulated_plants
-from .rest import advance_idle_hopper, advance_resting, is_drive_resting, is_hopper_unchanged
+from .resting_drives import (
+    advance_idle_hopper,
+    advance_resting,
+    is_drive_resting,
+    is_hopper_unchanged,
+)
 from .tractor import TractorDriver, TractorPath, TractorPose, make_field_boundary, make_field_path
 from .valves import SimulatedValves
 from .vision import SimulatedCamera

@@ -33,8 +33,8 @@ class FileKind(NamedTuple):
     instead: str
 
 
-_SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
-_UNPACK = "unpack it first"
+_ADVICE_SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
+_ADVICE_UNPACK = "unpack it first"
 _EXPORT = "no command reads it: export it as a shapefile or as ISOXML from"
 # All kinds that are recognised, by their id.
 FILE_KINDS = {
@@ -46,31 +46,31 @@ FILE_KINDS = {
             "topdress map reads a GeoTIFF (extra raster)",
         ),
         FileKind("picture", "a picture", "no command reads pictures"),
-        FileKind("pdf", "a PDF document", f"no command reads PDF; {_SAVE}"),
+        FileKind("pdf", "a PDF document", f"no command reads PDF; {_ADVICE_SAVE}"),
         FileKind("html", "a web page", "no command reads web pages; was a download refused?"),
         FileKind("gpkg", "a GeoPackage", "topdress map and topdress field read it"),
-        FileKind("sqlite", "an SQLite database", f"no command reads it; {_SAVE}"),
+        FileKind("sqlite", "an SQLite database", f"no command reads it; {_ADVICE_SAVE}"),
         FileKind("kml", "a KML file", "topdress map and topdress field read it"),
         FileKind("kmz", "a KMZ file", "topdress map and topdress field read it"),
-        FileKind("gpx", "a GPX track", f"no command reads it; {_SAVE}"),
+        FileKind("gpx", "a GPX track", f"no command reads it; {_ADVICE_SAVE}"),
         FileKind("task", "an ISOXML task file", "topdress map, field, import and check read it"),
         FileKind(
             "xml",
             "an XML file that is no task file",
             "of XML, ISOXML task files (TASKDATA.XML) and KML are read",
         ),
-        FileKind("fgb", "a FlatGeobuf file", _SAVE),
+        FileKind("fgb", "a FlatGeobuf file", _ADVICE_SAVE),
         FileKind("las", "a LAS point cloud", "no command reads point clouds"),
         FileKind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
         FileKind("deere", "a file of a John Deere display", f"{_EXPORT} Operations Center"),
         FileKind("agleader", "a file of an Ag Leader display", f"{_EXPORT} SMS or AgFiniti"),
         FileKind("cnh", "a card of a Case IH or New Holland display", f"{_EXPORT} AFS or PLM"),
         FileKind("planting", "a file of a Precision Planting display", f"{_EXPORT} Panorama"),
-        FileKind("gzip", "a gzip file", _UNPACK),
-        FileKind("7z", "a 7z archive", _UNPACK),
-        FileKind("rar", "a RAR archive", _UNPACK),
+        FileKind("gzip", "a gzip file", _ADVICE_UNPACK),
+        FileKind("7z", "a 7z archive", _ADVICE_UNPACK),
+        FileKind("rar", "a RAR archive", _ADVICE_UNPACK),
         FileKind("excel", "a workbook", "topdress import and diagnose read it"),
-        FileKind("office", "a text document", f"no command reads it; {_SAVE}"),
+        FileKind("office", "a text document", f"no command reads it; {_ADVICE_SAVE}"),
         FileKind(
             "zip",
             "a zip",

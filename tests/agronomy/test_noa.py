@@ -37,7 +37,10 @@ from topdress.control.agronomy.sampling import (
     subsample_readings,
     tabulate_frequencies,
 )
-from topdress.control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
+from topdress.control.papers.decision_paper_claims import (
+    extra_nitrogen_kg_ha,
+    rate_from_weighing_kg_ha,
+)
 from topdress.control.readings import Reading
 
 

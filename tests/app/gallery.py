@@ -264,7 +264,7 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         worker for worker in app.workers if worker.group in ("field", "laid", "job-look")
     ]:
         await worker.wait()
-    app.page.hurry_all()
+    app.page.refresh_all_next_tick()
     app.show_newest()
     for action in DONE_ON.get(picture.screen, ()):
         await app.action_do(action)

@@ -481,7 +481,7 @@ async def test_every_chip_stands_whole_on_the_screen(app, opened):
             await pilot.resize_terminal(*size)
             for right in range(5):
                 page.choose_calibration(right)
-                page.hurry_all()
+                page.refresh_all_next_tick()
                 await later(app, pilot)
                 chips = page.query_one("#cal-chips", Chips)
                 for chip, row, start, cells in place_chips(chips.view, chips.size.width):

@@ -66,7 +66,7 @@ async def settled(app, pilot):
     for worker in [worker for worker in app.workers if worker.group in ("list", "work")]:
         await worker.wait()
     await pilot.pause()
-    app.page.hurry_all()
+    app.page.refresh_all_next_tick()
     app.show_newest()
     await pilot.pause()
 
@@ -406,7 +406,7 @@ async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source
             if page._share == 0.25:
                 break
         clock.now_s += 10.0
-        app.page.hurry_all()
+        app.page.refresh_all_next_tick()
         app.show_newest()
         await pilot.pause()
         text = "\n".join(shown(app))

@@ -290,7 +290,7 @@ async def on_every_size(picture, change=None, units="metric"):
             await pilot.resize_terminal(*size)
             for _again in range(2):
                 await pilot.pause()
-                app.page.hurry_all()
+                app.page.refresh_all_next_tick()
                 app.show_newest()
             await pilot.pause()
             found += [f"{size[0]}x{size[1]} {one}" for one in cut_on(app)]

@@ -75,7 +75,7 @@ async def test_between_two_frames_nothing_is_looked_at_but_what_was_asked_for(
         clock.now_s += 0.2
         app.show_newest()
     assert looked == [0.2, 0.8]  # at once, then twice a second
-    app.page.hurry_all()
+    app.page.refresh_all_next_tick()
     clock.now_s += 0.1
     app.show_newest()
     assert looked[-1] == 1.1

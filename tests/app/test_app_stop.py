@@ -420,7 +420,7 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
                 await turned(app, pilot, where)
         assert source.orders == [] and app.looking
         app.looking = False
-        app.page.hurry_all()
+        app.page.refresh_all_next_tick()
         app.show_newest()
         await turned(app, pilot, "run")
         assert "X STOP" in shown(app)[-1]

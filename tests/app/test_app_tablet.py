@@ -122,7 +122,7 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
         assert [order.do for order in source.orders] == [Do.START]
         await app.action_do("diagnosis_screen")
         assert app.page.where == DIAGNOSIS
-        app.page.hurry_all()
+        app.page.refresh_all_next_tick()
         app.show_newest()
         assert "TABLET" in app.list_status_marks()
 
@@ -132,7 +132,7 @@ async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
     app = tab()
     async with app.run_test(size=(128, 36)) as pilot:
         app.looking = False
-        app.page.hurry_all()
+        app.page.refresh_all_next_tick()
         app.show_newest()
         bar = app.page.query_one(KeyBar)
         (at,) = [
@@ -156,7 +156,7 @@ async def test_a_tablet_on_end_uses_its_height_and_cuts_nothing(tab, page, under
     app = tab()
     async with app.run_test(size=(65, 43)) as pilot:
         app.looking = looking
-        app.page.hurry_all()
+        app.page.refresh_all_next_tick()
         app.show_newest()
         await turned(app, pilot, page)
         assert app.page.query_one(under).region.height >= rows

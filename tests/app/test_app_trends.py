@@ -196,7 +196,7 @@ async def test_plots_are_drawn_twice_a_second_and_only_where_they_changed(app, p
 
 async def test_units_change_value_and_axis(app, pilot, plots):
     await pilot.press("u", "enter")
-    app.page.hurry_all()
+    app.page.refresh_all_next_tick()
     app.show_newest()
     target = plots.view.plots[0]
     assert target.unit == "lb/ac"
@@ -241,7 +241,7 @@ async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, sh
         assert plots.view.end == "06:12:59" and bar(app).span == "whole run, 00:59"
         await pilot.press("plus")
         log.seek_time(40.0)
-        app.page.hurry_all()
+        app.page.refresh_all_next_tick()
         app.show_newest()
         assert plots.view.end == "06:12:40"
 

@@ -18,12 +18,12 @@ from topdress.control.diagnosis.live.watch import (
 )
 from topdress.control.diagnosis.result import (
     Cause,
-    Data,
     Departure,
     Diagnosis,
     FieldCost,
     Rival,
     Size,
+    SourceSummary,
     Unexplained,
 )
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
@@ -68,7 +68,7 @@ def fed(check: LiveCheck, columns: dict[str, Any]) -> list[tuple[float, Departur
 
 def diagnosis(*causes: Cause) -> Diagnosis:
     return Diagnosis(
-        Data("", "run", 1, 1.0, "m"),
+        SourceSummary("", "run", 1, 1.0, "m"),
         (),
         "named" if causes else "none",
         causes,

@@ -12,7 +12,14 @@ import numpy.typing as npt
 import pytest
 from topdress.control.diagnosis.effects import ROWS
 from topdress.control.diagnosis.extend import extend
-from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
+from topdress.control.diagnosis.result import (
+    Cause,
+    Diagnosis,
+    FieldCost,
+    Size,
+    SourceSummary,
+    TermFound,
+)
 from topdress.control.diagnosis.runs.channels import make_channels
 from topdress.control.diagnosis.runs.diagnose import series_of_log
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, make_schedule
@@ -70,7 +77,7 @@ def written(machine: Machine, found: Diagnosis, place: Path) -> Machine:
 def diagnosis(**of: Any) -> Diagnosis:
     return replace(
         Diagnosis(
-            Data("log.csv", "run", ROWS_OF_LOG, 300.0, "huanghai"),
+            SourceSummary("log.csv", "run", ROWS_OF_LOG, 300.0, "huanghai"),
             (),
             "named",
             (),

@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 from topdress.control.diagnosis.effects import ROWS
 from topdress.control.diagnosis.extend import extend
-from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
+from topdress.control.diagnosis.result import (
+    Cause,
+    Diagnosis,
+    FieldCost,
+    Size,
+    SourceSummary,
+    TermFound,
+)
 from topdress.control.experiments.levels import list_opening_levels, list_shaft_levels
 from topdress.control.machine import compiled, stage_runner
 from topdress.control.machine.effect import FULL_FLOW, SHAFT_RANGE
@@ -244,7 +251,7 @@ def found(size: float, *terms: Term) -> Diagnosis:
         for term in terms
     )
     return Diagnosis(
-        Data("run.csv", "run", 600, 60.0, "huanghai"),
+        SourceSummary("run.csv", "run", 600, 60.0, "huanghai"),
         (),
         "named",
         (cause,),
@@ -296,7 +303,15 @@ def test_the_file_keeps_it(tmp_path: Path) -> None:
 
 def test_nothing_adopted_is_no_change() -> None:
     nothing = Diagnosis(
-        Data("run.csv", "run", 600, 60.0, "huanghai"), (), "none", (), (), (), None, (), None
+        SourceSummary("run.csv", "run", 600, 60.0, "huanghai"),
+        (),
+        "none",
+        (),
+        (),
+        (),
+        None,
+        (),
+        None,
     )
     assert extend(Machine(), nothing) == Machine()
 

@@ -16,7 +16,6 @@ from topdress.control.machine.landing import calc_carried_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.start import calc_response_s, find_first_fall_s, find_start_lag_s
 from topdress.control.papers import published
-from topdress.control.papers.claims_decision import decision_claims, grain_n, yields
 from topdress.control.papers.claims_lag import lag_claims
 from topdress.control.papers.correction import (
     IN_PHASE,
@@ -28,6 +27,7 @@ from topdress.control.papers.correction import (
     wider_apart,
 )
 from topdress.control.papers.decision import forward_targets, nitrogen, sampling
+from topdress.control.papers.decision_paper_claims import decision_claims, grain_n, yields
 from topdress.control.papers.elements import DECISION, ELEMENTS, LAG, NO, PARTLY, POINT, YES
 from topdress.control.papers.experiments import experiment_tables, speed_or_delay
 from topdress.control.papers.lag import eq3, lag_line

@@ -18,7 +18,7 @@ from topdress.console.worker.options import Options
 from topdress.control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
 from topdress.control.geodesy import TangentPlane
 from topdress.control.loop import ControlLoop
-from topdress.control.loop.map_near import NEAR_MAP_M
+from topdress.control.loop.map_location_check import NEAR_MAP_M
 from topdress.control.loop.tick import Tick
 from topdress.control.orders import Do, Order, TargetSource
 from topdress.control.safety import read_refusal

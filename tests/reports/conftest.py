@@ -12,7 +12,6 @@ from topdress.control.diagnosis.result import (
     RUN_CHANNELS,
     Cause,
     Channel,
-    Data,
     Detectable,
     Diagnosis,
     FieldCost,
@@ -21,6 +20,7 @@ from topdress.control.diagnosis.result import (
     NotShown,
     Rival,
     Size,
+    SourceSummary,
 )
 from topdress.control.machine.machine import CATALOGUE, Machine
 
@@ -137,7 +137,9 @@ def found_of(cause_of: Callable[..., Cause]) -> Callable[..., Diagnosis]:
 
     def made(*causes: Cause, kind: str = "run", **changes: Any) -> Diagnosis:
         given: dict[str, Any] = {
-            "data": Data(f"{kind}.csv", kind, 2400, 240.0 if kind == "run" else None, "huanghai"),
+            "data": SourceSummary(
+                f"{kind}.csv", kind, 2400, 240.0 if kind == "run" else None, "huanghai"
+            ),
             "channels": tuple(
                 Channel(name, "r/min", 2370, -0.14, 0.37, 0.285, 0.999, 0.0004)
                 for name in (RUN_CHANNELS if kind == "run" else ("shaft",))

@@ -40,8 +40,8 @@ from topdress.control.diagnosis.result import (
     NotShown,
     Rival,
     Size,
-    TableFit,
     Unexplained,
+    UnexplainedCurve,
 )
 from topdress.control.diagnosis.season.effect_timelines import SeasonFit
 from topdress.control.machine.machine import CATALOGUE, Machine
@@ -273,7 +273,7 @@ def test_unexplained_shows_the_smooth_function(
     run_columns: dict[str, Any], machine: Machine, found_of: Callable[..., Diagnosis]
 ) -> None:
     nodes = tuple(np.linspace(12.3, 13.7, 8).tolist())
-    fit = TableFit("shaft", "supply_v", nodes, tuple(5.0 * (x - 13.5) for x in nodes))  # type: ignore[arg-type]
+    fit = UnexplainedCurve("shaft", "supply_v", nodes, tuple(5.0 * (x - 13.5) for x in nodes))  # type: ignore[arg-type]
     found = found_of(
         verdict="unexplained", unexplained=(Unexplained("shaft", "supply_v", 0.9),), tables=(fit,)
     )

@@ -19,7 +19,14 @@ from topdress.console.services import diagnosis
 from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.separating_run import _DRIVE_MAKERS, is_drivable, make_drive
 from topdress.control.diagnosis.extend import list_adoptable_causes
-from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
+from topdress.control.diagnosis.result import (
+    Cause,
+    Diagnosis,
+    FieldCost,
+    Rival,
+    Size,
+    SourceSummary,
+)
 from topdress.control.experiments.manoeuvres import list_manoeuvres
 from topdress.control.orders import State
 from topdress.control.simulation.assembly import (
@@ -252,7 +259,7 @@ def cause(
 
 def test_scoped_late_and_sizeless_effects_are_refused():
     found = Diagnosis(
-        Data("t.csv", "lag", 9, None, "m"),
+        SourceSummary("t.csv", "lag", 9, None, "m"),
         (),
         "named",
         (

@@ -8,7 +8,11 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from topdress.console.app.pages.diagnosis.service import IMPORT_KIND, OpenQuestions, StopSignal
+from topdress.console.app.pages.diagnosis.service import (
+    IMPORT_KIND,
+    ImportNeedsAnswersError,
+    StopSignal,
+)
 from topdress.console.services.diagnosis import DiagnosisFiles
 from topdress.console.services.foreign_files import import_file_as_log, is_likely_log
 from topdress.drivers.plain_text import RefusedInput
@@ -53,7 +57,7 @@ def test_open_questions_are_asked_until_the_import_file_is_edited(
 ) -> None:
     logs, place = tmp_path / "logs", folder / "planter.import.yaml"
     for picked in (folder / "planter.csv", folder / "planter.csv", place):
-        with pytest.raises(OpenQuestions) as asked:
+        with pytest.raises(ImportNeedsAnswersError) as asked:
             import_file_as_log(picked, logs)
         assert (
             asked.value.import_file == str(place)
@@ -100,7 +104,7 @@ def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path
         and "importing" in told
     )
     assert any("65535" in note for note in found.found.findings)
-    with pytest.raises(OpenQuestions, match="opening_mm"):
+    with pytest.raises(ImportNeedsAnswersError, match="opening_mm"):
         service.run_diagnosis(
             service.find_source(str(folder / "planter.csv")), None, lambda *_: None, StopSignal()
         )

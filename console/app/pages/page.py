@@ -152,7 +152,7 @@ class Page(Screen[None]):
             and self.where in PORTRAIT,
             "-portrait",
         )
-        self.hurry_all()
+        self.refresh_all_next_tick()
 
     def perform_action(self, action: Action) -> None:
         """Do one of the page's own actions, seen at once. A subclass decides what comes before."""
@@ -162,14 +162,14 @@ class Page(Screen[None]):
     def gather_frame(self, frame: Frame) -> None:
         """Take a new frame; called also while another page is shown."""
 
-    def hurry_all(self) -> None:
+    def refresh_all_next_tick(self) -> None:
         """Refresh everything with the next tick."""
         for pace in (self.numbers, self.plots, self.maps):
             pace.hurry_up()
 
     def redraw_all(self) -> None:
         """Draw anew after another language or theme: views may be equal and yet look different."""
-        self.hurry_all()
+        self.refresh_all_next_tick()
         for drawn in self.query(DrawnWidget):
             drawn.refresh()
 

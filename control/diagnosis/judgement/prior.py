@@ -17,7 +17,7 @@ from math import exp, inf, log, log1p, pi, sqrt
 from topdress.control.machine.forms import Form
 from topdress.control.machine.terms import TermTarget
 
-# a group of a machine that is looked at has something wrong: about one in three
+# Prior probability that a group of stages has a fault on a machine that is diagnosed.
 FAULTY = 0.3
 # of what is wrong, how it runs: most was there before the log began
 COURSE = {"steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}

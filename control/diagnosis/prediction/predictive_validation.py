@@ -27,11 +27,11 @@ from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
     Diagnosis,
-    Fitted,
     Predicted,
     Rival,
     Size,
     TermFound,
+    UnattributedDriveFit,
     Unexplained,
 )
 from topdress.control.diagnosis.runs.hypothesis import EffectInstance
@@ -87,7 +87,7 @@ class _TriedFile(NamedTuple):
 
     causes: tuple[Cause, ...]
     terms: tuple[TermFound, ...]
-    fitted: Fitted | None
+    fitted: UnattributedDriveFit | None
     file: Machine
     held: BlockErrors
 
@@ -225,7 +225,7 @@ def _find_best_file(
     channels: tuple[str, ...],
     causes: tuple[Cause, ...],
     terms: tuple[TermFound, ...],
-    whole: Fitted | None,
+    whole: UnattributedDriveFit | None,
     refit: bool,
 ) -> tuple[dict[str, float], _TriedFile | None]:
     """The simplest of nothing, the causes alone, and all of it, within one standard error of
@@ -265,7 +265,7 @@ def _try_file(
     channels: tuple[str, ...],
     causes: tuple[Cause, ...],
     terms: tuple[TermFound, ...],
-    whole: Fitted | None,
+    whole: UnattributedDriveFit | None,
     refit: bool,
     usual: dict[str, float],
 ) -> _TriedFile | None:
@@ -473,13 +473,13 @@ def _limit_probability(cause: Cause, most: float) -> Cause:
     return replace(cause, probability=most, rivals=(*rivals, Rival(UNKNOWN, 1.0 - most)))
 
 
-def _fit_rival(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> Fitted:
+def _fit_rival(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> UnattributedDriveFit:
     sizes = tuple(
         (name, Size(size, size - Z90 * sd, size + Z90 * sd, describe_unit(name, on_log.machine)))
         for name, size, sd in rival.sizes
     )
     before, after = (float(np.sqrt(one.blocks["shaft"].mean())) for one in (nothing, rival.held))
-    return Fitted("shaft", sizes, before, after, on_log.unit("shaft"))
+    return UnattributedDriveFit("shaft", sizes, before, after, on_log.unit("shaft"))
 
 
 def _make_term_found(on_log: OnLog, term: Term, rival: PlainRival, share: float) -> TermFound:

@@ -353,8 +353,8 @@ def _list_tried_forms(
 
 
 def _moves_unseen(acts: TermTarget, name: str, data: RunData) -> bool:
-    """Whether forms over a drive's own command would tell how it moves, of a log that does not
-    hold all commands."""
+    """Whether the log lacks some of a drive's commands, so that a form over the command would only
+    describe the moves that were not logged."""
     drive, own = {"shaft": (data.shaft, "shaft_rpm"), "gate": (data.gate, "opening_mm")}.get(
         TARGET_STAGES[acts], (None, "")
     )

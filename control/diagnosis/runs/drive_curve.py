@@ -59,7 +59,7 @@ DAMPINGS = (0.1, 0.3, 0.8, 2.0)
 FITTED_FROM = 2  # best of these
 
 
-def list_started_curves(
+def list_multi_effect_hypotheses(
     search: Search, now: Hypothesis, proposed: Sequence[EffectInstance]
 ) -> Iterator[Hypothesis]:
     """Hypotheses with several effects at once, in place of whatever of the same curve a

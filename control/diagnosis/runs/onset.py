@@ -33,7 +33,7 @@ TURNING_RPM = 5.0
 EPISODE_S = 0.25
 # of the rows in which it stands: turning there now and then is noise of the command
 MAX_OBEYED = 0.1
-MIN_STILL_S = 3.0  # a drive must disobey for this long in all
+MIN_DISOBEYED_S = 3.0  # a drive must disobey for this long in all
 MIN_OFF_SD = 2.0  # of one reading, for the mean of a second
 # the last moves before a stop are smaller than the noise
 STUCK_WITHIN_S = 2.0
@@ -62,7 +62,7 @@ def find_stopped_drives(model: GroupModel) -> list[Candidate]:
             at = _find_last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = effects.SHAFT_STALL.id
         elif channel.name == "gate":
-            least = int(np.ceil(MIN_STILL_S / channel.grid.step_s))
+            least = int(np.ceil(MIN_DISOBEYED_S / channel.grid.step_s))
             at = _find_still_start(
                 channel.measured, predicted["gate"], channel.prior.fast_sd, least
             )
@@ -115,7 +115,7 @@ def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
     return (
         float(np.sum(np.abs(off[later]) > MIN_OFF_SD * channel.prior.fast_sd)) * channel.grid.step_s
-        > MIN_STILL_S
+        > MIN_DISOBEYED_S
     )
 
 
@@ -188,7 +188,7 @@ def _find_last_obeyed(
     after that."""
     did = np.flatnonzero(obeyed)
     last = int(did[-1]) if len(did) else 0
-    return last + 1 if asked[last + 1 :].sum() * step_s > MIN_STILL_S else None
+    return last + 1 if asked[last + 1 :].sum() * step_s > MIN_DISOBEYED_S else None
 
 
 def refine_onsets(search: Search, found: FittedHypothesis) -> FittedHypothesis:

@@ -33,7 +33,6 @@ from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
     Channel,
-    Data,
     Detectable,
     Diagnosis,
     Gain,
@@ -41,9 +40,10 @@ from topdress.control.diagnosis.result import (
     NotShown,
     Rival,
     Size,
-    TableFit,
+    SourceSummary,
     TermFound,
     Unexplained,
+    UnexplainedCurve,
     Verdict,
 )
 from topdress.control.experiments.experiment import Experiment, choose_experiments
@@ -378,7 +378,7 @@ def make_report(
         for word, series in data.variables.items()
     }
     return Diagnosis(
-        data=Data(path, "run", data.rows, data.duration_s, machine.id, machine.stages),
+        data=SourceSummary(path, "run", data.rows, data.duration_s, machine.id, machine.stages),
         channels=tuple(rows),
         verdict=verdict,
         causes=tuple(
@@ -511,11 +511,11 @@ def _list_unexplained(
     ]
 
 
-def _list_smooth_tables(one: GroupResult, data: RunData) -> list[TableFit]:
+def _list_smooth_tables(one: GroupResult, data: RunData) -> list[UnexplainedCurve]:
     """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each
     variable's term runs."""
     return [
-        TableFit(term.stage, variable, *average_marginal(term.term, variable, data))
+        UnexplainedCurve(term.stage, variable, *average_marginal(term.term, variable, data))
         for term in one.terms
         for variable in term.tried.over
     ]

@@ -46,7 +46,7 @@ from topdress.control.machine.machine import CATALOGUE
 
 from .changepoint import find_best_changes
 from .dictionary import Dictionary
-from .drive_curve import list_started_curves
+from .drive_curve import list_multi_effect_hypotheses
 from .drives import read_off_zero
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, remove_part, replace_part
 from .model import find_absorbed_effects, find_replaced_nominals
@@ -351,7 +351,8 @@ def _add_parts_together(
         return None
     least = board.score(now) + SAID if better is None else board.score(better)
     every = [
-        board.refit(parts, now) for parts in list_started_curves(board.search, now.parts, proposed)
+        board.refit(parts, now)
+        for parts in list_multi_effect_hypotheses(board.search, now.parts, proposed)
     ]
     ahead = [
         one for one in every if one.collinearity < MAX_COLLINEARITY and board.score(one) > least

@@ -643,8 +643,8 @@ def _estimate_all_scatter(season: Season, numbers: Sequence[int]) -> Season:
 
 
 def _choose_level_sd(season: Season, score: Array, information: Array, effect: int) -> float:
-    """Of the grid, what makes the sizes of a level likeliest, each log by itself: a course may
-    go through zero."""
+    """The grid's standard deviation under which the sizes of a level are likeliest. Each log
+    counts by itself, because the sign of an effect may change over the season."""
     return max(
         map(float, list_slab_sds(season.logs)[:, effect]),
         key=lambda sd: float(np.sum(calc_elementwise_gain(information, score, sd))),

@@ -211,19 +211,21 @@ def _list_dependence_shapes(
         place = (values - kinds[0]) / (kinds[-1] - kinds[0])
         counts = [k for k in WAVES if k < len(kinds)]
         found[name] = [
-            _restrict_rows(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1))))
+            _expand_to_all_rows(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1))))
             for k in counts
         ]
         if 2 < len(kinds) <= LEVELS and 2 * len(kinds) <= rows:
-            found[name].append(_restrict_rows(inside, (values[:, None] == kinds).astype(float)))
+            found[name].append(
+                _expand_to_all_rows(inside, (values[:, None] == kinds).astype(float))
+            )
     texts = list(dict.fromkeys(piece.group.tolist()))
     if len(texts) > 1:
         found["label"] = [
-            _restrict_rows(
+            _expand_to_all_rows(
                 inside, np.column_stack([piece.group == text for text in texts]).astype(float)
             )
         ]
-    found["constant"] = [_restrict_rows(inside, np.ones((rows, 1)))]
+    found["constant"] = [_expand_to_all_rows(inside, np.ones((rows, 1)))]
     settings = np.unique(problem.setting[inside])
     name = _only_variable(piece)
     if 2 < len(settings) < rows and not (name and len(settings) <= LEVELS):
@@ -240,7 +242,7 @@ def _list_dependence_shapes(
     }
 
 
-def _restrict_rows(inside: BoolArray, columns: Array) -> Array:
+def _expand_to_all_rows(inside: BoolArray, columns: Array) -> Array:
     whole = np.zeros((len(inside), columns.shape[1]))
     whole[inside] = columns
     return whole

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from topdress.control.calibration.bench_table import BenchTable, select_usable_rows
-from topdress.control.diagnosis.result import Data, Diagnosis
+from topdress.control.diagnosis.result import Diagnosis, SourceSummary
 from topdress.control.machine.machine import Machine
 
 from .duplicate_rows import without_duplicates
@@ -117,7 +117,7 @@ def diagnose_tables(
     shown = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
     tell(0.7, "gain")
     return Diagnosis(
-        data=Data(
+        data=SourceSummary(
             " + ".join(table.path for table in tables),
             "+".join(dict.fromkeys(t.kind for t in tables)),
             sum(table.rows for table in tables),

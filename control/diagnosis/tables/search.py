@@ -32,13 +32,13 @@ MAX_EFFECTS = 3  # at once
 # log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)
 WINDOW = 7.0
 # models within it that are made again at their own sizes
-MOST = 40
+MAX_MODELS_REFITTED = 40
 # models to which a third effect, or something unknown, is added
-BEST = 12
+MAX_MODELS_EXTENDED = 12
 # rows, and settings, that are tried as misread or set wrongly
 FARTHEST = 3
 # tables without replicates that have a factor of their own on their noise
-MOST_ALONE = 2
+MAX_TABLES_WITH_OWN_NOISE = 2
 # probability that an effect has another shape than the catalogue's
 FREE = 0.5
 NO_FREEDOM = 1e-6  # s.d. of what is held at nothing
@@ -49,7 +49,8 @@ SETTLED = 1e-3  # s.d. that a round may still move a size
 
 
 class Model(NamedTuple):
-    """Places of its effects, and of what is unknown along with them (None: nothing)."""
+    """One candidate model: the indices of its effects among the candidates, and the index of the
+    unknown part that is fitted with them (None: no unknown part)."""
 
     effects: tuple[int, ...]
     unknown: int | None = None
@@ -157,7 +158,9 @@ def _stack_all_columns(
         (problem.rounding / problem.sd)[used],
         problem.min_variance,
         problem.usual_noise,
-        [(problem.piece == k)[used] for k in problem.unrepeated[:MOST_ALONE]] if whole else (),
+        [(problem.piece == k)[used] for k in problem.unrepeated[:MAX_TABLES_WITH_OWN_NOISE]]
+        if whole
+        else (),
     )
     return _SideBySide(
         rows,
@@ -185,7 +188,9 @@ def _list_probable_models(
 
     def leading() -> list[Model]:
         every = list(scores)
-        return [every[k] for k in sort_best_first([scores[one] for one in every])[:BEST]]
+        return [
+            every[k] for k in sort_best_first([scores[one] for one in every])[:MAX_MODELS_EXTENDED]
+        ]
 
     every = range(len(effects))
     tried(
@@ -208,7 +213,7 @@ def _list_probable_models(
         tried([Model(one.effects, k) for k in _worth_trying(table, effects, unknowns, one)])
     best = max(scores.values())
     kept = [one for one in scores if scores[one] > best - WINDOW]
-    return [kept[k] for k in sort_best_first([scores[one] for one in kept])[:MOST]]
+    return [kept[k] for k in sort_best_first([scores[one] for one in kept])[:MAX_MODELS_REFITTED]]
 
 
 def _worth_trying(

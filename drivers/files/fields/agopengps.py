@@ -32,7 +32,7 @@ AB_LINE_MODE, CURVE_MODE = 2, 4
 # A longer list in a file is refused: a field's outline has some thousand points.
 MAX_POINT_COUNT = 200_000
 # Twice the area of a triangle, m2: smaller ones are the turning points of a strip.
-MIN_DOUBLE_AREA_M2 = 1e-6
+MIN_TWICE_TRIANGLE_AREA_M2 = 1e-6
 # Half length of an AB line, m: old files hold a place and a heading, and AgOpenGPS draws that much
 # to both sides.
 AB_HALF_LENGTH_M = 1000.0
@@ -288,7 +288,9 @@ def _parse_triangles(path: Path) -> Floats:
             strips.append(np.stack((rows[:-2], rows[1:-1], rows[2:]), axis=1))
     all_of = np.concatenate(strips)
     one, other = all_of[:, 1] - all_of[:, 0], all_of[:, 2] - all_of[:, 0]
-    return all_of[np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) > MIN_DOUBLE_AREA_M2]
+    return all_of[
+        np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) > MIN_TWICE_TRIANGLE_AREA_M2
+    ]
 
 
 def write_agopengps(data: FieldData, folder: Path) -> None:

@@ -22,7 +22,7 @@ from topdress.drivers.files.imports import physics
 from topdress.drivers.files.imports.convert import TIME_US, UTC_US_COLUMN, convert_table
 from topdress.drivers.files.imports.guess_columns import (
     build_column,
-    calc_count_worth,
+    calc_value_per_count,
     choose_candidates,
     find_candidates,
     find_extra_columns,
@@ -290,7 +290,7 @@ def _scale_command(command: str, factor: float, bare: bool, most: float, out: Im
     column = out.mapping.columns[command]
     why = "the usual ratio of its reading to it; what the maker says of it is better"
     if command in out.full:
-        factor = calc_count_worth(most, out.full[command])
+        factor = calc_value_per_count(most, out.full[command])
         why = (
             f"so that its full count is {out.full[command]:g} r/min, as the machine file says"
             if command == "shaft_rpm_cmd"

@@ -435,7 +435,7 @@ def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | N
             full = ", scale: "
             if "shaft_rpm_cmd" in out.full:
                 most = float(np.nanmax(np.abs(values[command])))
-                full += f"{calc_count_worth(most, out.full['shaft_rpm_cmd']):.4g}"
+                full += f"{calc_value_per_count(most, out.full['shaft_rpm_cmd']):.4g}"
             out.open.setdefault(
                 "shaft_rpm_cmd", f"{{from: {_quote_yaml(command)}{full}}}     # r/min for one of it"
             )
@@ -486,7 +486,7 @@ def _calc_ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return (np.cumsum(counts) - 0.5 * (counts - 1))[place]
 
 
-def calc_count_worth(most: float, full: float) -> float:
+def calc_value_per_count(most: float, full: float) -> float:
     """Returns the worth of one count of a command: its largest number `most` lies within the
     smallest usual full count, which is worth `full`."""
     return full / next((count for count in FULL_COUNTS if most <= count), most)

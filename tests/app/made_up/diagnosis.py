@@ -17,7 +17,7 @@ from topdress.console.app.pages.diagnosis.service import (
     DiagnosisSource,
     DiagnosisView,
     ExportKind,
-    OpenQuestions,
+    ImportNeedsAnswersError,
     ResidualCurve,
     StopSignal,
     TellProgress,
@@ -26,7 +26,6 @@ from topdress.console.app.pages.diagnosis.service import (
 from topdress.control.diagnosis.result import (
     Cause,
     Channel,
-    Data,
     Detectable,
     Diagnosis,
     FieldCost,
@@ -35,6 +34,7 @@ from topdress.control.diagnosis.result import (
     NotShown,
     Rival,
     Size,
+    SourceSummary,
 )
 from topdress.control.machine.machine import CATALOGUE
 
@@ -153,7 +153,7 @@ def sample_found(verdict: str = "ambiguous") -> DiagnosisView:
     view = DiagnosisView(
         "20260317-134500.csv",
         Diagnosis(
-            Data("/data/logs/20260317-134500.csv", "run", 48_240, 2412.0, "huanghai"),
+            SourceSummary("/data/logs/20260317-134500.csv", "run", 48_240, 2412.0, "huanghai"),
             _CHANNELS,
             "ambiguous",
             (_FILL, _SAG),
@@ -219,7 +219,7 @@ def sample_found(verdict: str = "ambiguous") -> DiagnosisView:
     return view
 
 
-OPEN = OpenQuestions(
+OPEN = ImportNeedsAnswersError(
     (
         "/data/planter.csv: columns.opening_mm: Schieberöffnung is in %: the file does not "
         "say what "
@@ -300,7 +300,7 @@ class MadeUpDiagnosis:
         if stop.is_set():
             raise WorkStopped
         if self.unsure:
-            raise OpenQuestions(self.unsure, "/data/planter.import.yaml")
+            raise ImportNeedsAnswersError(self.unsure, "/data/planter.import.yaml")
         if self.refuse:
             raise ValueError(self.refuse)
 

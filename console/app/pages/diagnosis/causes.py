@@ -32,7 +32,8 @@ class CausesView(NamedTuple):
 
     causes: tuple[CauseLine, ...]
     at: int
-    calm: tuple[str, ...]  # what stands there where there is no cause
+    # Text in place of the list where no cause was found.
+    calm: tuple[str, ...]
     language: str
 
 

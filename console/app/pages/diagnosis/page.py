@@ -27,7 +27,7 @@ from topdress.console.app.pages.diagnosis.service import (
     DiagnosisService,
     DiagnosisSource,
     DiagnosisView,
-    OpenQuestions,
+    ImportNeedsAnswersError,
     StopSignal,
     TellProgress,
     WorkStopped,
@@ -417,7 +417,7 @@ class DiagnosisScreen(Page):
 
     def show_changes(self) -> None:
         """Show at once what has changed."""
-        self.hurry_all()
+        self.refresh_all_next_tick()
         self.app.show_newest()
 
     def move_mark(self, by: int) -> None:
@@ -568,7 +568,7 @@ class DiagnosisScreen(Page):
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
         elif state is WorkerState.SUCCESS:
             self.installed = True
-        elif state is WorkerState.ERROR and isinstance(worker.error, OpenQuestions):
+        elif state is WorkerState.ERROR and isinstance(worker.error, ImportNeedsAnswersError):
             self.show_open_questions(worker.error)
         elif state is WorkerState.ERROR and not isinstance(worker.error, WorkStopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
@@ -580,7 +580,7 @@ class DiagnosisScreen(Page):
                 self.sources, self._brings_in = None, False
             self.show_changes()
 
-    def show_open_questions(self, open_: OpenQuestions) -> None:
+    def show_open_questions(self, open_: ImportNeedsAnswersError) -> None:
         """Show the open questions about a file of another machine, and where they can be
         answered."""
         self.said = _("not brought in: the import file has open questions")

@@ -153,7 +153,7 @@ class WorkStopped(Exception):
     """The work was cancelled."""
 
 
-class OpenQuestions(ValueError):
+class ImportNeedsAnswersError(ValueError):
     """A file cannot be imported before these lines are answered in the import file."""
 
     def __init__(self, questions: tuple[str, ...], import_file: str) -> None:

@@ -110,7 +110,7 @@ def _begin_strip(page: JobScreen) -> None:
                 least=page.app.units.distance.format_with_name(LEAST_STRIP_M)
             )
         )
-        page.hurry_all()
+        page.refresh_all_next_tick()
 
     if page.facts is None or page.facts.setup.rule.response_rule != "field":
         begin_run("nrich")
@@ -124,7 +124,7 @@ def _begin_strip(page: JobScreen) -> None:
 
 def _forget_strip(page: JobScreen) -> None:
     page.strip = None
-    page.hurry_all()
+    page.refresh_all_next_tick()
 
 
 def _use_strip(page: JobScreen, value: StripValue) -> None:

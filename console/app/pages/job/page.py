@@ -150,7 +150,7 @@ class JobScreen(Page):
 
         def take_facts(found: tuple[JobFacts | None, str, int | None]) -> None:
             self.facts, self.trouble, self.free_bytes = found
-            self.hurry_all()
+            self.refresh_all_next_tick()
 
         self.app.run_with_files(read_from_files, take_facts, group="job-look")
 
@@ -265,12 +265,12 @@ class JobScreen(Page):
     def add_note(self, text: str) -> None:
         """Add a line that stays."""
         self.said[:] = [*self.said, text][-MOST_NOTES:]
-        self.hurry_all()
+        self.refresh_all_next_tick()
 
     def add_run_note(self, text: str) -> None:
         """Add a line that stays until another run begins."""
         self.said_of_run[:] = [*self.said_of_run, text][-MOST_NOTES:]
-        self.hurry_all()
+        self.refresh_all_next_tick()
 
     # --- actions
     # ----------------------------------------------------------------------------------------------
@@ -512,14 +512,14 @@ class JobScreen(Page):
                 service = self.service
                 self.take_file(lambda: service.choose_map(shown))
             elif what == COLUMN:
-                self._ask_reading(
+                self._ask_how_to_read_map(
                     shown,
                     _("Which column is the rate?"),
                     [Choice(one, one) for one in shown.columns],
                     "column",
                 )
             elif what == UNIT:
-                self._ask_reading(
+                self._ask_how_to_read_map(
                     shown,
                     _("In which unit are the rates?"),
                     [Choice(one, one) for one in RATE_UNITS],
@@ -528,7 +528,9 @@ class JobScreen(Page):
 
         self.app.ask_question(MapDialog(shown, self.app.units), take_choice)
 
-    def _ask_reading(self, shown: MapPreview, title: str, choices: list[Choice], what: str) -> None:
+    def _ask_how_to_read_map(
+        self, shown: MapPreview, title: str, choices: list[Choice], what: str
+    ) -> None:
         now = getattr(shown.reading, what)
 
         def take_choice(value: str | None) -> None:

@@ -74,7 +74,7 @@ class OverlayLoader:
                     name=laid.name, distance=f"{laid.apart_m / M_PER_KM:.1f}"
                 )
             )
-        self._page.hurry_all()
+        self._page.refresh_all_next_tick()
 
 
 _LEAST_CELLS, _MOST_CELLS = 4, 24

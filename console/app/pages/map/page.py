@@ -127,7 +127,7 @@ class MapScreen(LogPage):
                 way=self.app.units.distance.format_with_name(drive.way_m)
             )
         )
-        self.hurry_all()
+        self.refresh_all_next_tick()
 
     def press_boundary_key(self) -> None:
         """Begin the drive, or end it."""

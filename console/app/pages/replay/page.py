@@ -203,7 +203,7 @@ class ReplayScreen(PanelScreen):
         self.job, self.chosen = job, WhatIf()
         self._recorded = job.source.frames
         self._note_alarms()
-        self.hurry_all()
+        self.refresh_all_next_tick()
 
     def _note_alarms(self) -> None:
         assert self.job is not None
@@ -304,7 +304,7 @@ class ReplayScreen(PanelScreen):
         if self.job is not None:
             source = self.job.source
             source.seek_time(source.start_s + event.share * (source.end_s - source.start_s))
-            self.hurry_all()
+            self.refresh_all_next_tick()
 
     @property
     def played(self) -> ReplayJob:
@@ -370,11 +370,11 @@ class ReplayScreen(PanelScreen):
         self.computing = self.app.run_with_files(
             run_in_thread, take_frames, note_failure, group="what-if"
         )
-        self.hurry_all()
+        self.refresh_all_next_tick()
 
     def cancel_what_if(self) -> None:
         """End the thread at its next row; its result is dropped."""
         if self.computing is not None:
             self.computing.cancel()
             self.computing = None
-            self.hurry_all()
+            self.refresh_all_next_tick()
