@@ -57,11 +57,12 @@ def extend(
 
     Examples
     --------
-    >>> from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+    >>> from topdress.control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
+    >>> from topdress.control.diagnosis.result import SourceSummary
     >>> from topdress.control.machine.machine import Machine, list_effect_sizes
     >>> size, cost = Size(6.0, 5.5, 6.5, "%"), FieldCost(6.0, 0.0)
     >>> cause = Cause("flow.gain", size, None, 0.99, (), None, "Do a catch test.", cost)
-    >>> data = Data("run.csv", "run", 600, 60.0, "huanghai")
+    >>> data = SourceSummary("run.csv", "run", 600, 60.0, "huanghai")
     >>> found = Diagnosis(data, (), "named", (cause,), (), (), None, (), None)
     >>> list_effect_sizes(extend(Machine(), found, date="2026-07-01"))
     {'flow.gain': 6.0}
