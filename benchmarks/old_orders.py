@@ -89,7 +89,7 @@ def no_console(it: Rig, tape: Tape) -> None:
     it.run(8.0)
     lines = list(tape.lines)
     it.virtual.board = VirtualBoard(it.ticks[-1].row.opening_mm)
-    it.cab.command = lambda *_: None  # type: ignore[method-assign]
+    it.cab.send_command = lambda *_: None  # type: ignore[method-assign]
     tape.again(lines)
 
 

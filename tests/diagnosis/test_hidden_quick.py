@@ -147,7 +147,7 @@ def exam() -> Any:
             importlib.import_module("hidden.score"),
         )
         config = importlib.import_module("topdress.drivers.files.config")
-        machine = config.load(
+        machine = config.load_config(
             "huanghai", importlib.import_module("topdress.drivers.files.kinds").MACHINE
         ).model
 
