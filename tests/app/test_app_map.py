@@ -223,6 +223,7 @@ async def test_area_and_product_done_and_left(app, pilot):
 
 
 @pytest.mark.exam
+@pytest.mark.usefixtures("drawn_at_once")
 async def test_only_rows_that_changed_are_drawn_again(clock):
     frames = run_frames(seconds=40.0)
     source = StillSource(frames[0])

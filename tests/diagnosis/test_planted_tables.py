@@ -133,7 +133,7 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
     )
 
 
-# Three tables of noise, and 300 that are held to the chance of 2 %.
+# Three tables of noise, and 150 that are held to the chance of 2 %.
 @pytest.mark.parametrize(
     ("seeds", "least", "make", "said"),
     [
@@ -142,7 +142,7 @@ def single(name: str, effect: str, size: float, tolerance: float, make: Tables, 
             for kind, make in NULLS.items()
         ),
         *(
-            often(f"nothing in 300 of {kind}", range(300), 294, make, True, verdict="none")
+            often(f"nothing in 150 of {kind}", range(150), 147, make, True, verdict="none")
             for kind, make in NULLS.items()
         ),
         often(

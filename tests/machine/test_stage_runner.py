@@ -312,7 +312,7 @@ def made(factor):
         for k in range(len(values)):
             out[k] = factor * values[k]
         return out
-    return compiled.compiled(run)
+    return compiled.compile_function(run)
 print([float(made(factor)(np.ones(2))[1]) for factor in json.loads(sys.argv[1])])
 print("scipy.linalg" in sys.modules, file=sys.stderr)
 """

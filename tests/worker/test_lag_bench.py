@@ -148,7 +148,7 @@ def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(ben
 
 @pytest.mark.exam
 def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_path):
-    bench.host.lag.begin(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=125.0))
+    bench.host.lag.begin_lag_test(tmp_path / "t.csv", LagPlan((40.0,), repeats=1, settle_s=125.0))
     bench.held = True
     frame = bench.run(121.0)
     assert (frame.row.state, frame.why_state, frame.lag_test.runs) == (
