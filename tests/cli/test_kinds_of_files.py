@@ -174,7 +174,6 @@ def test_an_install_line_needs_no_package_of_ours(
     )
     # an environment of `uv tool install`
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
-    monkeypatch.setattr(extras.shutil, "which", lambda _: "/usr/bin/uv")
     assert re.fullmatch(
         r"uv pip install --python \S+ 'textual-serve>=[\d.]+'", extras.format_extra_line("serve")
     )
