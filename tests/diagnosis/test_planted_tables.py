@@ -122,8 +122,8 @@ def often(
 def single(name: str, effect: str, size: float, tolerance: float, make: Tables, **said: Any) -> Any:
     return often(
         f"one effect: {name}",
-        range(100, 103),
-        2,
+        range(100, 105),
+        4,
         make,
         verdict="named",
         names=[effect],
