@@ -69,10 +69,10 @@ def save(path: str | Path, machine: Machine, comment: str = "") -> None:
     ------
     OSError : the file cannot be written.
     """
-    from topdress.drivers.files.config import save_config as save_model
+    from topdress.drivers.files.config import save_config
     from topdress.drivers.files.kinds import MACHINE
 
-    save_model(Path(path), machine, MACHINE, comment)
+    save_config(Path(path), machine, MACHINE, comment)
 
 
 def __getattr__(name: str) -> Any:
