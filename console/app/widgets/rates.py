@@ -21,8 +21,6 @@ from topdress.console.app.widgets.panel import (
 from topdress.console.locale import _
 
 
-# The machine's numbers where the terminal is too small for a page: rates first, the rest as far
-# as there is room.
 class SmallView(NamedTuple):
     """Holds the numbers of a small terminal. page: which one is open, where it shows something else
     than these numbers."""
@@ -33,6 +31,8 @@ class SmallView(NamedTuple):
     page: str = ""
 
 
+# The machine's numbers where the terminal is too small for a page: rates first, the rest as far
+# as there is room.
 class SmallPanel(Panel[SmallView]):
     """Shows the rates first, the rest as far as there is room."""
 

@@ -25,8 +25,6 @@ from topdress.console.app.widgets.panel import (
 from topdress.console.locale import _
 
 
-# The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision
-# used.
 def draw_share_bar(share: float, width: int) -> tuple[str, str]:
     """The filled and the empty part of a bar of `width` cells: half as high as its row, so that
     bars stay apart."""
@@ -34,6 +32,8 @@ def draw_share_bar(share: float, width: int) -> tuple[str, str]:
     return "▄" * full, "▁" * (width - full)
 
 
+# The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision
+# used.
 class HeadsPanel(Panel[HeadsView]):
     """Shows a heading and three rows of two heads."""
 
