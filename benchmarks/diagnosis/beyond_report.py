@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from beyond_case import AGAIN
 from beyond_forms import family
-from hidden.report import percent, table
+from hidden.report import list_probability_lines, percent, table
 from hidden.score import SURE, Mark, mark
 from hidden.terms import CLASSES
 
@@ -214,7 +214,7 @@ def nulls_table(nulls: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def sections(cases: Sequence[Case]) -> list[str]:
-    """Markdown lines: goals, by class, by z."""
+    """Markdown lines: goals, by class, by z, and how far probabilities can be believed."""
     return [
         "## Goals",
         "",
@@ -227,6 +227,8 @@ def sections(cases: Sequence[Case]) -> list[str]:
         "## By z",
         "",
         *table(["z", *HEADS], _by_z(cases)),
+        "",
+        *list_probability_lines([c.mark for c in cases], "all"),
     ]
 
 

@@ -22,7 +22,14 @@ from topdress.console.threads import limit_matrix_threads  # noqa: E402
 limit_matrix_threads()  # here and in the processes that it starts
 
 # They neither make a case nor answer it.
-AFTERWARDS = ("score.py", "report.py", "class_report.py", "make.py", "write.py")
+AFTERWARDS = (
+    "score.py",
+    "report.py",
+    "class_report.py",
+    "probability_report.py",
+    "make.py",
+    "write.py",
+)
 
 
 def code_hash(more: Iterable[Path] = ()) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import math
 from pathlib import Path
 from typing import Any
 
@@ -403,3 +404,16 @@ def test_score_counts_halves_kinds_and_goals(hidden: Any) -> None:
     assert "| 1/2: short |" in line and "| 0/1: reached |" in line
     assert hidden.report.percent(3, 6) == "50.0 % (19-81), 3/6"
     assert "## Runs: false alarms by noise" in text and "## Tables: false alarms by noise" in text
+
+
+def test_probabilities_are_scored_against_a_constant(hidden: Any) -> None:
+    """Scores by hand: who says what he knows gains over the constant, who is too sure loses."""
+    scores = hidden.probability_report
+    sure = [(1.0, True)] * 3 + [(1.0, False)]
+    assert scores.calc_brier_score(sure) == 0.25
+    assert scores.calc_log_score(sure) == pytest.approx(-math.log(0.001) / 4)
+    # the constant of a share of 3 in 4: 3/4 * 1/16 + 1/4 * 9/16 = 3/16
+    assert scores.calc_skill(scores.calc_brier_score, sure) == pytest.approx(1 - 0.25 / (3 / 16))
+    honest = [(0.9, True)] * 3 + [(0.1, False)]
+    assert scores.calc_skill(scores.calc_brier_score, honest) == pytest.approx(1 - 0.01 / (3 / 16))
+    assert scores.calc_skill(scores.calc_log_score, honest) > 0.8

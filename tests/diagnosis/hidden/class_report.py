@@ -5,14 +5,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from itertools import pairwise
 
-from .report import Figure, Marks, asked, grouped, percent, share, table
+from .report import Figure, Marks, asked, grouped, share, table
 from .score import SURE, Mark
 
 STRONG_Z = 12.0
 ONSET_S = 60.0
-BINS = (0.0, 0.5, 0.7, 0.9, 0.95, 0.99, 1.0001)
 BEGINS = ("onset", "growth")
 
 
@@ -141,8 +139,7 @@ FIGURES = (
 
 
 def sections(marks: Marks) -> list[str]:
-    """Markdown lines: the figures, how far a probability can be believed, every class, terms by
-    class."""
+    """Markdown lines: the figures, every class, terms by class."""
     groups = {"all": list(marks)}
     groups |= {
         s: some
@@ -157,13 +154,6 @@ def sections(marks: Marks) -> list[str]:
             [[f.title, f.goal, *(f.cell(g) for g in groups.values())] for f in FIGURES],
         ),
     ]
-    for word, some in groups.items():
-        out += [
-            "",
-            f"## Classes: causes by their probability ({word})",
-            "",
-            *table(["p", "causes", "mean p", "right"], _reliability(some)),
-        ]
     out += [
         "",
         "## Classes: each",
@@ -230,20 +220,3 @@ def _term_row(kind: str, marks: Marks) -> list[str]:
         share(marks, _sure_and_wrong),
         ", ".join(f"{a} {n}" for a, n in Counter(m.answer for m in marks).most_common(3)),
     ]
-
-
-def _reliability(marks: Marks) -> list[list[str]]:
-    said = [one for m in marks for one in m.said]
-    rows = []
-    for low, high in pairwise(BINS):
-        some = [(p, right) for p, right in said if low <= p < high]
-        mean = f"{sum(p for p, _ in some) / len(some):.3f}" if some else "-"
-        rows.append(
-            [
-                f"{low:g} to {min(high, 1.0):g}",
-                str(len(some)),
-                mean,
-                percent(sum(right for _, right in some), len(some)),
-            ]
-        )
-    return rows

@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
+from .probability_report import list_reliability_rows, list_score_rows
 from .score import Mark
 
 BANDS = ((2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 42.0), (42.0, float("inf")))
@@ -246,8 +247,24 @@ def report(
                 _outsiders(_of(some, "outside")),
             ),
         ]
+    for word, some in groups.items():
+        out += ["", *list_probability_lines(some, word)]
     out += ["", *sections, *([""] if sections else []), *_seconds(marks)]
     return "\n".join(out) + "\n"
+
+
+def list_probability_lines(marks: Marks, word: str) -> list[str]:
+    """Returns Markdown lines: proper scores of the probabilities, and the reliability table."""
+    return [
+        f"## {word.capitalize()}: probabilities of the causes",
+        "",
+        *table(
+            ["score", "causes", "here", "of a constant (share right)", "skill"],
+            list_score_rows(marks),
+        ),
+        "",
+        *table(["p", "causes", "mean p", "right"], list_reliability_rows(marks, percent)),
+    ]
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
