@@ -106,7 +106,11 @@ def convert_map(
         ),
     ] = None,
     machine: Annotated[
-        str | None, typer.Option(metavar="MACHINE", help="Of a run log without its NAME.yaml.")
+        str | None,
+        typer.Option(
+            metavar="MACHINE",
+            help="Of a run log without its NAME.yaml; of a fine raster, for its working width.",
+        ),
     ] = None,
     product: Annotated[
         str | None, typer.Option(metavar="NAME", help="Name of the product, instead of the log's.")
@@ -164,6 +168,7 @@ def convert_map(
         inside=inside,
         zone=zone,
         rate_from=_check_rate_source(rate_from),
+        width_m=None if machine is None else load_machine(machine).geometry.working_width_m,
     )
     _convert_prescription(source, out, choice, rule, merge, as_json)
 

@@ -256,7 +256,13 @@ class JobFiles:
         from topdress.drivers.files.prescriptions.write import write_prescription
         from topdress.drivers.files.setup import build_setup
 
-        choice = RateChoice(column=reading.column or None, unit=reading.unit or None)
+        found = self._load_files()
+        setup = build_setup(found, day_clock.read_today())
+        choice = RateChoice(
+            column=reading.column or None,
+            unit=reading.unit or None,
+            width_m=setup.machine.geometry.working_width_m,
+        )
         path = _clean_typed_path(path)
         try:
             read = read_prescription(path, choice)
@@ -274,8 +280,6 @@ class JobFiles:
             self._scratch = tempfile.TemporaryDirectory(prefix="topdress-maps-")
         kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
         write_prescription(read.data, kept)
-        found = self._load_files()
-        setup = build_setup(found, day_clock.read_today())
         shares = calc_rate_shares(read.data)
         doubtful = find_implausible_rates(
             [share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha

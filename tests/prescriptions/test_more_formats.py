@@ -213,7 +213,17 @@ def test_a_fine_raster_is_averaged(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert rates[0] == pytest.approx(values[0:2, 0:2].ravel()[1:].mean())
     assert rates[1] == pytest.approx(values[0:2, 2:4].mean())
     assert rates[4] == pytest.approx(values[0:2, 8].mean())
-    assert str(read.findings[0]).startswith("62 cells, each 2 x 2 of them averaged to one")
+    assert str(read.findings[0]) == (
+        "62 cells of 10 m, each 2 x 2 of them averaged to one: a map has at most 20 cells"
+    )
+    wide = read_prescription(tmp_path / "a.tif", RateChoice(width_m=36.0))
+    # Of the last row a third of each block is there: less than half.
+    assert len(wide.data.zones) == 6
+    assert str(wide.findings[0]) == (
+        "62 cells of 10 m, each 3 x 3 of them averaged to one: the working width is 36 m"
+    )
+    few = RateChoice(width_m=15.0)  # 62 cells of 10 m are too many
+    assert len(read_prescription(tmp_path / "a.tif", few).data.zones) == 19
     levels = read_prescription(tmp_path / "a.tif", RateChoice(column="factor", unit="kg/ha"))
     assert {zone.rate_kg_ha for zone in levels.data.zones} == {1.0, 3.0}
 

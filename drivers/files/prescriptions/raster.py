@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from topdress.control.geodesy import SEMI_MAJOR_M
 from topdress.control.recordings.finding import Finding, many
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.files.extras import format_extra_line
@@ -80,15 +81,21 @@ def _read_open_raster(path: Path, file: Any, choice: RateChoice) -> ImportedMap:
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
     bands = [_read_band_values(file, k) for k in range(1, file.count + 1)]
     said: list[Finding] = []
-    step = _find_averaging_step(_find_known_cells(bands))
+    known = _find_known_cells(bands)
+    cell_m = _calc_cell_m(file.transform, (south + north) / 2.0, projection)
+    step = _find_averaging_step(known, cell_m, choice.width_m)
     if step > 1:
-        fine = int(_find_known_cells(bands).sum())
         bands = [_average_cells(band, step) for band in bands]
-        text = (
-            f"{many(fine, 'cell')}, each {step} x {step} of them averaged to one: up to "
-            f"{MAX_CELL_COUNT} are worked with"
+        reason = (
+            f"the working width is {choice.width_m:g} m"
+            if choice.width_m is not None and step == math.floor(choice.width_m / cell_m)
+            else f"a map has at most {MAX_CELL_COUNT} cells"
         )
-        said.append(Finding("averaged", text, rows=fine))
+        text = (
+            f"{many(int(known.sum()), 'cell')} of {cell_m:.3g} m, each {step} x {step} of them "
+            f"averaged to one: {reason}"
+        )
+        said.append(Finding("averaged", text, rows=int(known.sum())))
     rows, columns = np.nonzero(_find_known_cells(bands))
     if not len(rows):
         raise PrescriptionError(path, "no cell has a value")
@@ -131,10 +138,29 @@ def _find_known_cells(bands: Sequence[Floats]) -> np.ndarray:
     return known
 
 
-def _find_averaging_step(known: np.ndarray) -> int:
-    """Returns how many cells on a side become a single cell, so that no more than MAX_CELL_COUNT
-    remain."""
-    step = max(1, math.isqrt(max(0, int(known.sum()) - 1) // MAX_CELL_COUNT))
+def _calc_cell_m(transform: Any, lat_deg: float, projection: Projection | None) -> float:
+    """Returns the shorter side of a cell, m; a raster in degrees lies at `lat_deg`."""
+    per_x, per_y = (1.0, 1.0)
+    if projection is None:
+        per_y = math.radians(1.0) * SEMI_MAJOR_M
+        per_x = per_y * math.cos(math.radians(lat_deg))
+    return min(
+        math.hypot(transform.a * per_x, transform.d * per_y),
+        math.hypot(transform.b * per_x, transform.e * per_y),
+    )
+
+
+def _find_averaging_step(known: np.ndarray, cell_m: float, width_m: float | None) -> int:
+    """Returns how many cells on a side become a single cell. A raster of up to MAX_CELL_COUNT
+    cells stays as it is; beyond, cells become as wide as the working width, which is the least
+    that the machine can follow, and wider where that is too many still."""
+    if int(known.sum()) <= MAX_CELL_COUNT:
+        return 1
+    step = max(
+        1,
+        math.isqrt(int(known.sum()) // MAX_CELL_COUNT),
+        0 if width_m is None else math.floor(width_m / cell_m),
+    )
     while int(_sum_cell_blocks(known.astype(np.float64), step)[1].sum()) > MAX_CELL_COUNT:
         step += 1
     return step

@@ -104,6 +104,8 @@ class RateChoice:
     rate_from: Literal["ddi", "presentation"] | None = None
     # the numbers are the canopy's index of this name, or ZONE_FACTOR, not rates
     index: str | None = None
+    # Working width, m, to which a raster of too many cells is averaged.
+    width_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
