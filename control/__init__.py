@@ -5,7 +5,7 @@ Files:
 
 - `agronomy`: How much product does this canopy need?
 - `calibration`: Which machine parameters follow from tests?
-- `diagnosis`: What the machine model gets wrong on measured data, why
+- `diagnosis`: Finds the errors of the machine model on measured data, their causes
 - `experiments`: What should be measured next?
 - `field`: Where is the field, which ground is done, and what do the totals amount to?
 - `frozen_model`: How is the checked content of a file held?

@@ -1,23 +1,24 @@
-"""What the machine model gets wrong on measured data, why, and what putting it right gains.
+"""Finds the errors of the machine model on measured data, their causes, and the gain of correcting
+them.
 
     from topdress.control.diagnosis import compared, diagnose_run, diagnose_tables, extend
 
-The two entries load scipy and the compiled model, so they are imported when they are first
-asked for: a page that only shows a `Diagnosis` starts without them.
+The entry functions load scipy and the compiled model, so they are imported at their first use: a
+page that only shows a `Diagnosis` starts without them.
 
 Files:
 
-- `cost`: What an effect costs in the field when nobody knows of it
-- `dataframe_input`: What a notebook hands over as a log
-- `effects`: How a diagnosis treats each effect of the catalogue
-- `extend`: The machine file with what a diagnosis found
-- `judgement`: How candidate causes are weighed
-- `live`: The model held against a log that is still being written
-- `prediction`: Nothing is said or written that prediction does not bear out
-- `result`: The result of a diagnosis, by the published contract "topdress-diagnosis/1"
-- `runs`: A run log to a diagnosis
-- `season`: Many logs of many machines together
-- `tables`: Diagnosis of bench tables
+- `cost`: Calculates the cost of an uncompensated effect in the field
+- `dataframe_input`: Converts data frames, dictionaries
+- `effects`: Declares how a diagnosis treats each effect of the catalogue
+- `extend`: Extends a machine file by the results of a diagnosis, so that they are simulated
+- `judgement`: Weighs candidate causes with one model, one score, and declared priors
+- `live`: Compares the model with a log that is still being written
+- `prediction`: Validates by prediction everything that a diagnosis reports or a machine file adopts
+- `result`: Defines the result of a diagnosis, by the published contract "topdress-diagnosis/1"
+- `runs`: Diagnosis of a run log: shows errors, names their causes, lists alternatives
+- `season`: Analyses many logs of many machines together
+- `tables`: Diagnoses bench tables: lag, catch, weigh, heads, place
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""What an effect costs in the field when nobody knows of it: the dose, through the machine model.
+"""Calculates the cost of an uncompensated effect in the field: the dose, through the machine model.
 
-Control sets shaft speed and opening by the nominal machine, takes the ground speed from a wheel
-or a receiver, and trims the flow by the scale. It believes all three. So the dose is
-proportional to the flow and to the speed that is read, and inversely proportional to the mass
-that the scale reads.
+Control sets shaft speed and opening by the nominal machine, takes the ground speed from a wheel or
+a receiver, and trims the flow by the scale. Control trusts all three. So the dose is proportional
+to the flow and to the measured speed, and inversely proportional to the measured mass.
 """
 
 from __future__ import annotations
@@ -19,31 +18,37 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.scale import ScaleInput, read_scale
 from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
 
-# over which the mass that the scale reads is taken
+# Time over which the measured mass is integrated, s.
 STEP_S = 1.0
-# causes are listed by consequence: 0.1 m of place counts as 1 % of rate
+# Causes are ordered by consequence: 0.1 m of position error counts as 1 % of rate error.
 METRES_OF_A_PERCENT = 10.0
-# heads: the crop's matter
+# Costs of effects outside the machine model; the cost of a head's error depends on the crop.
 WITHOUT_MODEL = {Costs.CROP: FieldCost(None, None), Costs.NEITHER: FieldCost(0.0, 0.0)}
 
 
 class OperatingPoint(NamedTuple):
-    """One operating point: how the drives truly stand, and what is around them."""
+    """One operating point: true positions of the drives, and the operating conditions."""
 
     shaft_rpm: float
     opening_mm: float
     hopper_kg: float
     speed_mps: float = USUAL_SPEED_MPS
     pitch_deg: float = 0.0
-    time_s: float = 0.0  # since the run began
-    working: float = 1.0  # 1: pulling under load, 0: not
-    refills: float = 0.0  # number of refills so far
+    # Time since the run began, s.
+    time_s: float = 0.0
+    # 1 while the machine pulls under load, else 0.
+    working: float = 1.0
+    # Number of refills so far.
+    refills: float = 0.0
 
 
 def integrate_dose_kg(machine: Machine, points: Sequence[OperatingPoint]) -> float:
-    """What leaves the machine over operating points, in kg for a second at each, under a
-    control that believes its sensors: the speed at each point, the mass that the scale tells
-    over all of them (its trim is slow)."""
+    """Return the mass that leaves the machine over operating points, kg, for a second at each
+    point.
+
+    Control trusts its sensors: the speed at each point, and the mass by the scale over all points,
+    because the trim is slow.
+    """
     left = asked = reported = 0.0
     for point in points:
         state = FlowState(point.time_s, point.hopper_kg, 0.0, point.refills)
@@ -56,8 +61,8 @@ def integrate_dose_kg(machine: Machine, points: Sequence[OperatingPoint]) -> flo
 
 
 def _reported_speed(machine: Machine, point: OperatingPoint) -> float:
-    """Speed as measured over true speed, whichever of the two sensors is believed: an effect
-    moves one of them."""
+    """Return measured over true speed, whichever of the two sensors control uses: an effect changes
+    only one of them."""
     true = point.speed_mps
     if true <= 0.0:
         return 1.0
@@ -71,7 +76,7 @@ def _reported_speed(machine: Machine, point: OperatingPoint) -> float:
 
 
 def _reported_mass_kg(machine: Machine, point: OperatingPoint, left_kg: float) -> float:
-    """Mass that the scale says has left where `left_kg` have; 0 while nothing leaves."""
+    """Return the mass that the scale reports when `left_kg` have left; 0 while nothing leaves."""
     if left_kg <= 0.0:
         return 0.0
     before = read_scale(machine.scale, ScaleInput(point.hopper_kg, point.time_s, point.pitch_deg))
@@ -87,17 +92,19 @@ def rate_error_percent(
     changed: Machine,
     applied: Sequence[OperatingPoint],
 ) -> float | None:
-    """Applied over wanted less 1, %, over operating points; None where nothing was wanted.
+    """Return applied over target rate minus 1, %, over operating points; None where the target is
+    zero.
 
-    wanted : as the nominal machine stands at them. applied : as the changed one does when it is
-    asked for the same.
+    wanted : operating points at the nominal machine's positions. applied : those of the changed
+    machine under the same commands.
     """
     asked = integrate_dose_kg(nominal, wanted)
     return 100.0 * (integrate_dose_kg(changed, applied) / asked - 1.0) if asked > 0.0 else None
 
 
 def find_consequence(cost: FieldCost) -> float:
-    """By which causes are put in order, % of the dose; what is not known counts nothing."""
+    """Return the consequence by which causes are ordered, % of the dose; an unknown cost counts as
+    zero."""
     return abs(cost.rate_error_percent or 0.0) + METRES_OF_A_PERCENT * abs(
         cost.place_error_m or 0.0
     )

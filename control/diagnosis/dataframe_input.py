@@ -1,7 +1,7 @@
-"""What a notebook hands over as a log: data frames, dictionaries, records and arrays, as the
-columns of a run log.
+"""Converts data frames, dictionaries, records and arrays from a notebook to the columns of a run
+log.
 
-Nothing here imports pandas or polars: what has columns by name is a table.
+The module imports neither pandas nor polars: an object with named columns is a table.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class DataFrame(Protocol):
     def __getitem__(self, name: Any, /) -> Any: ...
 
 
-# A log as a notebook has it: a data frame, columns by name, rows by name, an array with fields.
+# Log in a notebook: a data frame, columns by name, rows by name, or an array with fields.
 LogTable = DataFrame | Mapping[str, Any] | Sequence[Mapping[str, Any]] | npt.NDArray[Any]
-# Names more alike than this are taken for one that was misspelt: one letter of ten other than
-# meant, or two exchanged, leave 0.9 of the letters (difflib's ratio).
+# Similarity of two names above which one is a misspelling: one wrong letter of ten, or two
+# exchanged, leave 0.9 of the letters (difflib's ratio).
 ALIKE = 0.85
 
 TIME = "time_s"
@@ -42,7 +42,7 @@ COUNTS_S = {
     "time_min": 60.0,
     "t_s": 1.0,
     "t_ms": 1e-3,
-    # names of counted times -> s
+    # Names of counted times in other programs, with their unit in seconds.
     "t": 1.0,
     "time": 1.0,
     "seconds": 1.0,
@@ -57,7 +57,7 @@ ALLOWED = (
 
 
 def load_machine(machine: Machine | str) -> Machine:
-    """A machine, or the machine file of a path or a shipped name. Raises ValueError."""
+    """Return a machine, or load the machine file of a path or a shipped name. Raises ValueError."""
     if isinstance(machine, Machine):
         return machine
     found: Machine = load_notebook_room().load_named_machine(machine)
@@ -65,14 +65,14 @@ def load_machine(machine: Machine | str) -> Machine:
 
 
 def name_frame_library(data: LogTable) -> str:
-    """Name of the library whose data frame the log is, "pandas" or "polars"; else empty."""
+    """Return the library of the log's data frame, "pandas" or "polars"; else ""."""
     library = type(data).__module__.partition(".")[0]
     return library if library in ("pandas", "polars") else ""
 
 
 def find_misspelt_columns(columns: Mapping[str, Any]) -> list[str]:
-    """One sentence for each column whose name is nearly that of a column of the run log which
-    is not there."""
+    """Return a sentence for each column whose name is nearly that of a missing column of the run
+    log."""
     missing = [name for name in COLUMNS if name not in columns]
     found = []
     for name in columns:
@@ -86,14 +86,15 @@ def find_misspelt_columns(columns: Mapping[str, Any]) -> list[str]:
 
 
 def read_columns(data: LogTable) -> Columns:
-    """Columns (n,) by name: float64 with NaN for not known, texts as objects; `time_s` in seconds.
+    """Return columns (n,) by name: float64 with NaN for missing values, texts as objects; `time_s`
+    in seconds.
 
-    data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates
-    in `time_s`, `time`, `timestamp`, `utc` or the index of a data frame become `time_s`, from
-    the first row on. Empty columns are left out. Arrays that are as they should be are not
-    copied: a log of a million rows would be in memory twice.
+    data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates in
+    `time_s`, `time`, `timestamp`, `utc` or the index of a data frame become `time_s`, relative to
+    the first row. Empty columns are left out. Valid arrays are not copied, so that a log of a
+    million rows is in memory only once.
 
-    Raises ValueError, one line that names the column, the row and what is allowed.
+    Raises ValueError, one line that names the column, the row and the allowed values.
     """
     named = _name_columns(data)
     if not named:
@@ -111,7 +112,7 @@ def read_columns(data: LogTable) -> Columns:
 
 
 def _name_columns(data: Any) -> dict[str, Any]:
-    """Columns by name, as they come."""
+    """Return columns by name, unconverted."""
     if isinstance(data, Mapping):
         return {str(name): _read_column(str(name), values) for name, values in data.items()}
     fields = getattr(getattr(data, "dtype", None), "names", None)
@@ -137,7 +138,7 @@ def _name_columns(data: Any) -> dict[str, Any]:
 
 
 def _read_data_frame(data: Any) -> dict[str, Any]:
-    """A data frame of any library; an index of dates is a column of times."""
+    """Read a data frame of any library; an index of dates becomes a column of times."""
     names = [str(name) for name in data.columns]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -154,7 +155,7 @@ def _read_data_frame(data: Any) -> dict[str, Any]:
 
 
 def _read_column(name: str, values: Any) -> Any:
-    """A column of a dictionary as an array of one dimension."""
+    """Return a column of a dictionary as an array of one dimension."""
     if hasattr(values, "to_numpy"):
         values = values.to_numpy()
     if isinstance(values, np.ma.MaskedArray):
@@ -194,7 +195,7 @@ def _equally_long(lengths: Mapping[str, int]) -> None:
 
 
 def _convert_values(name: str, raw: Any) -> npt.NDArray[Any] | None:
-    """Numbers as float64, dates as datetime64, texts as objects; None for a column without a
+    """Return numbers as float64, dates as datetime64, texts as objects; None for a column without a
     value."""
     array = np.asarray(raw)
     if np.issubdtype(array.dtype, np.datetime64):
@@ -209,8 +210,7 @@ def _convert_values(name: str, raw: Any) -> npt.NDArray[Any] | None:
 
 
 def _convert_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
-    """A column of anything: numbers where all that is there are numbers, dates of the time's
-    own columns."""
+    """Convert a column of objects: numbers where all values are numbers, dates in a time column."""
     there = [(row, value) for row, value in enumerate(array) if not _is_missing(value)]
     if not there:
         return None
@@ -223,7 +223,8 @@ def _convert_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | N
                 raise ValueError(
                     f"column {name}: row {row}: value {str(value)[:40]!r}: allowed is a number"
                 )
-            return array  # a text of the user's own
+            # A text column of the user's own is returned unchanged.
+            return array
         numbers[row] = float(value)
     return numbers
 
@@ -246,7 +247,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _convert_dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Dates of datetime objects or ISO 8601 texts."""
+    """Return dates from datetime objects or ISO 8601 texts."""
     found = np.full(len(array), np.datetime64("NaT", "ns"))
     for row, value in enumerate(array):
         if not _is_missing(value):
@@ -263,7 +264,8 @@ def _convert_dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _add_time_column(columns: Columns) -> Columns:
-    """The columns with `time_s` in seconds. Raises ValueError where no column tells the time."""
+    """Return the columns with `time_s` in seconds. Raises ValueError where no column gives the
+    time."""
     if TIME in columns:
         return columns | {TIME: _convert_to_seconds(columns[TIME])}
     if "utc" in columns and columns["utc"].dtype == object:
@@ -289,7 +291,7 @@ def _add_time_column(columns: Columns) -> Columns:
 
 
 def _convert_to_seconds(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Seconds as they are; dates as seconds since the first."""
+    """Return seconds unchanged, and dates as seconds since the first."""
     if not np.issubdtype(values.dtype, np.datetime64):
         return values
     known = values[~np.isnat(values)]

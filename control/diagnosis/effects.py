@@ -1,8 +1,9 @@
-"""How a diagnosis treats each effect of the catalogue: one row an effect, and no second list.
+"""Declares how a diagnosis treats each effect of the catalogue: one row for each effect, and no
+second list.
 
-A new effect is its parameter in its stage's file (control/machine) and its row here: an effect
-without a row is an error at import, and so is a row without an effect. Sizes are in the unit
-that the catalogue gives the effect, and those of the nominal machine; `Row.on` gives another's.
+A new effect is a parameter in its stage's file (control/machine) and a row here. An effect without
+a row is an error at import, and so is a row without an effect. Sizes are in the unit that the
+catalogue gives the effect, for the nominal machine; `EffectRow.on` scales them to another machine.
 """
 
 from __future__ import annotations
@@ -19,80 +20,93 @@ from topdress.control.machine.machine import (
 )
 from topdress.control.machine.shaft import MIN_TIME_CONSTANT_S
 
-THRESHOLD_RATIO = 1.25  # of a threshold to the one tried below it
-# of the highest shaft speed: a shaft that is asked for less stands still
+# Ratio of a trial threshold to the next lower one.
+THRESHOLD_RATIO = 1.25
+# Share of the highest shaft speed below which the shaft is commanded to stand.
 MIN_THRESHOLD_SHARE = 0.01
 
 
 class FoundBy(Enum):
-    """How a run log shows an effect."""
+    """Method by which a run log shows an effect."""
 
-    SCAN = "scan"  # its column held against the whole log
-    # the same, at sizes of a grid: it acts on all commands below its size
+    # The column of the effect is fitted to the whole log.
+    SCAN = "scan"
+    # The column is fitted at sizes of a grid, because the effect acts on all commands below its
+    # size.
     THRESHOLD = "threshold"
-    # never there from the start: scanned with the time at which it begins
+    # The effect is never present from the start, so it is scanned over its onset time.
     ONSET = "onset"
-    STOP = "stop"  # a drive that stands still to the end of the log
-    # single readings of the wheel far too low; in a coarse log by the scan
+    # A drive stands still to the end of the log.
+    STOP = "stop"
+    # Single readings of the wheel are far too low; in a coarse log the scan shows the effect.
     DIPS = "dips"
-    # spells in which the scale stands still although the shaft turns
+    # The scale stands still for spells although the shaft turns.
     STANDSTILL = "standstill"
-    STEPS = "steps"  # shaft speeds that come in steps
+    # Shaft speeds are read in steps.
+    STEPS = "steps"
 
 
 class Needs(Enum):
-    """What a run log must contain, for an effect to show in it."""
+    """Content that a run log must have for an effect to show."""
 
-    REFILL = "refill"  # the hopper filled up
-    OPENINGS = "openings"  # the opening's command moved far
-    # the opening recorded: without it the effect looks like others
+    # The hopper is refilled.
+    REFILL = "refill"
+    # The opening's command changes by a large range.
+    OPENINGS = "openings"
+    # The opening is recorded: without it the effect is confounded with others.
     OPENING = "opening"
-    # a drive that does not hold its speed by its own encoder
+    # The drive does not control its speed by its own encoder.
     OPEN_LOOP = "open loop"
-    BOTH_WAYS = "both ways"  # commands that turn the shaft either way
-    # a shaft that turns by more, or otherwise, than a share of its command
+    # Commands turn the shaft in both directions.
+    BOTH_WAYS = "both ways"
+    # The shaft's speed is not proportional to its command.
     OFF_ZERO = "off zero"
-    FINE_READINGS = "fine readings"  # a shaft's speed that is not read in steps
-    # every command: it shows at each move of a drive, as a missing one does
+    # The shaft's speed is not read in steps.
+    FINE_READINGS = "fine readings"
+    # Every command is recorded: the effect shows at each move of a drive, as a missing command
+    # does.
     MOVES = "moves"
 
 
 class Costs(Enum):
-    """What an effect costs in the field when nobody knows of it."""
+    """Kind of cost of an uncompensated effect in the field."""
 
     DOSE = "dose"
     PLACE = "place"
-    NEITHER = "neither"  # it is wrong in what is reported, or evens out
-    # depends on the crop that the heads look at: left open
+    # The effect falsifies a report only, or averages out.
+    NEITHER = "neither"
+    # The cost depends on the crop under the heads and is not calculated.
     CROP = "crop"
 
 
 @dataclass(frozen=True, slots=True)
 class EffectRow:
-    """What a diagnosis must know of an effect besides its place in the model."""
+    """Properties of an effect that a diagnosis needs besides its position in the model."""
 
     id: str
-    # s.d. of its prior: what such effects usually are, in its unit
+    # Prior standard deviation of the size: the usual size of such effects, in its unit.
     usual: float
-    # sizes at which its column is taken: one, where what it does is a straight line
+    # Sizes at which the column is calculated: a single size for an effect that is linear in its
+    # size.
     tried: tuple[float, ...] = ()
     found_by: FoundBy = FoundBy.SCAN
     needs: tuple[Needs, ...] = ()
-    # recorded variable over which its form may differ from the catalogue's
+    # Recorded variable over which the form may differ from the catalogue's.
     form_over: str = ""
-    # its size is what is lost at the end of that variable, seldom where a log works
+    # Whether the size is the loss at the end of that variable, where a log rarely works.
     at_end: bool = False
-    # effects of nearly the same form: its own form may lean towards theirs
+    # Effects of nearly the same form: the form may lean towards theirs.
     siblings: tuple[str, ...] = ()
-    # nominal value of its stage that it adds to: that value's tolerance is its own
+    # Nominal value of the stage to which the effect adds: the effect shares that value's tolerance.
     moves: str = ""
-    may_begin: bool = True  # whether it may begin in the middle of a run
-    # something lost or extra: never less of it than the machine file has
+    # Whether the effect may begin in the middle of a run.
+    may_begin: bool = True
+    # Whether the effect is a loss or an excess, which is never smaller than the machine file's.
     only_adds: bool = False
     costs: Costs = Costs.DOSE
 
     def on(self, machine: Machine) -> EffectRow:
-        """The row with the sizes that are natural on a machine: shares of its ranges."""
+        """Return the row with sizes scaled to a machine's ranges."""
         scale = calc_size_scale(self.id, machine)
         tried = tuple(scale * size for size in self.tried)
         if self.threshold:
@@ -101,28 +115,27 @@ class EffectRow:
 
     @property
     def probe(self) -> float | None:
-        """Size at which the slope of a straight-line effect is taken; None of one that is none."""
+        """Size at which the slope of a linear effect is calculated; None for a nonlinear effect."""
         return self.tried[0] if len(self.tried) == 1 else None
 
     @property
     def trial_sizes(self) -> tuple[float, ...]:
-        """Sizes tried where what an effect does is no straight line in its size; empty of one
-        that is."""
+        """Trial sizes of an effect that is nonlinear in its size; empty for a linear effect."""
         return self.tried if len(self.tried) > 1 else ()
 
     @property
     def threshold(self) -> bool:
-        """Whether it has no slope and is sought on a grid."""
+        """Whether the effect has no slope and is searched for on a grid."""
         return self.found_by is FoundBy.THRESHOLD
 
     @property
     def scanned(self) -> bool:
-        """Whether it is there all along, and held as a column against the whole log."""
+        """Whether the effect is permanent, and its column is fitted to the whole log."""
         return self.found_by in (FoundBy.SCAN, FoundBy.THRESHOLD)
 
     @property
     def move_shaped(self) -> bool:
-        """Whether it shows at each move of a drive."""
+        """Whether the effect shows at each move of a drive."""
         return Needs.MOVES in self.needs
 
     @property
@@ -132,9 +145,9 @@ class EffectRow:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels of a run log that the effect moves, its own first; empty where no run log
+        """Channels of a run log that the effect changes, its own first; empty where no run log
         shows its stage."""
-        # a read-back that is off opens the gate, and the flow, by as much
+        # An error of the gate's reading changes the opening, and so the flow.
         if self.id == GATE_OFFSET.id:
             return "gate", "scale", "effort"
         if self.id in (EFFORT_GATE_FRICTION.id, EFFORT_GATE_DRAG.id):
@@ -143,17 +156,17 @@ class EffectRow:
 
     @property
     def has_slope(self) -> bool:
-        """Whether the prediction has a slope in its size."""
+        """Whether the prediction has a slope in the effect's size."""
         return not (
             self.threshold or self.found_by is FoundBy.STEPS or CATALOGUE[self.id].effect.onset_only
         )
 
 
 def _list_finer_thresholds(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
-    """Thresholds below the lowest trial size that this shaft's commands pass; none where no
-    command is so low.
+    """Return thresholds below the lowest trial size that are above this shaft's lowest commands;
+    empty where no command is that low.
 
-    A threshold below the lowest command that is ever given shows nowhere.
+    A threshold below the lowest command shows nowhere.
     """
     found: list[float] = []
     least = max(machine.limits.shaft_low_rpm, MIN_THRESHOLD_SHARE * machine.limits.shaft_high_rpm)
@@ -162,15 +175,16 @@ def _list_finer_thresholds(lowest_rpm: float, machine: Machine) -> tuple[float, 
     return tuple(found)
 
 
-# What such effects usually are (`usual`), 1 s.d. of a normal about nothing: by what a machine
-# in use departs from its data sheet before somebody repairs it. A prior of half or twice as
-# much moves the log evidence by 0.7: an order of size will do. Gains of drives, wheel and feed
-# rollers: some per cent (a spreader in order keeps its rate to 5 %, ISO 5690-1); of a scale on
-# a machine that drives no less, and some kg/h of drift (a scale at rest: OIML R 76, class 4).
-# Times: fractions of a second, as drives of this size take. Openings: a millimetre or two, as a
-# worn spindle or a moved stop gives. Supply: as it droops from 14 to 12 V. Slope: a per cent a
-# degree, as a hopper rests on its side. A blocked outlet is one of six.
-MOVED = (Needs.MOVES, Needs.FINE_READINGS)  # what a delay of the shaft needs
+# The `usual` sizes are 1 s.d. of a normal prior around zero: the usual deviation of a machine in
+# use from its data sheet before it is repaired. A prior of half or twice the size changes the log
+# evidence by 0.7, so an order of magnitude suffices. Gains of drives, wheel and feed rollers: some
+# per cent (a spreader in order keeps its rate to 5 %, ISO 5690-1); of a scale on a moving machine
+# no less, and some kg/h of drift (a scale at rest: OIML R 76, class 4). Times: fractions of a
+# second, typical of drives of this size. Openings: a millimetre or two, from a worn spindle or a
+# moved stop. Supply: the droop from 14 to 12 V. Slope: a per cent a degree, as a hopper rests on
+# its side. A blocked outlet is one of six.
+# Requirements of a delay of the shaft.
+MOVED = (Needs.MOVES, Needs.FINE_READINGS)
 SHAFT_GAIN = EffectRow("shaft.gain", 3.0, (0.5,), form_over="shaft_rpm", moves="gain_percent")
 SHAFT_SLOW = EffectRow(
     "shaft.slow",
@@ -196,7 +210,7 @@ SHAFT_SECOND_ORDER = EffectRow(
     0.1,
     (0.01, 0.04, 0.15, 0.5),
     needs=MOVED,
-    # a setting, a coupling
+    # A coupling or a setting does not begin within a run.
     siblings=("shaft.dead_time",),
     may_begin=False,
     only_adds=True,
@@ -208,7 +222,8 @@ SHAFT_RAMP = EffectRow(
     (0.05, 0.2, 1.0, 4.0),
     needs=(*MOVED, Needs.OPEN_LOOP),
     siblings=("shaft.slow",),
-    may_begin=False,  # a setting; else the machine file's own limit
+    # The ramp is a setting, or the machine file's own limit.
+    may_begin=False,
     only_adds=True,
     costs=Costs.PLACE,
 )
@@ -239,7 +254,8 @@ SHAFT_NEUTRAL = EffectRow(
     needs=(Needs.OPEN_LOOP, Needs.OFF_ZERO),
     form_over="shaft_rpm",
     may_begin=False,
-)  # a setting, a trim
+    # The neutral position is a setting, a trim.
+)
 SHAFT_BACK_GAIN = EffectRow(
     "shaft.back_gain", 5.0, (0.5,), needs=(Needs.BOTH_WAYS,), form_over="shaft_rpm"
 )
@@ -303,8 +319,8 @@ LAG_COARSE_CLOCK = EffectRow("lag.coarse_clock", 0.1, costs=Costs.NEITHER)
 LAG_SPEED_SCALE = EffectRow("lag.speed_scale", 5.0, costs=Costs.PLACE)
 PLACE_LEVER_ARM = EffectRow("place.lever_arm", 1.0, costs=Costs.PLACE)
 PLACE_LATENCY = EffectRow("place.latency", 0.3, costs=Costs.PLACE)
-# Effort: friction by some ten per cent before anything is heard, as much drag; a load that is
-# gone is 100 %.
+# Effort: friction rises by some ten per cent before it is audible, drag as much; a missing load is
+# 100 %.
 EFFORT_FRICTION = EffectRow("effort.friction", 20.0, (5.0,), only_adds=True, costs=Costs.NEITHER)
 EFFORT_DRAG = EffectRow("effort.drag", 20.0, (5.0,), costs=Costs.NEITHER)
 EFFORT_LOAD = EffectRow("effort.load", 50.0, (10.0,), costs=Costs.NEITHER)
@@ -380,9 +396,11 @@ if _unmatched:
 
 
 def find_size_range(effect_id: str, machine: Machine) -> SizeBounds:
-    """Range of an effect's size on top of a machine file: that of the catalogue, and no time
-    that it adds to falls below nothing (the model holds it there: what is further off predicts
-    the same). Raises KeyError."""
+    """Return the range of an effect's size on top of a machine file's: that of the catalogue,
+    limited where a time would become negative. Raises KeyError.
+
+    The model limits negative times to zero, so a larger size predicts the same.
+    """
     low, high = find_size_bounds(effect_id, machine)
     least = {"dead_time_s": 0.0, "time_constant_s": MIN_TIME_CONSTANT_S}.get(ROWS[effect_id].moves)
     if least is None:

@@ -1,5 +1,6 @@
-"""The machine file with what a diagnosis found: simulated, predicted and compensated from then
-on."""
+"""Extends a machine file by the results of a diagnosis, so that they are simulated, predicted and
+compensated.
+"""
 
 from __future__ import annotations
 
@@ -30,25 +31,30 @@ def extend(
     sha256: str = "",
     valid: Mapping[str, tuple[float, float]] | None = None,
 ) -> Machine:
-    """The machine with the named causes and terms adopted: simulated, predicted and compensated
-    from then on.
+    """Return the machine with the named causes and terms adopted, so that they are simulated,
+    predicted and compensated.
 
-    So are the terms that were found beyond the catalogue, each with the data it comes from.
-    Effects that begin, grow or end mid-run (a blocked outlet, a stall) are repaired, not
-    modelled: they are left out, and so are temporary terms. A drive that was fitted as a whole
-    is taken up so, in place of its causes.
+    The terms beyond the catalogue are adopted as well, each with the data of its origin. Effects
+    that begin, grow or end within a run (a blocked outlet, a stall) are repaired, not modelled:
+    they are left out, as are temporary terms. A drive that was fitted as a whole is adopted as a
+    whole, in place of its causes.
 
     Parameters
     ----------
     machine
-        The machine that the diagnosis was made with, or its file or shipped name.
+        The machine of the diagnosis, or its file or shipped name.
     diagnosis
-        What was found; its causes' sizes go on top of what the machine has of them already.
+        The result; its causes' sizes are added to the machine's own effects.
     date, sha256
-        As they shall stand in the file: the day, and the checksum of the data.
+        Entries of the file: the day, and the checksum of the data.
     valid
-        Range by recorded variable in which the extension may be believed; default: those that
-        the data excited.
+        Range by recorded variable in which the extension is valid; default: the ranges that the
+        data excited.
+
+    Returns
+    -------
+    Machine
+        A copy of `machine` with the causes and terms.
 
     Raises
     ------
@@ -121,7 +127,7 @@ def extend(
 
 
 def find_free_id(name: str, taken: Sequence[str]) -> str:
-    """The name, with a number where another term has it already."""
+    """Return the name, with a number where another term has the name."""
     count = 2
     free = name
     while free in taken:
@@ -130,12 +136,12 @@ def find_free_id(name: str, taken: Sequence[str]) -> str:
 
 
 def adoptable_terms(diagnosis: Diagnosis) -> tuple[TermFound, ...]:
-    """Terms that a machine file may take up."""
+    """Return the terms that a machine file may adopt."""
     return tuple(found for found in diagnosis.terms if not term_not_adoptable(found))
 
 
 def term_not_adoptable(found: TermFound) -> str:
-    """Why no machine file takes up a term; "" where one may."""
+    """Return the reason why no machine file adopts a term; "" where one may."""
     if FORMS[found.term["form"]].one_run:
         return "it holds for a span of one run: the model stays"
     if any(variable["name"] == SHAFT_ANGLE for variable in found.term["over"]):
@@ -144,13 +150,13 @@ def term_not_adoptable(found: TermFound) -> str:
 
 
 def list_adoptable_causes(diagnosis: Diagnosis) -> tuple[Cause, ...]:
-    """Causes that can be modelled from the start of a run: those with a size that was there all
-    along."""
+    """Return the causes that can be modelled from the start of a run: permanent effects with a
+    size."""
     return tuple(c for c in diagnosis.causes if not not_adoptable(c))
 
 
 def is_taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
-    """Whether a cause's drive was fitted as a whole: what the cause does is in that already."""
+    """Tell whether a cause's drive was fitted as a whole, which then includes the cause."""
     return (
         diagnosis.fitted is not None
         and diagnosis.fitted.channel == CATALOGUE[cause.id].stage
@@ -159,7 +165,7 @@ def is_taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
 
 
 def not_adoptable(cause: Cause) -> str:
-    """Why no machine file takes up a cause; "" where one may."""
+    """Return the reason why no machine file adopts a cause; "" where one may."""
     if cause.grows:
         return "grew during the run: repair it, the model stays"
     if cause.onset_s is not None or CATALOGUE[cause.id].effect.onset_only:
@@ -172,8 +178,8 @@ def not_adoptable(cause: Cause) -> str:
 
 
 def refuse_to_adopt(cause: Cause) -> None:
-    """Raises ValueError where an effect holds for one label or one table only (its scope), not
-    for the machine."""
+    """Raise ValueError for an effect of one label or one table only (its scope), which does not
+    hold for the machine."""
     if cause.scope is not None:
         raise ValueError(
             f"{cause.id}: holds for {cause.scope} only, not for the machine: it is not "
@@ -183,8 +189,8 @@ def refuse_to_adopt(cause: Cause) -> None:
 
 
 def make_planted_effects(machine: Machine, diagnosis: Diagnosis) -> tuple[PlantedEffect, ...]:
-    """The adoptable causes as effects of a simulated `machine`, on top of what its file has of
-    them already."""
+    """Return the adoptable causes as effects of a simulated `machine`, added to those of its
+    file."""
     return tuple(
         PlantedEffect(c.id, _calc_total_size(machine, c), 0.0, c.member)
         for c in list_adoptable_causes(diagnosis)
@@ -196,7 +202,7 @@ def _calc_total_size(machine: Machine, cause: Cause) -> float:
 
 
 def _add_within_bounds(machine: Machine, effect_id: str, size: float) -> float:
-    """A size on top of what the machine has of an effect, within its bounds."""
+    """Return a size added to the machine's own size of an effect, within its bounds."""
     entry = CATALOGUE[effect_id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
     low, high = find_size_bounds(effect_id, machine)

@@ -1,4 +1,4 @@
-"""The result of a diagnosis, by the published contract "topdress-diagnosis/1"."""
+"""Defines the result of a diagnosis, by the published contract "topdress-diagnosis/1"."""
 
 from __future__ import annotations
 
@@ -7,29 +7,33 @@ from importlib import import_module
 from typing import Any, Literal, NamedTuple
 
 FORMAT = "topdress-diagnosis/1"
-# a rival that is no effect of the catalogue: something else
+# Id of a rival that is no effect of the catalogue: an unknown cause.
 UNKNOWN = "unknown"
 RUN_CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads")
 CHANNELS = (*RUN_CHANNELS, "effort", "gate_effort", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
-# pages and pictures, and the machine files that come with topdress
+# Module that draws pages and pictures, and loads the machine files that come with topdress.
 NOTEBOOK = "topdress.console.reports.notebook"
 
 
 @dataclass(frozen=True, slots=True)
 class SourceSummary:
+    """Source of the data of a diagnosis."""
+
     path: str
-    kind: str  # run, lag, catch, weigh, heads, place
+    # Kind of data: run, lag, catch, weigh, heads, or place.
+    kind: str
     rows: int
     duration_s: float | None
     machine: str
-    stages: tuple[str, ...] = ()  # that the machine has; (): all
+    # Stages that the machine has; empty for all stages.
+    stages: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """How well the nominal model predicts one channel."""
+    """Accuracy of the nominal model for one channel."""
 
     channel: str
     unit: str
@@ -37,21 +41,26 @@ class Channel:
     bias: float
     rmse: float
     noise_floor: float
-    explained_by_nominal: float  # share of the channel's variance
-    structure_p: float  # probability that there is nothing but noise
+    # Explained share of the channel's variance.
+    explained_by_nominal: float
+    # P value of the residual under pure noise.
+    structure_p: float
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
+    """A size with its 90 % interval; None means that the data do not determine the number."""
+
     value: float | None
-    low: float | None  # 90 % interval
+    # Lower end of the 90 % interval.
+    low: float | None
     high: float | None
     unit: str
 
 
 @dataclass(frozen=True, slots=True)
 class Rival:
-    """`id`: of an effect, or UNKNOWN."""
+    """An alternative cause. `id`: of an effect, or UNKNOWN."""
 
     id: str
     probability: float
@@ -59,52 +68,63 @@ class Rival:
 
 @dataclass(frozen=True, slots=True)
 class FieldCost:
-    """What an effect does in the field when nobody knows of it. None: that depends on what the
-    data cannot tell."""
+    """Cost of an uncompensated effect in the field. None means that the cost depends on facts that
+    are not in the data."""
 
-    rate_error_percent: float | None  # applied over wanted less 1
-    place_error_m: float | None  # landed less wanted, late positive
+    # Applied over target rate minus 1, %.
+    rate_error_percent: float | None
+    # Landing position minus target position, m; late is positive.
+    place_error_m: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
+    """A named cause with its size, probability and rivals."""
+
     id: str
     size: Size
     onset_s: float | None
     probability: float
-    rivals: tuple[Rival, ...]  # the members of the 95 % confidence set
+    # Members of the 95 % confidence set.
+    rivals: tuple[Rival, ...]
     member: int | None
     advice: str
     field_cost: FieldCost
-    # the label or table that it holds for; None: all the data
+    # Label or table for which the cause holds; None for all data.
     scope: str | None = None
-    until_s: float | None = None  # when it ended; None: not in this data
-    # from nothing at its onset to its size at the end of the data
+    # Time of the end, s; None means that the effect does not end in this data.
+    until_s: float | None = None
+    # Whether the effect grows from zero at its onset to its size at the end of the data.
     grows: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    value: float | None  # None: this data cannot show it at all
+    """Smallest detectable size of an effect."""
+
+    # None means that this data cannot show the effect at any size.
+    value: float | None
     unit: str
 
 
 @dataclass(frozen=True, slots=True)
 class NotShown:
+    """An effect that was not named, with its smallest detectable size."""
+
     id: str
     smallest_detectable: Detectable
 
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """`variable`: the recorded variable that the structure follows, "" where none is known to
-    carry it.
+    """Structure in the residual without a name. `variable`: the recorded variable on which the
+    structure depends, "" where none is known.
 
-    `explained_share`: of what the named causes leave, that the variable explains; without a
-    variable, that is not noise. `rms`, `noise`: of the channel, in its unit. `dose_percent`:
-    r.m.s. in the dose, where that is known. `hint`: the effect that comes nearest, though its
-    evidence does not hold. `from_s`: when it seems to begin. `period_s`: where it comes and
-    goes at one frequency.
+    `explained_share`: share of the residual variance that the variable explains, or, without a
+    variable, the share that is not noise. `rms`, `noise`: of the channel, in its unit.
+    `dose_percent`: r.m.s. in the dose, where known. `hint`: the most similar effect, though its
+    evidence is insufficient. `from_s`: apparent onset. `period_s`: period, where the structure is a
+    single frequency.
     """
 
     channel: str
@@ -121,10 +141,12 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class NextRun:
-    """What would tell rivals apart. `id`, `minutes` and `steps` are for programs. Where no run
-    of the program's list tells them apart, these are empty and `plan` is the effect's own
-    experiment. `tests`: the bench tests of a plan one by one, for people, each with its
-    minutes; (): `plan` is one thing to do."""
+    """The test that separates rivals. `id`, `minutes` and `steps` are for programs.
+
+    Where no run of the program's list separates the rivals, these are empty and `plan` is the
+    effect's own experiment. `tests`: the bench tests of a plan as text, each with its minutes;
+    empty where `plan` is a single task.
+    """
 
     why: str
     plan: str
@@ -134,12 +156,14 @@ class NextRun:
     tests: tuple[str, ...] = ()
 
     def to_do(self) -> tuple[str, ...]:
-        """What a person does, one thing after the other."""
+        """Tasks for the user, in order."""
         return self.tests or (self.plan,)
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
+    """Error of a channel before and after a correction, on held-out data."""
+
     channel: str
     metric: str
     before: float
@@ -147,19 +171,19 @@ class Gain:
     low: float
     high: float
     held_out: str
-    # what is put in: the causes, or something to compare
+    # The correction: the named causes, or a substitute for comparison.
     of: Literal["names", "corrector", "placebo"] = "names"
 
 
 @dataclass(frozen=True, slots=True)
 class UnexplainedCurve:
-    """The smooth extension where no effect explains what is there: straight lines between nodes
-    of one variable."""
+    """The smooth extension where no effect explains the structure: linear interpolation between
+    nodes of one variable."""
 
     stage: str
     variable: str
     nodes: tuple[float, float, float, float, float, float, float, float]
-    # in the unit of the stage's table
+    # Values at the nodes, in the unit of the stage's table.
     values: tuple[float, float, float, float, float, float, float, float]
 
 
@@ -167,10 +191,10 @@ class UnexplainedCurve:
 class TermFound:
     """A term that the data show beyond the catalogue (docs/terms.md).
 
-    `term`: as the machine file takes it. `explained_share`: of what the named causes leave, as
-    variance. `dose_percent`: r.m.s. in the dose; 0 where it moves none. `gain`: of twice the
-    log-likelihood. `seen`: its first variable's values (nodes), what the data say there and
-    what the term says, in the unit of `acts_on`.
+    `term`: in the form of the machine file. `explained_share`: share of the residual variance after
+    the named causes. `dose_percent`: r.m.s. in the dose; 0 where the dose does not change. `gain`:
+    in twice the log-likelihood. `seen`: values of the first variable (nodes), means of the data,
+    and the term, in the unit of `acts_on`.
     """
 
     term: dict[str, Any]
@@ -181,18 +205,21 @@ class TermFound:
     gain: float
     held_out_gain: float | None
     seen: tuple[tuple[float, float, float], ...] = ()
-    # a part of what predicts best (`Predicted.rival`): no cause is named by it
+    # Whether the term is part of the best prediction (`Predicted.rival`) only, and names no cause.
     predicts_best: bool = False
-    # why no machine file takes it up, where prediction says so
+    # Reason why no machine file adopts the term, where prediction refuses it.
     refused: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """R.m.s. errors of one channel on the whole log, each from its own start, in `unit`: of the
-    machine file as it was, of the file with what it takes up, of all that is said (None: not
-    asked for), and of the plain rival: curve of the command, lag, dead time and straight lines
-    `over` recorded variables, by least squares (None: not needed)."""
+    """R.m.s. errors of one channel on the whole log, in `unit`, each prediction from its own start.
+
+    `before`: the machine file unchanged. `file`: the file with the adopted results. `said`: all
+    reported results (None where not calculated). `rival`: the plain rival by least squares, with a
+    curve of the command, lag, dead time and straight lines `over` recorded variables (None where
+    not needed).
+    """
 
     channel: str
     unit: str
@@ -205,9 +232,9 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True)
 class UnattributedDriveFit:
-    """A drive fitted as a whole, where what is wrong with it was not told apart: sizes by
-    effect that predict best together, each no cause. `before`, `after`: r.m.s. error on rows
-    that were not fitted to."""
+    """A drive fitted as a whole, where its errors could not be separated: sizes by effect that
+    predict best together, none of which is a cause. `before`, `after`: r.m.s. error on held-out
+    rows."""
 
     channel: str
     sizes: tuple[tuple[str, Size], ...]
@@ -218,71 +245,77 @@ class UnattributedDriveFit:
 
 @dataclass(frozen=True, slots=True)
 class RateFit:
-    """Applied against target, of data that hold rates and no drives: the applied rate is `gain`
-    times the target `lag` before. `number`: of the pass, from 1; None: all of them. `place_m`:
-    the lag at the pass's speed. `differ`: the passes' gains differ by more than their noise,
-    and the interval holds that."""
+    """Applied against target rate, of data that contain rates and no drives: the applied rate is
+    `gain` times the target `lag` before.
+
+    `number`: of the pass, from 1; None for all passes together. `place_m`: the lag times the pass's
+    speed. `differ`: whether the passes' gains differ by more than their noise; the interval then
+    includes the difference.
+    """
 
     number: int | None
     passes: int
     begin_s: float
     end_s: float
     rows: int
-    # s, late positive; None: the target changes too little
+    # Lag in s, late positive; None where the target changes too little.
     lag: Size
-    gain: Size  # applied over target
+    # Applied over target rate.
+    gain: Size
     place_m: float | None
     differ: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel
-    could be judged: there are none, or the data tell nothing of them that was not believed
-    before.
+    """Result of a diagnosis. Precedence of verdicts: unexplained, ambiguous, named, none.
 
-    Fields that do not apply are None, not left out.
+    The verdict is not_judged where no channel could be judged: the data have no channel, or contain
+    no more information about the channels than the prior. Fields that do not apply are None, not
+    left out.
     """
 
     data: SourceSummary
     channels: tuple[Channel, ...]
     verdict: Verdict
-    causes: tuple[Cause, ...]  # largest consequence first
+    # Largest consequence first.
+    causes: tuple[Cause, ...]
     not_shown: tuple[NotShown, ...]
     unexplained: tuple[Unexplained, ...]
     next_run: NextRun | None
     gain: tuple[Gain, ...]
     extended_machine: str | None
-    findings: tuple[str, ...] = ()  # plain sentences about the data itself
-    # smooth extensions, one for each entry of unexplained
+    # Plain sentences about the data.
+    findings: tuple[str, ...] = ()
+    # Smooth extensions, one for each entry of unexplained.
     tables: tuple[UnexplainedCurve, ...] = ()
-    # recorded variable -> range of the data
+    # Range of each recorded variable in the data.
     excited: dict[str, tuple[float, float]] = field(default_factory=dict)
-    # what no effect explains, as terms of the machine file
+    # Structure that no effect explains, as terms of the machine file.
     terms: tuple[TermFound, ...] = ()
-    # where no channel could be judged and both rates are there; all passes first
+    # Fits of the rates where no channel could be judged and both rates exist; all passes first.
     rates: tuple[RateFit, ...] = ()
 
-    # where the shaft's model leaves more than noise: what predicts best
+    # The best-predicting fit where the shaft's model leaves more than noise.
     fitted: UnattributedDriveFit | None = None
-    # what the machine file predicts, and what it was held against
+    # Errors of the machine file's prediction, and of the predictions for comparison.
     predicted: tuple[Predicted, ...] = ()
 
-    # log, machine
+    # The log and the machine of the diagnosis.
     seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)
-    # The library of the data frame that the log came in; empty: it came in none.
+    # Library of the log's data frame; empty for other data.
     frame_library: str = field(default="", compare=False, repr=False)
 
     def __str__(self) -> str:
         return self.summary()
 
     def summary(self) -> str:
-        """Verdict, causes, rival and gain in at most 15 lines."""
+        """Return verdict, causes, rival and gain in at most 15 lines."""
         return str(load_notebook_room().summarise_diagnosis(self))
 
     def to_frame(self) -> Any:
-        """The named causes as a data frame, a row each, of the library that the log came in
-        (pandas where it came in none).
+        """Return the named causes as a data frame, a row each, of the log's library (pandas for
+        other data).
 
         Columns: id, size, low, high (90 %), unit, probability, onset_s, rate_percent, advice.
         Raises ValueError, one line, where the library is not installed.
@@ -290,40 +323,43 @@ class Diagnosis:
         return load_notebook_room().make_causes_frame(self)
 
     def residuals(self) -> Any:
-        """What was measured and predicted, as a data frame of the library that the log came in.
+        """Return measured and predicted values as a data frame of the log's library.
 
-        Columns: channel, unit, time_s, measured, nominal (as the machine file predicts),
-        predicted (with the named causes), residual (measured less predicted). Raises ValueError,
-        one line, where the log is not known or the library is not installed.
+        Columns: channel, unit, time_s, measured, nominal (prediction of the machine file),
+        predicted (with the named causes), residual (measured minus predicted). Raises ValueError,
+        one line, where the log is not available or the library is not installed.
         """
         return load_notebook_room().make_residuals_frame(self)
 
     def to_json(self) -> dict[str, Any]:
+        """Return the diagnosis as JSON-compatible data, by the published contract."""
         plain = asdict(replace(self, seen_with=None))
         del plain["seen_with"], plain["frame_library"]
         return {"format": FORMAT, **plain}
 
     def plot(self) -> Any:
-        """Its pictures, for a notebook: `found.plot()` shows them,
-        `found.plot().save("why.html")` keeps them. `found.plot()[0]` is a `ChartSheet`: its
-        panels' titles, labels and colours may be changed before it is shown.
+        """Draw the pictures of the diagnosis for a notebook.
 
-        Raises ValueError, one line, where the log is not known.
+        `found.plot()` shows the pictures, `found.plot().save("why.html")` stores them.
+        `found.plot()[0]` is a `ChartSheet`: titles, labels and colours of its panels may be changed
+        before it is shown.
+
+        Raises ValueError, one line, where the log is not available.
         """
         return load_notebook_room().draw_diagnosis(self)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows below a cell that ends with a diagnosis."""
+        """Return the HTML that a notebook shows below a cell that ends with a diagnosis."""
         return str(load_notebook_room().format_notebook_html(self))
 
 
 class Departure(NamedTuple):
-    """What a live check says: how the machine departs from its model.
+    """A deviation of the machine from its model, reported by a live check.
 
-    `cause`: id of an effect, "" where it has no name. `percent`: by how much the dose is wrong,
-    None where that is not known or nothing. `since_s`: of the log; None: since it began, or
-    before the stretch that was looked at. `certain`: no other effect would do as well.
-    `find_separating_run`: what would tell the rivals apart (`NextRun.plan`).
+    `cause`: id of an effect, "" where unknown. `percent`: error of the dose, None where unknown or
+    zero. `since_s`: time in the log; None means that the deviation began with the log, or before
+    the examined part. `certain`: whether no other effect is as likely. `find_separating_run`: the
+    test that separates the rivals (`NextRun.plan`).
     """
 
     channel: str
@@ -338,8 +374,11 @@ class Departure(NamedTuple):
 
 
 def load_notebook_room() -> Any:
-    """The room that draws, asked for by name when it is wanted: control knows nothing of it.
-    Raises ValueError, one line, where only `control` is installed."""
+    """Import the drawing module by name when it is first needed, because control does not depend on
+    it.
+
+    Raises ValueError, one line, where only `control` is installed.
+    """
     try:
         return import_module(NOTEBOOK)
     except ImportError as error:

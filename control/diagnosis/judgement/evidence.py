@@ -1,5 +1,6 @@
-"""Data and columns of coupled channels compressed to band products; likelihood of any choice of
-columns from them."""
+"""Compresses data and columns of coupled channels to band products, and calculates the likelihood
+of any set of columns.
+"""
 
 from __future__ import annotations
 
@@ -14,18 +15,20 @@ from .gaussian import Array, Gaussian, Indices, Sizes
 from .noise import Noise
 from .noise_fit import SLOWER
 
-Z90 = 1.645  # half an interval of 90 % in s.d.
+# Half of a 90 % interval in standard deviations.
+Z90 = 1.645
+# Maximum number of rounds of a fit of amplitudes and noise.
 MAX_ROUNDS = 15
-# times less than usual: the drift of a calm noise, where fits start
+# Divisor of the usual drift for a calm noise, from which fits start.
 CALM = 5.0
-# of a fast part that is not white, where fits start
+# Start values of the fast component's correlation time, s.
 QUICK_S = (0.2, 1.0)
-# of the log-likelihood: less is no gain of a further round
+# Minimum gain of the log-likelihood for a further round.
 SETTLED = 0.05
 
 
 class MeasuredChannel(Protocol):
-    """What is asked of one measured series."""
+    """Interface of a measured series."""
 
     @property
     def name(self) -> str: ...
@@ -38,22 +41,27 @@ class MeasuredChannel(Protocol):
 
 
 class Role(Enum):
-    """What a column is in a problem."""
+    """Role of a column in a regression problem."""
 
-    # a nominal value of the machine file, open within its tolerance
+    # A nominal value of the machine file, uncertain within its tolerance.
     TOLERANCE = "tolerance"
-    TRAIT = "trait"  # the same value, unlike from case to case
-    # what a reading leaves open: level, refills, rounding, time stamps, heads
+    # The same value, varying between operating conditions.
+    TRAIT = "trait"
+    # Uncertainty of a reading: level, refills, rounding, time stamps, heads.
     READING = "reading"
-    SLOPE = "slope"  # of the prediction in a part's size
-    FORM = "form"  # smooth shape of a variable, or of a part's form
-    CANDIDATE = "candidate"  # one unit of an effect that is tried
-    TRACE = "trace"  # the whole of what a part does
+    # Slope of the prediction in an effect's size.
+    SLOPE = "slope"
+    # Smooth function of a variable, or of an effect's form.
+    FORM = "form"
+    # One unit of a candidate effect.
+    CANDIDATE = "candidate"
+    # The total contribution of an effect.
+    TRACE = "trace"
 
 
 class Label(NamedTuple):
-    """What a column stands for. name : the nominal value's key, or the effect's id. part : its
-    place, or -1."""
+    """Identity of a column. name : key of the nominal value, or id of the effect. part : index of
+    the effect, or -1."""
 
     role: Role
     name: str = ""
@@ -61,29 +69,33 @@ class Label(NamedTuple):
 
 
 class Column(NamedTuple):
-    """What one unit of something does to the channels: cosine coefficients by channel (absent:
-    nothing)."""
+    """Change of the channels for one unit of an amplitude: cosine coefficients by channel (an
+    absent channel does not change)."""
 
     label: Label
     coefficients: Mapping[str, Array]
-    sd: float  # prior s.d. of its amplitude; inf: free
-    mean: float = 0.0  # prior mean of its amplitude
+    # Prior standard deviation of the amplitude; inf means free.
+    sd: float
+    # Prior mean of the amplitude.
+    mean: float = 0.0
 
 
 class Products(NamedTuple):
     """Band products of one channel; row and column 0 are the data."""
 
     channel: MeasuredChannel
-    gram: Array  # (bands, 1 + p, 1 + p)
-    columns: Indices  # their places in the problem's list (p,)
+    # Sums of products, (bands, 1 + p, 1 + p).
+    gram: Array
+    # Indices in the problem's list of columns, (p,).
+    columns: Indices
 
     @property
     def known(self) -> tuple[noises.NoisePrior, noises.Segments, float]:
-        """What is known of the channel's noise beforehand, and how it is cut."""
+        """Return the prior of the channel's noise, the channel's segments, and its time step, s."""
         return self.channel.prior, self.channel.cut, self.channel.grid.step_s
 
     def calc_residual_power(self, chosen: Indices, amplitude: Array) -> Array:
-        """Residual power by band."""
+        """Return the residual power by band."""
         full = np.zeros(max(self.columns.max(initial=-1), chosen.max(initial=-1)) + 1)
         full[chosen] = amplitude
         vector = np.concatenate(([1.0], -full[self.columns]))
@@ -91,22 +103,25 @@ class Products(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Everything that a likelihood needs: columns by their labels, their priors, and their
-    products with the data."""
+    """Inputs of a likelihood: columns by their labels, their priors, and their products with the
+    data."""
 
     labels: tuple[Label, ...]
-    sd: Array  # (q,)
-    mean: Array  # (q,)
+    # Prior standard deviations, (q,).
+    sd: Array
+    # Prior means, (q,).
+    mean: Array
     products: tuple[Products, ...]
-    # of the priors, where their s.d. are those of heavy tails (`prior.find_size_log_weight`)
+    # Log weight of the priors, where their standard deviations come from heavy tails
+    # (`prior.find_size_log_weight`).
     log_weight: float = 0.0
 
     def places(self, role: Role) -> list[int]:
-        """Places of the columns of one role."""
+        """Return the indices of the columns of one role."""
         return [k for k, label in enumerate(self.labels) if label.role is role]
 
     def weigh_columns(self, noise: Mapping[str, Noise]) -> Gaussian:
-        """All columns under a given noise, their priors left out."""
+        """Return the products of all columns under a given noise, without their priors."""
         size = len(self.labels)
         a, s = np.zeros((size, size)), np.zeros(size)
         for one in self.products:
@@ -120,15 +135,20 @@ class Problem(NamedTuple):
         return Gaussian(a, s)
 
     def sizes(self, chosen: Indices, noise: Mapping[str, Noise]) -> Sizes:
-        """Of the chosen columns, under a given noise."""
+        """Return the posterior sizes of the chosen columns under a given noise."""
         return self.weigh_columns(noise).of(chosen).fit(self.sd[chosen], self.mean[chosen])
 
 
 class Fit(NamedTuple):
-    amplitude: Array  # of the chosen columns (k,)
-    covariance: Array  # (k, k)
-    log_likelihood: float  # noise fitted, priors included
-    # the same with the amplitudes integrated (Laplace), but for those without a prior
+    """Most probable amplitudes and noise of a set of columns."""
+
+    # Amplitudes of the chosen columns, (k,).
+    amplitude: Array
+    # Covariance of the amplitudes, (k, k).
+    covariance: Array
+    # Log-likelihood with fitted noise, priors included.
+    log_likelihood: float
+    # Log evidence: amplitudes with a prior are integrated (Laplace).
     log_evidence: float
     noise: dict[str, Noise]
 
@@ -136,7 +156,10 @@ class Fit(NamedTuple):
 def make_evidence_problem(
     channels: Sequence[MeasuredChannel], data: Mapping[str, Array], columns: Sequence[Column]
 ) -> Problem:
-    """`data`: cosine coefficients of the residual by channel."""
+    """Compress channels and columns to a regression problem.
+
+    `data`: cosine coefficients of the residual by channel.
+    """
     products = []
     for channel in channels:
         here = [k for k, column in enumerate(columns) if channel.name in column.coefficients]
@@ -159,11 +182,10 @@ def make_evidence_problem(
 def fit_amplitudes_and_noise(
     p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS
 ) -> Fit:
-    """Most probable amplitudes and noise together: each in turn until nothing is gained, at
-    most `rounds` times.
+    """Return the most probable amplitudes and noise, fitted alternately until the gain is
+    negligible, at most `rounds` times.
 
-    A drift and a constant can stand for each other, so that the way from one to the other is
-    slow.
+    A drift and a constant are nearly interchangeable, so the convergence is slow.
     """
     now = dict(noise)
     sizes, before = p.sizes(chosen, now), -np.inf
@@ -185,9 +207,9 @@ def fit_amplitudes_and_noise(
 def choose_better_fit(
     p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
 ) -> Fit:
-    """The better of two fits: from the noise given and from its calm version.
+    """Return the better of two fits: from the given noise and from its calm version.
 
-    What one hypothesis left of the noise may be far from where another must start.
+    The noise of one hypothesis may be far from the best start for another.
     """
     return max(
         (
@@ -201,8 +223,8 @@ def choose_better_fit(
 def fit_first_noise(
     p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
 ) -> dict[str, Noise]:
-    """The noise from which models of a group are fitted: the best of fits from a quick and from
-    a slower fast part, for the likelihood has a mode at either."""
+    """Return the noise from which models of a group are fitted: the best of fits from a short and a
+    longer correlation time, because the likelihood has a mode at either."""
     starts = [
         dict(noise),
         *(
@@ -224,7 +246,7 @@ def fit_first_noise(
 def adapt_noise(
     p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]
 ) -> dict[str, Noise]:
-    """A noise with each band's own factor as the residual of chosen columns says."""
+    """Return the noise with a factor for each band, by the residual of the chosen columns."""
     return {
         one.channel.name: noises.scale_bands(
             one.calc_residual_power(chosen, amplitude), noise[one.channel.name], *one.known
@@ -236,8 +258,8 @@ def adapt_noise(
 def limit_slow_noise(
     noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
 ) -> dict[str, Noise]:
-    """A noise whose slow part is no stronger than the machine file's: where a fit must start
-    that is to tell a steady effect from a drift."""
+    """Return the noise with its slow component limited to the machine file's: a start for fits that
+    must separate a steady effect from a drift."""
     found = {}
     for channel in channels:
         here, usual = noise[channel.name].theta, noises.find_starting_noise(channel.prior).theta
@@ -249,7 +271,7 @@ def limit_slow_noise(
 def subtract_columns(
     banded: Mapping[str, Array], columns: Sequence[Column], amplitude: Array
 ) -> dict[str, Array]:
-    """What columns with their amplitudes leave of banded coefficients, (m,) by channel."""
+    """Return banded coefficients minus the columns times their amplitudes, (m,) by channel."""
     left = {name: values.copy() for name, values in banded.items()}
     for size, column in zip(amplitude, columns, strict=True):
         for name in left.keys() & column.coefficients.keys():
@@ -258,7 +280,7 @@ def subtract_columns(
 
 
 def find_residual_power(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
-    """Sum of squares that the chosen columns with their amplitudes leave of one channel."""
+    """Return the residual sum of squares of one channel after the chosen columns."""
     return next(
         float(np.sum(one.calc_residual_power(chosen, amplitude)))
         for one in p.products
@@ -281,6 +303,6 @@ def _calc_log_posterior(
 
 
 def project_out_fixed(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> Gaussian:
-    """All columns once the `fixed` ones are fitted."""
+    """Return the products of all columns after the fit of the `fixed` columns."""
     every = p.weigh_columns(noise)
     return every.beyond(every.A[:, fixed], every.of(fixed).fit(p.sd[fixed], p.mean[fixed]))

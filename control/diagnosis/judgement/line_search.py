@@ -1,7 +1,7 @@
-"""The one search in one dimension: to where something is worth most, in ever smaller steps.
+"""Searches a maximum in one dimension in decreasing steps.
 
-For what has no slope: thresholds, delays and times leap between two rows of a log (pattern
-search: Hooke and Jeeves, Journal of the ACM 8, 1961, 212).
+The search needs no slope: thresholds, delays and times make the likelihood jump between two rows of
+a log (pattern search: Hooke and Jeeves, Journal of the ACM 8, 1961, 212).
 """
 
 from __future__ import annotations
@@ -19,8 +19,11 @@ def climb_to_best(
     steps: Iterable[float],
     again: bool = True,
 ) -> T:
-    """The best place that is reached from `here`. near(place, step) : what is tried from one.
-    again : a step is taken as long as it gains, else once."""
+    """Return the best point that the search reaches from `here`.
+
+    near(place, step) : trial points around a point. again : whether a step is repeated as long as
+    it gains.
+    """
     most = worth(here)
     for step in steps:
         moved = True

@@ -1,10 +1,10 @@
-"""The noise of a channel: a fast and a slow first-order component over a white floor, fitted to
-band powers.
+"""Models the noise of a channel: a fast and a slow first-order component over a white floor, fitted
+to band powers.
 
-A channel's series are taken to the cosine domain (DCT-II, which needs no wrap-around at the
-ends); there the noise of neighbouring coefficients is independent, and over a narrow band of
-equal strength. Sums of products per band are all that any hypothesis needs, so refitting the
-noise under each of them costs microseconds (Whittle's likelihood).
+A channel's series are transformed to the cosine domain (DCT-II, which needs no wrap-around at the
+ends). There the noise of neighbouring coefficients is independent, and of equal strength over a
+narrow band. Any hypothesis needs only sums of products per band, so refitting the noise under each
+hypothesis takes microseconds (Whittle's likelihood).
 """
 
 from __future__ import annotations
@@ -19,30 +19,37 @@ from .noise_fit import BAND_DOF, find_likelihood, find_spectrum, fit_spectrum
 
 Array = npt.NDArray[np.float64]
 
-# longer series are cut: memory of noise is far shorter
+# Maximum segment length, samples: longer series are split, because the correlation time of noise is
+# far shorter.
 SEGMENT = 32768
-# samples: a shorter segment is transformed in no time whatever its length
+# Segment length, samples, below which the transform is fast for any length.
 LONG = 4096
+# Ratio of the upper to the lower frequency of a band.
 BAND_RATIO = 1.25
 
 
 class Segments(NamedTuple):
-    """How a channel's series is cut and its coefficients banded."""
+    """Segments of a channel's series, and the bands of its coefficients."""
 
-    length: int  # of the series
+    # Length of the series, samples.
+    length: int
     bounds: tuple[tuple[int, int], ...]
-    order: npt.NDArray[np.int64]  # coefficients sorted by band
-    starts: npt.NDArray[np.int64]  # first of each band in that order
-    members: Array  # coefficients per band
-    omega: Array  # mean angular frequency per band, rad per sample
+    # Indices of the coefficients sorted by band.
+    order: npt.NDArray[np.int64]
+    # Index of each band's first coefficient in that order.
+    starts: npt.NDArray[np.int64]
+    # Number of coefficients of each band.
+    members: Array
+    # Mean angular frequency of each band, rad per sample.
+    omega: Array
 
 
 def make_segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> Segments:
-    """Bands for a series of `length`, cut in equal segments or at given `bounds` (what lies
-    outside is not used).
+    """Return the bands for a series of `length`, split into equal segments or at given `bounds`
+    (samples outside are not used).
 
-    A long segment ends a per cent or so earlier, where its length has small factors: a
-    transform of a length with a large one takes ten times as long.
+    A long segment is shortened by a per cent or so to a length with small prime factors, because a
+    length with a large prime factor takes ten times as long.
     """
     if bounds is None:
         pieces = max(1, round(length / SEGMENT))
@@ -66,7 +73,7 @@ def make_segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None
 
 
 def merge_bands(cut: Segments) -> Segments:
-    """The same with one strength at every frequency: of a noise that is known to be white."""
+    """Return the segments with a single band, for a noise that is known to be white."""
     return cut._replace(
         starts=np.zeros(1, np.int64),
         members=np.array([float(cut.members.sum())]),
@@ -75,7 +82,7 @@ def merge_bands(cut: Segments) -> Segments:
 
 
 def leave_out_bands(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
-    """The same without some of its bands, (bands,): no coefficient of theirs is looked at."""
+    """Return the segments without some bands, (bands,): their coefficients are ignored."""
     kept = ~np.repeat(bands, cut.members.astype(np.int64))
     members = cut.members[~bands]
     starts = np.concatenate(([0], np.cumsum(members[:-1]))).astype(np.int64)
@@ -83,16 +90,17 @@ def leave_out_bands(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
 
 
 def coefficients(series: Array, cut: Segments) -> Array:
-    """Cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m)."""
+    """Return the cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m)."""
     parts = [dct(series[..., begin:end], norm="ortho", axis=-1) for begin, end in cut.bounds]
     if len(parts) == 1 and len(cut.order) == parts[0].shape[-1]:
-        # one segment: its coefficients come in the order of their bands
+        # With a single segment, the coefficients are in the order of their bands already.
         return np.asarray(parts[0])
     return np.take(np.concatenate(parts, axis=-1), cut.order, axis=-1)
 
 
 def make_series_of(banded: Array, cut: Segments) -> Array:
-    """The series (n,) of cosine coefficients sorted by band (m,); zero outside the segments."""
+    """Return the series (n,) of cosine coefficients sorted by band (m,); zero outside the
+    segments."""
     plain = np.zeros(sum(end - begin for begin, end in cut.bounds))
     plain[cut.order] = banded
     out = np.zeros(cut.length)
@@ -104,7 +112,7 @@ def make_series_of(banded: Array, cut: Segments) -> Array:
 
 
 def band_products(x: Array, y: Array, cut: Segments) -> Array:
-    """Sums of products per band of coefficient rows x (p, m) and y (q, m): (bands, p, q)."""
+    """Return sums of products per band of coefficient rows x (p, m) and y (q, m): (bands, p, q)."""
     ends = np.append(cut.starts[1:], x.shape[-1])
     out = np.empty((len(cut.starts), x.shape[0], y.shape[0]))
     for band, (begin, end) in enumerate(zip(cut.starts, ends, strict=True)):
@@ -113,25 +121,28 @@ def band_products(x: Array, y: Array, cut: Segments) -> Array:
 
 
 class NoisePrior(NamedTuple):
-    """Where the fit starts, from the machine file, and how far it may go (natural logarithms, 1
-    s.d.)."""
+    """Start of the noise fit, from the machine file, and its prior standard deviations (natural
+    logarithms)."""
 
     fast_sd: float
     fast_s: float
     floor_sd: float
-    slow_share: float = 0.2  # of the fast component
-    # drift that remembers for longer looks like a constant in an hour
+    # Strength of the slow component as a share of the fast component.
+    slow_share: float = 0.2
+    # Correlation time of the slow component, s: within an hour, a slower drift looks like a
+    # constant.
     slow_s: float = 120.0
     spread: tuple[float, float, float, float] = (0.7, 1.0, 0.7, 1.0)
-    # of each sample's step of a random walk: what adds up unseen (between rows)
+    # Standard deviation of each sample's step of a random walk: unobserved accumulation between
+    # rows.
     walk_sd: float = 0.0
 
 
 class Noise(NamedTuple):
-    """log s.d. and log correlation time (s) of the fast and the slow component.
+    """Log standard deviation and log correlation time (s) of the fast and the slow component.
 
-    louder : variance of each band over the spectrum's, as the residual that it was fitted to
-    says (bands,); empty: 1.
+    louder : ratio of each band's variance to the spectrum, by the fitted residual (bands,); empty
+    means 1.
     """
 
     theta: tuple[float, float, float, float]
@@ -162,7 +173,7 @@ def find_starting_noise(prior: NoisePrior) -> Noise:
 
 
 def calc_spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
-    """Variance of one coefficient in each band (bands,)."""
+    """Return the variance of one coefficient in each band (bands,)."""
     return np.asarray(
         find_spectrum(
             theta, prior.floor_sd, prior.walk_sd, np.cos(cut.omega), cut.members.sum(), step_s
@@ -171,8 +182,8 @@ def calc_spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float)
 
 
 def calc_band_variances(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
-    """Variance of one coefficient in each band, its own factor included (bands,); of other
-    bands, without it."""
+    """Return the variance of one coefficient in each band (bands,), with its own factor where the
+    noise has one."""
     plain = calc_spectrum(np.array(noise.theta), prior, cut, step_s)
     return plain * np.array(noise.louder) if len(noise.louder) == len(plain) else plain
 
@@ -180,14 +191,15 @@ def calc_band_variances(noise: Noise, prior: NoisePrior, cut: Segments, step_s: 
 def calc_coefficient_strengths(
     noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> Array:
-    """Variance of every coefficient, sorted by band (m,)."""
+    """Return the variance of every coefficient, sorted by band (m,)."""
     return np.repeat(calc_band_variances(noise, prior, cut, step_s), cut.members.astype(np.int64))
 
 
 def log_likelihood(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> float:
-    """Whittle log-likelihood of residual band powers (bands,), the prior of the noise included."""
+    """Return the Whittle log-likelihood of residual band powers (bands,), including the noise's
+    prior."""
     theta = np.array(noise.theta)
     return float(
         find_likelihood(
@@ -204,7 +216,8 @@ def log_likelihood(
 def fit_noise(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float, rounds: int = 12
 ) -> Noise:
-    """Most probable noise for residual band powers (bands,): Fisher scoring with step halving."""
+    """Return the most probable noise for residual band powers (bands,), by Fisher scoring with step
+    halving."""
     theta = fit_spectrum(
         np.array(noise.theta),
         power,
@@ -223,7 +236,7 @@ def fit_noise(
 def scale_bands(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> Noise:
-    """A noise with each band's factor as residual band powers (bands,) say."""
+    """Return the noise with a factor for each band by residual band powers (bands,)."""
     plain = calc_spectrum(np.array(noise.theta), prior, cut, step_s)
     return Noise(
         noise.theta, tuple(((BAND_DOF + power / plain) / (BAND_DOF + cut.members)).tolist())

@@ -1,15 +1,14 @@
-"""The noise's spectrum and its fit, compiled: under every model and at every look it is fitted
-anew.
+"""Compiled spectrum and fit of the noise, which is refitted under every model and at every
+evaluation.
 
-See `noise` for what the numbers are; theta : log s.d. and log correlation time of the fast and
-the slow component.
+`noise` explains the numbers; theta : log s.d. and log correlation time of the fast and the slow
+component.
 
-No first-order spectrum is quite right. The variance of each band is therefore the spectrum's
-times a factor of its own with an inverse-gamma prior about 1, integrated: each band's
-coefficients then follow a Student t with `BAND_DOF` degrees of freedom (Roever, Meyer and
-Christensen, Classical and Quantum Gravity 28, 2011, 015010). A sensor that hums in one band, or
-drifts more than it should, is louder there and counts the less, at every frequency by the same
-rule.
+No first-order spectrum is exact. The variance of each band is therefore the spectrum's times its
+own factor with an inverse-gamma prior around 1, integrated: each band's coefficients then follow a
+Student t with `BAND_DOF` degrees of freedom (Roever, Meyer and Christensen, Classical and Quantum
+Gravity 28, 2011, 015010). A sensor with excess noise in one band, or excess drift, then counts less
+at these frequencies.
 """
 
 from __future__ import annotations
@@ -20,15 +19,20 @@ from topdress.control.machine.compiled import compile_function
 
 Array = npt.NDArray[np.float64]
 
-MOVED = 1e-4  # of theta, for a slope
-# of the logarithm of a drift's s.d., where it is less than usual (1 s.d.)
+# Change of theta for a numerical slope.
+MOVED = 1e-4
+# Prior standard deviation of a drift's log s.d. below its usual value.
 LITTLE_DRIFT = 3.0
-HALVINGS = 6  # of a step that gains nothing
-LONGEST_STEP = 1.5  # of theta, at once
-SETTLED = 1e-3  # of the log-likelihood
-# times, at least, that the slow part remembers longer: else they are one part twice
+# Maximum number of halvings of a step without gain.
+HALVINGS = 6
+# Maximum change of theta in one step.
+LONGEST_STEP = 1.5
+# Minimum gain of the log-likelihood for a further step.
+SETTLED = 1e-3
+# Minimum ratio of the slow to the fast correlation time: otherwise both components are the same.
 SLOWER = 5.0
-# a band's s.d. is known from the spectrum to 1 / sqrt(2 BAND_DOF), some 16 %
+# Degrees of freedom of a band: its s.d. agrees with the spectrum to 1 / sqrt(2 BAND_DOF), some 16
+# %.
 BAND_DOF = 20.0
 
 
@@ -36,11 +40,11 @@ BAND_DOF = 20.0
 def find_spectrum(
     theta: Array, floor_sd: float, walk_sd: float, cos: Array, count: float, step_s: float
 ) -> Array:
-    """Variance of one coefficient in each band (bands,). cos : of its frequency. count : of all
-    coefficients.
+    """Return the variance of one coefficient in each band (bands,). cos : cosine of its frequency.
+    count : number of all coefficients.
 
-    That of the mean is had exactly: over a log shorter than a component's memory it is far less
-    than the spectrum at frequency 0.
+    The variance of the mean is exact: over a log shorter than a component's correlation time it is
+    far smaller than the spectrum at frequency 0.
     """
     total = np.full(len(cos), floor_sd**2)
     if walk_sd > 0.0:
@@ -62,8 +66,8 @@ def find_spectrum(
 
 @compile_function
 def choose_prior_sd(k: int, off: float, spread: float) -> float:
-    """S.d. of the prior of theta's k-th number on the side where it stands: many sensors hardly
-    drift at all."""
+    """Return the prior s.d. of theta's k-th number on the side of its current value: many sensors
+    hardly drift at all."""
     return LITTLE_DRIFT if k == 2 and off < 0.0 else spread
 
 
@@ -71,8 +75,8 @@ def choose_prior_sd(k: int, off: float, spread: float) -> float:
 def find_likelihood(
     theta: Array, power: Array, members: Array, strength: Array, centre: Array, spread: Array
 ) -> float:
-    """Log-likelihood of residual band powers, Student t in each band, the prior of theta
-    included."""
+    """Return the log-likelihood of residual band powers, Student t in each band, including the
+    prior of theta."""
     total = 0.0
     for band in range(len(power)):
         total -= 0.5 * (
@@ -87,7 +91,7 @@ def find_likelihood(
 
 @compile_function
 def sum_values(values: Array) -> float:
-    """Their sum, one after the other."""
+    """Return the sum of the values in sequence: the compiled order is fixed."""
     total = 0.0
     for value in values:
         total += value
@@ -96,7 +100,7 @@ def sum_values(values: Array) -> float:
 
 @compile_function
 def add_scaled_step(theta: Array, step: Array, part: float) -> Array:
-    """theta + part x step (4,)."""
+    """Return theta + part x step (4,)."""
     there = np.empty(4)
     for k in range(4):
         there[k] = theta[k] + part * step[k]
@@ -105,12 +109,11 @@ def add_scaled_step(theta: Array, step: Array, part: float) -> Array:
 
 @compile_function
 def solve_linear_system(matrix: Array, right: Array) -> Array:
-    """x of matrix x = right, by elimination with the largest pivot of each column; both are
-    written over.
+    """Solve matrix x = right by elimination with the largest pivot of each column; both arguments
+    are overwritten.
 
-    Here in place of numpy's, which is two thirds of all that a first diagnosis on a machine
-    would wait for compiling. Raises LinAlgError where a number is not finite, or the matrix is
-    singular.
+    Compiling numpy's solver would take two thirds of the compile time of a first diagnosis on a
+    machine. Raises LinAlgError where a number is not finite, or the matrix is singular.
     """
     size = len(right)
     for k in range(size):
@@ -150,8 +153,8 @@ def calc_scoring_step(
     spread: Array,
     step_s: float,
 ) -> Array:
-    """The step of theta that Fisher scoring asks for (4,)."""
-    # number by number: whole arrays take long to compile
+    """Return the step of theta by Fisher scoring (4,)."""
+    # Scalar loops compile faster than operations on whole arrays.
     bands, count = len(power), sum_values(members)
     slopes = np.empty((4, bands))
     for k in range(4):
@@ -197,7 +200,7 @@ def fit_spectrum(
     step_s: float,
     rounds: int,
 ) -> Array:
-    """Fisher scoring with step halving from `start`: the most probable theta (4,)."""
+    """Return the most probable theta (4,), by Fisher scoring with step halving from `start`."""
     theta, count = start.copy(), sum_values(members)
     strength = find_spectrum(theta, floor_sd, walk_sd, cos, count, step_s)
     best = find_likelihood(theta, power, members, strength, centre, spread)

@@ -1,16 +1,17 @@
-"""Log evidence of a linear model of a few rows, with the strength of their noise integrated.
+"""Calculates the log evidence of a linear model of a few rows, integrated over the strength of
+their noise.
 
-Rows y (n,), divided by the s.d. that the noise has by the look of the replicates, are
+Rows y (n,), divided by the s.d. that the replicates suggest, are
 
     y = X b + s (t u + e),    b ~ N(0, diag(S^2)),    e ~ N(0, 1) by row,    u ~ N(0, 1) by setting
 
-s is what that s.d. is wrong by; t what all rows of one setting share, for a setting is never
-set twice alike. Under a given s and t all is Gaussian and b is integrated in closed form
-(`gaussian.py`, (6)). Both are integrated on a grid: s^2 by a scaled inverse chi-square of `DOF`
-about 1, and t by `SHARED`. Where tables are judged together, rows without replicates have a
-factor of their own on their s.d. (`ALONE`): what the others know of s says little of them. That
-intervals grow where settings differ by more than their rows do, and that they have the tails of
-Student's t where rows are few, comes out of that by itself.
+s is the error factor of that s.d.; t is the noise that all rows of one setting share, because a
+setting is never reproduced exactly. For given s and t the model is Gaussian and b is integrated in
+closed form (`gaussian.py`, (6)). Both are integrated on a grid: s^2 with a scaled inverse
+chi-square prior of `DOF` around 1, and t with `SHARED`. Where tables are judged together, rows
+without replicates have their own factor on their s.d. (`ALONE`), because the s of the other rows
+says little about them. As a result, intervals grow where settings differ by more than their rows
+do, and have the tails of Student's t where rows are few.
 """
 
 from __future__ import annotations
@@ -28,31 +29,32 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# what is known of the noise beforehand is worth so many rows
+# Prior knowledge of the noise is worth this number of rows.
 DOF = 2.0
-# What the rows of one setting share, over their own noise, and how often: mostly nothing,
-# rarely as much as the noise.
+# Values and prior probabilities of the noise shared by the rows of a setting, relative to their own
+# noise: mostly zero, rarely as much as the noise.
 SHARED = ((0.0, 0.8), (0.3, 0.1), (0.6, 0.06), (1.2, 0.04))
-# What the s.d. of rows without replicates is wrong by, where other rows have theirs, and how often.
+# Values and prior probabilities of the error factor of the s.d. of rows without replicates, where
+# other rows have replicates.
 ALONE = ((0.6, 0.2), (1.0, 0.4), (1.7, 0.25), (2.8, 0.15))
-# s: a grid of steps of 14 %
+# Grid of s in steps of 14 %.
 STRENGTHS = np.exp(np.linspace(np.log(0.02), np.log(50.0), 60))
 
 
 class TableRows(NamedTuple):
-    """`products`: of columns (T, p, p) and data for each t, and each factor of rows without
-    replicates; `log_det`: (T,); `shared`: (T,) t."""
+    """Products of columns (T, p, p) and data for each t and each factor of rows without replicates;
+    `log_det`: (T,); `shared`: t, (T,)."""
 
     products: Gaussian
     log_det: Array
-    log_prior: Array  # of s, t and factors, (T, strengths)
+    # Log prior of s, t and factors, (T, strengths).
+    log_prior: Array
     shared: Array
     n: int
 
 
 class Posterior(NamedTuple):
-    """Mean (k,) and covariance (k, k) of b. `settings_share`: probability that t is more than
-    nothing."""
+    """Mean (k,) and covariance (k, k) of b. `settings_share`: probability that t exceeds zero."""
 
     log_evidence: float
     mean: Array
@@ -69,11 +71,11 @@ def make_table_rows(
     usual: float = 1.0,
     alone: Sequence[BoolArray] = (),
 ) -> TableRows:
-    """Products under each t.
+    """Return the products for each t.
 
-    y : (n,) data; columns : (n, p); setting : (n,) index from 0; rounding : (n,) s.d. of what
-    rounding does alike to all rows of their setting; least : s^2 is not below it; usual : s
-    that is expected; alone : (n,) each, rows whose noise has a factor of its own.
+    y : (n,) data; columns : (n, p); setting : (n,) index from 0; rounding : (n,) s.d. of the
+    rounding error common to all rows of a setting; least : lower bound of s^2; usual : expected s;
+    alone : (n,) each, rows whose noise has its own factor.
     """
     both = np.column_stack([y, columns])
     counts = np.bincount(setting)
@@ -99,25 +101,29 @@ def make_table_rows(
         squares >= least, -DOF * np.log(STRENGTHS) - 0.5 * DOF * usual**2 / squares, -np.inf
     )
     log_prior = log_s - np.logaddexp.reduce(log_s) + np.array(log_p)[:, None]
-    every = np.stack(grams)  # row and column 0 are the data
+    # Row and column 0 are the data.
+    every = np.stack(grams)
     products = Gaussian(every[:, 1:, 1:], every[:, 1:, 0], every[:, 0, 0])
     return TableRows(products, np.array(log_det), log_prior, np.array(shared), len(y))
 
 
 def calc_posterior(rows: TableRows, chosen: IntArray, sd: Array, sizes: bool = True) -> Posterior:
-    """Of the model with the chosen columns (k,), whose sizes have the prior s.d. `sd` (k,)."""
+    """Return the posterior of the model with the chosen columns (k,), whose sizes have the prior
+    s.d. `sd` (k,)."""
     squares, along = STRENGTHS**2, rows.products.of(chosen).find_independent_axes(sd)
     value = (
         along.log_evidence(squares)
         - rows.n * np.log(STRENGTHS)
         - 0.5 * rows.log_det[:, None]
         + rows.log_prior
-    )  # (T, strengths)
-    # scipy's logsumexp: a third of all that a table takes
+        # The sum has shape (T, strengths).
+    )
+    # scipy's logsumexp would take a third of the time of a table.
     total = float(np.logaddexp.reduce(value, axis=None))
     if not sizes:
         return Posterior(total, np.zeros(0), np.zeros((0, 0)), 0.0)
-    weight = np.exp(value - total)  # (T, strengths)
+    # The weights have shape (T, strengths).
+    weight = np.exp(value - total)
     means, variances = along.sizes(squares)
     mean = np.einsum("ts,tsi->i", weight, means)
     within = np.einsum(
@@ -129,7 +135,8 @@ def calc_posterior(rows: TableRows, chosen: IntArray, sd: Array, sizes: bool = T
 
 
 def mix_posteriors(one: Posterior, other: Posterior, share: float) -> Posterior:
-    """Of two models of the same sizes, of which the first has the prior probability `share`."""
+    """Return the mixture of two models of the same sizes; the first has the prior probability
+    `share`."""
     logs = np.array([np.log(share) + one.log_evidence, np.log(1.0 - share) + other.log_evidence])
     total = float(np.logaddexp(*logs))
     p, q = np.exp(logs - total).tolist()

@@ -1,7 +1,7 @@
-"""The model held against a log that is still being written.
+"""Compares the model with a log that is still being written.
 
 Files:
 
-- `rolling`: The sequential test
-- `watch`: A log that is still being written, looked at every half minute
+- `rolling`: Sequential test for effects that started within the last minutes
+- `watch`: Checks a growing log every half minute
 """

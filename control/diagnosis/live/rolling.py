@@ -1,21 +1,20 @@
-"""The sequential test: has an effect started within the last minutes? A look predicts the rows
-that are new.
+"""Sequential test for effects that started within the last minutes; each test predicts only the new
+rows.
 
-At each look every effect of the catalogue is tried with every time of beginning in the window,
-on the residual whitened by the noise that is fitted to it, with the drift of the hour before
-(`runs/changepoint.py`). The statistic is that of Shiryaev and Roberts: likelihood ratios summed
-over all times of beginning, with sizes and effects integrated over their priors. Without a
-change its mean grows by one with each sample, so that it stays below A for A samples in the
-mean (Pollak, Annals of Statistics 15, 1987, 749); a window costs it nothing that counts (Lai,
-IEEE Transactions on Information Theory 44, 1998, 2917). The bar is therefore the time between
-false alarms.
+Each test tries every effect of the catalogue with every onset in the window, on the residual
+whitened by its fitted noise, with the drift of the hour before (`runs/changepoint.py`). The
+statistic is that of Shiryaev and Roberts: likelihood ratios summed over all onsets, with sizes and
+effects integrated over their priors. Without a change its mean grows by one with each sample, so
+the mean time until it exceeds A is at least A samples (Pollak, Annals of Statistics 15, 1987, 749);
+a finite window has a negligible effect (Lai, IEEE Transactions on Information Theory 44, 1998,
+2917). The threshold is therefore the mean time between false alarms.
 
-A piece is the newest rows with some before them, in which the stages come to where they are:
-what a drive or a tube remembers is over within seconds. Its residuals and what each effect does
-are taken in bins of a second, at which every effect that is a straight line in its size still
-shows whole, and are put behind those of the pieces before. What a scale reads is a sum: its
-pieces are kept as changes from bin to bin. Dead times, bands and play are no straight lines in
-their sizes and are taken for each other in so short a stretch: they wait for a full diagnosis.
+A piece is the newest rows with some rows before, in which the stages settle: the memory of a drive
+or a tube ends within seconds. Its residuals and the trace of each effect are averaged in bins of a
+second, at which every effect that is linear in its size still shows completely, and are appended to
+those of the pieces before. A scale accumulates, so its pieces are stored as changes from bin to
+bin. Dead times, bands and backlash are nonlinear in their sizes and are confounded in such a short
+stretch, so they wait for a full diagnosis.
 """
 
 from __future__ import annotations
@@ -55,45 +54,55 @@ from topdress.control.diagnosis.runs.search import Candidate, list_candidates
 from topdress.control.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]
-# since a time: columns of a run log
+# Returns the columns of a run log since a time, s.
 Rows = Callable[[float], Mapping[str, npt.NDArray[Any]]]
 
-# in which an effect begins: a level takes minutes to show a flow
+# Window in which an effect may begin, s: a scale takes minutes to show a flow.
 WINDOW_S = 600.0
+# Bin length, s.
 BIN_S = 1.0
-# before its new rows a piece begins: the slowest drive is there by then
+# Time before its new rows at which a piece begins, s: the slowest drive settles within it.
 COMES_TO_S = 15.0
+# Minimum number of rows before the new rows of a piece.
 COMES_TO_ROWS = 2 * MIN_ROWS
-# the last of the rows: smoothing has not seen what follows
+# Time at the end of the rows that is left for the next piece, s: smoothing lacks the rows that
+# follow.
 NOT_YET_S = 2.0
+# Minimum number of bins for a test.
 LEAST_BINS = 60
-# of work, in the mean, until the test alone says of a healthy machine that something began: ten
-# times what the line promises, as no noise is quite what a model says
+# Mean working time between false alarms of the test alone on a healthy machine, s: ten times the
+# promised time, because no noise agrees exactly with its model.
 BETWEEN_S = 1000 * 3600.0
-# of the logarithm of the statistic, a sample a bin, in any group
+# Threshold of the logarithm of the statistic, for a sample in each bin and any group.
 BAR = log(BETWEEN_S / BIN_S * len(GROUPS))
-# of twice the log-likelihood: half of what passes; what gains less is had less exactly
+# Gain in twice the log-likelihood from which onset times are refined: half of the alarm threshold.
 MATTERS = BAR
-# that a beginning is seen for, at least: a late answer or a stop passes sooner
+# Minimum time since an onset, s: a late answer or a stop ends sooner.
 SEEN_S = 20.0
-# before now: looks of which the drift is learnt; what begins now is in none of them
+# Time range before now, s, of the tests that determine the drift: an effect that begins now is in
+# none of them.
 LEARNT_S = (300.0, 3900.0)
-# a fill that began less than so long before the end of a piece may not be over
+# A refill that began less than this before the end of a piece, s, may be incomplete.
 LATER_S = 10.0
 
-Key = tuple[str, str, int | None]  # role or effect, name, member or place
+# Role or effect, name, member or index.
+Key = tuple[str, str, int | None]
 
 
 class Lines(NamedTuple):
-    """One channel of one piece or of all, in bins. Of what adds up (`sums`) the changes from
-    bin to bin are kept."""
+    """One channel of one piece or of all pieces, in bins. Accumulating lines (`sums`) are stored as
+    changes from bin to bin."""
 
     like: ChannelSeries
-    at_s: Array  # middle of each bin, of the log (m,)
-    measured: Array  # (copies, m)
-    lines: dict[Key, Array]  # prediction, columns, traces: (copies, m)
+    # Middle of each bin, in log time, s: (m,).
+    at_s: Array
+    # Measured values, (copies, m).
+    measured: Array
+    # Prediction, columns, traces: (copies, m).
+    lines: dict[Key, Array]
     sums: frozenset[Key]
-    columns: dict[Key, Column]  # with their priors
+    # Columns with their priors.
+    columns: dict[Key, Column]
     candidates: dict[Key, Candidate]
 
 
@@ -101,33 +110,36 @@ PREDICTED: Key = ("predicted", "", None)
 
 
 class ChangePoint(NamedTuple):
-    """The likeliest beginning in one group of channels."""
+    """The most likely onset in one group of channels."""
 
     group: str
-    part: EffectInstance  # its onset in s of the log
-    # that anything began: logarithm of the statistic of Shiryaev and Roberts
+    # The effect with its onset in log time, s.
+    part: EffectInstance
+    # Logarithm of the Shiryaev-Roberts statistic for any onset.
     evidence: float
 
 
 class Rolling:
-    """The last minutes of a log by group of channels, asked again and again while it grows."""
+    """Sequential test over the last minutes of a growing log, by group of channels."""
 
     def __init__(self, machine: Machine, window_s: float = WINDOW_S) -> None:
         self._machine, self._window_s = machine, window_s
         self._kept: dict[str, dict[str, Lines]] = {}
-        self._until_s = -np.inf  # what is before is kept
+        # Rows before this time are stored already.
+        self._until_s = -np.inf
         self._move: Move | None = None
-        self._whole = True  # the next piece is the whole window
+        # Whether the next piece is the whole window.
+        self._whole = True
         self._tried = list_live_candidates(machine)
-        # fitted at each look, by channel
+        # Noise fitted at each test, by channel, with the time of the test.
         self._noises: dict[str, list[tuple[float, Noise]]] = {}
 
     def __call__(self, rows: Rows, now_s: float) -> list[ChangePoint]:
-        """For each group of channels that the rows can show, what likeliest began within the
-        last minutes.
+        """Return the most likely onset within the last minutes for each group of channels that the
+        rows can show.
 
-        rows : columns of a run log since a time. Raises ValueError in one line where nothing
-        can be judged.
+        rows : returns columns of a run log since a time. Raises ValueError in one line where
+        nothing can be judged.
         """
         self._take_rows(rows, now_s)
         return [
@@ -135,7 +147,7 @@ class Rolling:
         ]
 
     def _take_rows(self, rows: Rows, now_s: float) -> None:
-        """The rows until now taken in."""
+        """Read and store the rows until now."""
         until_s = float(np.floor(now_s - NOT_YET_S))
         if self._whole or self._until_s < now_s - self._window_s:
             from_s = now_s - self._window_s
@@ -160,7 +172,7 @@ class Rolling:
         self._until_s = until_s
 
     def _append_bins(self, piece: _NewBins) -> bool:
-        """Behind what is kept; whether the next piece must begin anew."""
+        """Append bins to those stored, and tell whether the next piece must start anew."""
         if piece.broken and self._kept:
             self._kept = {}
             return True
@@ -172,7 +184,8 @@ class Rolling:
         return piece.unfinished
 
     def _find_best_beginning(self, group: str) -> ChangePoint | None:
-        """The likeliest beginning among the effects of a group; None where too little is known."""
+        """Return the most likely onset among the effects of a group; None where too few bins are
+        stored."""
         since_s = self._until_s - self._window_s
         members = [_keep_lines_since(one, since_s) for one in self._kept.get(group, {}).values()]
         members = [one for one in members if len(one.at_s) >= LEAST_BINS]
@@ -226,10 +239,10 @@ class Rolling:
         )
 
     def _find_usual_noise(self, name: str, now: Noise) -> Noise:
-        """The noise of a channel with the drift that the last hour had: what begins now is in
-        its own noise too.
+        """Return the noise of a channel with the drift of the last hour, because an effect that
+        begins now inflates its own noise.
 
-        Until minutes of the log are known, the noise as it is fitted now.
+        Until minutes of the log are stored, the currently fitted noise is returned.
         """
         looks = self._noises.setdefault(name, [])
         looks.append((self._until_s, now))
@@ -243,8 +256,8 @@ class Rolling:
 
 
 class _NewBins(NamedTuple):
-    """groups : the new bins. broken : they cannot be put behind older ones. unfinished :
-    nothing can be put behind."""
+    """New bins of a piece. groups : the bins. broken : whether they cannot follow the older bins.
+    unfinished : whether nothing can be appended yet."""
 
     groups: dict[str, dict[str, Lines]]
     broken: bool
@@ -252,8 +265,7 @@ class _NewBins(NamedTuple):
 
 
 def list_live_candidates(machine: Machine) -> dict[str, list[Candidate]]:
-    """The effects that are looked for, by channel that shows them: those that are a straight
-    line in their size."""
+    """Return the searched effects by channel: those that are linear in their size."""
     found: dict[str, list[Candidate]] = {}
     for names in GROUPS.values():
         every = list_candidates(names, machine, len(HEADS), False)
@@ -279,7 +291,7 @@ def _bin_piece(
     from_s: float,
     until_s: float,
 ) -> _NewBins:
-    """The bins of some rows between two times of the log."""
+    """Return the bins of some rows between two times of the log."""
     begin_s = float(np.asarray(columns["time_s"])[0])
 
     def ordered(log: Clean, _: Machine) -> Clean:
@@ -317,8 +329,8 @@ def _make_lines(
     from_s: float,
     until_s: float,
 ) -> Lines:
-    """One channel: its prediction, what readings and tolerances leave `open_`, and what each
-    effect does."""
+    """Build one channel: its prediction, the columns of readings and tolerances in `open_`, and the
+    trace of each effect."""
     rows: dict[Key, Array] = {PREDICTED: model.predicted(())[channel.name]}
     sums: set[Key] = {PREDICTED} if channel.name == "scale" else set()
     columns: dict[Key, Column] = {}
@@ -353,8 +365,8 @@ def _bin_channel(
     rows: Mapping[Key, Array],
     sums: Collection[Key],
 ) -> tuple[Array, Array, dict[Key, Array]]:
-    """Middles of the bins between two times, (m,), and what was measured and each row, (copies,
-    m): means over bins."""
+    """Return the middles of the bins between two times, (m,), and means over bins of the measured
+    values and of each row, (copies, m)."""
     at_s = begin_s + channel.grid.even_s
     width = max(BIN_S, channel.grid.step_s)
     place = np.floor(at_s / width + 1e-6).astype(np.int64)
@@ -372,8 +384,8 @@ def _bin_channel(
 
 
 def _join_lines(before: Lines | None, new: Lines) -> Lines:
-    """One behind the other; a line that only one of them has is dropped, but a step stays as it
-    was last."""
+    """Append new bins; a line that only one of them has is dropped, but a step continues with its
+    last value."""
     if before is None or before.measured.shape[0] != new.measured.shape[0]:
         return new
     lines = {
@@ -408,7 +420,7 @@ def _join_copies(one: Lines, key: Key) -> Array:
 
 
 def _make_channel_series(one: Lines) -> ChannelSeries:
-    """A channel as the search for beginnings sees it."""
+    """Build a channel for the search of onsets."""
     like, count = one.like, len(one.at_s)
     step_s = max(BIN_S, like.grid.step_s)
     in_bin = max(1, round(BIN_S / like.grid.step_s))
@@ -423,7 +435,8 @@ def _make_channel_series(one: Lines) -> ChannelSeries:
 
 
 def _calc_noise_of_means(prior: NoisePrior, step_s: float, in_bin: int) -> NoisePrior:
-    """The noise of means over so many samples: of a first-order one, and of a white floor."""
+    """Return the noise of means over a number of samples, for first-order noise with a white
+    floor."""
     apart = np.abs(np.subtract.outer(np.arange(in_bin), np.arange(in_bin)))
     share = float(np.sqrt(np.mean(np.exp(-apart * step_s / prior.fast_s))))
     return prior._replace(

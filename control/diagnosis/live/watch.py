@@ -1,12 +1,11 @@
-"""A log that is still being written, looked at every half minute: since when does the machine
-depart from its model?
+"""Checks a growing log every half minute: since when does the machine deviate from its model?
 
-Two things may say so. The sequential test (`rolling.py`) says that something has started; a
-full diagnosis of the stretch around it must then agree. And full diagnoses of quarters of an
-hour find what was there from the start or grew too slowly; two in a row, which share no row,
-must say the same. While nothing stands, the first of such two is diagnosed only once the second
-says something: alone it says nothing. Pure: rows come in, what stands comes out; whoever calls
-decides when.
+Two methods detect a deviation. The sequential test (`rolling.py`) detects an onset; a full
+diagnosis of the stretch around the onset must then agree. Full diagnoses of quarters of an hour
+detect effects that were present from the start or grew too slowly; two consecutive quarters, which
+share no row, must agree. While no deviation stands, the first quarter of a pair is diagnosed only
+after the second reports something, because alone it decides nothing. The module is pure: rows come
+in, the standing deviation comes out; the caller decides when.
 """
 
 from __future__ import annotations
@@ -29,16 +28,20 @@ from .rolling import BAR, ChangePoint, Rolling, Rows
 Columns = Mapping[str, npt.NDArray[Any]]
 Array = npt.NDArray[Any]
 
-LOOK_S = 30.0  # of the log, between two looks
-# between two full diagnoses, and what each is about
+# Time between two checks, in log time, s.
+LOOK_S = 30.0
+# Time between two full diagnoses, and length of the stretch of each, s.
 QUARTER_S = 900.0
-FIRST_S = 300.0  # of the log, before which nothing can be said
-BEFORE_S = 600.0  # of a beginning, that its diagnosis sees
-# of a stretch that is diagnosed: what is kept of the log, and a quarter of an hour more
+# Minimum length of the log for a check, s.
+FIRST_S = 300.0
+# Time before an onset that its diagnosis includes, s.
+BEFORE_S = 600.0
+# Maximum length of a diagnosed stretch, s; a quarter of an hour more is stored.
 MOST_S = 1800.0
-# kept at most, 50 MB: so much at up to 44 rows a second, whatever their times say
+# Maximum number of stored rows, 50 MB: sufficient for 44 rows a second, and a bound when times are
+# wrong.
 MOST_ROWS = 120_000
-# what a diagnosis did not bear out or name is diagnosed again at every second look
+# Time until an unconfirmed or unnamed onset is diagnosed again, s: every second check.
 AGAIN_S = 1.5 * LOOK_S
 
 _GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {
@@ -54,7 +57,8 @@ class _Quarter(NamedTuple):
 
 
 class LiveCheck:
-    """Rows in, departures out. `standing`: what departs now, None where nothing does."""
+    """Live check: receives rows and returns deviations. `standing`: the current deviation, None
+    where there is none."""
 
     def __init__(
         self,
@@ -63,30 +67,34 @@ class LiveCheck:
         diagnose: Callable[[Columns, Machine], Diagnosis] = diagnose_run,
     ) -> None:
         self._machine, self._test, self._diagnose = machine, test or Rolling(machine), diagnose
-        # when a beginning was diagnosed last, by group ...
+        # Time of the last diagnosis of an onset, by group.
         self._asked: dict[str, float] = {}
-        self._nameless: dict[str, float] = {}  # ... and when one that has no name
-        self._rows: deque[dict[str, Array]] = deque()  # pieces as they came
-        self._kept = 0  # rows in them
+        # Time of the last diagnosis of an unnamed onset, by group.
+        self._nameless: dict[str, float] = {}
+        # Received pieces of rows.
+        self._rows: deque[dict[str, Array]] = deque()
+        # Number of rows in the pieces.
+        self._kept = 0
         self._begin_s: float | None = None
         self._looked_s = self._diagnosed_s = self._reported_s = 0.0
-        self._last: Departure | _Quarter | None = None  # of the quarter before
+        # Result of the quarter before, or the quarter itself while not diagnosed.
+        self._last: Departure | _Quarter | None = None
         self.standing: Departure | None = None
         self.diagnoses = 0
 
     @property
     def now_s(self) -> float:
-        """Time of the newest row."""
+        """Time of the newest row, s."""
         return float(self._rows[-1]["time_s"][-1]) if self._rows else 0.0
 
     def add(self, rows: Columns) -> None:
-        """Rows that follow those added before; columns as of `diagnose_run`. What is too old is
-        forgotten."""
+        """Add rows that follow the earlier rows; columns as of `diagnose_run`. Old rows are
+        removed."""
         if not len(rows["time_s"]):
             return
         if self._begin_s is None:
             self._begin_s = self._looked_s = self._diagnosed_s = float(rows["time_s"][0])
-        # copies: what comes is a piece of a reader's larger tables, which would be kept with it
+        # The rows are copied, because a view would keep the reader's larger tables in memory.
         self._rows.append({name: np.array(array[-MOST_ROWS:]) for name, array in rows.items()})
         self._kept += len(self._rows[-1]["time_s"])
         while (
@@ -96,7 +104,7 @@ class LiveCheck:
 
     @property
     def due(self) -> bool:
-        """Whether a look may find something new."""
+        """Tell whether a check may find something new."""
         return (
             self._begin_s is not None
             and self.now_s - self._begin_s >= FIRST_S
@@ -104,7 +112,8 @@ class LiveCheck:
         )
 
     def look(self) -> Departure | None:
-        """What stands after a look at the newest rows. Never raises for what is in them."""
+        """Check the newest rows and return the standing deviation. The method never raises because
+        of their content."""
         self._looked_s = self.now_s
         if self.now_s - self._diagnosed_s >= QUARTER_S:
             self._diagnose_quarter()
@@ -114,7 +123,7 @@ class LiveCheck:
         return self.standing
 
     def _name_departure(self) -> None:
-        """A name for what began and has none yet."""
+        """Diagnose an onset that has no name yet."""
         found = self.standing
         if (
             found is None
@@ -130,7 +139,8 @@ class LiveCheck:
     def _test_sequentially(self) -> None:
         try:
             found = self._test(self._select_rows_since, self.now_s)
-        except ValueError:  # too few rows of anything
+        # There are too few rows of every channel.
+        except ValueError:
             return
         said = None if self.standing is None else _GROUP_OF.get(self.standing.channel)
         new = [
@@ -151,17 +161,18 @@ class LiveCheck:
         seen_s = self._nameless.get(first.group, -np.inf)
         if departure.cause:
             self.standing = _add_begin_time(departure, onset_s)
-        # what has no name must be seen twice, as a moment's noise has none
+        # An unnamed deviation must be seen twice, because a short disturbance has no name either.
         elif self.now_s - seen_s >= QUARTER_S:
             self._nameless[first.group] = self.now_s
-        # either: the second time in rows of its own
+        # The second observation must be in rows of its own.
         elif self._departure(seen_s, first.group) is not None:
             self.standing = _add_begin_time(departure, onset_s)
 
     def _diagnose_quarter(self) -> None:
         this, self._diagnosed_s = _Quarter(self._diagnosed_s, self.now_s), self.now_s
         if self.standing is None and self._last is None:
-            self._last = this  # whatever it says, it says nothing alone
+            # A single quarter decides nothing, whatever its result.
+            self._last = this
             return
         departure = self._describe_stretch(this)
         if departure is None and self.standing is None:
@@ -179,7 +190,8 @@ class LiveCheck:
         elif departure is not None and last is not None and _is_same_departure(departure, last):
             self.standing = departure._replace(since_s=last.since_s)
         elif departure is None and last is None:
-            self.standing = None  # gone for half an hour: repaired, or never there
+            # The deviation has been absent for half an hour: it was repaired, or never present.
+            self.standing = None
         self._last = departure
 
     def _describe_stretch(self, stretch: _Quarter) -> Departure | None:
@@ -188,8 +200,8 @@ class LiveCheck:
     def _departure(
         self, begin_s: float, group: str | None, end_s: float = np.inf
     ) -> Departure | None:
-        """What a full diagnosis says of a stretch of the log, about one group or all; times of
-        the log."""
+        """Return the deviation by a full diagnosis of a stretch of the log, in one group or all;
+        times are log times, s."""
         self.diagnoses += 1
         self._reported_s = self.now_s
         rows = self._select_rows_since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
@@ -199,11 +211,11 @@ class LiveCheck:
             return None
         if found is None or found.since_s is None:
             return found
-        # counted from its first row
+        # The diagnosis counts times from its first row.
         return found._replace(since_s=found.since_s + float(rows["time_s"][0]))
 
     def _select_rows_since(self, begin_s: float, end_s: float = np.inf) -> dict[str, Array]:
-        """Columns of the rows from a time to another."""
+        """Return the columns of the rows between two times."""
         pieces = [
             piece
             for piece in self._rows
@@ -215,10 +227,10 @@ class LiveCheck:
 
 
 def find_departure(found: Diagnosis, group: str | None = None) -> Departure | None:
-    """What a diagnosis says, in one: its costliest cause that is no mere suspicion and has not
-    ended; else what it cannot explain.
+    """Return the deviation of a diagnosis: its costliest current cause that is not a mere
+    suspicion, or else its unexplained structure.
 
-    group: only of these channels. Times are from the first row that was diagnosed.
+    group: only of these channels. Times are from the first diagnosed row, s.
     """
     for cause in found.causes:
         if (
@@ -233,7 +245,7 @@ def find_departure(found: Diagnosis, group: str | None = None) -> Departure | No
     return None
 
 
-# one looks like the other until a catch test, or a known load
+# These effects are confounded until a catch test or a known load.
 BY_THE_SCALE_ALONE = ("flow.gain", "scale.gain")
 
 
@@ -253,29 +265,29 @@ def _make_departure_of_cause(cause: Cause, found: Diagnosis) -> Departure:
 
 
 def _is_confirmed_by(change: ChangePoint, found: Departure) -> bool:
-    """Whether a diagnosis agrees that something began: it dates it, names the same effect, or
-    has no name for it.
+    """Tell whether a diagnosis confirms an onset: it finds an onset, names the same effect, or has
+    no name for it.
 
-    What it finds all along under another name did not begin then; two quarters of an hour may
-    say it.
+    A permanent effect under another name did not begin then; two quarters of an hour may report it.
     """
     return found.since_s is not None or found.cause in ("", change.part.id)
 
 
 def _add_begin_time(found: Departure, since_s: float) -> Departure:
-    """With the time from which on it is seen, where the diagnosis itself does not say."""
+    """Add the time since which the deviation is observed, where the diagnosis itself has no
+    time."""
     return found if found.since_s is not None else found._replace(since_s=since_s)
 
 
 def _is_same_departure(one: Departure, other: Departure) -> bool:
-    """The same name; or, of what has none, the same channel."""
+    """Tell whether two deviations have the same name, or, without names, the same channel."""
     return one.channel == other.channel and (
         one.cause == other.cause or not one.certain or not other.certain
     )
 
 
 def _is_mostly_working(rows: Columns) -> bool:
-    """Whether the machine worked for most of these rows, as far as they say."""
+    """Tell whether the machine worked for most of these rows, as far as they show."""
     state = rows.get("state")
     if state is not None and np.any(state != ""):
         return bool(np.mean(state == "working") > 0.5)
@@ -283,7 +295,7 @@ def _is_mostly_working(rows: Columns) -> bool:
 
 
 def _join_columns(pieces: Sequence[Columns]) -> dict[str, Array]:
-    """One after the other; where a piece lacks a column, its cells are empty."""
+    """Concatenate pieces; missing columns of a piece become empty cells."""
     found = {}
     for name in dict.fromkeys(name for piece in pieces for name in piece):
         text = any(piece[name].dtype == object for piece in pieces if name in piece)

@@ -1,16 +1,16 @@
-"""Nothing is said or written that prediction does not bear out.
+"""Validates by prediction everything that a diagnosis reports or a machine file adopts.
 
-Names are judged by evidence; what a machine file takes up is judged by running that very file.
-It is held on the log against (a) the file as it was, (b) the named causes alone, (c) a plain
-rival: curve of the command, lag, dead time and straight lines over the recorded variables, by
-least squares (`rival`). What is compared is the error on blocks that the numbers were not
-fitted to (`blocks`), and on the whole log from its own start. The room knows a log and machine
-files; how the causes were found it does not know.
+Named causes are judged by evidence; a machine file is judged by running that file. Its prediction
+of the log is compared with (a) the unchanged file, (b) the named causes alone, (c) a plain rival:
+curve of the command, lag, dead time and straight lines over the recorded variables, by least
+squares (`rival`). The comparison uses the error on blocks to which the numbers were not fitted
+(`blocks`), and on the whole log from its own start. The package uses a log and machine files; it
+does not depend on how the causes were found.
 
 Files:
 
-- `blocks`: The error of a machine file on blocks of a log that its numbers were not fitted to
-- `on_log`: A log as any machine file predicts it, on the rows that are judged
-- `predictive_validation`: What prediction bears out of a diagnosis
-- `rival`: The plain rival: what anybody would fit who knows no effects
+- `blocks`: Calculates the error of a machine file on blocks of a log to which its numbers were not
+- `on_log`: Predicts a log with any machine file, on the judged rows
+- `predictive_validation`: Validates a diagnosis by prediction
+- `rival`: Fits the plain rival: a least-squares model without knowledge of effects
 """

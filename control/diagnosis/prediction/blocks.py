@@ -1,9 +1,9 @@
-"""The error of a machine file on blocks of a log that its numbers were not fitted to.
+"""Calculates the error of a machine file on blocks of a log to which its numbers were not fitted.
 
-What a block's rows have to do with a number is had from the slopes at the file itself: without
-the block least squares would have it elsewhere, by as much as the file's number is moved (the
-one-step jackknife: Miller, Biometrika 61, 1974, 1). No number is fitted anew, so that what is
-judged is the file.
+The influence of a block's rows on a number follows from the slopes at the file itself: without the
+block least squares would give another value, and the number is changed by that difference (the
+one-step jackknife: Miller, Biometrika 61, 1974, 1). No number is refitted, so the file itself is
+judged.
 """
 
 from __future__ import annotations
@@ -24,19 +24,22 @@ from .on_log import OnLog
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
-BLOCKS = 8  # of a log: each longer than the noise remembers
-STEP = 0.02  # of a number, by which it is moved for its slope
-# of a number's information: what two numbers share stays where it is
+# Number of blocks of a log: each is longer than the correlation time of the noise.
+BLOCKS = 8
+# Relative change of a number for its slope.
+STEP = 0.02
+# Ridge as a share of a number's information: it fixes a direction in which two numbers are
+# interchangeable.
 RIDGE = 1e-9
-# of a standard error: what kernels of matrix products may differ by
+# Tolerance in standard errors: matrix products differ by this between processors.
 LAST_BITS = 1e-9
 KNEE = "ends"
-# of a term's coefficients
+# Coefficients of a term that the term is linear in.
 LINEAR = ("slope", "bend", "below", "above", "sine", "cosine", "level")
 
 
 class Number(NamedTuple):
-    """One number of a machine file. turned : the file with it at another value."""
+    """One number of a machine file. turned : returns the file with another value of the number."""
 
     name: str
     value: float
@@ -47,9 +50,11 @@ class Number(NamedTuple):
 
 
 class BlockErrors(NamedTuple):
-    """A machine file on a log. rms : by channel, of the whole log. blocks : by channel, the
-    mean square error of each block (BLOCKS,), its numbers moved by what the block had to say of
-    them. sd : of its numbers, by that."""
+    """Errors of a machine file on a log. rms : by channel, of the whole log.
+
+    blocks : by channel, the mean square error of each block (BLOCK_COUNT,), with the numbers as
+    they would be without the block. sd : standard deviations of the numbers, by these differences.
+    """
 
     rms: dict[str, float]
     blocks: dict[str, Array]
@@ -57,7 +62,8 @@ class BlockErrors(NamedTuple):
 
 
 def list_added_numbers(machine: Machine, was: Machine) -> list[Number]:
-    """The numbers that a file has beyond another: sizes of effects, coefficients of terms."""
+    """Return the numbers that a file has in addition to another: sizes of effects, coefficients of
+    terms."""
     before, known = list_effect_sizes(was), set(was.terms)
     found = [
         effect_number(name, machine, size)
@@ -88,7 +94,7 @@ def effect_number(name: str, machine: Machine, size: float) -> Number:
 
 
 def list_term_numbers(term: Term) -> list[Number]:
-    """Of a term that a file has: its coefficients that it is linear in, of a table its values."""
+    """Return the numbers of a term: its linear coefficients, or the values of a table."""
     spread = max(map(abs, term.values), default=0.0)
     knee = (
         [
@@ -115,7 +121,7 @@ def list_term_numbers(term: Term) -> list[Number]:
 
 
 def is_knee_term(term: Term) -> bool:
-    """Whether a term changes the slope of a curve beyond the same value either way."""
+    """Tell whether a term changes the slope of a curve beyond the same value in both directions."""
     return (
         term.form is Form.DEAD_ZONE
         and term.coefficients["low_end"] == -term.coefficients["high_end"]
@@ -148,7 +154,7 @@ def _change_coefficient(term: Term, which: str | int, to: float) -> Term:
 def calc_errors_by_channel(
     on_log: OnLog, machine: Machine, channels: Sequence[str]
 ) -> dict[str, Array]:
-    """Measured less predicted, by channel."""
+    """Return measured minus predicted, by channel."""
     predicted = on_log.predicted(machine, channels)
     return {name: on_log.errors(name, predicted[name]) for name in channels}
 
@@ -160,7 +166,7 @@ def calc_slopes_of_numbers(
     numbers: Sequence[Number],
     left: dict[str, Array],
 ) -> dict[str, Array]:
-    """What one unit of each number does to the prediction, by channel: (m, numbers)."""
+    """Return the change of the prediction for one unit of each number, by channel: (m, numbers)."""
     columns: dict[str, list[Array]] = {name: [] for name in channels}
     for number in numbers:
         to = (
@@ -185,10 +191,12 @@ def calc_block_errors(
     usual: dict[str, float] | None = None,
     over: str = "",
 ) -> BlockErrors:
-    """A machine file on a log's channels. usual : by which mean square errors of channels are
-    weighed; left out: its own. over : recorded variable whose ranges are the blocks, in place
-    of stretches of time: what a few levels of it show, all of them seen in every stretch, says
-    nothing of the levels between them."""
+    """Calculate the errors of a machine file on a log's channels.
+
+    usual : mean square errors by which channels are weighed; by default the file's own. over :
+    recorded variable whose ranges are the blocks, in place of stretches of time: a few levels, all
+    present in every stretch, say nothing about the values between them.
+    """
     left = calc_errors_by_channel(on_log, machine, channels)
     square = {name: float(np.mean(one**2)) if len(one) else 0.0 for name, one in left.items()}
     rms = {name: float(np.sqrt(one)) for name, one in square.items()}
@@ -245,27 +253,27 @@ def calc_block_errors(
 
 
 def cut_into_blocks(count: int) -> list[Rows]:
-    """Even stretches of a series: blocks of time, of a staircase pieces of it."""
+    """Return equal stretches of a series: blocks of time, or pieces of a staircase."""
     edges = np.linspace(0, count, BLOCKS + 1).astype(int).tolist()
     return [np.arange(a, b) for a, b in pairwise(edges)]
 
 
 def split_by_ranges(values: Array) -> list[Rows]:
-    """Samples by the range of a variable (m,) that they lie in, each level in one range: as
-    many ranges as blocks, or fewer where it has fewer levels."""
+    """Return the samples of each range of a variable (m,), with each level in one range: as many
+    ranges as blocks, or fewer for fewer levels."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1]))
     within = np.searchsorted(edges, values, side="right")
     return [np.flatnonzero(within == k) for k in range(len(edges) + 1)]
 
 
 def average_by_block(left: Array, cuts: Sequence[Rows]) -> Array:
-    """Mean squares of errors (m,) by block (blocks,)."""
+    """Return the mean squares of errors (m,) by block (blocks,)."""
     return np.array([float(np.mean(left[cut] ** 2)) if len(cut) else 0.0 for cut in cuts])
 
 
 def calc_gain_by_block(one: BlockErrors, other: BlockErrors, usual: dict[str, float]) -> Array:
-    """By how much one file's error is below another's, block by block (BLOCKS,), as a share of
-    what is usual; channels taken together."""
+    """Return the difference of one file's error to another's, block by block (BLOCK_COUNT,), as a
+    share of the usual error; channels are combined."""
     return np.asarray(
         sum(
             (other.blocks[name] - one.blocks[name]) / max(1e-300, usual[name])
@@ -275,10 +283,12 @@ def calc_gain_by_block(one: BlockErrors, other: BlockErrors, usual: dict[str, fl
 
 
 def is_surely_positive(gain: Array, errors: float = 1.0) -> bool:
-    """Whether a gain by blocks is above nothing by more than so many standard errors; one
+    """Tell whether a gain over blocks exceeds zero by a number of standard errors; by default one
     (Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, 3.4.3).
-    Where one block alone has anything to say, its mean is one standard error to the last bit:
-    it counts."""
+
+    Where only a single block contributes, its mean is one standard error to the last bit, and
+    counts.
+    """
     return bool(
         gain.mean() > (1.0 - LAST_BITS) * errors * np.std(gain, ddof=1) / np.sqrt(len(gain))
     )

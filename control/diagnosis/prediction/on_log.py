@@ -1,4 +1,4 @@
-"""A log as any machine file predicts it, on the rows that are judged."""
+"""Predicts a log with any machine file, on the judged rows."""
 
 from __future__ import annotations
 
@@ -37,13 +37,14 @@ from topdress.control.machine.term_sums import (
 from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 
 Array = npt.NDArray[np.float64]
-Predict = Callable[[Schedule, float], Array]  # schedule, model step s -> (m,)
+# Maps a schedule and a model step, s, to a series (m,).
+Predict = Callable[[Schedule, float], Array]
 
 
 class OnLog:
-    """A cleaned log with its channels, and the machine file that it was diagnosed with.
+    """A cleaned log with its channels, and the machine file of its diagnosis.
 
-    seen : its channels by name. inputs : what terms are asked with, at every row (n,).
+    seen : its channels by name. inputs : inputs of terms at every row (n,).
     """
 
     def __init__(self, log: Clean, data: RunData, machine: Machine) -> None:
@@ -57,8 +58,8 @@ class OnLog:
     def predicted(
         self, machine: Machine, only: Collection[str] | None = None, parts: Hypothesis = ()
     ) -> dict[str, Array]:
-        """What each channel would read: (m,) by channel. only : these. parts : further effects,
-        in their course."""
+        """Predict each channel: (m,) by channel. only : the channels to predict. parts : further
+        effects, with their time course."""
         steady = tuple(part for part in parts if not part.grows)
         found = self._run(machine, only, steady)
         for part in parts:
@@ -73,30 +74,30 @@ class OnLog:
         return found
 
     def errors(self, channel: str, predicted: Array) -> Array:
-        """Measured less predicted of a channel, in the unit of its figure: of the scale the
-        flow, which is what it is read for."""
+        """Return measured minus predicted of a channel, in the unit of its published figure: of the
+        scale the flow, which the scale is there to measure."""
         series = self.seen[channel]
         whole = HeldOut(series, series, (slice(0, len(series.measured)),))
         found = list_held_out_errors(whole, series.measured, series.measured - predicted)[3]
-        # of several heads time by time
+        # The errors of several heads are ordered by time.
         return np.ascontiguousarray(found.reshape(series.copies, -1).T).ravel()
 
     def align_with_errors(self, channel: str, variable: str, count: int) -> Array:
-        """A recorded variable where a channel's errors stand, of which there are `count`."""
+        """Return a recorded variable at the `count` samples of a channel's errors."""
         even_s = self.seen[channel].grid.even_s
         time_s = np.interp(np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, len(even_s)), even_s)
         values = self.inputs[variable]
         return values[np.minimum(np.searchsorted(self.time_s, time_s), len(values) - 1)]
 
     def unit(self, channel: str) -> str:
-        """Of its errors."""
+        """Return the unit of a channel's errors."""
         return "kg/s" if channel == "scale" else self.seen[channel].unit
 
     def noise(self, channel: str) -> float:
-        """Standard deviation of a channel's errors where the machine file is right, by its own
-        figures."""
+        """Return the standard deviation of a channel's errors under a correct machine file, by the
+        file's own values."""
         prior = self.seen[channel].prior
-        # a flow is of two readings
+        # A flow is the difference of two readings.
         of_two = np.sqrt(2.0) / FLOW_S if channel == "scale" else 1.0
         return float(
             of_two * np.sqrt(prior.fast_sd**2 * (1.0 + prior.slow_share**2) + prior.floor_sd**2)
@@ -114,8 +115,8 @@ class OnLog:
         }
 
     def _predict_with_terms(self, machine: Machine) -> dict[str, Predict]:
-        """The channels that the file's terms bear on, where these are not those of the file
-        that the log was seen with."""
+        """Return predictors for the channels that the file's terms affect, where its terms differ
+        from those of the log's own file."""
         if machine.terms == self.machine.terms and (
             not machine.terms or calc_dead_times_s(machine) == calc_dead_times_s(self.machine)
         ):

@@ -1,9 +1,9 @@
-"""What prediction bears out of a diagnosis: what a machine file may take up, and what of its
-words stands.
+"""Validates a diagnosis by prediction: selects the results that a machine file may adopt, and
+corrects the report.
 
-Each group of channels is judged by itself: its stages are predicted from what was measured
-before them. Parts of a group were fitted together and go into the file together; where one is
-left out the others are fitted anew without it.
+Each group of channels is judged separately, because its stages are predicted from the measured
+output of the stages before. Effects of a group were fitted together and are adopted together; where
+one is left out the others are refitted.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ from .rival import PlainRival as PlainRival
 
 Array = npt.NDArray[np.float64]
 
-# of mean square errors: less is no difference that a field shows ...
+# Minimum ratio of mean square errors: a smaller difference does not matter in the field.
 CLEARLY = 1.1
-# ... nor what is not as loud as the sensor's own noise by the machine file ...
+# Minimum difference in units of the sensor's noise by the machine file.
 LOUD = 1.0
-# ... by so many standard errors: 95 % of Student's t by eight blocks
+# Minimum difference in standard errors: 95 % of Student's t for eight blocks.
 SURE = 1.9
-# a name is no likelier, where something that it does not hold predicts clearly better
+# Maximum probability of a named cause where a model without the cause predicts clearly better.
 EVEN = 0.5
 
 NOTHING_OFF: Mapping[str, float] = {}
@@ -73,9 +73,12 @@ WORSE = "the log itself is predicted no better with it"
 
 
 class Adoptable(NamedTuple):
-    """found : the diagnosis with what goes into a machine file, sizes as they are there.
-    refused : (id, why) of the causes that were chosen and do not. predicted : by channel, of
-    the file and what it was held against."""
+    """Adoptable part of a diagnosis. found : the diagnosis with the adopted results and their
+    sizes.
+
+    refused : (id, reason) of the chosen causes that are not adopted. predicted : errors by channel,
+    of the file and of the compared models.
+    """
 
     found: Diagnosis
     refused: tuple[tuple[str, str], ...]
@@ -83,7 +86,7 @@ class Adoptable(NamedTuple):
 
 
 class _TriedFile(NamedTuple):
-    """A file that a group may have. causes, terms : that it takes up, sizes as they are there."""
+    """A trial file for a group. causes, terms : adopted results with their sizes."""
 
     causes: tuple[Cause, ...]
     terms: tuple[TermFound, ...]
@@ -95,9 +98,11 @@ class _TriedFile(NamedTuple):
 def select_predictive_causes(
     on_log: OnLog, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]
 ) -> Adoptable:
-    """The chosen causes (by id) with the diagnosis' terms, as far as the file with them
-    predicts better than the one without. read_off : ids of effects that were taken out of the
-    log before it was judged."""
+    """Return the chosen causes (by id) with the diagnosis' terms, as far as the file with them
+    predicts better than the file without.
+
+    read_off : ids of effects that were removed from the log before it was judged.
+    """
     kept = replace(
         found,
         causes=tuple(
@@ -152,7 +157,8 @@ def select_predictive_causes(
 
 
 def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[str]) -> Diagnosis:
-    """A diagnosis held against what its file, and the plain rival, predict."""
+    """Compare a diagnosis with the predictions of its file and of the plain rival, and correct the
+    report."""
     decided = [one.id for one in found.causes if one.probability >= NAMED and not one.rivals]
     taken = select_predictive_causes(on_log, found, decided, read_off)
     worse = {name for name, _ in taken.refused}
@@ -194,8 +200,7 @@ def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[st
     )
 
 
-# -- what a file takes up
-# ----------------------------------------------------------------------------------------------
+# The following functions select the content of a file.
 
 
 def _group_channels(on_log: OnLog) -> list[tuple[str, ...]]:
@@ -228,10 +233,13 @@ def _find_best_file(
     whole: UnattributedDriveFit | None,
     refit: bool,
 ) -> tuple[dict[str, float], _TriedFile | None]:
-    """The simplest of nothing, the causes alone, and all of it, within one standard error of
-    the best; None where that is nothing, or where any channel of the log is predicted worse by
-    it. refit : something that was fitted along is left out. Along with it the mean square
-    errors of the log's own file."""
+    """Return the simplest trial file within one standard error of the best, among no change, the
+    causes alone, and causes with terms.
+
+    The file is None where that is no change, or where any channel of the log is predicted worse.
+    refit : whether a jointly fitted effect is left out. The mean square errors of the log's own
+    file are returned as well.
+    """
     nothing = calc_block_errors(on_log, on_log.machine, channels, ())
     usual = {name: rms**2 for name, rms in nothing.rms.items()}
     of_rival = whole is not None or any(one.predicts_best for one in terms)
@@ -269,7 +277,7 @@ def _try_file(
     refit: bool,
     usual: dict[str, float],
 ) -> _TriedFile | None:
-    """A file as it would be written and read; None where no file may hold it."""
+    """Build a trial file as it would be written and read; None where no file may contain it."""
     machine = on_log.machine
     try:
         file = round_trip_machine(
@@ -304,7 +312,8 @@ def _try_file(
 
 
 def round_trip_machine(machine: Machine) -> Machine:
-    """A machine file after it was written and read. Raises ValueError for what no file may hold."""
+    """Return a machine file after writing and reading. Raises ValueError for content that no file
+    may have."""
     return Machine.model_validate(machine.model_dump(mode="json"))
 
 
@@ -314,15 +323,17 @@ def _resize_cause(cause: Cause, size: float, sd: float) -> Cause:
     )
 
 
-# -- what stands of the words
-# ------------------------------------------------------------------------------------------
+# The following functions correct the report.
 
 
 def _against_rival(
     on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: str, read_off: Collection[str]
 ) -> tuple[Diagnosis, Predicted, list[Unexplained]]:
-    """The diagnosis held against the plain rival of one channel: its file is taken up where it
-    wins, and where it is clearly ahead of what is said nothing is named."""
+    """Compare the diagnosis with the plain rival of one channel.
+
+    The rival's file is adopted where it predicts best. Where it predicts clearly better than all
+    reported results, no cause is named.
+    """
     nothing = calc_block_errors(on_log, on_log.machine, (channel,), ())
     said, file = (
         _calc_errors_of_report(on_log, found, channel, read_off),
@@ -339,7 +350,8 @@ def _against_rival(
     ]
     open_ = bool(own) or any(channel == one.channel for one in found.unexplained)
     if min(said.rms[channel], file.rms[channel]) ** 2 <= (1.0 + LOUD) * on_log.noise(channel) ** 2:
-        return found, errors, []  # nothing can be ahead by as much as the noise
+        # No rival can lead by as much as the noise.
+        return found, errors, []
     rival = find_rival(on_log, channel)
     if rival is None:
         return found, errors, []
@@ -351,7 +363,7 @@ def _against_rival(
         for name, size, _ in rival.sizes
         if within[name]
     }
-    # what a sound machine may do by its file's tolerances, and as far, is ahead of nothing
+    # A rival that predicts no better than a healthy machine within its tolerances does not lead.
     if sound:
         said = min(
             said,
@@ -425,8 +437,8 @@ def _calc_errors_of_report(
     read_off: Collection[str],
     sound: Mapping[str, float] = NOTHING_OFF,
 ) -> BlockErrors:
-    """All that is said of a log, what is of this run alone included. sound : by how much
-    nominal values are off, within the machine file's tolerances."""
+    """Return the errors of all reported results, including those of this run alone. sound : offsets
+    of nominal values within the machine file's tolerances."""
     parts = tuple(
         EffectInstance(
             one.id,
@@ -466,7 +478,7 @@ def _calc_errors_of_file(on_log: OnLog, taken: Diagnosis, channel: str) -> Block
 
 
 def _limit_probability(cause: Cause, most: float) -> Cause:
-    """A name that is no likelier than `most`; what is left is something else's."""
+    """Limit a cause's probability to `most`; the remainder belongs to an unknown cause."""
     if cause.probability <= most:
         return cause
     rivals = tuple(one for one in cause.rivals if one.id != UNKNOWN)

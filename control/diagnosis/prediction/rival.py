@@ -1,12 +1,12 @@
-"""The plain rival: what anybody would fit who knows no effects.
+"""Fits the plain rival: a least-squares model without knowledge of effects.
 
-Of a drive its curve (gain, zone, bend, another one backwards), lag and dead time; of every
-channel straight lines over the recorded variables, cells far out held at the ends of the
-others. Least squares over all rows alike (Tuo and Wu, Annals of Statistics 43, 2015, 2331:
-where no model is right, the sizes that make the residual most probable are not those that
-predict best); how much of it, the simplest within one standard error of the best on blocks that
-were left out. It is a machine file as any other: its curve is in the drive's own parameters,
-its lines are terms. Nothing of it is a named cause.
+For a drive the rival has a curve (gain, dead zone, saturation, a separate reverse curve), lag and
+dead time; for every channel straight lines over the recorded variables, with outlying cells limited
+to the range of the others. The fit is least squares over all rows (Tuo and Wu, Annals of Statistics
+43, 2015, 2331: where no model is right, the sizes that make the residual most probable are not
+those that predict best). The number of parameters is the smallest within one standard error of the
+best on held-out blocks. The rival is a machine file as any other: its curve uses the drive's own
+parameters, its lines are terms. No part of the rival is a named cause.
 """
 
 from __future__ import annotations
@@ -74,29 +74,37 @@ CURVES = (
 OFF_ZERO = (
     (SHAFT_GAIN.id, SHAFT_NEUTRAL.id),
     (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_DEAD_ZONE.id),
-    # ... that stand at another command than 0
+    # These curves are for shafts that stand at another command than 0.
     (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_SATURATION.id),
 )
 BACKWARDS = (SHAFT_BACK_GAIN.id, SHAFT_BACK_ZONE.id)
 MOVES = (SHAFT_DEAD_TIME.id, SHAFT_SLOW.id)
-# of the full command, from which a zone starts: 5 to 25 % are usual of motors by duty cycle
+# Start values of a dead zone, as shares of the full command: 5 to 25 % are usual for motors with
+# duty-cycle control.
 ZONES = (0.05, 0.2)
-# of the usual size: inside the bounds, where every slope can be taken
+# Start values of other numbers, as a share of the usual size: inside the bounds, where every slope
+# exists.
 STARTS_AT = 0.2
-NUDGE = 0.01  # of the usual size: difference for a slope
-RUNS, AGAIN = 25, 6  # steps of a fit, and of one that goes on
-# of the error and of the numbers: a fit that moves less has settled
+# Difference for a slope, as a share of the usual size.
+NUDGE = 0.01
+# Maximum number of steps of a fit, and of a continued fit.
+RUNS, AGAIN = 25, 6
+# Relative tolerance of the error and of the numbers at which a fit has converged.
 FINE = 1e-4
-# of its rows, by which a log's speeds are counted
+# Number of classes by which a log's speeds are counted.
 SHARES = 6
+# Maximum number of lines of a rival.
 MOST_LINES = 3
+# Maximum number of steps of the forward selection.
 MOST_STEPS = MOST_LINES + 1
-# per cent of a variable's values between which its line holds: single cells lie beyond
+# Percentiles of a variable between which its line is valid: single cells lie beyond.
 ENDS = (0.5, 99.5)
-LEAST_SHARE = 1e-3  # of what is left, that a line takes away
-# of a line at its middle, where its slope is taken: it is a straight line in it
+# Minimum share of the residual that a line explains.
+LEAST_SHARE = 1e-3
+# Level of a line at its middle for its slope, which is linear in the level.
 LEVEL = 1.0
-# letters; where another of the same name was adopted, it is given a number
+# Maximum length of a term's id, letters; the rest is for a number where the name is already
+# adopted.
 LONGEST_ID = 76
 ACTS: dict[str, tuple[TermTarget, ...]] = {
     "shaft": (TermTarget.SHAFT_RPM, TermTarget.SHAFT_PERCENT),
@@ -108,8 +116,8 @@ STAGE = {"scale": "flow"}
 
 
 class PlainRival(NamedTuple):
-    """The rival of one channel as a machine file. sizes : of effects, with their s.d. terms :
-    its lines, the strongest first."""
+    """The rival of one channel as a machine file. sizes : of effects, with their s.d. terms : its
+    lines, the strongest first."""
 
     machine: Machine
     held: BlockErrors
@@ -118,12 +126,12 @@ class PlainRival(NamedTuple):
 
     @property
     def over(self) -> tuple[str, ...]:
-        """Variables of its lines."""
+        """Return the variables of the lines."""
         return tuple(dict.fromkeys(name for term in self.terms for name in term.variable_names))
 
 
 def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
-    """The rival of a channel; None where nothing of it is better than the machine file as it is."""
+    """Fit the rival of a channel; None where no rival is better than the unchanged machine file."""
     if channel not in ACTS:
         return None
     nothing = calc_block_errors(on_log, on_log.machine, (channel,), ())
@@ -176,8 +184,8 @@ def _add_best_line(
     best: BlockErrors,
     usual: dict[str, float],
 ) -> tuple[Machine, BlockErrors] | None:
-    """A file with one line more, all its numbers fitted again; None where that is not surely
-    better."""
+    """Return a file with a further line and all numbers refitted; None where that is not
+    significantly better."""
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
     tried = fit_machine_file(on_log, (channel,), tried, AGAIN)
     after = calc_block_errors(
@@ -202,8 +210,8 @@ def _is_better_over_ranges(
     over: str,
     usual: dict[str, float],
 ) -> bool:
-    """Whether a file is surely better than one with less on ranges of a variable that its
-    numbers did not see."""
+    """Tell whether a file is significantly better than a simpler file on ranges of a variable that
+    its numbers were not fitted to."""
     one, other = (
         calc_block_errors(
             on_log, file, (channel,), list_added_numbers(file, on_log.machine), usual, over
@@ -216,9 +224,9 @@ def _is_better_over_ranges(
 def fit_machine_file(
     on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int
 ) -> Machine:
-    """A file with what it has beyond the log's own where least squares over all rows has it,
-    channels weighed by what the log's own file leaves of them."""
-    # three tenths of a second: where it is asked for
+    """Fit the additional numbers of a file by least squares over all rows, with channels weighed by
+    the residual of the log's own file."""
+    # scipy.optimize takes three tenths of a second to import, so the import is local.
     from scipy.optimize import least_squares
 
     numbers = list_added_numbers(machine, on_log.machine)
@@ -268,14 +276,15 @@ def fit_machine_file(
     return at(found.x)
 
 
-# -- the curve of a drive
-# ----------------------------------------------------------------------------------------------
+# The following functions fit the curve of a drive.
 
 
 def find_curves(on_log: OnLog) -> list[Hypothesis]:
-    """Curves of a drive in open loop, fitted along with its lag and dead time, from few numbers
-    to all, as effects that may be there: what makes one curve together is hardly seen one by
-    one."""
+    """Return curves of an open-loop drive with lag and dead time, from few numbers to all, as
+    hypotheses.
+
+    Effects that form one curve together hardly show one by one.
+    """
     if on_log.data.shaft is None:
         return []
     sets = [names for names in _list_parameter_sets(on_log) if KNEE not in names]
@@ -296,8 +305,8 @@ def find_curves(on_log: OnLog) -> list[Hypothesis]:
 def _choose_drive_curve(
     on_log: OnLog, machine: Machine, best: BlockErrors, usual: dict[str, float]
 ) -> tuple[Machine, BlockErrors] | None:
-    """The simplest set of the drive's own numbers within one standard error of the best; None
-    where none is surely better than a file without."""
+    """Return the simplest set of the drive's own numbers within one standard error of the best;
+    None where no set is significantly better than a file without."""
     tried = [
         (machine, best),
         *(
@@ -322,8 +331,8 @@ def _choose_drive_curve(
 def _fit_parameter_sets(
     on_log: OnLog, machine: Machine, sets: Sequence[tuple[str, ...]]
 ) -> dict[tuple[str, ...], tuple[float, Machine]]:
-    """Of each set of a drive's own numbers, from few to all: the sum of squares that a file
-    with them leaves, and the file. Each starts from the best smaller one."""
+    """Fit each set of a drive's own numbers, from few to all, and return the residual sum of
+    squares with the file. Each fit starts from the best smaller set."""
     found: dict[tuple[str, ...], tuple[float, Machine]] = {}
     for names in sets:
         _, _, smaller = max(
@@ -350,7 +359,8 @@ def _fit_parameter_sets(
 def _make_starting_machine(
     machine: Machine, drive: Drive | None, names: Sequence[str], share: float
 ) -> Machine:
-    """A file with numbers to start from. share : of the range, of a zone."""
+    """Return a file with start values. share : start value of a dead zone as a share of the
+    range."""
     for name in names:
         if name == KNEE:
             assert drive is not None
@@ -378,8 +388,8 @@ def _make_starting_machine(
 
 
 def _list_parameter_sets(on_log: OnLog) -> list[tuple[str, ...]]:
-    """Names of numbers that are fitted together, from few to all: of a curve no more than
-    speeds were asked for."""
+    """Return names of numbers that are fitted together, from few to all: for a curve no more than
+    the number of commanded speeds."""
     drive, machine = on_log.data.shaft, on_log.machine
     assert drive is not None
     speeds = len(np.unique(np.quantile(drive.command, np.linspace(0.0, 1.0, SHARES))))
@@ -396,15 +406,14 @@ def _list_parameter_sets(on_log: OnLog) -> list[tuple[str, ...]]:
     )
 
 
-# -- straight lines
-# --------------------------------------------------------------------------------------------------
+# The following functions fit straight lines.
 
 
 def _find_best_line(
     on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term]
 ) -> Term | None:
-    """The line that takes most away from what a file leaves; None where none takes away what is
-    worth a look."""
+    """Return the line that explains most of a file's residual; None where no line explains
+    enough."""
     left = calc_errors_by_channel(on_log, machine, (channel,))
     known = calc_slopes_of_numbers(
         on_log, machine, (channel,), list_added_numbers(machine, on_log.machine), left
@@ -436,8 +445,8 @@ def _find_best_line(
 def _list_lines(
     on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
 ) -> list[Term]:
-    """Lines over every recorded variable, of a size that can be seen. level_open : nothing else
-    is their level."""
+    """Return lines over every recorded variable, of a detectable size. level_open : whether no
+    other number is their level."""
     stage, machine = STAGE.get(channel, channel), on_log.machine
     taken = {(term.acts_on, term.variable_names) for term in before}
     never = {

@@ -1,45 +1,45 @@
-"""A run log to a diagnosis: show, name, say what else it could be, measure the gain, plan the
-next run.
+"""Diagnosis of a run log: shows errors, names their causes, lists alternatives, measures the gain
+and plans the next run.
 
 Files:
 
-- `adoption`: What of a diagnosis a machine file may take up
-- `changepoint`: Effects that begin, grow, or come and go within a log
-- `channels`: Each channel's prediction through the machine model
-- `closed_loop`: What knowing a machine's effects gains in the field
-- `columns`: What one unit of anything does to a group's channels
-- `compared`: Two machine files held against the same log
-- `cost`: What a named effect does in the field when nobody compensates it
-- `diagnose`: Diagnosis of a run log, from columns to verdict
-- `dictionary`: What is tried beyond the catalogue
-- `drive_curve`: Effects that make one curve, or one answer to a step, together
-- `drives`: Shaft and gate of a log: each drive's command and read-back
-- `effort`: How hard the drives worked in a log
-- `effort_reference`: What a sound drive takes to move
-- `findings`: Sentences about the recorded data itself
-- `gain`: What putting the model right gains on blocks of the log that no size was fitted to
-- `grid`: Readings on an even time grid
-- `held_out`: Blocks of a log that no size is fitted to, and the errors on them
-- `hopper`: Flow and scale of a log, in bins of a second
-- `hypothesis`: A hypothesis: effects with sizes, and the machine's stages as they are under it
-- `inputs`: What several stages are given, at every row of a log
-- `intermittent`: Effects that come in spells at times of their own
-- `log`: What is odd about the recorded data itself, put right where that is safe and always said
-- `model`: Channels that share effects, through the machine model
-- `nominal_values`: Nominal values moved, within their tolerances, to where they fit best
-- `onset`: When an effect began: stops read off the drives
-- `quantised`: A shaft speed that is read in steps
-- `rates`: Applied against target, of data that hold no more than rates
-- `report`: What was judged, in the words of the published result
-- `residual_analysis`: What the channels of a group have left that is not noise, once its names
-- `robust`: Heavy-tailed noise made to count as a robust fit would count it
-- `row_order`: Which row of a foreign log holds a command, and which what answered it
-- `search`: The search over hypotheses of one group
-- `selection`: Which set of effects one group of channels shows
-- `several`: Several logs of one machine
-- `smooth`: Smooth, nameless dependence of a stage on one recorded variable
-- `speed_and_heads`: Ground speed and canopy heads of a log
-- `stages`: A run log as the machine model's stages see it
-- `terms`: Terms that a log shows beyond the catalogue
-- `whitened`: What a hypothesis leaves of a group's channels, whitened, against which columns
+- `adoption`: Selects the causes and terms of a diagnosis that a machine file may adopt
+- `changepoint`: Score tests for effects that begin, grow, or come and go within a log
+- `channels`: Predicts each channel through the machine model and calculates what the prediction
+- `closed_loop`: Measures the gain of known effects in the field by two simulated runs of the
+- `columns`: Builds the regression columns of a group
+- `compared`: Compares two machine files on the same log
+- `cost`: Estimates the cost of a named effect in the field when it is not compensated
+- `diagnose`: Diagnoses a run log, from columns to verdict
+- `dictionary`: Searches terms beyond the catalogue
+- `drive_curve`: Starts hypotheses of several effects that together form one drive curve or one
+- `drives`: Reads shaft and gate from a log
+- `effort`: Reads how hard the drives worked in a log, in time bins
+- `effort_reference`: Fits the reference effort of healthy drives to a run
+- `findings`: Writes findings about the recorded data
+- `gain`: Measures the gain of the corrected model on blocks of the log to which no size was fitted
+- `grid`: Resamples readings onto an even time grid
+- `held_out`: Splits a log into fitted and held-out blocks
+- `hopper`: Reads flow and scale of a log in bins of a second
+- `hypothesis`: Defines a hypothesis: effects with sizes
+- `inputs`: Prepares inputs that several stages share, at every row of a log
+- `intermittent`: Finds intermittent effects at irregular times directly in the data
+- `log`: Examines the recorded data for anomalies, corrects them where that is safe
+- `model`: Models a group of channels that share effects
+- `nominal_values`: Fits nominal values within their tolerances
+- `onset`: Finds when an effect began
+- `quantised`: Handles a shaft speed that is read in steps
+- `rates`: Compares applied with target rate in data that hold no more than rates
+- `report`: Writes the published result of a diagnosis
+- `residual_analysis`: Examines the residual of a group after its named effects
+- `robust`: Transforms heavy-tailed noise so that least squares gives the result of a robust fit
+- `row_order`: Detects whether a foreign log stores commands and answers in other rows than ours
+- `search`: Searches over hypotheses of one group
+- `selection`: Selects the set of effects that one group of channels shows
+- `several`: Diagnoses several logs of one machine
+- `smooth`: Models a smooth, nameless dependence of a stage on one recorded variable
+- `speed_and_heads`: Compares redundant sensors of a log where both have new readings
+- `stages`: Prepares a run log for the machine model's stages
+- `terms`: Searches terms that a log shows beyond the catalogue
+- `whitened`: Calculates the whitened residual of a hypothesis, the gain of columns
 """

@@ -1,5 +1,6 @@
-"""What of a diagnosis a machine file may take up: as much as predicts its log better
-(`prediction.validate_prediction`)."""
+"""Selects the causes and terms of a diagnosis that a machine file may adopt: those with which the
+file predicts the log better (`prediction.validate_prediction`).
+"""
 
 from __future__ import annotations
 
@@ -23,10 +24,22 @@ from .diagnose import series_of_log
 
 
 def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
-    """The chosen causes (by id) of a run log's diagnosis with its terms, as far as a file with
-    them predicts better.
+    """Return the chosen causes and the terms of a run log's diagnosis with which a machine file
+    predicts better.
 
-    Bench tables are returned as they are: their sizes are weighed over all models already.
+    Bench tables are returned unchanged, because their sizes are averaged over all models already.
+
+    Parameters
+    ----------
+    found
+        The diagnosis, with its terms.
+    chosen
+        Ids of the causes that the user chose.
+
+    Returns
+    -------
+    Adoptable
+        The diagnosis with the adoptable causes, and each refused name with its reason.
     """
     kept = tuple(cause for cause in found.causes if cause.id in chosen and not not_adoptable(cause))
     if found.seen_with is None or found.data.kind != "run":
@@ -47,9 +60,12 @@ def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
 
 
 def _reads_better(found: Diagnosis, cause: Cause) -> bool:
-    """Of what was read off the log before the search: whether its rows are predicted no worse
-    with it. Steps of an encoder in a prediction help where it is within a step, and add their
-    own rounding where it is not."""
+    """Tell whether a cause found before the search predicts its rows no worse than without the
+    cause.
+
+    Only encoder steps can fail here. Steps in a prediction help where the prediction is within a
+    step of the true speed, and add their own rounding error where the prediction is not.
+    """
     if ROWS[cause.id].found_by is not FoundBy.STEPS or found.seen_with is None:
         return True
     columns, machine = found.seen_with

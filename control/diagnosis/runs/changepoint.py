@@ -1,15 +1,15 @@
-"""Effects that begin, grow, or come and go within a log: every time tried at once.
+"""Score tests for effects that begin, grow, or come and go within a log, over all times of change.
 
 The score test for a change point (Picard 1985, Advances in Applied Probability 17, 841; Andrews
-1993, Econometrica 61, 821): the gain of an effect that begins at t is (sum of residual x trace
-from t on)^2 / information, the residual weighted with the inverse of the noise's covariance.
-The sums are cumulative, so that one pass gives them for all t; the information changes slowly
-with t and is had exactly at a few times. A drift can follow a step well, but not its edge: the
-time must be exact for the step to tell.
+1993, Econometrica 61, 821): the gain of an effect that begins at t is (sum of residual x trace from
+t on)^2 / information, the residual weighted with the inverse of the noise's covariance. Cumulative
+sums give the numerator for all t in a single pass. The information changes slowly with t and is
+calculated exactly at a few times only. A noise drift can absorb most of a step, but not the step's
+edge: only the exact time separates a step from a drift.
 
-Of an effect that is there from a to b the score is that from a less that from b, and the
-information is had from the inner products of what begins at a with what begins at b: first on a
-grid of times, then on finer ones about the best.
+The score of an effect that lasts from a to b is its score from a minus its score from b. Its
+information follows from the inner products of traces that begin at a and at b, first on a coarse
+grid of times, then on finer grids around the best pair.
 """
 
 from __future__ import annotations
@@ -40,35 +40,43 @@ from .whitened import WhitenedResidual
 
 Array = npt.NDArray[np.float64]
 
-# Numerical: how finely times are tried. A gain is of twice the log-likelihood.
-# at which the information is had exactly, the second where the gain may matter
+# Numbers of onset times at which the information is calculated exactly: first coarsely, then finely
+# where the gain (in twice the log-likelihood) may matter.
 TIMES = (3, 8)
-# gain from which on more times are tried: below the price of any beginning
+# Gain, in twice the log-likelihood, from which more onset times are tried. The value is below the
+# prior price of any onset.
 MAY_MATTER = 6.0
-# times of a log at which an effect that comes and goes may begin or end at first ...
+# Number of times in the log's length at which a temporary effect may begin or end in the first
+# grid.
 EDGES = 13
-BETWEEN = 12  # ... times tried for each of these ...
-FINER = 4  # ... and how much finer they are then, twice
-# best of those that touch the same channels, that are tried at finer times
+# Number of interpolated times that are tried for each time of the first grid.
+BETWEEN = 12
+# Factor by which the grid of times is refined, applied twice.
+FINER = 4
+# Number of best candidates, among those that change the same channels, whose times are refined.
 FEW = 4
 
-# from either end of the log: no change point is looked for there
+# No change point is searched for within this time of either end of the log, s.
 END_S = 8.0
-# of an effect that ends again: less is one stretch of the log, which is no evidence
+# Minimum duration of an effect that ends again, s: a shorter stretch of the log is too little
+# evidence.
 MIN_SPAN_S = 20.0
 
 
 class Tried(NamedTuple):
-    """A candidate with what one unit of it does all along."""
+    """A candidate effect with the traces of one unit of the effect over the whole log."""
 
     candidate: Candidate
-    channels: tuple[ChannelSeries, ...]  # that it touches
-    summed: tuple[bool, ...]  # whether each channel adds up what it does
-    units: tuple[Array, ...]  # (copies, m) by channel
+    # These are the channels that the candidate changes.
+    channels: tuple[ChannelSeries, ...]
+    # Each flag says whether the channel accumulates the effect.
+    summed: tuple[bool, ...]
+    # Each channel has an array of traces, (copies, m).
+    units: tuple[Array, ...]
 
     @property
     def time_s(self) -> Array:
-        """Of the finest channel (m,)."""
+        """Sample times of the finest channel, s: (m,)."""
         return max((c.grid.even_s for c in self.channels), key=len)
 
 
@@ -79,11 +87,12 @@ def find_best_changes(
     tried: Sequence[Candidate],
     temporary: bool = False,
 ) -> list[ScoreTest]:
-    """Every candidate with the best time to begin, at once and growing: best first, noise as
-    given and calm.
+    """Test every candidate at its best onset, both as a step and as a growth, and return the tests,
+    best first.
 
-    The gain is of twice the log-likelihood under a noise that is not fitted again. temporary :
-    with temporary effects, each with the best times to begin and to end.
+    The noise is both the given noise and the noise of a calm log; neither is refitted. The gain is
+    in twice the log-likelihood. With `temporary`, effects that begin and end are tested as well,
+    each at its best pair of times.
     """
     begins = that_may_begin(tried)
     if not begins:
@@ -108,7 +117,7 @@ def find_best_changes(
 
 
 def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
-    """Those of some candidates that may begin in the middle of a log."""
+    """Return the candidates that may begin in the middle of a log."""
     return [
         c
         for c in tried
@@ -132,13 +141,28 @@ def find_best_onsets(
     temporary: bool = False,
     behind: Sequence[float] = (0.0, 0.0),
 ) -> list[ScoreTest]:
-    """The same of series, however they were had. traces : what each candidate does all along,
-    (m,) by channel.
+    """Test candidates with given traces at their best onsets, and return the tests, best first.
 
-    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take
-    up. under : noises, of which each candidate has the one that speaks most for it; behind :
-    their log evidence, less than the best's by so much. matters : gain from which on more times
-    are tried. end_s : from either end, where nothing is looked for.
+    Parameters
+    ----------
+    channels
+        The channels of the group.
+    banded
+        Cosine coefficients of the residual by channel.
+    base
+        Columns of everything that the hypothesis can absorb.
+    under
+        Noise models. Each candidate is judged under the model that gives it the most evidence.
+    begins, traces
+        The candidates, and the series (m,) by channel that each produces over the whole log.
+    matters
+        Gain, in twice the log-likelihood, from which more times are tried.
+    end_s
+        No onset is searched for within this time of either end of the log, s.
+    temporary
+        Whether effects that begin and end are tested as well.
+    behind
+        Log evidence of each noise model, below that of the best model.
     """
     residuals = [WhitenedResidual(channels, banded, base, noise) for noise in under]
     weighted = [{c.name: residual.weighted(c) for c in channels} for residual in residuals]
@@ -159,7 +183,8 @@ def find_best_onsets(
         within = (float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s)
         scores = _calc_onset_scores(weighted, one, grows=False)
         found += _find_begin_times(residuals, one, scores, within, matters, grows=False)
-        if ROWS[candidate.part.id].threshold:  # half the size does not do half as much
+        # A threshold effect is not proportional to its size, so its growth has no fixed trace.
+        if ROWS[candidate.part.id].threshold:
             continue
         found += _find_begin_times(
             residuals,
@@ -200,19 +225,20 @@ def _find_likeliest_onset(
     places: int,
     at: Callable[[int], dict[str, Any]],
 ) -> ScoreTest:
-    """One candidate where it gains most, its evidence averaged over all places.
+    """Return the test of a candidate at its best onset, with the evidence averaged over all onset
+    times.
 
-    score, information : at each place where it is looked for (n,), of so many `places`. at :
-    the times of a place.
+    score, information : at each tested onset (n,), which stand for `places` possible onsets. at :
+    sample indices of the tested onsets.
     """
     information = np.maximum(information, 1e-12)
     size = np.clip(score / information, candidate.low, candidate.high)
-    # half a threshold's column is not what half a threshold does
+    # The trace of a threshold effect is not proportional to its size.
     if ROWS[candidate.part.id].threshold:
         size = np.full(len(score), candidate.part.size)
     gain = 2.0 * score * size - information * size**2
     log_odds = 0.5 * (gain - np.log1p(information * candidate.usual**2))
-    # The log of a sum as it stands: scipy's logsumexp takes ten times as long, 2 % of a
+    # The log-sum-exp is written out, because scipy's logsumexp takes ten times as long: 2 % of a
     # diagnosis of 24,000 rows.
     peak, best = float(log_odds.max()), int(np.argmax(gain))
     evidence = peak + float(np.log(np.sum(np.exp(log_odds - peak)) / places))
@@ -232,8 +258,10 @@ def _find_begin_times(
     matters: float,
     grows: bool,
 ) -> list[tuple[int, ScoreTest]]:
-    """The best time to begin under each noise, with the noise's place. scores : were it to
-    begin at each time (noises, m)."""
+    """Return the best onset test under each noise model, with the index of the noise model.
+
+    scores : score of an onset at each sample (noises, m).
+    """
     inside = np.flatnonzero((one.time_s > within[0]) & (one.time_s < within[1]))
     if not len(inside):
         return []
@@ -263,7 +291,7 @@ def _find_begin_times(
 def _refine_span(
     residual: WhitenedResidual, one: Tried, score: Array, span: ScoreTest, end_s: float
 ) -> ScoreTest:
-    """The best times to begin and to end about those of `span`."""
+    """Return the test with the best begin and end times near those of `span`."""
     first_s, last_s = float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s
     apart_s = (last_s - first_s) / (EDGES - 1) / BETWEEN
     for _ in range(2):
@@ -276,7 +304,8 @@ def _refine_span(
             last_s,
         )
         finer = _find_best_spans([residual], one, score[None], np.unique(about_s))
-        if not finer:  # the log is too short for two times so near
+        # The log is too short for two times this close together.
+        if not finer:
             break
         spent = max(finer[0].spent + 2.0 * np.log(FINER), span.spent)
         span = finer[0]._replace(spent=spent, evidence=finer[0].evidence + finer[0].spent - spent)
@@ -290,13 +319,16 @@ def _find_best_spans(
     exact_s: Array,
     between: int = 1,
 ) -> list[ScoreTest]:
-    """The best of all pairs of times under each noise; nothing where no two are far enough
-    apart. exact_s : at which inner products are had (edges,); between : so many times for each
-    of these are tried, the products interpolated."""
+    """Return the best pair of begin and end times under each noise model; empty where no two times
+    are far enough apart.
+
+    exact_s : times of the exact inner products (edges,). between : number of interpolated times for
+    each exact time.
+    """
     edges_s = np.interp(
         np.arange((len(exact_s) - 1) * between + 1) / between, np.arange(len(exact_s)), exact_s
     )
-    # interpolation is too coarse below
+    # Interpolated information is too inaccurate for shorter spans.
     shortest_s = MIN_SPAN_S if between == 1 else float(exact_s[1] - exact_s[0])
     begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
     if not len(begin):
@@ -306,7 +338,7 @@ def _find_best_spans(
         rows, taken = _whiten_traces(residual, one, traces)
         exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
         own = np.interp(edges_s, exact_s, np.diag(exact))
-        # both ways: straight between times
+        # The products are interpolated linearly in both time directions.
         half = np.array([np.interp(edges_s, exact_s, row) for row in exact])
         across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
         at_edges = np.interp(edges_s, one.time_s, score)
@@ -327,8 +359,8 @@ def _find_best_spans(
 
 
 def _calc_onset_scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grows: bool) -> Array:
-    """By noise the sum of weighted residual x trace, were it to begin at each time of the
-    finest channel: (noises, m)."""
+    """Return the sum of weighted residual x trace for an onset at each sample of the finest
+    channel, by noise model: (noises, m)."""
     scores = np.zeros((len(weighted), len(one.time_s)))
     for score, left in zip(scores, weighted, strict=True):
         for channel, unit, adds in zip(one.channels, one.units, one.summed, strict=True):
@@ -341,8 +373,10 @@ def _calc_onset_scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grow
 def _sum_from_each_sample(
     weighted: Array, time_s: Array, trace: Array, summed: bool, grows: bool
 ) -> Array:
-    """Sum of weighted residual x trace, were it to begin at each sample: (m,). weighted, trace
-    : (copies, m)."""
+    """Return the sum of weighted residual x trace from each sample to the end: (m,).
+
+    weighted, trace : (copies, m).
+    """
     if not grows:
         level = trace.sum(axis=0) * _sum_ahead(weighted) if summed else 0.0
         return np.asarray(_sum_ahead(weighted * trace) - level)
@@ -357,13 +391,13 @@ def _sum_from_each_sample(
 
 
 def _sum_ahead(values: Array) -> Array:
-    """Sum over copies of all samples from each one on: (m,) of (copies, m)."""
+    """Return the sum over copies and over all samples from each sample on: (m,) of (copies, m)."""
     return np.asarray(np.cumsum(values[:, ::-1].sum(axis=0))[::-1])
 
 
 def _make_onset_traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
-    """What one unit does that begins at each time, the same under every noise: cosine
-    coefficients (onsets, m) by channel."""
+    """Return the traces of one unit of the effect for each onset, the same under every noise model:
+    cosine coefficients (onsets, m) by channel."""
     return [
         coefficients(
             apply_course(
@@ -386,8 +420,8 @@ def _make_onset_traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
 def _whiten_traces(
     residual: WhitenedResidual, one: Tried, traces: Sequence[Array]
 ) -> tuple[list[Array], Array]:
-    """Traces whitened (onsets, m) by channel, and what the hypothesis takes up of them, in its
-    basis (onsets, columns)."""
+    """Return whitened traces (onsets, m) by channel, and their components in the basis of the
+    hypothesis (onsets, columns)."""
     found = [
         residual.white(channel, trace) for channel, trace in zip(one.channels, traces, strict=True)
     ]

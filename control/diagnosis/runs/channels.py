@@ -1,4 +1,6 @@
-"""Each channel's prediction through the machine model, and what of the measurement it leaves."""
+"""Predicts each channel through the machine model and calculates what the prediction leaves of the
+measurement.
+"""
 
 from __future__ import annotations
 
@@ -53,48 +55,55 @@ from .speed_and_heads import HeadContrasts, TwoSpeeds
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
-# rows of the speed stage: the true speed goes on between two readings
+# Time step of the speed stage, s: the true speed changes between two readings.
 FINE_S = 0.025
-# schedule, model step s -> (n, 2) at the log's rows
+# Maps a schedule and a model step, s, to two series (n, 2) at the log's rows.
 Rows = Callable[[Schedule, float], Array]
-# refills of one log that are filled into the model
+# Maximum number of refills of one log that the model simulates.
 MAX_CHAINED = 4
-# a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
+# A gap between readings longer than this, s, times MAX_BRIDGED_STEPS separates two windows.
 SEAM_S = 20.0
-# free in the model's hopper above the highest reading, on the nominal machine
+# Free mass in the model's hopper above the highest reading, kg, on the nominal machine.
 OVER_FULL_KG = 5.0
-# of a noise that has no slow part: a share that nobody sees, known well
+# Share and relative spread of the slow noise component where a channel has none: a negligible
+# share, known well.
 NO_DRIFT, NO_SPREAD = 0.01, 0.1
-WHITE_S = 0.02  # correlation time that stands for "none"
+# Correlation time, s, that represents white noise.
+WHITE_S = 0.02
 
-# Narrowband noise of a speed sensor.
-QUICK_S = 4.5  # a longer period may be the ground's
-# times that period: a damped oscillation reaches so far
+# Longest period of a speed sensor's narrowband noise, s: longer periods may be the ground's.
+QUICK_S = 4.5
+# A damped oscillation spreads to this multiple of its period.
 SLOWER = 1.5
-# bands on either side, an octave and more: their median does not move with one line
+# Number of neighbouring bands on either side, an octave and more: a single line does not change
+# their median.
 ABOUT = 4
 
 
 class ChannelSeries(NamedTuple):
-    """One measured series on its even grid, with its way through the model."""
+    """A measured series on its even grid, with the function that predicts the series from the
+    model."""
 
     name: str
     unit: str
-    measured: Array  # (m,)
-    predict: Callable[[Schedule, float], Array]  # schedule, model step s -> (m,)
+    # Measured values, (m,).
+    measured: Array
+    # Maps a schedule and a model step, s, to the predicted series (m,).
+    predict: Callable[[Schedule, float], Array]
     grid: Grid
     cut: Segments
     prior: NoisePrior
-    copies: int = 1  # series stacked one after the other (heads)
-    # each sample is the settled answer to its command
+    # Number of series that are stacked in this channel (canopy heads).
+    copies: int = 1
+    # Whether each sample is the settled answer to its command.
     settled: bool = False
 
 
 def list_parameter_switches(
     plan: Schedule, stage: str, time_s: Array
 ) -> tuple[tuple[Any, ...], npt.NDArray[np.int64]]:
-    """Parameter sets of one stage and the rows from which they hold, always MAX_SWITCHES + 1 of
-    them."""
+    """Return the parameter sets of one stage and the rows from which each is in force, padded to
+    MAX_SWITCHES + 1."""
     sets = [one.by_name[stage] for one in plan.sets]
     rows = [int(np.searchsorted(time_s, begin)) for begin in plan.from_s]
     while len(sets) <= MAX_SWITCHES:
@@ -104,12 +113,13 @@ def list_parameter_switches(
 
 
 def list_sets_in_force(rows: npt.NDArray[np.int64], count: int) -> list[tuple[int, slice]]:
-    """The sets of `switches` that hold in some of `count` rows, by their place, with those rows."""
+    """Return the index of each parameter set that is in force in some of `count` rows, with those
+    rows."""
     edges = np.clip(np.concatenate(([0], rows, [count])), 0, count).tolist()
     return [(k, slice(begin, end)) for k, (begin, end) in enumerate(pairwise(edges)) if begin < end]
 
 
-# the start is made anew for each run, which writes into it
+# The start state is made anew for each run, because the run writes into it.
 _STAGE: dict[str, tuple[Any, Any, Any]] = {
     "shaft": (run_shaft, make_shaft_start, ShaftOutput),
     "gate": (run_gate, make_gate_start, GateOutput),
@@ -333,7 +343,8 @@ def select_speed_rows(s: TwoSpeeds) -> Rows:
 
 
 def make_speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
-    """Wheel less GNSS speed, m/s: what both have in common is the ground's."""
+    """Build the speed channel: wheel minus GNSS speed, m/s. The difference cancels the ground
+    speed."""
     run = select_speed_rows(s)
 
     def predict(plan: Schedule, step_s: float) -> Array:
@@ -352,7 +363,7 @@ def make_speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
 
 
 def make_heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
-    """Each head less the mean of all, one after the other."""
+    """Build the canopy channel: each head minus the mean of all heads, stacked."""
     used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
     measured = h.ndvi[used] - h.mean
     seen = [
@@ -384,8 +395,8 @@ def make_heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
 
 
 def predict_binned_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
-    """How hard a drive works in the mean of each bin, in the machine file's unit, NaN of one
-    that is left out: (m,)."""
+    """Return a function that predicts the mean effort in each bin: (m,), in the machine file's
+    unit, NaN for a bin that is left out."""
     ways = _EFFORT[e.name]
     inputs = make_input_rows(
         EffortInput,
@@ -402,7 +413,8 @@ def predict_binned_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
         reads = []
         for k, now in list_sets_in_force(rows, len(e.time_s)):
             seen = inputs[now].copy()
-            if e.name == "effort":  # the gate moves no material
+            # The gate moves no material, so only the shaft has a material load.
+            if e.name == "effort":
                 opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
                 seen["grams_rev"], seen["packed_g_rev"] = run_flutes(
                     flows[k],
@@ -420,7 +432,7 @@ def predict_binned_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
 
 
 def make_effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
-    """How hard a drive works, on an even grid."""
+    """Build the channel of a drive's effort, on an even grid."""
     bins = predict_binned_effort(e)
 
     def predict(plan: Schedule, step_s: float) -> Array:
@@ -442,7 +454,7 @@ _EFFORT = {"effort": run_shaft_effort, "gate_effort": run_gate_effort}
 
 
 def make_channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
-    """Every channel that the log can show, by name; flow and scale are read off the same
+    """Return every channel that the log can show, by name. Flow and scale share the scale's
     reading."""
     found: dict[str, ChannelSeries] = {}
     if data.shaft is not None:
@@ -473,7 +485,7 @@ def _make_channel(
 
 
 def _estimate_rounding_sd(measured: Array) -> float:
-    """s.d. of rounding to the smallest step found among the readings."""
+    """Return the standard deviation of rounding to the smallest step between readings."""
     known = np.unique(measured[np.isfinite(measured)][:20000])
     steps = np.diff(known)
     steps = steps[steps > 1e-9]
@@ -485,12 +497,13 @@ def _estimate_rounding_sd(measured: Array) -> float:
 def without_narrowband(
     seen: dict[str, ChannelSeries], machine: Machine
 ) -> tuple[dict[str, ChannelSeries], list[str]]:
-    """The channels, the speed's without its narrowband noise; a sentence where there was any.
+    """Remove narrowband noise from the speed channel, and return the channels with a finding for
+    the user where there was any.
 
-    The two speeds are held against each other, and both have errors: shifted in time, the
-    oscillation of one cancels against itself, so that it passes for a latency; and a noise
-    model of two first-order components takes the power of its one line for noise at every
-    frequency about it. No tractor swings as quickly, so that nothing is lost.
+    The speed channel is the difference of two noisy speeds. An oscillation that is shifted in time
+    against itself partly cancels, so the oscillation would be mistaken for a latency. A noise model
+    of two first-order components would also spread the power of a single line over all frequencies
+    near the line. No tractor oscillates this fast, so no motion is lost.
     """
     if "speed" not in seen:
         return seen, []
@@ -513,11 +526,12 @@ def without_narrowband(
 
 
 def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
-    """Periods at which the nominal machine leaves a quick line in a channel, s, longest first (k,).
+    """Return the periods of narrow lines in a channel that the nominal machine does not explain, s,
+    longest first: (k,).
 
-    A band's power over what the bands about it have is an F variable: its own coefficients, and
-    those that its variance is worth (`BAND_DOF`). All bands together have the level of the
-    other checks.
+    A band's power over the power of the neighbouring bands is an F variable. Its degrees of freedom
+    are the band's own coefficients and those of the estimated variance (`BAND_DOF`). All bands
+    together have the significance level of the other checks.
     """
     left = channel.measured - channel.predict(
         make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S

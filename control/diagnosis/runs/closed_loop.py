@@ -1,5 +1,8 @@
-"""What knowing a machine's effects gains in the field: two simulated runs of it. Apart from
-`gain`, for loop and plant take as long to load as all else that a diagnosis needs of control."""
+"""Measures the gain of known effects in the field by two simulated runs of the machine.
+
+This module is separate from `gain`, because loop and plant take as long to import as everything
+else that a diagnosis needs of control.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +24,8 @@ from topdress.control.simulation.error_metrics import RunErrors, judge_run
 
 
 class LoopGain(NamedTuple):
-    """Rate and place error in the field of a machine that has the effects: controlled without
-    and with knowing them."""
+    """Rate error and position error of a machine with the effects, controlled without and with
+    knowledge of the effects."""
 
     before: RunErrors
     after: RunErrors
@@ -40,19 +43,19 @@ def closed_loop_gain(
     seed: int = 1,
     dt_s: float = 0.05,
 ) -> LoopGain:
-    """Rate and place error of two simulated runs of the same machine: control without and with
-    knowing its effects.
+    """Simulate the same machine twice, without and with knowledge of its effects, and return rate
+    and position errors.
 
     Parameters
     ----------
     nominal, extended
-        The machine file that the loop knows in the first and in the second run.
+        The machine file that the loop uses in the first and in the second run.
     planted
-        The effects that the simulated machine has in both.
+        The effects that the simulated machine has in both runs.
     crop, rule, job
-        What is to be spread where; a job without a field gets the simulated one.
+        Crop, rate rule and job; a job without a field gets the simulated field.
     seconds, seed, dt_s
-        Length of each run, s; seed of its noise; its tick, s.
+        Length of each run, s; seed of the noise; tick, s.
     """
     at = add_simulated_field(job, nominal)
     found = []

@@ -1,5 +1,6 @@
-"""What one unit of anything does to a group's channels: tolerances, slopes of parts, freedom of
-form, candidates."""
+"""Builds the regression columns of a group: tolerances, slopes of effects, freedom of shape, and
+candidates.
+"""
 
 from __future__ import annotations
 
@@ -39,30 +40,37 @@ from .smooth import TABLES, find_variable_span, list_shape_series
 
 Array = npt.NDArray[np.float64]
 
-# of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
+# Prior standard deviation of a growth's deviation from a straight line, as a share of the size:
+# half-wave and whole wave.
 BENDS = (0.3, 0.15)
-# half-waves of the shapes in which a size may go in time: up or down, and there and back
+# Number of half-waves in the shapes of a size over time: one for up or down, two for there and
+# back.
 WAVES = 2
-# of a tolerance, by which it may differ from case to case within one machine
+# Share of a tolerance by which a nominal value may vary between operating conditions of one
+# machine.
 TRAIT_SHARE = 0.5
-# of what the operator wrote down; on the nominal machine, as the next
+# Standard deviation of a refill that the operator wrote down, kg, on the nominal machine.
 REFILL_SD_KG = 0.5
-# ... which has the tails of a Cauchy distribution: the wrong bag, or a slip of the pen
+# The noted refill mass has a prior with Cauchy tails: the wrong bag, or a typing error.
 WRITTEN = "refill"
-# (1 s.d.) the level at the start, and a refill that nobody wrote down
+# Standard deviation of the level at the start and of a refill without a note, kg, on the nominal
+# machine.
 UNKNOWN_KG = 20.0
-# of an encoder's step: how well the mean error of rounding is known
+# Standard deviation of the mean rounding error, as a share of an encoder's step.
 ROUNDING_SHARE = 0.1
-# of what a gain does at most: below, the shaft stands
+# Share of a gain's largest change below which the shaft counts as standing.
 TURNS_SHARE = 1e-3
-# of what a blocked outlet loads the drive with (1 s.d.): nobody measured it
+# Prior standard deviation of the drive load from a blocked outlet, as a share of the load: nobody
+# has measured the load.
 PACKED_SHARE = 0.5
-MAX_KEPT = 200  # columns of candidates that are kept
-# ... and sets of nuisances: one for each dead time
+# Maximum number of candidate columns in the cache.
+MAX_KEPT = 200
+# Maximum number of nuisance column sets in the cache, one set for each dead time.
 MOST_LATE = 8
-# difference for the slope of a GNSS reading's latency: half a row, as it is known
+# Time difference for the slope of a GNSS reading's latency, s: half a row, the accuracy to which
+# the latency is known.
 LATENCY_STEP_S = 0.05
-# nominal value: with another one a drive moves later
+# This nominal value delays a drive's motion.
 DEAD_TIME = "dead_time_s"
 
 
@@ -73,7 +81,7 @@ def _make_column(
     sd: float = np.inf,
     mean: float = 0.0,
 ) -> Column:
-    """A column of series (m,) by channel. sd, mean : prior of its amplitude."""
+    """Build a column from series (m,) by channel. sd, mean : prior of the column's amplitude."""
     cuts = {c.name: c.cut for c in model.channels}
     return Column(
         label,
@@ -84,10 +92,10 @@ def _make_column(
 
 
 def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
-    """What is open under every hypothesis, channel by channel: tolerances, and what the
-    readings leave open.
+    """Return the columns that are free under every hypothesis, by channel: tolerances, and the
+    uncertainties of the readings.
 
-    late : steady parts of a hypothesis with which drives move later.
+    late : steady effects of the hypothesis that delay the drives.
     """
     return [
         column
@@ -100,9 +108,11 @@ def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
 
 
 def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) -> list[Column]:
-    """Slopes of the prediction in the nominal values that may be off, where these stand now.
-    Those of times show when the drive moves: where a part has it move later, a slope without
-    that part is where nothing moves."""
+    """Return the slopes of the prediction in the uncertain nominal values, at their current values.
+
+    Slopes of time constants are nonzero only while the drive moves. Where an effect delays the
+    motion, the slope must include the effect, else the slope falls on rows without motion.
+    """
     found: list[Column] = []
     here = tuple(part for part in late if channel.name in ROWS[part.id].channels)
     now = model.predicted(here)[channel.name]
@@ -129,7 +139,8 @@ def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) 
 def _by_speed_and_way(
     model: GroupModel, key: str, change: Array, rpm: Array, sd: float
 ) -> list[Column]:
-    """The same tolerance, unlike at low and high speed and for rising and falling commands."""
+    """Return columns of a tolerance that differs between low and high speed, and between rising and
+    falling commands."""
     middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
     way = np.sign(np.gradient(rpm))
     return [
@@ -139,7 +150,8 @@ def _by_speed_and_way(
 
 
 def _list_reading_columns(model: GroupModel, channel: ChannelSeries) -> list[Column]:
-    """What the readings themselves leave open: rounding, level and refills, time stamps, heads."""
+    """Return columns of the uncertainties of the readings: rounding, level and refills, time
+    stamps, heads."""
     label, data = Label(Role.READING), model.data
     if channel.name == "shaft" and data.shaft is not None and data.shaft.step > 0.0:
         turning = (model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
@@ -197,8 +209,8 @@ def _list_reading_columns(model: GroupModel, channel: ChannelSeries) -> list[Col
 
 
 class Forms:
-    """Columns of the smooth shapes of each stage over each recorded variable, made when first
-    asked for."""
+    """Columns of the smooth shapes of each stage over each recorded variable, built at the first
+    use."""
 
     def __init__(self, model: GroupModel) -> None:
         self._model = model
@@ -210,9 +222,11 @@ class Forms:
         self._made: dict[tuple[str, str], list[Column]] = {}
 
     def over(self, stage: str, variable: str, moves: Hypothesis = ()) -> list[Column]:
-        """Columns of a stage over a variable (empty: the variable hardly moves). moves : parts
-        of a hypothesis that change how the stage's drive moves: a form comes when the drive
-        does."""
+        """Return the columns of a stage over a variable; empty where the variable hardly changes.
+
+        moves : effects of a hypothesis that change how the stage's drive moves, because a shape
+        acts when the drive moves.
+        """
         if moves:
             return self._list_form_columns(stage, variable, moves)
         if (stage, variable) not in self._made:
@@ -248,26 +262,27 @@ class Forms:
 
 
 def _calc_unit_response(model: GroupModel, part: EffectInstance, others: Hypothesis = ()) -> Array:
-    """What one unit of an effect does to the first channel that it moves, from the slope at its
-    probe."""
+    """Return the change per unit of an effect in the first channel that the effect changes, from
+    the difference at the probe size."""
     size = ROWS[part.id].on(model.machine).probe
     assert size is not None
     return next(iter(model.difference(others, part._replace(size=size)).values())) / size
 
 
 class Columns:
-    """Columns of a group's hypotheses, made by running its model; those of candidates are kept
-    while it stands."""
+    """Columns of a group's hypotheses, built by running the group's model; candidate columns are
+    cached while the model is unchanged."""
 
     def __init__(self, model: GroupModel) -> None:
         self.model = model
         self.forms = Forms(model)
         self._kept: dict[tuple[Hypothesis, EffectInstance], Column] = {}
-        # of the shaft's gain, by when it is there
+        # Caches the time course of the shaft's gain by effect instance.
         self._courses: dict[EffectInstance, Array] = {}
-        # by the parts with which drives move later
+        # Caches nuisance columns by the effects that delay the drives.
         self._fixed: dict[Hypothesis, list[Column]] = {}
-        self._made_at = -1  # of the model's moves
+        # Revision of the model's nominal values for which the caches are valid.
+        self._made_at = -1
 
     def _refresh_model(self) -> None:
         if self._made_at != self.model.moves:
@@ -277,8 +292,8 @@ class Columns:
             self._fixed.clear()
 
     def fixed(self, parts: Hypothesis = ()) -> list[Column]:
-        """The nuisances, at the nominal values as they stand, but for those that a part of the
-        hypothesis moves."""
+        """Return the nuisance columns at the current nominal values, without the values that an
+        effect of the hypothesis replaces."""
         self._refresh_model()
         moved = find_replaced_nominals(parts)
         return [
@@ -291,7 +306,8 @@ class Columns:
         ]
 
     def list_stop_columns(self, parts: Hypothesis) -> list[Column]:
-        """Where each gate that stuck stands."""
+        """Return a column for the position of each stuck gate, and for the load of each blocked
+        outlet."""
         return [
             self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id
         ] + [
@@ -313,8 +329,11 @@ class Columns:
         return self._fixed[late]
 
     def _where_it_stands(self, parts: Hypothesis, stuck: EffectInstance) -> Column:
-        """A gate that stuck within a move stands anywhere on the way that it goes from row to
-        row. The first seconds after a halt are left out of what is judged (HALT_S)."""
+        """Return the column of the unknown position at which a gate stuck within a move.
+
+        The gate stands anywhere on its way between two rows. The first seconds after a halt are not
+        judged (HALT_S).
+        """
         model, home = self.model, ROWS[effects.GATE_HOME_ERROR.id].on(self.model.machine)
         assert home.probe is not None
         off = self.of_candidate(
@@ -326,8 +345,8 @@ class Columns:
         )
 
     def _make_packing_column(self, parts: Hypothesis) -> Column:
-        """What stands before a closed outlet turns harder or easier, by the product and by how
-        it closed."""
+        """Return the column of the load behind a closed outlet, which varies with the product and
+        with how the outlet closed."""
         jam = self.model.base.by_name["effort"].jam
         harder = self.model.run(parts, self.model.base.put("effort", jam=jam + 1.0), ("effort",))[
             "effort"
@@ -340,7 +359,7 @@ class Columns:
         )
 
     def slopes(self, parts: Hypothesis) -> list[Column]:
-        """Slope of the prediction in each part's size, at the hypothesis."""
+        """Return the slope of the prediction in each effect's size, at the hypothesis."""
         model, found = self.model, []
         for k, part in enumerate(parts):
             row = ROWS[part.id]
@@ -365,8 +384,8 @@ class Columns:
         return found
 
     def form_columns(self, parts: Hypothesis, slopes: Sequence[Column]) -> list[Column]:
-        """Freedom of form of each part: smooth shapes of its variable with a prior in
-        proportion to its signal."""
+        """Return the freedom of shape of each effect: smooth functions of its variable, with a
+        prior proportional to its signal."""
         found: list[Column] = []
         fixed = self.fixed(parts)
         for slope in slopes:
@@ -390,7 +409,8 @@ class Columns:
         return found
 
     def _list_growth_bends(self, parts: Hypothesis, k: int) -> list[Column]:
-        """Shapes in time by which part k may grow unevenly: none where it does not grow."""
+        """Return time shapes by which effect k may grow unevenly; empty where the effect does not
+        grow."""
         part, model = parts[k], self.model
         if not part.grows or part.size == 0.0:
             return []
@@ -421,8 +441,8 @@ class Columns:
         ]
 
     def _list_form_wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
-        """Shapes by which a part's form may differ, where and as it is there: over its own
-        variable, and those of its siblings."""
+        """Return shapes by which an effect may deviate from its functional form, over its own
+        variable and over those of its sibling effects."""
         row = ROWS[part.id]
         moves = tuple(
             p
@@ -442,14 +462,15 @@ class Columns:
         return found
 
     def _restrict_to_course(self, column: Column, part: EffectInstance, stage: str) -> Column:
-        """A column of a stage's form in the course of a part that begins, ends or grows."""
+        """Multiply a shape column by the time course of an effect that begins, ends or grows."""
         if part.onset_s is None:
             return column
         found = {}
         for channel in self.model.channels:
             if channel.name in column.coefficients:
                 whole = make_series_of(column.coefficients[channel.name], channel.cut)
-                # it goes there with the motor, as the part's own column does
+                # The shape follows the motor's time constant, as the column of the effect itself
+                # does.
                 if stage == "shaft":
                     found[channel.name] = whole * self._shaft_course(channel, part)
                 else:
@@ -462,8 +483,8 @@ class Columns:
         return _make_column(self.model, column.label, found)
 
     def _shaft_course(self, channel: ChannelSeries, part: EffectInstance) -> Array:
-        """How much of a constant gain of the shaft shows at each sample if it is there as a
-        part is: (m,)."""
+        """Return the share of a constant shaft gain that shows at each sample, when the gain has
+        the time course of an effect: (m,)."""
         self._refresh_model()
         unit = TABLES["shaft"].unit
         size = ROWS[unit.id].on(self.model.machine).probe
@@ -483,7 +504,8 @@ class Columns:
         return self._courses[here]
 
     def of_candidate(self, parts: Hypothesis, part: EffectInstance) -> Column:
-        """What one unit of a further part does on top of a hypothesis."""
+        """Return the predicted change for one unit of a candidate effect that is added to a
+        hypothesis."""
         self._refresh_model()
         if (parts, part) not in self._kept:
             if len(self._kept) > MAX_KEPT:
@@ -498,8 +520,8 @@ class Columns:
         return self._kept[(parts, part)]
 
     def list_time_shapes(self, slope: Column, part: EffectInstance) -> list[Column]:
-        """A part's slope in the course of smooth shapes of the time for which it is there: its
-        size, were it not the same all along."""
+        """Return an effect's slope multiplied by smooth functions of the time during which the
+        effect acts: its size may vary over time."""
         found: list[dict[str, Array]] = [{} for _ in range(WAVES)]
         for channel in (c for c in self.model.channels if c.name in slope.coefficients):
             time_s, series = (
@@ -527,7 +549,7 @@ class Columns:
         ]
 
     def trace(self, parts: Hypothesis, k: int) -> Column:
-        """What the whole of part k does, the others in place."""
+        """Return the change from the whole of effect k, with the other effects in place."""
         return _make_column(
             self.model,
             Label(Role.TRACE, parts[k].id, k),
@@ -535,8 +557,8 @@ class Columns:
         )
 
     def between(self, parts: Hypothesis, others: Hypothesis) -> Column:
-        """What a hypothesis does more than another: the others' sizes may have moved far in its
-        place."""
+        """Return the difference between a hypothesis and another. The sizes of the other hypothesis
+        may differ far from those of this one."""
         with_it, without = self.model.predicted(parts), self.model.predicted(others)
         return _make_column(
             self.model,
@@ -545,15 +567,15 @@ class Columns:
         )
 
     def of_hypothesis(self, parts: Hypothesis) -> list[Column]:
-        """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
+        """Return nuisances, slopes and shapes of a hypothesis, in the order of `compressed`."""
         slopes = self.slopes(parts)
         return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes)]
 
     def compress_hypothesis(
         self, parts: Hypothesis, more: Sequence[Column] = ()
     ) -> tuple[Problem, int]:
-        """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come
-        before `more`."""
+        """Return the regression problem at a hypothesis, with columns in the order nuisances,
+        slopes, shapes, `more`, and the number of columns before `more`."""
         base = self.of_hypothesis(parts)
         self.model.ask()
         return make_evidence_problem(
@@ -561,8 +583,8 @@ class Columns:
         ), len(base)
 
     def group_by_channel(self, parts: Hypothesis) -> dict[str, list[tuple[Column, Array]]]:
-        """By channel: nuisances and slopes of a hypothesis that touch it, along with their
-        series (m,)."""
+        """Return the nuisances and slopes of a hypothesis by the channel that they change, each
+        with its series (m,)."""
         found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.model.channels}
         for column in [*self.fixed(parts), *self.slopes(parts)]:
             for channel in self.model.channels:
@@ -574,9 +596,11 @@ class Columns:
 
 
 def _remove_slopes(form: Column, slopes: Sequence[Column]) -> Column:
-    """A form without what the sizes of the parts do, over all rows alike: sizes are then those
-    with which the machine file, which has no freedom of form, predicts best (Plumlee, JASA 112,
-    2017, 1274: orthogonal discrepancy)."""
+    """Make a shape orthogonal to the slopes, over all rows alike.
+
+    The sizes are then those with which the machine file, which has no freedom of shape, predicts
+    best (orthogonal discrepancy: Plumlee, JASA 112, 2017, 1274).
+    """
     found = {}
     for name, values in form.coefficients.items():
         there = [slope.coefficients[name] for slope in slopes if name in slope.coefficients]
@@ -588,7 +612,8 @@ def _remove_slopes(form: Column, slopes: Sequence[Column]) -> Column:
 
 
 def _choose_slope_step(part: EffectInstance, machine: Machine) -> float:
-    """Difference of size over which a part's slope is taken, away from the bound of its size."""
+    """Return the size difference for an effect's slope, with the sign that points away from the
+    bound of the size."""
     row = ROWS[part.id].on(machine)
     step = row.probe or max(0.002, 0.02 * abs(part.size))
     if row.trial_sizes:

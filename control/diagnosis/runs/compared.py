@@ -1,5 +1,6 @@
-"""Two machine files held against the same log: the error of each channel under either, and the
-difference."""
+"""Compares two machine files on the same log: the error of each channel under either file, and the
+difference.
+"""
 
 from __future__ import annotations
 
@@ -24,19 +25,22 @@ from .stages import make_run_data
 
 Array = npt.NDArray[np.float64]
 
-MOST_BLOCKS, LEAST_BLOCKS = 24, 4  # of a channel; of fewer no spread is read
-# a block is so many times as long as errors stay alike: blocks are then nearly independent
+# Maximum and minimum number of blocks of a channel; fewer blocks give no estimate of the spread.
+MOST_BLOCKS, LEAST_BLOCKS = 24, 4
+# Length of a block in correlation times of the squared errors: longer blocks are nearly
+# independent.
 MEMORIES = 5.0
-SHARE = 0.90  # of the interval, as everywhere in a diagnosis
+# Probability of the interval, as everywhere in a diagnosis.
+SHARE = 0.90
 
 
 class ComparedChannel(NamedTuple):
     """Errors of one channel under both machine files; no size is fitted.
 
-    unit : of all figures. old, new : r.m.s. of measured less predicted. low, high : 90 %
-    interval of old less new by a jackknife over blocks of time, NaN where the log is too short
-    for it. time_s, measured, of_old, of_new : the series (m,) that they are of, for pictures:
-    time in the log, read, predicted by each.
+    unit : of all figures. old, new : r.m.s. of measured minus predicted. low, high : 90 % interval
+    of old minus new by a jackknife over blocks of time, NaN where the log is too short. time_s,
+    measured, of_old, of_new : series (m,) for pictures: time in the log, reading, and the
+    prediction of each file.
     """
 
     channel: str
@@ -52,7 +56,8 @@ class ComparedChannel(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """What one log says of two machine files. findings : plain sentences about the data."""
+    """Errors of all channels of a log under two machine files. findings : sentences about the data
+    for the user."""
 
     channels: tuple[ComparedChannel, ...]
     findings: tuple[str, ...]
@@ -61,15 +66,15 @@ class Compared(NamedTuple):
         return self.summary()
 
     def summary(self) -> str:
-        """Errors of each channel under both machine files, a line each."""
+        """Errors of each channel under both machine files as text, a line for each channel."""
         return str(load_notebook_room().summarise_compared(self))
 
     def plot(self) -> Any:
-        """A picture of each channel, as of `Diagnosis.plot`."""
+        """Draw a picture of each channel, as `Diagnosis.plot` does."""
         return load_notebook_room().draw_compared(self)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows below a cell that ends with a comparison."""
+        """Return the HTML that a notebook shows below a cell that ends with a comparison."""
         return str(self.plot()._repr_html_())
 
 
@@ -86,8 +91,8 @@ def compared(
     new: Machine | str,
     step: Callable[[float, str], None] = lambda share, word: None,
 ) -> Compared:
-    """How well two machine files predict a run log, channel by channel, as they stand: nothing is
-    fitted to the log.
+    """Compare how well two machine files predict a run log, channel by channel; nothing is fitted
+    to the log.
 
     Parameters
     ----------
@@ -95,16 +100,16 @@ def compared(
         Columns of shape (n,) by the run log's names and units, in any form that `diagnose_run`
         takes.
     old, new
-        The machine files, or their paths or shipped names. Rows are put in order, and gaps
-        bridged, as `old` has it, for both alike.
+        The machine files, or their paths or shipped names. The settings of `old` decide how rows
+        are sorted and gaps bridged, for both files.
     step
-        `step(share, word)` is called between channels; it may raise to end the work.
+        `step(share, word)` is called between channels; an exception from it ends the work.
 
     Returns
     -------
     Compared
         A channel for each that the log can show under both files: shaft (r/min), gate (mm),
-        flow (kg/s, means over 10 s of the scale), scale (kg), speed (wheel less GNSS, m/s),
+        flow (kg/s, means over 10 s of the scale), scale (kg), speed (wheel minus GNSS, m/s),
         heads (NDVI).
 
     Raises
@@ -114,7 +119,7 @@ def compared(
 
     Examples
     --------
-    A shaft that turns 4 % faster than its command, and a machine file that knows of it:
+    A shaft that turns 4 % faster than its command, and a machine file that declares this gain:
 
     >>> import numpy as np
     >>> from topdress.control.machine.machine import Machine, add_effect
@@ -130,7 +135,7 @@ def compared(
     log = clean_run_log(read_columns(columns), old.has_stage)
     log = move_log_columns(log, find_row_order(log, old))
     step(0.1, "data")
-    # what comes of it is looked at: a channel without numbers is left out
+    # Numerical warnings are silenced, because a channel without finite numbers is left out below.
     with np.errstate(all="ignore"):
         of_old = _predict_channels(log, old, old, lambda share, word: step(0.1 + 0.4 * share, word))
         of_new = _predict_channels(log, new, old, lambda share, word: step(0.5 + 0.4 * share, word))
@@ -147,9 +152,12 @@ def compared(
 def _predict_channels(
     log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]
 ) -> dict[str, _PredictedSeries]:
-    """Every channel that the log can show, as a machine file predicts it, on the rows that are
-    judged by the sensors of `other`: also those that ask a shaft for what it cannot do by its
-    file, for that may be the file's error."""
+    """Predict every channel that the log can show with a machine file, on the rows that the sensors
+    of `other` can judge.
+
+    Rows that command a shaft beyond the limits of its file are included, for the limit may be the
+    file's error.
+    """
     shaft = machine.shaft._replace(one_way=0.0)
     seen = make_channels(
         make_run_data(log, machine.model_copy(update={"shaft": shaft, "noise": other.noise})),
@@ -164,7 +172,8 @@ def _predict_channels(
 
 
 def _list_compared_channels(old: _PredictedSeries, new: _PredictedSeries) -> list[ComparedChannel]:
-    """The channel itself; of the scale also the flow, which is what it is read for."""
+    """Return the compared channel itself, and for the scale also the flow, because the scale is
+    there to measure the flow."""
     name, unit = old.series.name, old.series.unit
     measured = old.series.measured
     time_s = np.tile(old.series.grid.even_s, old.series.copies)
@@ -224,17 +233,16 @@ def _compare_errors(
 
 
 def calc_rms(errors: Array) -> float:
-    """Root of the mean square of errors (m,)."""
+    """Return the root mean square of errors (m,)."""
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
-    """90 % interval of rms(before) - rms(after), errors (m,) of the same rows: jackknife over
-    blocks of time.
+    """Return the 90 % interval of rms(before) - rms(after), for errors (m,) of the same rows.
 
-    The block that is left out moves the difference; errors within a block hang together, so
-    that blocks, not rows, are counted (Kunsch, Annals of Statistics 17, 1989). NaN, NaN for
-    fewer than LEAST_BLOCKS blocks.
+    The interval is a jackknife over blocks of time. Errors within a block are correlated, so blocks
+    are counted, not rows (Kunsch, Annals of Statistics 17, 1989). The result is NaN, NaN for fewer
+    than LEAST_BLOCKS blocks.
     """
     count = int(
         min(
@@ -265,8 +273,8 @@ def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
 
 
 def _calc_memory_rows(errors: Array) -> float:
-    """Rows over which the squares of errors (m,) stay alike: what they are correlated with the
-    next row's, as the time constant of a first-order noise, 1 row at least."""
+    """Return the correlation time of the squared errors (m,) in rows, as the time constant of a
+    first-order noise, at least 1 row."""
     squares = np.square(errors) - np.mean(np.square(errors))
     total = float(np.sum(np.square(squares)))
     alike = float(np.sum(squares[1:] * squares[:-1])) / total if total > 0.0 else 0.0

@@ -1,5 +1,6 @@
-"""What a named effect does in the field when nobody compensates it, at the log's own operating
-points."""
+"""Estimates the cost of a named effect in the field when it is not compensated, at the log's own
+operating points.
+"""
 
 from __future__ import annotations
 
@@ -21,17 +22,19 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-MAX_POINTS = 500  # of a log, evenly over it
-# in which a drive falls behind: longer than any delay
+# Maximum number of operating points of a log, evenly spaced over the log.
+MAX_POINTS = 500
+# Minimum length of a window in which a drive's lag is measured, s: longer than any delay.
 MIN_WINDOW_S = 5.0
 
 
 def calc_field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCost:
-    """Mean change of the dose, %, and of the landing place, m (late positive), over the log
-    from the effect's onset on.
+    """Return the mean change of the dose, %, and of the landing position, m (late is positive),
+    from the effect's onset to the end of the log.
 
-    None: it has no such cost that a log can tell. Effects of one speed sensor are counted as if
-    it alone gave the speed, those of the scale as if the flow followed it.
+    None means that the log cannot tell such a cost. The cost of a speed sensor's effect assumes
+    that this sensor alone gives the speed. The cost of the scale's effect assumes that the flow
+    follows the scale.
     """
     costs = ROWS[part.id].costs
     if costs in WITHOUT_MODEL:
@@ -78,8 +81,8 @@ def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> floa
 def _list_operating_points(
     data: RunData, machine: Machine, time_s: Array, refills: float
 ) -> list[OperatingPoint]:
-    """Operating points at times of the log (n,), as it was asked for; what it does not tell is
-    as usual."""
+    """Return operating points at times of the log (n,), as they were commanded; unrecorded inputs
+    have their nominal values."""
     at = np.maximum(0, np.searchsorted(data.time_s, time_s, side="right") - 1)
     usual = {
         "shaft_rpm": machine.set_points.shaft_rpm,
@@ -100,8 +103,11 @@ def _list_operating_points(
 
 
 def _find_standing_rows(drive: Drive, plan: Schedule) -> Array:
-    """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off
-    by what that is off."""
+    """Return the true position of a drive at its rows (n,).
+
+    A gate is controlled by its own reading, so the true opening differs from the command by the
+    error of the reading.
+    """
     if drive.name == "shaft":
         return simulate_drive_rows(drive)(plan, MAX_MODEL_STEP_S)[:, 0]
     true, read = simulate_drive_rows(drive)(plan, MAX_MODEL_STEP_S).T
@@ -119,7 +125,7 @@ def _place_operating_points(
 
 
 def _calc_extra_lag_s(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
-    """By how much later a drive or a sensor follows, s; None where the log does not move it."""
+    """Return the additional lag of a drive or a sensor, s; None where the log does not move it."""
     plans = _make_both_schedules(part, machine)
     stage = ROWS[part.id].stage
     drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
@@ -139,11 +145,11 @@ def _calc_extra_lag_s(part: EffectInstance, machine: Machine, data: RunData) -> 
 def _calc_behind_s(
     now: Array, late: Array, clock_s: Array, moves: npt.NDArray[np.int64]
 ) -> float | None:
-    """What falls behind from one move to a later one, over how far it went meanwhile: least
-    squares over such windows.
+    """Estimate the lag of one series behind another, s, by least squares over windows from one move
+    to a later move.
 
-    What follows by d s later falls behind by d times the way. now, late : series (n,) at
-    `clock_s`; moves : rows at which one begins.
+    A series that lags by d seconds falls behind by d times its travelled distance. now, late :
+    series (n,) at `clock_s`; moves : rows at which a move begins.
     """
     cuts: list[int] = []
     for row in moves.tolist():

@@ -1,7 +1,7 @@
-"""Diagnosis of a run log, from columns to verdict.
+"""Diagnoses a run log, from columns to verdict.
 
-A log may be so odd that a matrix has no inverse or a sum no value. That is trouble of the
-program's own, never "what was given is wrong", and it must not take the other channels with it
+An unusual log may lead to a singular matrix or a sum without a finite value. Such a failure is the
+program's own, is never reported as a mistake of the user, and must not stop the other channels
 (`attempt`).
 """
 
@@ -53,23 +53,23 @@ from .selection import GroupResult, judge_group
 from .stages import RunData, make_run_data
 
 T = TypeVar("T")
-# runs of the model, in which a group is half judged: how many it needs nobody knows
+# Number of model runs after which the progress bar shows half: the total number is unknown in
+# advance.
 HALF_WAY = 200
 Progress = Callable[[float, str], None]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
 class Cancelled(Exception):
-    """The diagnosis was asked to end."""
+    """Raised when the user has cancelled the diagnosis."""
 
 
 def attempt_step(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
-    """What `work` gives; None where it fails, and a sentence on `what` among the findings.
+    """Return the result of `work`, or None with a finding about `what` where it fails.
 
-    Numbers that overflow or vanish on the way raise no warning: what comes of them is looked at
-    (`has_finite_numbers`). Whatever fails is caught, for nobody knows beforehand what a
-    stranger's log makes of a formula; the place stands in the sentence, so that it can be
-    reported.
+    Overflow and underflow raise no warning, because `has_finite_numbers` examines the results.
+    Every exception is caught, because the effect of an unknown log on a formula cannot be foreseen.
+    The finding contains file and line, so that the user can report the failure.
     """
     try:
         with np.errstate(all="ignore"):
@@ -85,7 +85,7 @@ def attempt_step(what: str, work: Callable[[], T], findings: list[str]) -> T | N
 
 
 def _locate_error(error: Exception) -> str:
-    """File and line of ours that the error came from."""
+    """Return the file and line of this program that raised the error."""
     trace, found = error.__traceback__, "?"
     while trace is not None:
         path = PurePath(trace.tb_frame.f_code.co_filename)
@@ -96,7 +96,7 @@ def _locate_error(error: Exception) -> str:
 
 
 def has_finite_numbers(value: Any) -> bool:
-    """Whether every number in a result is one."""
+    """Tell whether all numbers in a result are finite."""
     if isinstance(value, float):
         return math.isfinite(value)
     if is_dataclass(value):
@@ -107,7 +107,7 @@ def has_finite_numbers(value: Any) -> bool:
 
 
 def join_channel_names(channels: Iterable[str]) -> str:
-    """Channels as a sentence names them."""
+    """Return a list of channels as text for a sentence."""
     found = list(channels)
     return found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}"
 
@@ -130,64 +130,65 @@ def diagnose_run(
     seed: int = 0,
     each: Each = map,
 ) -> Diagnosis:
-    """What the machine model gets wrong in a run log, why, and what putting it right gains.
+    """Diagnose a run log: find the errors of the machine model, their causes, and the gain of
+    correcting them.
 
     Parameters
     ----------
     columns
-        Columns of shape (n,), one row a control tick or any other step, by the run log's column
-        names and units (contract of the run log): a dict of arrays or lists, a pandas or polars
-        DataFrame, a list of dicts, an array with named fields. Only `time_s` is needed (or
-        `time_ms`, or dates: `control.diagnosis.dataframe_input`); a stage without its columns is
-        left out and said in the findings.
+        Columns of shape (n,), with a row for each control tick or any other step, by the run log's
+        column names and units (contract of the run log): a dict of arrays or lists, a pandas or
+        polars DataFrame, a list of dicts, an array with named fields. Only `time_s` is required (or
+        `time_ms`, or dates: `control.diagnosis.dataframe_input`). A stage without its columns is
+        left out, and the findings say so.
     machine
-        The machine as its file has it, or that file's path, or the name of a shipped one
-        ("drive_alone"). Its tolerances are priors; sizes found are on top of its own effects.
+        The machine of the machine file, or that file's path, or the name of a shipped file
+        ("drive_alone"). Its tolerances are priors; found sizes are added to its own effects.
     path
-        Of the data, for the result.
+        Path of the data, for the result.
     progress
-        `progress(share, word)` is called as often, share from 0 to 1; what it raises ends the
-        diagnosis as well.
+        `progress(share, word)` is called repeatedly, share from 0 to 1; an exception from it ends
+        the diagnosis as well.
     cancelled
-        Asked at every run of the model, many times a second; True ends the diagnosis with
+        Called at every run of the model, many times a second; True ends the diagnosis with
         `Cancelled`.
     seed
-        As for `diagnose_tables`, whose probabilities are drawn; of a run nothing is.
+        Unused for a run; `diagnose_tables` draws its probabilities with it.
     each
-        `map`, or that of a pool: the groups of channels may be judged side by side.
+        `map`, or the `map` of a pool: the groups of channels may be judged in parallel.
 
     Returns
     -------
     Diagnosis
-        In a notebook it shows itself, and `found.plot()` its pictures. By the contract
-        "topdress-diagnosis/1": sizes and their 90 % intervals are in the catalogue's units
-        (`topdress effects`), residuals in r/min, mm, kg, kg/s, m/s and NDVI. Field costs are %
+        A notebook shows the result; `found.plot()` shows its pictures. By the contract
+        "topdress-diagnosis/1", sizes and their 90 % intervals are in the catalogue's units
+        (`topdress effects`), residuals in r/min, mm, kg, kg/s, m/s and NDVI. Field costs are in %
         and m.
 
     Raises
     ------
     ValueError
         One line, where there is no time column or fewer rows than a diagnosis needs, where
-        columns differ in length or hold what is no number, and for a machine that no file
+        columns differ in length or contain anything but numbers, and for a machine that no file
         describes.
     Cancelled
-        Where `cancelled` said so.
+        Where `cancelled` returned True.
 
     Notes
     -----
     Each channel is predicted through the machine model from the measured output of the stage
-    before. The likelihood is Whittle's, in the cosine domain, with a fast and a slow noise
-    refitted under every hypothesis [1]_; heavy tails are drawn in by pseudo-values [2]_.
-    Effects are proposed by a score test of their simulated column and weighed by log evidence
-    and prior odds, refitted through the model [3]_ (control/diagnosis/judgement). The gain is
-    measured on blocks that no size was fitted to.
+    before. The likelihood is Whittle's, in the cosine domain, with a fast and a slow noise refitted
+    under every hypothesis [1]_; pseudo-values reduce heavy tails [2]_. A score test of the
+    simulated column proposes effects; log evidence and prior odds, refitted through the model,
+    weigh them [3]_ (control/diagnosis/judgement). The gain is measured on blocks to which no size
+    was fitted.
 
     References
     ----------
     .. [1] Whittle, Estimation and information in stationary time series, Arkiv for Matematik 2,
         1953.
-    .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009, 7.8.
-    .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
+    .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009, 7.8. .. [3] Kass and Raftery,
+    Bayes factors, J. Am. Stat. Assoc. 90, 1995.
 
     Examples
     --------
@@ -225,12 +226,14 @@ def judge_run(
     cancelled: Callable[[], bool] | None = None,
     each: Each = map,
 ) -> JudgedRun:
-    """As `diagnose_run`, with what it was made of."""
+    """Diagnose a run log as `diagnose_run` does, and return the diagnosis with the intermediate
+    results."""
     furthest = 0.0
 
     def step(share: float, word: str) -> None:
         nonlocal furthest
-        furthest = max(furthest, share)  # the answer runs the models as well
+        # The answer runs the models as well, so the share must not fall back.
+        furthest = max(furthest, share)
         if cancelled is not None and cancelled():
             raise Cancelled
         try:
@@ -249,7 +252,8 @@ def judge_run(
         *units_doubted(data, machine),
         *hidden_by_load(data, machine),
     ]
-    with np.errstate(all="ignore"):  # what comes of it is looked at (`_sound`)
+    # Numerical warnings are silenced, because `has_finite_numbers` examines the results.
+    with np.errstate(all="ignore"):
         seen = make_channels(data, machine)
     step(0.05, "channels")
     without = attempt_step(
@@ -301,8 +305,8 @@ def _keep_sound_results(
     machine: Machine,
     findings: list[str],
 ) -> tuple[list[GroupResult], tuple[ReadOff, ...]]:
-    """The groups and the effects read off whose results are numbers throughout; the others are
-    left out and said."""
+    """Return the groups and the directly detected effects whose results are finite; a finding
+    reports each that is left out."""
 
     def holds(what: str, some: list[GroupResult], seen: tuple[ReadOff, ...]) -> bool:
         reported = attempt_step(
@@ -321,7 +325,7 @@ def _keep_sound_results(
 
 
 def _add_rate_findings(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Diagnosis:
-    """What such data show all the same: the applied rate against the target."""
+    """Add the applied rate against the target rate to a diagnosis that has no channel."""
     failed: list[str] = []
     sane = {
         name: blank_unreadable(values)
@@ -346,8 +350,8 @@ def series_of_log(
     machine: Machine,
     ordered: Callable[[Clean, Machine], Clean] = order_log_rows,
 ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
-    """The cleaned log, its channels with what comes in steps or spells taken out, and the
-    effects that those were."""
+    """Return the cleaned log, its channels with encoder steps and intermittent effects removed, and
+    the removed effects."""
     failed: list[str] = []
     log = clean_run_log(columns, machine.has_stage)
     log = attempt_step("the order of rows", lambda: ordered(log, machine), failed) or log
@@ -371,7 +375,7 @@ def series_of_log(
 
 
 def _make_run_data(log: Clean, machine: Machine, failed: list[str]) -> RunData:
-    """The channels that can be made of a log. Raises ValueError where none can."""
+    """Build the channels of a log. Raises ValueError where no channel can be built."""
     with np.errstate(all="ignore"):
         if (
             data := attempt_step("all channels together", lambda: make_run_data(log, machine), [])
@@ -407,10 +411,10 @@ def _judge_all_groups(
     each: Each,
     findings: list[str],
 ) -> list[GroupResult]:
-    """Each group of channels judged: they share nothing but the log."""
+    """Judge each group of channels; the groups share only the log."""
     groups = {word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}
     words = [word for word, members in groups.items() if members]
-    # of the model, by group: how much of the work is done
+    # Counts model runs by group, to estimate the progress.
     runs = dict.fromkeys(words, 0)
 
     def judge(word: str) -> GroupResult | None:
@@ -424,6 +428,6 @@ def _judge_all_groups(
         )
 
     longest = sorted(words, key=lambda word: -sum(len(one.measured) for one in groups[word]))
-    # side by side, so that none is waited for alone
+    # The longest groups start first and run in parallel, so that none is waited for alone.
     judged = dict(zip(longest, each(judge, longest), strict=True))
     return [one for word in words if (one := judged[word]) is not None]

@@ -1,9 +1,9 @@
-"""What is tried beyond the catalogue: every form over every variable of every quantity that a
-group's channels show.
+"""Searches terms beyond the catalogue: every functional form over every variable of every quantity
+that a group's channels show.
 
-A form's series over the log's rows becomes, through the model of its stage, a series of the
-channel. That is had once for each of the few series that all shapes of all forms share, and
-does not depend on the hypothesis.
+The model of a stage converts a form's series over the log's rows into a series of the channel. All
+shapes of all forms share a few series, so the conversion runs once for each shared series and does
+not depend on the hypothesis.
 """
 
 from __future__ import annotations
@@ -58,26 +58,32 @@ UNIT_EFFECT = {
     TermTarget.FLOW_PERCENT: EffectInstance(effects.FLOW_GAIN.id, 1.0),
     TermTarget.WHEEL_PERCENT: EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0),
 }
-# The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product
-# with another variable that noise adds up to nothing.
+# The wheel speed is compared with the GNSS speed, so the GNSS noise would appear as a dependence on
+# speed. In a product with another variable that noise averages to zero.
 NEVER_ALONE = {"speed": frozenset({"speed_mps"})}
-SHAFT_PROBE = 0.5  # % or r/min, for a slope ...
-SHAFT_NOTHING = 1e-6  # ... and r/min of it that are rounding
-TURNS_RPM = 1.0  # a shaft that turns at all: below, nothing flows
-# of the fastest command: below, the shaft is commanded to stand
+# Change of the shaft, in % or r/min, for a numerical slope.
+SHAFT_PROBE = 0.5
+# Responses below this, r/min, are rounding errors.
+SHAFT_NOTHING = 1e-6
+# Minimum speed of a turning shaft, r/min: nothing flows below this speed.
+TURNS_RPM = 1.0
+# Share of the fastest command below which the shaft is commanded to stand.
 TURNS_SHARE = 1e-3
-# of the rows: fewer that turn do not say between what a variable moves
+# Minimum share of rows with a turning shaft: fewer rows do not show the range of a variable.
 WORKS_SHARE = 0.1
-# forms are chosen by what is slower: the variables are means over a second and a half
+# Forms are selected by components below this frequency, Hz, because the variables are means over
+# 1.5 s.
 SLOWER_THAN_HZ = 2.5
-LEAST_KEPT = 64  # coefficients: of a short log all
-# information on a level that the hypothesis must leave, for it to be fitted along
+# Minimum number of cosine coefficients; a short log uses all its coefficients.
+LEAST_KEPT = 64
+# Minimum share of the information on a constant, after the hypothesis, for a constant to be fitted
+# as well.
 LEAST_LEVEL = 1e-3
 
 
 def list_shown_quantities(model: GroupModel) -> list[TermTarget]:
-    """Quantities that a group's channels show."""
-    # rounding is a dependence of its own
+    """Return the quantities that a group's channels show."""
+    # Rounding of an encoder is itself a dependence on speed.
     in_steps = model.data.shaft is not None and model.data.shaft.step > 0.0
     return [
         acts
@@ -87,7 +93,8 @@ def list_shown_quantities(model: GroupModel) -> list[TermTarget]:
 
 
 class ActedOn:
-    """One quantity under a hypothesis: series over the log's rows to series of its channel."""
+    """Converts series of one quantity over the log's rows into series of its channel, under a
+    hypothesis."""
 
     def __init__(self, model: GroupModel, parts: Hypothesis, acts: TermTarget) -> None:
         self.channel = model.channel(CHANNEL_OF[acts])
@@ -99,11 +106,11 @@ class ActedOn:
 
     @cached_property
     def constant(self) -> Array:
-        """Change of the channel by a constant (1, m)."""
+        """Change of the channel for a constant change of the quantity (1, m)."""
         return self.of(np.ones((1, len(self._model.data.row_s))))
 
     def of(self, rows: Array) -> Array:
-        """Change of the channel by one unit of each series: (k, m) of (k, rows)."""
+        """Return the change of the channel for one unit of each series: (k, m) of (k, rows)."""
         data, channel = self._model.data, self.channel
         if channel.name in ("shaft", "gate"):
             return channel.grid.of(self._respond_as_drive(rows))
@@ -124,8 +131,8 @@ class ActedOn:
         return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
 
     def _respond_as_drive(self, rows: Array) -> Array:
-        """What shows at a row was in force in the row before it; the shaft goes there as its
-        stage does."""
+        """Shift the series by a row, because a row shows the change that was in force in the row
+        before; the shaft then follows its stage's dynamics."""
         data = self._model.data
         drive = data.shaft if self.channel.name == "shaft" else data.gate
         assert drive is not None
@@ -141,8 +148,8 @@ class ActedOn:
         )[:, 0]
 
     def _respond_as_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
-        """Slope of the shaft's speed in so much of a series over its rows: while it runs up
-        nothing of it shows."""
+        """Return the slope of the shaft speed in a series over its rows; the slope is zero while
+        the shaft accelerates at its limit."""
         share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
         moved = (
             drive._replace(more=drive.more + share * one)
@@ -156,16 +163,18 @@ class ActedOn:
 
 
 class Variables(NamedTuple):
-    """What the forms of one quantity may be over."""
+    """Variables over which the forms of one quantity are tried."""
 
     by_name: dict[str, ScaledVariable]
     one: tuple[str, ...]
-    two: tuple[str, ...]  # in products with each other
-    never_alone: tuple[str, ...] = ()  # in products with those of `two` only
+    # These variables are combined in products of two.
+    two: tuple[str, ...]
+    # These variables appear only in products with those of `two`.
+    never_alone: tuple[str, ...] = ()
 
     def has_level(self, form: TriedForm) -> bool:
-        """Whether a form has a free level: it would take up what a variable does that is never
-        alone."""
+        """Tell whether a form has a free constant. The constant would absorb the dependence on a
+        variable that is excluded alone."""
         return form.kind.has_level and form.over[-1] not in self.never_alone
 
     def pairs(self) -> list[tuple[str, str]]:
@@ -173,17 +182,18 @@ class Variables(NamedTuple):
 
 
 class FormGroup(NamedTuple):
-    """Forms over the same variables, or over all pairs of two, of one quantity."""
+    """Forms of one quantity over the same variables, or over all pairs of variables."""
 
     forms: tuple[TriedForm, ...]
-    # of each form: its columns from the series (k, amplitudes)
+    # Each form has a matrix that makes its columns from the shared series (k, amplitudes).
     mixes: tuple[Array, ...]
-    # cosine coefficients of the series, the slowest (k, kept); last a constant's
+    # Slowest cosine coefficients of the shared series (k, kept); the last row is a constant.
     kept: npt.NDArray[np.float32]
-    level: bool  # whether a constant is fitted along
+    # Whether a constant is fitted as well.
+    level: bool
 
     def only(self, forms: Sequence[bool]) -> FormGroup:
-        """The same with some of its forms."""
+        """Return the group reduced to some of its forms."""
         chosen = np.flatnonzero(forms)
         return self._replace(
             forms=tuple(self.forms[k] for k in chosen), mixes=tuple(self.mixes[k] for k in chosen)
@@ -191,7 +201,8 @@ class FormGroup(NamedTuple):
 
 
 class FormCandidate(NamedTuple):
-    """A form of a quantity. gain : in twice the log-likelihood; score : less what ranks forms."""
+    """A form of a quantity. gain : in twice the log-likelihood; score : gain minus the penalty for
+    ranking."""
 
     acts: TermTarget
     tried: TriedForm
@@ -200,7 +211,7 @@ class FormCandidate(NamedTuple):
 
 
 class Dictionary:
-    """Everything that is tried on a group of channels. of : each quantity with its variables."""
+    """All forms that are tried on a group of channels. of : the variables of each quantity."""
 
     def __init__(self, model: GroupModel) -> None:
         self._data = model.data
@@ -221,8 +232,10 @@ class Dictionary:
         return self._made[acts]
 
     def scanned(self, residual: WhitenedResidual, temporary: bool) -> list[FormCandidate]:
-        """The best forms over each variable, or two, under a given noise. temporary : those of
-        one run alone, or all else."""
+        """Return the best forms over each variable or pair of variables, under a given noise.
+
+        temporary : whether only variables of this run alone are tried, or only the others.
+        """
         return [
             one
             for acts, (acted, _) in self.of.items()
@@ -237,8 +250,11 @@ class Dictionary:
 def scan_dictionary(
     residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup]
 ) -> list[FormCandidate]:
-    """The best form over each variable, or two, and the best that leaps: an edge that is a
-    little off hides how good it is."""
+    """Return the best form over each variable or pair, and the best discontinuous form.
+
+    A small error in the position of an edge hides how well a discontinuous form fits, so the best
+    is always kept.
+    """
     found: list[FormCandidate] = []
     for entry in entries:
         left = residual.beyond(acted.channel, entry.kept)
@@ -269,10 +285,12 @@ def scan_dictionary(
 
 
 def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> Variables:
-    """Variables that move, by their names, and those that may be multiplied with each other."""
+    """Return the variables that change in the log, by name, and those that may be multiplied with
+    each other."""
     stage = TARGET_STAGES[acts]
     inputs = dict(data.inputs)
-    # as predicted: a reading's own noise must not come back
+    # The predicted level is used, because the reading's own noise would appear as a dependence on
+    # itself.
     if "hopper_kg" in data.variables:
         inputs["hopper_kg"] = np.interp(data.row_s, data.time_s, data.variables["hopper_kg"])
     work = np.ones(len(data.row_s), bool)
@@ -309,7 +327,8 @@ def _list_variables(data: RunData, machine: Machine, acts: TermTarget) -> Variab
 
 
 def _list_variable_names(data: RunData, acts: TermTarget) -> list[str]:
-    """What a quantity may depend on; of the shaft, temporary terms are looked for in r/min."""
+    """Return the names of variables on which a quantity may depend. Temporary terms of the shaft
+    are searched for in r/min."""
     stage = TARGET_STAGES[acts]
     further = [name for name in data.variables if name not in MIN_RANGE]
     names = [
@@ -318,7 +337,7 @@ def _list_variable_names(data: RunData, acts: TermTarget) -> list[str]:
         if name not in DOWNSTREAM[stage] - NEVER_ALONE.get(stage, frozenset())
     ]
     drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
-    # on a bench, time and command are one
+    # On a bench, time and command are confounded.
     if acts is TermTarget.SHAFT_PERCENT or (drive is not None and drive.settled):
         names.remove("time_s")
     return [*names, SHAFT_ANGLE] if acts is TermTarget.SHAFT_PERCENT else names
@@ -327,7 +346,7 @@ def _list_variable_names(data: RunData, acts: TermTarget) -> list[str]:
 def _list_tried_forms(
     acts: TermTarget, variables: Variables, data: RunData
 ) -> Iterator[list[TriedForm]]:
-    """The forms of one quantity, those that share series together."""
+    """Yield the forms of one quantity, grouped by the series that they share."""
     by_name = variables.by_name
     if acts is TermTarget.SHAFT_RPM:
         yield LostConstantForm.list_candidates(by_name["shaft_rpm"])
@@ -353,8 +372,8 @@ def _list_tried_forms(
 
 
 def _moves_unseen(acts: TermTarget, name: str, data: RunData) -> bool:
-    """Whether the log lacks some of a drive's commands, so that a form over the command would only
-    describe the moves that were not logged."""
+    """Tell whether the log lacks some of a drive's commands. A form over the command would then
+    only describe the moves that were not logged."""
     drive, own = {"shaft": (data.shaft, "shaft_rpm"), "gate": (data.gate, "opening_mm")}.get(
         TARGET_STAGES[acts], (None, "")
     )
@@ -362,7 +381,7 @@ def _moves_unseen(acts: TermTarget, name: str, data: RunData) -> bool:
 
 
 def _make_form_group(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> FormGroup:
-    """Forms with what the series that they share do to the channel."""
+    """Build a group of forms with the channel responses of their shared series."""
     places: dict[FormSeries, int] = {}
     for series in (series for form in forms for column in form.columns for series in column):
         places.setdefault(series, len(places))

@@ -1,11 +1,10 @@
-"""Effects that make one curve, or one answer to a step, together: started together.
+"""Starts hypotheses of several effects that together form one drive curve or one step response.
 
-What a drive's zone takes away, a gain that is off gives back over most of the range, and a
-curve that bends takes it away again at the top: each of them alone fits little, and the best of
-three one after the other is not the best three. Nor is the best of a swing's frequency and
-damping one after the other. The curves are those of the plain rival (`prediction/rival.py`), by
-least squares over all rows alike; the judgement then refits them, and holds the result against
-what it found one by one.
+A gain error compensates a dead zone over most of the range, and a saturation removes the excess at
+the top. Each effect alone fits little, and a greedy selection of three does not find the best
+three. Frequency and damping of an oscillation must be started together as well. The curves are
+those of the plain rival (`prediction/rival.py`), fitted by least squares over all rows. The
+judgement then refits the curves and compares the result with its own stepwise result.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from topdress.control.machine.shaft import calc_time_constant_s
 from .hypothesis import EffectInstance, Hypothesis
 from .search import Search
 
-# one answer to a step: its frequency and its damping
+# Frequency and damping of one step response.
 SWING = (SHAFT_SLOW.id, SHAFT_SECOND_ORDER.id)
 FAMILY = frozenset(
     {
@@ -50,23 +49,24 @@ FAMILY = frozenset(
         ),
     }
 )
-# A swing of another frequency is out of step after some 1 / (2 pi damping) periods: a fit gets
-# no further than to a quarter of the way there, so that every frequency is looked at first, and
-# the best of them are fitted. natural, in 1 / the machine file's time constant
+# Trial natural frequencies, in 1 / the machine file's time constant. An oscillation of another
+# frequency loses phase after some 1 / (2 pi damping) periods, so a local fit converges only from
+# within a quarter of that. Every frequency is evaluated first, and the best are fitted.
 FREQUENCIES = np.geomspace(0.1, 10.0, 16)
-# ratios: rings long, overshoots, hardly, two time constants
+# Trial damping ratios: long oscillation, overshoot, slight overshoot, two time constants.
 DAMPINGS = (0.1, 0.3, 0.8, 2.0)
-FITTED_FROM = 2  # best of these
+# Number of best starts that are fitted.
+FITTED_FROM = 2
 
 
 def list_multi_effect_hypotheses(
     search: Search, now: Hypothesis, proposed: Sequence[EffectInstance]
 ) -> Iterator[Hypothesis]:
-    """Hypotheses with several effects at once, in place of whatever of the same curve a
-    hypothesis holds.
+    """Yield hypotheses with several effects at once, which replace all effects of the same curve in
+    a hypothesis.
 
-    proposed : what may be added: where a second order is among it or there, frequency and
-    damping are started at once.
+    proposed : the effects that may be added. Where these or the hypothesis contain a second order,
+    frequency and damping are started together.
     """
     model = search.model
     if "shaft" not in model.names:
@@ -81,7 +81,8 @@ def list_multi_effect_hypotheses(
             search, tuple(part for part in now if part.id not in (*SWING, SHAFT_DEAD_TIME.id))
         )
     if now and not model.channel("shaft").settled:
-        # in a log of moves a curve's parts are also seen one by one: once will do
+        # A log of moves shows the effects of a curve separately as well, so a single joint start is
+        # enough.
         return
     others = tuple(part for part in now if part.id not in FAMILY or part.onset_s is not None)
     tried -= {part.id for part in others}
@@ -92,8 +93,8 @@ def list_multi_effect_hypotheses(
 
 
 def _list_swing_starts(search: Search, others: Hypothesis) -> list[Hypothesis]:
-    """The best of every frequency and damping: T = 2 damping / frequency, T2 = 1 / (2 damping
-    frequency)."""
+    """Return the best starts over all frequencies and dampings: T = 2 damping / frequency, T2 = 1 /
+    (2 damping frequency)."""
     model, tau_s = search.model, calc_time_constant_s(search.model.machine.shaft)
     measured, (low, high) = (
         model.channel("shaft").measured,

@@ -1,4 +1,6 @@
-"""Shaft and gate of a log: each drive's command and read-back, and which rows tell what it did."""
+"""Reads shaft and gate from a log: each drive's command and reading, and the rows that show the
+drive's behaviour.
+"""
 
 from __future__ import annotations
 
@@ -26,63 +28,74 @@ from .log import MIN_ROWS, MIN_SETTLED, Clean
 
 Array = npt.NDArray[np.float64]
 
-# of the drives at the beginning, at most: their past is not in the log ...
+# Maximum time at the start of a log that is left out for the drives, s: their history is not in the
+# log.
 SETTLE_S = 3.0
-# ... nor is it seen after so many times what they take to answer: exp(-10)
+# The start state is forgotten after this multiple of a drive's settling time: exp(-10).
 SETTLES = 2.0 * SETTLING_TAUS
-# of the rows, before which commands may be missing: more, and no move is known
+# Maximum share of rows before which commands may be missing; with more, no move is known.
 MAX_LOST = 0.1
-LATE_ROWS = 0.01  # of the rows missing, and as many ...
-# ... off whole steps by so much of one: the computer was late, also with what it wrote ...
+# Share of missing rows from which a computer may have been late.
+LATE_ROWS = 0.01
+# Deviation of the row times from whole steps, as a share of a step, from which the computer was
+# late, also when it wrote the rows.
 OFF_STEP = 0.02
-# ... by any time up to a row, 1 / sqrt(12) of one (1 s.d.)
+# Standard deviation of a late row's time, as a share of a row: a uniform delay of up to a row, 1 /
+# sqrt(12).
 STAMP_SHARE = 0.29
-# r/min and mm are those of the nominal machine: a share of another's range.
-# commands this close are the same: a third of the noise of a reading
+# Commands that differ by less are equal: a third of a reading's noise. r/min and mm are those of
+# the nominal machine, and are scaled to the range of another machine.
 SAME_RPM, SAME_MM = 0.1, 0.05
-# a shaft that was commanded to stand still is read below this, noise and all
+# A shaft that was commanded to stand reads below this, noise included.
 STILL_READ_RPM = 1.5 * STOPPED_RPM
-# after the command to stop: the smoothed reading has forgotten that it turned
+# Time after the command to stop, s, in which the smoothed reading forgets the rotation.
 STILL_AFTER_S = SMOOTH_S
-# after a command, a drive has answered it; after a gap, if not in ...
+# Time in which a drive has answered a command, s, if the machine file does not say more.
 ANSWERS_S = 1.0
-# ... times what a drive of the machine file takes for its way: one half as fast has, too
+# Multiple of the travel time by the machine file: a drive of half the speed has answered as well.
 SLOWER = 2.0
-# of a reading's noise: a drive that is read further away has moved (1e-9 by chance)
+# Multiple of the reading's standard deviation from which a drive has moved (1e-9 by chance).
 LEAPS_SD = 6.0
-# of the readings, that repeat the one before: more, and their digits end above their noise
+# Maximum share of readings that repeat the reading before; with more, the digits are coarser than
+# the noise.
 REPEATS_SELDOM = 0.1
-# of the reading's noise: further below 0 a shaft truly turns backwards (1e-9 by chance)
+# Multiple of the reading's standard deviation: a shaft that reads further below 0 turns backwards
+# (1e-9 by chance).
 READ_BACKWARDS_SD = 6.0
 
 
 class Drive(NamedTuple):
-    """Shaft or gate: command to read-back, at the log's own rows."""
+    """Command and reading of the shaft or the gate, at the log's own rows."""
 
     name: str
-    time_s: Array  # in the log
-    clock_s: Array  # as the model is run
+    # Time in the log, s.
+    time_s: Array
+    # Time axis on which the model runs, s.
+    clock_s: Array
     command: Array
     measured: Array
-    loads_mm: Array  # opening by which the shaft is loaded in a row
+    # Opening that loads the shaft in a row, mm.
+    loads_mm: Array
     supply_v: Array
     grid: Grid
-    # in which its readings come, where that is coarser than the log is written ...
+    # Step of the readings where it is coarser than the log's digits, else 0.
     step: float = 0.0
-    steps_from_s: float | None = None  # ... from then on, or all along
-    # most rows tell what was commanded, also while the drive moves: no settled answers do
+    # Time from which the readings have this step, s; None for the whole log.
+    steps_from_s: float | None = None
+    # Whether most rows show the command also while the drive moves; rows of settled answers do not.
     moves_seen: bool = True
-    settled: bool = False  # each row is the settled answer to its command
-    # rows in which it moves, of a computer that was late
+    # Whether each row is the settled answer to its command.
+    settled: bool = False
+    # Number of moving rows that are left out because the computer was late.
     left_out: int = 0
-    # of the machine file's terms: % of the shaft, mm of the gate
+    # Sum of the machine file's terms: % for the shaft, mm for the gate.
     more: Array | float = 0.0
     more_rpm: Array | float = 0.0
 
 
 def read_whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
-    """Shaft and gate of a log, by name, at every row even of a long log that is otherwise
-    looked at in windows."""
+    """Return shaft and gate of a log, by name, at every row, also of a long log that is otherwise
+    examined in windows."""
     every = make_log_rows(log, machine)
     more = sum_over_log(
         machine.terms, make_term_inputs(log, every, machine), every.time_s, run_term
@@ -99,10 +112,10 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
         read = smooth_series(
             bridge_gaps(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s
         )
-        # for a while: single readings would be a choice
+        # The shaft must stand for a while, because a selection of single readings would be biased.
         still = (since > STILL_AFTER_S) & (np.abs(read) < still_rpm)
-        # A shaft that stands as it was commanded tells nothing, and its reading has none of the
-        # noise of a turning one.
+        # A shaft that stands as commanded shows nothing, and its reading lacks the noise of a
+        # turning shaft.
         sure = ~still & _find_settled_rows(
             every,
             every.command_rpm,
@@ -153,9 +166,12 @@ def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> di
 def against_the_way(
     time_s: Array, command_rpm: Array, read_rpm: Array, machine: Machine
 ) -> npt.NDArray[np.bool_]:
-    """Rows that ask a shaft to turn backwards, or read it so, though its machine file says that
-    it turns one way, and those in which it may still run down from that: (n,). None of them is
-    judged."""
+    """Return the rows that command or read reverse rotation, though the machine file allows one
+    direction only: (n,).
+
+    Rows in which the shaft may still decelerate from reverse rotation are included. None of these
+    rows is judged.
+    """
     if machine.shaft.one_way <= 0.0:
         return np.zeros(len(time_s), bool)
     stopped_rpm = scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
@@ -168,9 +184,12 @@ def against_the_way(
 def turns_at_zero(
     time_s: Array, command_rpm: Array, read_rpm: Array, machine: Machine
 ) -> npt.NDArray[np.bool_]:
-    """Rows that command a shaft 0, at which it turns though its machine file says that this
-    stops it, and those in which it may still remember that: (n,). None of them is judged, of a
-    shaft in open loop: one that holds its speed has run away."""
+    """Return the rows in which a shaft turns at a command of 0, though its machine file says that 0
+    stops it: (n,).
+
+    Rows that may still be affected by such a rotation are included. None of these rows of an
+    open-loop shaft is judged; a shaft with speed control has run away in these rows.
+    """
     shaft, at_zero = machine.shaft, command_rpm == 0.0
     rests = at_zero & find_rows_at_rest(
         time_s, command_rpm, read_rpm, shaft.dead_time_s + SETTLING_TAUS * shaft.time_constant_s
@@ -191,7 +210,7 @@ def turns_at_zero(
 
 
 def read_off_zero(drive: Drive | None, machine: Machine) -> ZeroOffset:
-    """How a shaft stands to a command of 0."""
+    """Return how a shaft responds to a command of 0."""
     if drive is None:
         return NO_ZERO_OFFSET
     answers_s = (
@@ -207,15 +226,15 @@ def read_off_zero(drive: Drive | None, machine: Machine) -> ZeroOffset:
 def _find_settled_rows(
     every: LogRows, command: Array, same: float, dead_s: float, per_s: float
 ) -> npt.NDArray[np.bool_]:
-    """Rows whose drive has answered every command that can have been given since the row
+    """Return the rows whose drive has answered every command that can have been given since the row
     before: (n,).
 
-    Where commands may be missing from the log, a row is sure when its command and those of all
-    rows within the time of an answer are the same, the row before them included: any command
-    between two equal ones had no reason. Across a gap of a fine log a whole way may have been
-    commanded at once, at any time in the gap; in a log of rows far apart every row may hide a
-    command, and one that goes on in the same way as its neighbours is the rule. dead_s : what a
-    drive takes however short its way is; per_s : how much of the way it goes in a second.
+    Where commands may be missing from the log, a row is valid when its command equals those of all
+    rows within the answer time, including the row before them: a further command between two equal
+    commands is unlikely. In a gap of a fine log, a whole travel may have been commanded at any
+    time. In a log of sparse rows every row may hide a command; a command that continues the trend
+    of its neighbours is then accepted. dead_s : fixed part of a drive's answer time, s; per_s :
+    share of the range that a drive travels in a second.
     """
     if not every.lost.any():
         return np.ones(len(command), bool)
@@ -230,8 +249,8 @@ def _find_settled_rows(
 
 
 def _is_computer_late(every: LogRows) -> bool:
-    """Whether a computer did not keep up: rows are missing, and the others do not stand in
-    whole steps, as they do where a logger only lost some."""
+    """Tell whether a computer was late: rows are missing and the others are off whole steps. A
+    logger that only lost rows keeps whole steps."""
     steps = np.diff(every.time_s) / every.step_s
     return (
         every.step_s <= FINE_LOG_S
@@ -241,24 +260,26 @@ def _is_computer_late(every: LogRows) -> bool:
 
 
 def _find_quick_rows(every: LogRows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
-    """Rows of a late computer in which a drive moves by more than its reading's noise in the
-    time by which a row may be late: what is read there says when it was read, not what the
-    drive did. (n,)"""
+    """Return the rows of a late computer in which a drive moves by more than the noise within the
+    possible delay: (n,).
+
+    Such a reading shows when it was read, not how the drive moved.
+    """
     time, known = every.time_s, np.isfinite(measured)
     if not known.any() or not _is_computer_late(every):
         return np.zeros(len(measured), bool)
     rate = np.abs(np.gradient(np.interp(time, time[known], measured[known]), time))
-    # its neighbours as well
+    # The neighbouring rows are included.
     return np.asarray(maximum_filter1d(rate, 3) * STAMP_SHARE * every.step_s > noise)
 
 
 def repeated_in_motion(measured: Array, noise: float) -> npt.NDArray[np.bool_]:
-    """Rows that repeat the reading before to the last digit while the drive moves: by more than
-    `noise` (1 s.d. of a reading) leaves open to what was read before, and from it to what is
-    read next. (n,)
+    """Return the rows that repeat the reading before to the last digit while the drive moves: (n,).
 
-    A reading lost on its way is held so: for a while the drive seems slow or late. Where
-    readings repeat often, they are coarse, or the sensor is slower than the log.
+    The drive moves when the readings before and after differ by more than `noise` (1 s.d. of a
+    reading) explains. The sensor driver repeats the last reading when a reading is lost, so the
+    drive would seem slow or late. Where readings repeat often, the readings are coarse, or the
+    sensor is slower than the log, and no row is returned.
     """
     found, known = np.zeros(len(measured), bool), np.flatnonzero(np.isfinite(measured))
     values = measured[known]
@@ -285,8 +306,11 @@ def _make_drive(
     settled: bool = False,
     least: int = MIN_ROWS,
 ) -> Drive | None:
-    """None where hardly a row can be judged. noise : of a reading (1 s.d.). settled : a row
-    holds a settled answer. least : rows that can be judged."""
+    """Build a drive, or return None where hardly a row can be judged.
+
+    noise : 1 s.d. of a reading. settled : whether a row holds a settled answer. least : minimum
+    number of valid rows.
+    """
     time = every.time_s
     pick, clock, since = (
         (np.arange(len(time)), time, time - time[0])
@@ -294,7 +318,8 @@ def _make_drive(
         else select_windows(time, every.step_s)
     )
     quick = _find_quick_rows(every, measured, noise)[pick]
-    # each row of a staircase is an answer of its own
+    # Rows of a staircase of settings are answers of their own, so equal readings are no lost
+    # readings there.
     held = repeated_in_motion(measured, noise) & (not settled)
     known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick & ~held[pick]
     if known.sum() < least:

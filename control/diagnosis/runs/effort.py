@@ -1,5 +1,6 @@
-"""How hard the drives worked in a log: bin by bin, with the speed and the material that each
-had to move."""
+"""Reads how hard the drives worked in a log, in time bins, with the speed and the material load of
+each bin.
+"""
 
 from __future__ import annotations
 
@@ -17,39 +18,51 @@ from .log import MIN_ROWS, Clean
 
 Array = npt.NDArray[np.float64]
 
-EFFORT = ("effort", "gate_effort")  # channels: the metering shaft's, and the gate's
-# a drive's own control loop swings for some tenths of a second: finer rows say nothing more
+# Channels of the metering shaft's effort and of the gate's effort.
+EFFORT = ("effort", "gate_effort")
+# Bin length, s: a drive's own control loop oscillates for some tenths of a second, so finer bins
+# add no information.
 BIN_S = 0.5
-# over which speed and its change are had from readings that have noise
+# Window over which speed and acceleration are estimated from noisy readings, s.
 LOOKED_S = 0.3
-# after a start, and before a stop: the motor breaks loose, the loop winds up
+# Time after a start and before a stop that is left out, s: breakaway friction and integrator
+# windup.
 SETTLES_S = 0.2
-# of the shaft's range, that its speed changes by over LOOKED_S: more, and readings lag
+# Maximum change of speed within SLOPE_WINDOW_S, as a share of the shaft's range: with more, the
+# readings' lag matters.
 EVEN_SHARE = 0.02
-FULL = 0.5  # of the rows of a bin, in which the drive moves
-# of the gate's fastest: slower it creeps, and its speed is noise
+# Minimum share of the rows of a bin in which the drive moves.
+FULL = 0.5
+# Minimum speed of the gate as a share of its fastest: a slower speed is mostly noise.
 MOVES_SHARE = 0.1
-# of the gate's log: its moves take a second or two
+# Maximum time step of a log for the gate, s: its moves take a second or two.
 MOST_STEP_S = 0.25
 
 
 class DriveEffort(NamedTuple):
-    """Arrays (n,) over the rows in which the drive surely moves; bins (m,) of BIN_S that hold
-    some of them."""
+    """Effort of a drive: arrays (n,) over the rows in which the drive certainly moves, and bins
+    (m,) of BIN_S that contain such rows."""
 
-    name: str  # effort: the metering shaft's; gate_effort
+    # Name of the channel: `effort` (metering shaft) or `gate_effort`.
+    name: str
     time_s: Array
-    speed: Array  # r/min, or mm/s
+    # Speed in r/min, or mm/s.
+    speed: Array
     speed_per_s: Array
     opening_mm: Array
     pitch_deg: Array
-    share_full: Array  # of the hopper
-    supply_share: Array  # nominal supply over the supply
+    # Filled share of the hopper.
+    share_full: Array
+    # Nominal supply voltage divided by the supply voltage.
+    supply_share: Array
     measured: Array
     refilled: bool
-    bins: npt.NDArray[np.int64]  # of each row
-    members: Array  # rows of each bin, 0 of one that is left out
-    middle_s: Array  # of each bin
+    # Bin index of each row.
+    bins: npt.NDArray[np.int64]
+    # Number of rows of each bin, 0 for a bin that is left out.
+    members: Array
+    # Middle of each bin, s.
+    middle_s: Array
     grid: Grid
 
     @property
@@ -57,14 +70,14 @@ class DriveEffort(NamedTuple):
         return float(np.mean(self.members[self.members > 0]))
 
     def without(self, bins: npt.NDArray[np.bool_]) -> DriveEffort:
-        """The same with some bins left out, (m,)."""
+        """Return the effort without some bins, (m,)."""
         members = np.where(bins, 0.0, self.members)
         return self._replace(
             members=members, grid=make_grid(self.middle_s, members > 0, self.grid.step_s)
         )
 
     def bin_row_means(self, rows: Array) -> Array:
-        """Mean over the rows of each bin, NaN of one that is left out: (m,)."""
+        """Return the mean over the rows of each bin, NaN for a bin that is left out: (m,)."""
         sums = np.bincount(self.bins, weights=rows, minlength=len(self.members))
         return np.asarray(
             np.divide(sums, self.members, out=np.full(len(sums), np.nan), where=self.members > 0)
@@ -72,7 +85,7 @@ class DriveEffort(NamedTuple):
 
 
 def read_efforts(log: Clean, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
-    """The drives of a log that tell how hard they work, and were seen to move."""
+    """Return the efforts of all drives that log their effort and moved."""
     found = [read_drive_effort(name, log, every, machine) for name in EFFORT if name in log.stages]
     return tuple(one for one in found if one is not None)
 
@@ -80,7 +93,7 @@ def read_efforts(log: Clean, every: LogRows, machine: Machine) -> tuple[DriveEff
 def read_drive_effort(
     name: str, log: Clean, every: LogRows, machine: Machine
 ) -> DriveEffort | None:
-    """None where the drive hardly moves."""
+    """Return the effort of one drive; None where the drive hardly moves."""
     time, step_s = every.time_s, every.step_s
     rows = max(5, 2 * round(0.5 * LOOKED_S / step_s) + 1)
     if len(time) <= rows or (name == "gate_effort" and step_s > MOST_STEP_S):
@@ -108,7 +121,8 @@ def read_drive_effort(
     width = max(BIN_S, step_s)
     bins = np.floor((time[used] - time[0]) / width).astype(np.int64)
     members = np.bincount(bins).astype(np.float64)
-    members[members < FULL * members.max()] = 0.0  # it hardly moved in them
+    # Bins in which the drive hardly moved are left out.
+    members[members < FULL * members.max()] = 0.0
     hopper = bridge_gaps(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
     supply = np.maximum(1.0, every.supply_v[used])
     middle = time[0] + width * (np.arange(len(members)) + 0.5)
@@ -132,8 +146,8 @@ def read_drive_effort(
 
 
 def _fit_local_polynomial(series: Array, rows: int, step_s: float, degree: int, nth: int) -> Array:
-    """Value, slope or bend (nth: 0, 1, 2) of a series (n,) by least squares over `rows` about
-    each sample (Savitzky and Golay, Anal. Chem. 36, 1964, 1627)."""
+    """Return value, slope or curvature (nth: 0, 1, 2) of a series (n,) by least squares over `rows`
+    around each sample (Savitzky and Golay, Anal. Chem. 36, 1964, 1627)."""
     half = rows // 2
     weights = np.linalg.pinv(
         np.vander(step_s * np.arange(-half, half + 1), degree + 1, increasing=True)

@@ -1,5 +1,5 @@
-"""What a sound drive takes to move: the reference that later logs are held against, fitted to a
-run of it."""
+"""Fits the reference effort of healthy drives to a run; later logs are compared with the
+reference."""
 
 from __future__ import annotations
 
@@ -21,15 +21,17 @@ from .log import clean_run_log
 
 Array = npt.NDArray[np.float64]
 
-# of the speeds, upper over lower quartile: alike, nothing tells what goes with speed
+# Minimum ratio of the upper to the lower quartile of speed, for a friction that depends on speed.
 SPREAD = 1.3
-LOAD_SPREAD = 1.2  # of the material in the flutes, the same
+# Minimum ratio of the quartiles of the material load, for a friction that depends on load.
+LOAD_SPREAD = 1.2
+# Minimum number of bins for a fit.
 LEAST_BINS = 20
 
 
 class EffortFit(NamedTuple):
-    """`numbers`: each with its place in the machine file, its 90 % interval and its unit.
-    scatter: 1 s.d. of a bin."""
+    """Fitted reference of a drive. numbers : each with its key in the machine file, its 90 %
+    interval and its unit. scatter : 1 s.d. of a bin."""
 
     numbers: tuple[tuple[str, FittedInterval, str], ...]
     bins: int
@@ -47,12 +49,13 @@ def fit_effort(
     unit: str | None = None,
     date: str = "",
 ) -> tuple[Machine, tuple[EffortFit, ...]]:
-    """Puts what the drives of a sound run take into a copy of the machine: dry friction by
-    direction, and, where the run has several speeds or loads, what goes with them. What it does
-    not tell apart counts as dry friction.
+    """Write the efforts of a healthy run into a copy of the machine: dry friction by direction, and
+    dependence on speed and load.
 
-    Raises ValueError, one line, where no drive of the log tells how hard it works while it
-    moves.
+    Dependence on speed or load is fitted where the run has several speeds or loads. Otherwise dry
+    friction includes both.
+
+    Raises ValueError, one line, where no drive of the log shows its effort while it moves.
     """
     log = clean_run_log(columns)
     every, fits = make_log_rows(log, machine), list[EffortFit]()
@@ -139,8 +142,8 @@ def _fit_drive_effort(d: DriveEffort, machine: Machine) -> tuple[Machine, Effort
             y,
             1.0 / np.sqrt(d.members[known]),
         )
-    # Neighbouring bins are alike: an effective number of them (Bayley and Hammersley, J. R.
-    # Stat. Soc. 8, 1946, 184).
+    # Neighbouring bins are correlated, so an effective number of bins is used (Bayley and
+    # Hammersley, J. R. Stat. Soc. 8, 1946, 184).
     alike = float(np.clip(np.corrcoef(fit.residuals[1:], fit.residuals[:-1])[0, 1], 0.0, 0.98))
     wider = np.sqrt((1.0 + alike) / (1.0 - alike))
     numbers = []
@@ -152,8 +155,8 @@ def _fit_drive_effort(d: DriveEffort, machine: Machine) -> tuple[Machine, Effort
             (f"effort.{name}", FittedInterval(value, value - half, value + half), asked[name][1])
         )
     scatter = float(fit.residuals.std())
-    # Of a reading: so much as leaves, where readings are independent, what means over several
-    # bins are off by.
+    # Converts the scatter of a bin's mean to that of a single reading, with the correlation of
+    # neighbouring bins.
     a_reading = scatter * wider * np.sqrt(d.rows_a_bin)
     noise = machine.noise.model_copy(update={"effort": max(1e-4, float(f"{a_reading:.3g}"))})
     return machine.model_copy(update={"effort": stage, "noise": noise}), EffortFit(

@@ -1,5 +1,6 @@
-"""Sentences about the recorded data itself: what the gate saw, rows that may be missing, long
-logs held as a whole."""
+"""Writes findings about the recorded data: what the gate's reading shows, missing rows, and long
+logs over their whole length.
+"""
 
 from __future__ import annotations
 
@@ -28,20 +29,23 @@ from .model import find_tolerance
 from .selection import GroupResult
 from .stages import RunData
 
-# of the most that is asked, or read: below, dead zones and noise decide the ratio
+# Minimum share of the largest command or reading: below, dead zones and noise decide the ratio.
 MUCH = 0.2
-TICK_S = 0.05  # control's usual tick
-# of their sum, by which two ways differ: more than twice what sessions differ by
+# Usual tick of control, s.
+TICK_S = 0.05
+# Difference of the two directions over their sum, from which they count as different: more than
+# twice the spread between sessions.
 ONE_WAY_SHARE = 0.05
-LOST_SHARE = 0.01  # of the rows
+# Share of missing rows from which a finding reports them.
+LOST_SHARE = 0.01
 
 
 def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
-    """Sentences on a long log: the share of rows looked at, and the error over all rows before
-    and after naming.
+    """Return findings about a long log: the examined share of rows, and the error over all rows
+    before and after the diagnosis.
 
-    Flow and scale are always judged over the whole time; empty for a log that was looked at in
-    full.
+    Flow and scale are always judged over the whole time. The result is empty for a log that was
+    examined in full.
     """
     count = len(log.time_s)
     rows = choose_row_windows(count)
@@ -72,10 +76,13 @@ def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) 
 
 
 def note_reverse_turning(log: Clean, machine: Machine, counted: bool = False) -> list[str]:
-    """Said of a shaft that is asked to turn backwards: that it is judged so, or, of one that
-    turns one way by its machine file, how many rows say otherwise and are left out (`counted`:
-    are not, as where two files are compared); and of one that turns at a command of 0 though
-    the file says that this stops it."""
+    """Return findings about a shaft that is commanded to turn backwards, or that turns at a command
+    of 0.
+
+    For a shaft that turns in one direction by its machine file, the finding counts the rows that
+    contradict the file and are left out. `counted` : such rows are judged, as when two files are
+    compared.
+    """
     command, read = log.columns["shaft_rpm_cmd"], log.columns["shaft_rpm"]
     known, back = int(np.isfinite(command).sum()), int(np.sum(command < 0.0))
     left_out = int(np.sum(against_the_way(log.time_s, command, read, machine)))
@@ -102,9 +109,11 @@ def note_reverse_turning(log: Clean, machine: Machine, counted: bool = False) ->
 
 
 def calc_answer_ratio(drive: Drive | None, machine: Machine) -> float:
-    """How many times its command a drive turns or opens, in the middle of the rows that ask and
-    answer for much; 1 of one that does not answer. Of one that stands at another command than
-    0: by how much more it turns for more of it."""
+    """Return the ratio of a drive's answer to its command, as the median over rows with large
+    commands and readings; 1 for a drive that does not answer.
+
+    For a shaft that stands at a command other than 0, the ratio is that of the changes.
+    """
     if drive is None:
         return 1.0
     of_zero = read_off_zero(drive, machine)
@@ -122,9 +131,10 @@ def calc_answer_ratio(drive: Drive | None, machine: Machine) -> float:
 
 
 def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
-    """Probability that a shaft answers so much slower or faster than it is asked because
-    command and reading are not in one unit: rather than by the steady effect that would do it
-    with the widest prior."""
+    """Return the probability that a shaft's gain comes from different units of command and reading.
+
+    The alternative is the steady effect with the widest prior that explains the same gain.
+    """
     ratio = calc_answer_ratio(drive, machine)
     if ratio <= 0.0 or ratio == 1.0:
         return 0.0
@@ -133,8 +143,8 @@ def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
 
 
 def is_steady_part(part: EffectInstance) -> bool:
-    """Whether a part scales or shifts all that its drive does, all along, as a mistaken unit
-    does."""
+    """Tell whether an effect scales or shifts a drive's whole range for the whole log, as a
+    mistaken unit does."""
     row = ROWS[part.id]
     return part.onset_s is None and not row.move_shaped and row.scanned
 
@@ -142,8 +152,11 @@ def is_steady_part(part: EffectInstance) -> bool:
 def find_row_shift_probability(
     part: EffectInstance, sd_s: float, data: RunData, machine: Machine
 ) -> float:
-    """Probability that a shaft is late by a part's size, known to `sd_s` (1 s.d.), because the
-    log's rows are one off: where the gate moves, it tells (`row_order`)."""
+    """Return the probability that a shaft's delay, of an effect's size known to `sd_s` (1 s.d.),
+    comes from log rows that are shifted by one.
+
+    Where the gate moves, its delay decides (`row_order`).
+    """
     if (
         part.id != SHAFT_DEAD_TIME.id
         or part.onset_s is not None
@@ -174,8 +187,8 @@ def find_row_shift_probability(
 def note_doubted_rows(
     causes: Sequence[tuple[EffectInstance, float]], data: RunData, machine: Machine
 ) -> list[str]:
-    """Said of a shaft that is late by a row. causes : parts, and to what they are known (1
-    s.d.)."""
+    """Return findings about a shaft that is late by one row. causes : effects, and the standard
+    deviations of their sizes."""
     if not any(
         find_row_shift_probability(part, sd_s, data, machine) > LISTED for part, sd_s in causes
     ):
@@ -188,7 +201,7 @@ def note_doubted_rows(
 
 
 def units_doubted(data: RunData, machine: Machine) -> list[str]:
-    """Said of a shaft whose command and reading are hardly in one unit."""
+    """Return findings about a shaft whose command and reading are probably in different units."""
     if data.shaft is None or mistaken_unit(data.shaft, machine) < NAMED:
         return []
     ratio = calc_answer_ratio(data.shaft, machine)
@@ -202,8 +215,8 @@ def units_doubted(data: RunData, machine: Machine) -> list[str]:
 
 
 def unsure_drives(log: Clean, data: RunData) -> list[str]:
-    """Said of drives whose commands between the rows are not in the log, so that hardly a row
-    can be judged; and of those whose moves are not, as the computer was late."""
+    """Return findings about drives with hardly a valid row, because commands between rows are
+    missing or the computer was late."""
     late = [
         f"stage {word}: {drive.left_out} rows in which it moves quickly are left out: rows "
         "are missing, and those "
@@ -221,7 +234,7 @@ def unsure_drives(log: Clean, data: RunData) -> list[str]:
 
 
 def note_hardly_read(log: Clean, data: RunData) -> list[str]:
-    """Said of channels whose columns are there and hold hardly a new reading."""
+    """Return findings about channels whose columns exist but contain hardly a new reading."""
     return [
         f"stage {word} is left out: hardly a new reading in its columns: the same value "
         "stands in row after row, "
@@ -232,8 +245,11 @@ def note_hardly_read(log: Clean, data: RunData) -> list[str]:
 
 
 def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
-    """Said of drives whose load pulls one way in the machine file's reference, so that a
-    screw's other side, or a gear's, never bears: friction there cannot show."""
+    """Return findings about drives whose load pulls in one direction in the machine file's
+    reference.
+
+    The other flank of a screw or gear never bears the load, so friction on that flank cannot show.
+    """
     own = machine.effort
     found = []
     for drive in data.efforts:
@@ -253,8 +269,8 @@ def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
 
 
 def note_faults_between_rows(log: Clean, ids: set[str]) -> list[str]:
-    """Said of small faults of the drives where the log may not hold every command that was
-    given."""
+    """Return findings about small faults of the drives where the log may lack some of the
+    commands."""
     steps = np.diff(log.time_s)
     lost = float(np.mean(steps > 1.5 * log.step_s)) if len(steps) else 0.0
     doubtful = sorted(one for one in ids if ROWS[one].move_shaped)

@@ -1,5 +1,6 @@
-"""What putting the model right gains on blocks of the log that no size was fitted to. In the
-field: `closed_loop`."""
+"""Measures the gain of the corrected model on blocks of the log to which no size was fitted.
+`closed_loop` measures the gain in the field.
+"""
 
 from __future__ import annotations
 
@@ -35,15 +36,15 @@ from .smooth import DOWNSTREAM, TABLES, variables_of
 
 Array = npt.NDArray[np.float64]
 
-# of the held-out rows: each is longer than the noise remembers
+# Number of pieces of the held-out rows: each is longer than the correlation time of the noise.
 PIECES_OF_ERROR = 24
 
 
 def measure_gain(judged: GroupResult) -> list[Gain]:
-    """Error of each touched channel before and after, on held-out blocks, sizes refitted on the
-    others.
+    """Return the error of each changed channel on held-out blocks, before and after the correction,
+    with sizes refitted on the other blocks.
 
-    Low and high: 90 % interval of `after`, from the spread between the held-out pieces.
+    Low and high are the 90 % interval of `after`, from the spread between the held-out pieces.
     """
     parts, search = judged.found.parts, judged.search
     if not parts:
@@ -68,7 +69,8 @@ def _channel_gain(
     before: Array,
     at_fit: Array,
 ) -> list[Gain]:
-    """Gains of one channel: of the names, of the best nameless corrector, and of a placebo."""
+    """Return the gains of one channel: of the named causes, of the best nameless correction, and of
+    a placebo."""
     noise = judged.found.noise
     amplitude = fit_amplitudes(blocks, columns, at_fit, noise)
     change = sum(
@@ -97,8 +99,8 @@ def _channel_gain(
 def _make_gain(
     channel: str, metric: str, before: float, errors_after: Array, held_out: str
 ) -> Gain:
-    """Low and high from the spread of the mean square between PIECES_OF_ERROR even pieces of
-    the held-out rows."""
+    """Build a gain; low and high come from the spread of the mean square between ERROR_PIECE_COUNT
+    equal pieces of the held-out rows."""
     rms = float(np.sqrt(np.mean(errors_after**2)))
     squares = np.array(
         [
@@ -112,8 +114,8 @@ def _make_gain(
 
 
 def _list_substitutes(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]]:
-    """What else might be put in: the best nameless smooth corrector, and the cause that the log
-    speaks least for."""
+    """Return substitutes for the named causes: the best nameless smooth correction, and the cause
+    with the least evidence as a placebo."""
     search, found = judged.search, []
     best: tuple[float, str, list[Column]] | None = None
     for stage in TABLES:
@@ -149,8 +151,8 @@ def _correct_held_out(
     before: Array,
     noise: dict[str, Noise],
 ) -> Array:
-    """The error once `others` are fitted, along with the tolerances, to the fitted blocks, and
-    taken off everywhere."""
+    """Return the error after `others` and the tolerances were fitted to the fitted blocks and
+    subtracted everywhere."""
     shapes = [make_series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
     amplitude = fit_amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[
         len(fixed) :
@@ -159,15 +161,17 @@ def _correct_held_out(
 
 
 def spread_of_sizes(one: GroupResult) -> dict[int, float]:
-    """How far the size of each part (by its place) goes up and down while it is there, and over
-    the variable of its form, beyond what noise makes of one that stays: s.d. about its mean.
-    Where its course in time, or its form, is not the catalogue's, one size says no more than
-    that.
+    """Return how much the size of each effect varies over time and over its form's variable: s.d.
+    around its mean, by index of the effect.
 
-    Of shapes with energies G, of which the rest of the hypothesis leaves A, and their sizes b
-    of covariance C, the mean square is (b'Gb - tr(G C A C)) over the energy of the part's own
-    column; the last term is what noise alone gives. What is given at the end of its variable is
-    known there as far as its form is: the prior's share, as far as the log leaves it open.
+    Variation from noise is subtracted. Where the time course or the form of an effect differs from
+    the catalogue's, a single size is known no better than this.
+
+    For shapes with energies G, of which the rest of the hypothesis leaves A, and their sizes b of
+    covariance C, the mean square is (b'Gb - tr(G C A C)) over the energy of the effect's own
+    column; the last term is the share of noise. A size that is given at the end of its variable is
+    known as well as its form at that end: the prior's share, as far as the log leaves the form
+    open.
     """
     columns, found = one.search.columns, one.found
     base = columns.of_hypothesis(found.parts)
@@ -198,7 +202,8 @@ def spread_of_sizes(one: GroupResult) -> dict[int, float]:
                 1e-300, float(every[k, k])
             )
         part = found.parts[base[k].label.part]
-        if own and ROWS[part.id].at_end:  # `sizes` are those of its form
+        # `sizes` are then the sizes of the effect's form.
+        if own and ROWS[part.id].at_end:
             square += (FORM_SHARE * part.size) ** 2 * float(
                 np.mean(np.diag(sizes.cov) / p.sd[own] ** 2)
             )

@@ -1,5 +1,6 @@
-"""Readings on an even time grid: gaps bridged, held or left out, and what is looked at of a
-long log."""
+"""Resamples readings onto an even time grid: bridges, holds or removes gaps, and selects the
+examined rows of a long log.
+"""
 
 from __future__ import annotations
 
@@ -10,39 +11,44 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-WINDOW_ROWS = 20_000  # are looked at one by one, in ...
-# ... even stretches: a drive's answer is as well known from them as from a million ...
+# Number of rows of a long log that are examined one by one.
+WINDOW_ROWS = 20_000
+# Number of equal windows of these rows: they show a drive's answer as well as a million rows do.
 WINDOWS = 5
-# ... where that saves four fifths of the work or more
+# Longest log that is examined in full: a longer log saves four fifths of the work by windows.
 MAX_ROWS = 5 * WINDOW_ROWS
-# one of so many is kept between the windows: at 10 Hz, every two seconds
+# Between the windows, one of this many rows is kept: every two seconds at 10 Hz.
 EVERY_ROW = 20
-# of slowly varying sensors that serve as inputs: shorter than a change of slope or supply
+# Smoothing time of slow sensors that are inputs, s: shorter than a change of slope or supply
+# voltage.
 SMOOTH_S = 1.5
-# a longer gap is left out: at 10 Hz, what a log holds a drive's reading for
+# Longest bridged gap in steps; at 10 Hz, the time for which a log holds a drive's reading.
 MAX_BRIDGED_STEPS = 5.0
-# of a step that rows may stand off an even grid, and be taken as they are
+# Maximum deviation of rows from an even grid, in steps, for the rows to be used without
+# interpolation.
 EVEN_STEPS = 0.2
 
 
 class Grid(NamedTuple):
-    """From a log's rows to an even grid: short gaps are bridged by straight lines, in data and
-    prediction alike.
+    """Mapping from a log's rows to an even grid: short gaps are bridged by straight lines, in data
+    and prediction alike.
 
-    Long ones are left out: a line over them would make a long stretch of the noise of the two
+    Long gaps are left out, because a line across the gap would stretch the noise of the two
     readings at its ends.
     """
 
-    # of the known rows; a long log's windows follow each other without a gap
+    # Time axis of the valid rows, s; the windows of a long log follow each other without a gap.
     clock_s: Array
     rows: npt.NDArray[np.int64]
     even_clock_s: Array
-    even_s: Array  # time in the log
+    # Time in the log, s.
+    even_s: Array
     step_s: float
-    as_is: bool  # every row is known and evenly spaced
+    # Whether every row is valid and evenly spaced.
+    as_is: bool
 
     def of(self, series: Array) -> Array:
-        """Series over the log's rows (..., rows) on the grid (..., m)."""
+        """Interpolate series over the log's rows (..., rows) to the grid (..., m)."""
         if self.as_is:
             return series[..., self.rows]
         if series.ndim == 1:
@@ -53,8 +59,8 @@ class Grid(NamedTuple):
 
 
 def join_clock(time: Array, step_s: float, seam_s: float = 0.0) -> Array:
-    """The clock of readings at `time` (m,), long gaps left out but for a step, or `seam_s`
-    where that is longer."""
+    """Return the time axis of readings at `time` (m,) without long gaps. A gap shrinks to a step,
+    or to `seam_s` where that is longer."""
     spans = np.diff(time)
     spans = np.where(spans > MAX_BRIDGED_STEPS * step_s, np.clip(seam_s, step_s, spans), spans)
     return np.asarray(time[0] + np.concatenate(([0.0], np.cumsum(spans))))
@@ -78,7 +84,8 @@ def make_grid(
 
 
 def hold_last_value(series: Array) -> Array:
-    """Last known value; before the first, that one."""
+    """Replace missing values with the last valid value, or before the first valid value with that
+    value."""
     known = np.isfinite(series)
     if not known.any():
         return series
@@ -87,8 +94,8 @@ def hold_last_value(series: Array) -> Array:
 
 
 def bridge_gaps(time: Array, series: Array, instead: Array, longest_s: float = np.inf) -> Array:
-    """A series with its gaps bridged by straight lines; `instead` in the longer ones, or where
-    nothing is known."""
+    """Bridge the gaps of a series by straight lines. `instead` fills longer gaps, and the whole
+    series where nothing is valid."""
     known = np.isfinite(series)
     if not known.any():
         return instead
@@ -115,11 +122,10 @@ def smooth_series(series: Array, step_s: float) -> Array:
 
 
 def select_windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """Rows of a log that are looked at row by row, their clock without the gaps, and the time
-    since their window began.
+    """Return the rows of a log that are examined one by one, their time axis without the gaps, and
+    the time since their window began, s.
 
-    A drive's answer to its command is as well known after twenty thousand rows as after a
-    million.
+    Twenty thousand rows determine a drive's answer as well as a million rows.
     """
     rows = choose_row_windows(len(time))
     if len(rows) == len(time):
@@ -132,8 +138,8 @@ def select_windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], A
 
 
 def choose_row_windows(count: int) -> npt.NDArray[np.int64]:
-    """Which of `count` rows are looked at one by one: all, or WINDOWS even stretches of
-    WINDOW_ROWS in all."""
+    """Return which of `count` rows are examined one by one: all, or WINDOW_COUNT equal windows of
+    WINDOW_ROWS in total."""
     if count <= MAX_ROWS:
         return np.arange(count)
     each = WINDOW_ROWS // WINDOWS
@@ -142,7 +148,7 @@ def choose_row_windows(count: int) -> npt.NDArray[np.int64]:
 
 
 def select_known_rows(count: int) -> npt.NDArray[np.int64]:
-    """Rows at which the recorded variables are kept: all, or those looked at and every
-    EVERY_ROW-th of the others."""
+    """Return the rows at which the recorded variables are kept: all, or the examined rows and every
+    ROW_STRIDE-th of the others."""
     rows = choose_row_windows(count)
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))

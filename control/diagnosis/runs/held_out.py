@@ -1,4 +1,5 @@
-"""Blocks of a log that no size is fitted to, and the errors on them."""
+"""Splits a log into fitted and held-out blocks, and calculates the errors on the held-out
+blocks."""
 
 from __future__ import annotations
 
@@ -12,26 +13,29 @@ from topdress.control.diagnosis.judgement.noise import Noise, coefficients, make
 
 from .channels import ChannelSeries
 
+# Number of blocks of a log.
 BLOCKS = 8
-HELD_OUT = (1, 4, 6)  # of BLOCKS, counted from 0
-# on both sides of a block: longer than the fast noise remembers
+# Indices of the held-out blocks.
+HELD_OUT = (1, 4, 6)
+# Gap on both sides of a held-out block, s: longer than the correlation time of the fast noise.
 GAP_S = 10.0
-# flow is read off the scale over windows of this length
+# Window over which the flow is estimated from the scale, s.
 FLOW_S = 10.0
 
 
 class HeldOut(NamedTuple):
-    """One channel cut into blocks: sizes are fitted to some of them and judged on the pieces of
-    the others."""
+    """A channel split into blocks: sizes are fitted to some blocks and judged on pieces of the
+    others."""
 
     whole: ChannelSeries
-    fitted: ChannelSeries  # the same, cut to the blocks that are fitted
-    # of the held-out blocks; none in a log that is shorter than their gaps
+    # The channel reduced to the fitted blocks.
+    fitted: ChannelSeries
+    # Pieces of the held-out blocks; empty for a log that is shorter than the gaps.
     pieces: tuple[slice, ...]
 
 
 def hold_out_blocks(channel: ChannelSeries) -> HeldOut:
-    """A channel cut into BLOCKS, of which HELD_OUT are not fitted to."""
+    """Split a channel into BLOCK_COUNT blocks and hold out HELD_OUT_BLOCKS."""
     length = len(channel.measured)
     edges = np.linspace(0, length, BLOCKS + 1).astype(int)
     gap = int(np.ceil(GAP_S / channel.grid.step_s))
@@ -47,8 +51,11 @@ def hold_out_blocks(channel: ChannelSeries) -> HeldOut:
 def fit_amplitudes(
     blocks: HeldOut, columns: Sequence[tuple[Column, Array]], left: Array, noise: dict[str, Noise]
 ) -> Array:
-    """Amplitudes of columns (given with their series) fitted to the blocks that are not held
-    out, under the noise of the whole: five blocks alone may take a constant for drift."""
+    """Fit the amplitudes of columns (given with their series) to the fitted blocks, under the noise
+    of the whole log.
+
+    Five blocks alone could mistake a constant for a drift.
+    """
     name, cut = blocks.whole.name, blocks.fitted.cut
     there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
     p = make_evidence_problem([blocks.fitted], {name: coefficients(left, cut)}, there)
@@ -58,8 +65,8 @@ def fit_amplitudes(
 def list_held_out_errors(
     blocks: HeldOut, before: Array, after: Array
 ) -> tuple[str, str, Array, Array]:
-    """Name, unit and held-out errors. The scale is judged by what it is read for: flow, over
-    windows of FLOW_S."""
+    """Return name, unit and held-out errors before and after. The scale is judged by the flow that
+    it measures, over windows of FLOW_WINDOW_S."""
     channel, pieces = blocks.whole, blocks.pieces
     if channel.name != "scale":
         rows = (

@@ -1,5 +1,6 @@
-"""Flow and scale of a log, in bins of a second: what was metered, what the scale read, when it
-was filled up."""
+"""Reads flow and scale of a log in bins of a second: the metered flow, the scale reading, and the
+refills.
+"""
 
 from __future__ import annotations
 
@@ -15,61 +16,79 @@ from .inputs import STOPPED_RPM, LogRows
 
 Array = npt.NDArray[np.float64]
 
-# the scale's noise remembers a second: finer rows of it say nothing more
+# Bin length, s: the scale's noise is correlated over a second, so finer bins add no information.
 HOPPER_STEP_S = 1.0
-# of the scale: the flow is read off over windows of ten seconds, and two are no noise
+# Minimum number of bins with a scale reading: flow is estimated over ten seconds, and two windows
+# give no noise.
 MIN_BINS = 20
-# of the scale, 16 hours: a longer log has longer bins
+# Maximum number of bins of a scale, 16 hours; a longer log gets longer bins.
 MAX_BINS = 60_000
-# (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
+# Standard deviation of a change between two rows, as a share of the change: its time is uniform
+# within the row, 1 / sqrt(12).
 UNSEEN_CHANGE = 0.3
-# of the rate itself: what control may have tried and taken back ...
+# Standard deviation of the rate itself, as a share: control may have changed the rate and changed
+# it back between rows.
 UNSEEN_STEADY = 0.05
-UNSEEN_S = 2.0  # ... within so long, or in proportion
-# of a gap, after which the level of the hopper is open by as much as it may have metered
+# Row distance, s, to which that share refers; it scales in proportion.
+UNSEEN_S = 2.0
+# Length of a gap, s, after which the hopper level is unknown by as much as may have been metered.
 LONG_GAP_S = 3.0
-# on the nominal machine, a share of another's hopper: no less is filled up ...
+# Minimum mass of a refill, kg, on the nominal machine; scaled to another machine's hopper.
 REFILL_KG = 3.0
-# of the scale's noise, at least: a large hopper's share is more, a small one's may be less
+# Minimum mass of a refill in standard deviations of the scale: a small hopper's share may be below
+# the noise.
 REFILL_SD = 8.0
-RISES_BINS = 3  # ... within so long: a bag is tipped in
-ONE_FILL_BINS = 10  # rises no further apart are one fill
-LEVEL_BINS = 6  # whose median is the level before, and after
-STATED_WITHIN_S = 120.0  # of a fill: an event so near belongs to it
-START_BINS = 10  # whose median is the level at the beginning
+# Number of bins in which a refill's rise must complete: a bag is tipped in.
+RISES_BINS = 3
+# Rises within this number of bins are one refill.
+ONE_FILL_BINS = 10
+# Number of bins whose median is the level before and after a refill.
+LEVEL_BINS = 6
+# Maximum distance of a logged refill event from the rise that it describes, s.
+STATED_WITHIN_S = 120.0
+# Number of bins whose median is the level at the start.
+START_BINS = 10
 
 
 class Hopper(NamedTuple):
-    """Flow and scale, in bins of HOPPER_STEP_S or the log's own step."""
+    """Flow and scale of a log, in bins of HOPPER_STEP_S or of the log's own step."""
 
-    # begin of each bin, and the end of the last: (m+1,)
+    # Start of each bin, and end of the last, s: (m+1,).
     time_s: Array
-    shaft_rpm: Array  # (m+1,), mean over the bin
-    opening_mm: Array  # (m+1,), weighted with shaft speed
+    # Mean over the bin, r/min: (m+1,).
+    shaft_rpm: Array
+    # Mean over the bin, weighted with the shaft speed, mm: (m+1,).
+    opening_mm: Array
     pitch_deg: Array
-    reading_kg: Array  # (m,), mean over the bin
-    # (m,), mean time of those readings, as a share of the bin
+    # Mean over the bin, kg: (m,).
+    reading_kg: Array
+    # Mean time of those readings, as a share of the bin: (m,).
     read_at: Array
-    refill_kg: Array  # (m+1,)
+    # Refilled mass by bin, kg: (m+1,).
+    refill_kg: Array
     start_kg: float
-    jumps: tuple[int, ...]  # bins from which a refill counts
-    # whether the operator wrote down how much a refill was
+    # Bins from which a refill counts.
+    jumps: tuple[int, ...]
+    # Whether the operator noted the mass of each refill.
     written: tuple[bool, ...]
-    grid: Grid  # over the m bins
-    # r/min x mm x s (1 s.d.), metered in a bin where no row says how
+    # Time grid over the m bins.
+    grid: Grid
+    # Standard deviation of the unobserved metering in a bin, r/min x mm x s.
     unseen: float = 0.0
-    # bin at which a long gap ends, and the same of what it metered
+    # Bin at which each long gap ends, with the standard deviation of the metering in the gap, r/min
+    # x mm x s.
     gaps: tuple[tuple[int, float], ...] = ()
-    # of the machine file's terms, mean over the bin weighted with what it metered
+    # Sums of the machine file's terms, averaged over the bin with the metered flow as weight.
     more_percent: Array | float = 0.0
     more_kg_s: Array | float = 0.0
-    more_kg: Array | float = 0.0  # (m,), of the reading
+    # Sum of the terms of the reading, kg: (m,).
+    more_kg: Array | float = 0.0
 
 
 def read_hopper(
     every: LogRows, reading: Array, written: list[tuple[float, float]], machine: Machine
 ) -> Hopper | None:
-    """None where the scale was read in too few bins."""
+    """Read flow and scale; None where the scale has readings in too few bins."""
     time = every.time_s
     width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
@@ -118,8 +137,8 @@ def read_hopper(
 def sum_term_flows(
     every: LogRows, edges: Array
 ) -> tuple[Array | float, Array | float, Array | float]:
-    """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg
-    of the reading (m,)."""
+    """Return the sums of the machine file's terms in each bin: per cent of the flow, kg/s (m+1,),
+    and kg of the reading (m,)."""
     more, time = every.more, every.time_s
     percent: Array | float = 0.0
     kg_s: Array | float = 0.0
@@ -143,14 +162,15 @@ def sum_term_flows(
 
 
 def average_bins(series: Array, time: Array, edges: Array) -> Array:
-    """Mean of a held series (rows,) over each bin, the last repeated: (m+1,)."""
+    """Return the mean of a held series (rows,) over each bin, with the last value repeated:
+    (m+1,)."""
     mean = _share_sums_over_bins(time, np.diff(time) * series[:-1], edges) / np.diff(edges)
     return np.append(mean, mean[-1])
 
 
 def average_metered(series: Array, metered: Array, time: Array, edges: Array) -> Array:
-    """The same of several series (k, rows), weighted with what was metered meanwhile; plain
-    where nothing was."""
+    """Return the means of several series (k, rows) over each bin, weighted with the metered flow;
+    unweighted where nothing was metered."""
     metered = np.maximum(metered, 0.0)
     weight = average_bins(metered, time, edges)
     flows = weight > 0.0
@@ -167,7 +187,7 @@ def average_metered(series: Array, metered: Array, time: Array, edges: Array) ->
 def _bound_unseen_flow(
     every: LogRows, edges: Array, stopped_rpm: float
 ) -> tuple[float, tuple[tuple[int, float], ...]]:
-    """What may have been metered between rows, over a straight line from one to the next
+    """Return standard deviations of the metering between rows, relative to linear interpolation
     (`Hopper.unseen`, `gaps`)."""
     if not every.lost.any():
         return 0.0, ()
@@ -191,8 +211,8 @@ def _bound_unseen_flow(
 def _binned_inputs(
     every: LogRows, edges: Array, width: float, stopped_rpm: float
 ) -> tuple[Array, Array, Array]:
-    """Mean shaft speed, opening (weighted with it) and pitch in each bin, the last repeated:
-    (m+1,) each."""
+    """Return mean shaft speed, opening (weighted with the speed) and pitch in each bin, with the
+    last value repeated: (m+1,) each."""
     time, spans, opening = every.time_s, np.diff(every.time_s), every.opening_mm
     rpm = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm)
 
@@ -212,7 +232,7 @@ def _binned_inputs(
 
 
 def refills_written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, float]]:
-    """(time_s, kg) of the refills that the operator wrote down."""
+    """Return time, s, and mass, kg, of the refills that the operator noted."""
     found: list[tuple[float, float]] = []
     for row in np.flatnonzero(events != ""):
         for word in str(events[row]).split(";"):
@@ -222,13 +242,14 @@ def refills_written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, 
                     found.append((float(time[row]), float(parts[1])))
                 except ValueError:
                     continue
-            elif parts[:1] == ["refill_back"] and found:  # the one before was none
+            # The event withdraws the refill before.
+            elif parts[:1] == ["refill_back"] and found:
                 found.pop()
     return found
 
 
 def _share_sums_over_bins(time: Array, amounts: Array, edges: Array) -> Array:
-    """Sums of amounts per row interval, shared out over bins: (len(edges)-1,)."""
+    """Distribute amounts per row interval over bins and return the sums: (len(edges)-1,)."""
     total = np.concatenate(([0.0], np.cumsum(amounts)))
     return np.diff(np.interp(edges, time, total))
 
@@ -236,8 +257,8 @@ def _share_sums_over_bins(time: Array, amounts: Array, edges: Array) -> Array:
 def _find_refills(
     kg: Array, rise_kg: float
 ) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
-    """kg filled in by bin, the bins from which it counts, and the bins in which the reading is
-    between two levels."""
+    """Return the refilled mass by bin, kg, the bins from which each refill counts, and the bins in
+    which the reading is between two levels."""
     refill = np.zeros(len(kg))
     hidden = np.zeros(len(kg), bool)
     filled = hold_last_value(kg)

@@ -1,4 +1,6 @@
-"""A hypothesis: effects with sizes, and the machine's stages as they are under it."""
+"""Defines a hypothesis: effects with sizes, and the parameters of the machine's stages under the
+hypothesis.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +8,17 @@ from typing import Any, NamedTuple
 
 from topdress.control.machine.machine import CATALOGUE, STAGES, Machine
 
-# parameter sets of one run are compiled for this many beginnings and ends
+# Maximum number of parameter changes in a run: the compiled model has an array of this length.
 MAX_SWITCHES = 5
 
 
 class EffectInstance(NamedTuple):
-    """One hypothesised effect. `size` in its catalogue unit (1 for an effect whose size is its
+    """A hypothesised effect. `size` is in its catalogue unit (1 for an effect whose size is its
     onset).
 
-    onset_s : when it begins; None: it was there all along. until_s : when it ends; None: not in
-    this log. grows : from nothing at its onset, evenly, to `size` at the end of the log; else
-    it is there at once.
+    onset_s : time of the begin; None for an effect of the whole log. until_s : time of the end;
+    None for no end in this log. grows : whether the effect grows evenly from zero at its onset to
+    `size` at the end of the log; otherwise it is a step.
     """
 
     id: str
@@ -28,7 +30,7 @@ class EffectInstance(NamedTuple):
 
     @property
     def switches(self) -> tuple[float, ...]:
-        """Times at which a run of the model has other parameters for it."""
+        """Times at which the model's parameters change because of the effect, s."""
         return (
             ()
             if self.grows
@@ -40,17 +42,17 @@ Hypothesis = tuple[EffectInstance, ...]
 
 
 def replace_part(parts: Hypothesis, k: int, part: EffectInstance) -> Hypothesis:
-    """A hypothesis with another part in place k."""
+    """Return a hypothesis with another effect at index k."""
     return (*parts[:k], part, *parts[k + 1 :])
 
 
 def remove_part(parts: Hypothesis, k: int) -> Hypothesis:
-    """A hypothesis without its part in place k."""
+    """Return a hypothesis without its effect at index k."""
     return (*parts[:k], *parts[k + 1 :])
 
 
 class Stages(NamedTuple):
-    """Parameter tuples of the stages in force, by stage name."""
+    """Parameter tuples of the stages, by stage name."""
 
     by_name: dict[str, Any]
 
@@ -63,7 +65,7 @@ def list_stages(machine: Machine) -> Stages:
 
 
 def add_part(stages: Stages, part: EffectInstance) -> Stages:
-    """Stages with one more effect on top of what they have; no bounds are looked at."""
+    """Return the stages with a further effect added to their parameters; bounds are not checked."""
     entry = CATALOGUE[part.id]
     before = getattr(stages.by_name[entry.stage], entry.field)
     changes: dict[str, float] = {entry.field: float(before + part.size)}
@@ -73,17 +75,18 @@ def add_part(stages: Stages, part: EffectInstance) -> Stages:
 
 
 class Schedule(NamedTuple):
-    """Stage sets in the order in which they come into force; `from_s[j]` is when set j+1 does."""
+    """Sets of stages in the order in which they come into force; `from_s[j]` is the start of set
+    j+1, s."""
 
     sets: tuple[Stages, ...]
     from_s: tuple[float, ...]
 
 
 def make_schedule(stages: Stages, parts: Hypothesis) -> Schedule:
-    """When which stages are in force under a hypothesis; what grows is left out
-    (`GroupModel.run` has it).
+    """Return the times at which each set of stages is in force under a hypothesis. Growing effects
+    are left out, because `GroupModel.run` adds them.
 
-    Raises ValueError for too many beginnings and ends.
+    Raises ValueError for too many begins and ends.
     """
     times = sorted({time_s for part in parts for time_s in part.switches})
     if len(times) > MAX_SWITCHES:

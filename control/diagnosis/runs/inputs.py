@@ -1,5 +1,6 @@
-"""What several stages are given, at every row of a log: commands, measured inputs, and what
-terms are asked with."""
+"""Prepares inputs that several stages share, at every row of a log: commands, measured inputs, and
+the inputs of terms.
+"""
 
 from __future__ import annotations
 
@@ -23,34 +24,39 @@ from .log import Clean
 
 Array = npt.NDArray[np.float64]
 
-# of a reading's gap: in a longer one the command is the better guess
+# Longest gap of a reading, s, that interpolation bridges; in a longer gap the command is the better
+# estimate.
 ASKED_AFTER_S = 2.0
-# rows closer than this hold every command that control, ten times a second, gave
+# Maximum row distance, s, at which a log contains every command of control, which runs ten times a
+# second.
 FINE_LOG_S = 0.15
-# r/min of the nominal machine: a share of another's range.
-# a shaft read slower than this stands still: the reading cannot fall below 0
+# A shaft that reads less, r/min, stands still: the reading cannot fall below 0. The value is that
+# of the nominal machine and is scaled to another machine's range.
 STOPPED_RPM = 1.0
-WORKING_RPM = 2.0 * STOPPED_RPM  # and one read quicker surely turns
+# A shaft that reads more than this, r/min, certainly turns.
+WORKING_RPM = 2.0 * STOPPED_RPM
 
 
 class LogRows(NamedTuple):
-    """What several stages are given, at every row of the log: (n,) each, gaps bridged."""
+    """Inputs that several stages share, at every row of the log: (n,) each, gaps bridged."""
 
     time_s: Array
     step_s: float
     command_rpm: Array
     command_mm: Array
-    shaft_rpm: Array  # measured, where it is not the command
+    # Measured speed, or the command where no reading exists, r/min.
+    shaft_rpm: Array
     opening_mm: Array
-    # opening from a row to the next, by which the shaft is loaded
+    # Opening between this row and the next that loads the shaft, mm.
     loads_mm: Array
-    supply_v: Array  # smoothed, as the pitch
+    # Smoothed like the pitch, V.
+    supply_v: Array
     pitch_deg: Array
-    # 1 or 0: as the log says, else whether the shaft turns
+    # 1 while working, else 0: from the log's state, or from whether the shaft turns.
     working: Array
-    # rows before which commands may be missing from the log
+    # Rows before which commands may be missing from the log.
     lost: npt.NDArray[np.bool_]
-    # what the machine file's terms add (`term_sums.over_log`)
+    # Sums of the machine file's terms by quantity (`term_sums.over_log`).
     more: dict[str, Array] = {}
 
 
@@ -62,7 +68,7 @@ def make_log_rows(log: Clean, machine: Machine) -> LogRows:
     )
     shaft_rpm = bridge_gaps(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
     supply_v = bridge_gaps(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
-    # neutral
+    # The neutral opening replaces a missing command.
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)
     turning = np.abs(np.nan_to_num(shaft_rpm)) > scale_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
@@ -83,12 +89,11 @@ def make_log_rows(log: Clean, machine: Machine) -> LogRows:
 
 
 def find_loading_opening_mm(time: Array, opening_mm: Array, machine: Machine) -> Array:
-    """Opening that loads the shaft from each row to the next, as its speed at the end remembers
-    it: (n,).
+    """Return the opening that loads the shaft between each row and the next, mm: (n,).
 
-    A gate sets out with the row, its dead time later, and goes at its own speed. What was
-    before it has arrived counts by exp(-t / T) of the shaft's time constant T: half-way in rows
-    shorter than both, hardly in one of a second.
+    A gate starts after its dead time and moves at its own speed. Earlier openings count by exp(-t /
+    T) with the shaft's time constant T: about half in rows shorter than both times, hardly at all
+    in rows of a second.
     """
     ways_mm, spans_s = np.diff(opening_mm), np.diff(time)
     still_s = np.minimum(
@@ -102,17 +107,17 @@ def find_loading_opening_mm(time: Array, opening_mm: Array, machine: Machine) ->
 
 
 def commands_lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
-    """Rows before which commands may have been given that no row holds: (n,)."""
+    """Return the rows before which commands may be missing from the log: (n,)."""
     if step_s > FINE_LOG_S:
         return np.ones(len(time), bool)
     return np.diff(time, prepend=time[0]) > GAP_STEPS * step_s
 
 
 def make_term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, Array]:
-    """What terms are asked with, at every row of a log (n,): readings, and the commands that
-    the drives follow by now.
+    """Return the inputs of terms at every row of a log (n,): readings, and the commands that the
+    drives follow at that row.
 
-    What a log lacks is left out, and so are the terms over it.
+    A term over an unlogged variable is left out.
     """
     time, found = every.time_s, {"time_s": every.time_s}
     for name, written, command, dead_s in zip(
@@ -135,8 +140,8 @@ def make_term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, 
 
 
 def read_slowly(log: Clean, every: LogRows) -> dict[str, Array]:
-    """Readings of other sensors than the drives', smoothed, (n,) by name: their noise is no
-    motion of the machine."""
+    """Return smoothed readings of the sensors other than the drives', (n,) by name: their noise is
+    no motion of the machine."""
     found = {
         name: series
         for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
@@ -154,7 +159,7 @@ def read_slowly(log: Clean, every: LogRows) -> dict[str, Array]:
 
 
 def variables_of(log: Clean, every: LogRows) -> dict[str, Array]:
-    """The recorded variables that something may depend on, (n,) by name; commands in place of
+    """Return the recorded variables on which an effect may depend, (n,) by name; commands replace
     the drives' readings."""
     found = {"time_s": every.time_s}
     if "shaft" in log.stages or "flow" in log.stages:

@@ -1,9 +1,8 @@
-"""Effects that come in spells at times of their own: their trace is read off the data, not off
-a fitted pattern.
+"""Finds intermittent effects at irregular times directly in the data, without a fitted pattern.
 
-What they account for is taken out of the data before anything else is looked for. Each is
-weighed as every other effect: log evidence plus its log prior odds, against nothing in its
-place (`prior.py`), and taken from `SAID` on.
+Their contribution is removed from the data before the search. Each is judged as every other effect:
+log evidence plus log prior odds against the absence of the effect (`prior.py`), accepted from
+`SAID` on.
 """
 
 from __future__ import annotations
@@ -40,49 +39,57 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-SWELL = 41  # samples over which noise grows and shrinks
+# Number of samples over which the noise level changes.
+SWELL = 41
 
-# Bridges that stand for many seconds, block by block.
-BLOCK_S = 3.0  # a bridge stands at least about twice as long
-# chance that a bridge begins in a block: one in a quarter of an hour to all day
+# Block length for long bridges in the hopper, s: a bridge lasts at least about twice as long.
+BLOCK_S = 3.0
+# Trial probabilities that a bridge begins in a block: from once in a quarter of an hour to once in
+# many.
 BEGINS = (0.003, 0.01, 0.03, 0.1)
-# ... and that it ends in one: it stands for some ten or some five seconds
+# Trial probabilities that a bridge ends in a block: mean duration of some fifteen or six seconds.
 ENDS = (0.2, 0.5)
 
-# Bridges below the scale's noise, by the step that each leaves in (reading - prediction) for good.
-# on each side of a step: the scale's noise remembers a second or two
+# Window on each side of a step of (reading - prediction), s: the scale's noise is correlated over a
+# second or two. Bridges below the noise are found by the permanent step that each leaves.
 STEP_SIDE_S = 20.0
-STEP_GAP_S = 8.0  # left out around a step
+# Time around a step that is left out, s.
+STEP_GAP_S = 8.0
 
-# Missing pulses of the wheel, as dips of its speed over the GNSS speed.
-# rows: a reading's tail is over in one, and outliers are as often above as below
+# Length of a long dip, rows: a single outlier lasts one row, and outliers are as often above as
+# below. Dips of wheel over GNSS speed are missing pulses.
 LONG_DIP = 3
-# of wheel over GNSS speed: a reading further off is an outlier (Iglewicz and Hoaglin, 1993)
+# Deviation of wheel over GNSS speed from which a reading is an outlier, s.d. (Iglewicz and Hoaglin,
+# 1993).
 DIP_SD = 3.5
-# of the rows, that lie closest together, are rows without a dip
+# Share of rows, those closest together, that are assumed to be without a dip.
 USUAL_SHARE = 0.3
-CLASSES = 16  # of a variable that the dips may follow ...
-# ... times as many samples as there are classes: rates alike within 1 / sqrt(4) of each
+# Number of classes of a variable on which dips may depend.
+CLASSES = 16
+# Prior samples per class: the rates of classes agree within 1 / sqrt(4) of each.
 ALIKE = 4.0
-# below this speed a reading says little about the ratio
+# Minimum speed, m/s, for a useful ratio of the two speeds.
 FAST_MPS = 0.6
-# what changes how many pulses there are
+# Variables that change the number of pulses over time.
 COMES_WITH_TIME = ("time_s", "hopper_kg", "speed_mps")
 
-# s.d. of what spells too short to be seen make, as a share of what was seen
+# Standard deviation of the contribution of spells too short to detect, as a share of the detected
+# contribution.
 UNSEEN_SD = 0.2
 
 
 class ReadOff(NamedTuple):
-    """An effect read off the data."""
+    """An effect that was detected directly in the data."""
 
     part: EffectInstance
     sd: float
-    log_odds: float  # posterior, against nothing in its place
+    # Posterior log odds against the absence of the effect.
+    log_odds: float
 
 
 def find_prior_odds(part: EffectInstance) -> float:
-    """Log prior odds of an effect that is read off, among those of its group of channels."""
+    """Return the log prior odds of a directly detected effect, among the effects of its group of
+    channels."""
     channel = ROWS[part.id].channels[0]
     names = {
         name
@@ -96,7 +103,7 @@ def find_prior_odds(part: EffectInstance) -> float:
 
 
 def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[ReadOff, ...]]:
-    """The data with spells taken out, and the effects that they were."""
+    """Remove intermittent effects from the data, and return the data with the removed effects."""
     found: list[ReadOff] = []
     if data.speed is not None:
         speed, seen = _without_dips(data.speed, _list_where_variables(data))
@@ -123,8 +130,8 @@ def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Read
 
 
 class _Unloaded(NamedTuple):
-    """Spells in which the rollers turned without material: when, and the drive's effort without
-    them."""
+    """Spells in which the rollers turned without material: their times, and the drive's effort
+    without these spells."""
 
     begin_s: Array
     end_s: Array
@@ -132,32 +139,34 @@ class _Unloaded(NamedTuple):
     seen: ReadOff
 
     def stood_s(self, time_s: Array) -> Array:
-        """For how long there was none until each time, s."""
+        """Return the total time without material up to each time, s."""
         return np.asarray(
             np.sum(np.clip(time_s[:, None] - self.begin_s, 0.0, self.end_s - self.begin_s), axis=1)
         )
 
 
 def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
-    """Spells in which the material's load was gone, one of which ended at least: an empty
-    hopper's does not."""
+    """Return the spells in which the material's load was absent, or None. At least one spell must
+    end, because an empty hopper's does not."""
     bins, stages = predict_binned_effort(e), list_stages(machine)
     full = bins(make_schedule(stages, ()))
     gone = bins(make_schedule(stages.put("effort", load=0.0), ())) - full
     known = e.members > 0
     left = e.bin_row_means(e.measured) - full
-    # From bin to bin: a load that grew for good is no noise.
+    # The standard deviation comes from differences between bins, because a permanent change of load
+    # is no noise.
     sd = ROBUST_SD * float(np.nanmedian(np.abs(np.diff(left)))) / np.sqrt(
         2.0
     ) + machine.noise.effort / np.sqrt(e.rows_a_bin)
     loaded = known & (gone < -sd)
     if not loaded.any():
         return None
-    # a load that is less, or more, for good is no bridge
+    # A permanent change of load is no bridge.
     usual = float(np.median(left[loaded] / gone[loaded]))
 
     def unlike(share: float) -> Array:
-        """Student's t, as of the scale: a stone between the rollers is far from all."""
+        """Return the log-likelihood penalty of a share under Student's t, because a stone between
+        the rollers is a large outlier."""
         return np.asarray(
             0.5 * (FREEDOM + 1.0) * np.log1p(((left - share * gone) / sd) ** 2 / FREEDOM)
         )
@@ -183,8 +192,8 @@ def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
 
 
 def _list_where_variables(data: RunData) -> list[Array]:
-    """What a wheel's rolling may depend on, at the speeds' rows: what follows one of these is
-    no missing pulse."""
+    """Return variables on which a wheel's rolling may depend, at the rows of the speeds. A loss
+    that depends on such a variable is no missing pulse."""
     assert data.speed is not None
     return [
         np.interp(data.speed.time_s, data.time_s, values)
@@ -194,9 +203,10 @@ def _list_where_variables(data: RunData) -> list[Array]:
 
 
 def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, ReadOff | None]:
-    """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed.
+    """Replace rows in which much of the wheel's speed is missing with the GNSS speed, and return
+    the detected effect.
 
-    where : variables that a wheel's rolling may depend on (rows,).
+    where : variables on which a wheel's rolling may depend (rows,).
     """
     moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
     ratio = s.wheel_mps / np.maximum(s.gnss_mps, FAST_MPS)
@@ -209,7 +219,7 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
     if not (moving & (ratio < usual - deep)).any():
         return s, None
     usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
-    # a GNSS outlier this large upwards is as odd as a dip is
+    # A GNSS outlier of this size is as improbable as a dip.
     deep = max(deep, 0.5 * usually)
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
     pulse_rows = max(1.0, DIPS_WITHIN_S / s.grid.step_s)
@@ -225,9 +235,10 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
         )
         for rows in (1, LONG_DIP)
     )
-    odds = evidence - float(np.log(2.0)) + find_prior_odds(missed)  # two ways to count them
+    # The evidence is divided by 2, because pulses were counted in two ways.
+    odds = evidence - float(np.log(2.0)) + find_prior_odds(missed)
     followed = [_calc_class_evidence(dips[moving], values[moving], pulse_rows) for values in where]
-    # some of what follows a variable comes for a while: so may pulses that are missing
+    # Some variables change over time only, and so may missing pulses.
     if followed:
         steady = COURSE["steady"]
         for_a_while = np.log(1.0 - steady) + _calc_class_evidence(
@@ -248,14 +259,16 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
 
 
 def _count_pulses(on: BoolArray, rows: float) -> float:
-    """How many pulses spells are worth: one each, or one for each `rows` of them."""
+    """Return the number of missing pulses of some spells: one each, or one for each `rows` rows."""
     return max(float(_count_spell_starts(on)), float(on.sum()) / rows)
 
 
 def _calc_dip_evidence(dips: float, rises: float) -> float:
-    """Log evidence for dips that are likelier than rises of the same size, over outliers, of
-    which either is as likely: a binomial, its share integrated over the upper half under
-    Jeffreys' prior."""
+    """Return the log evidence that dips are more frequent than rises of the same size, against
+    symmetric outliers.
+
+    The model is binomial; its probability is integrated over the upper half under Jeffreys' prior.
+    """
     upper = max(1.0 - float(betainc(dips + 0.5, rises + 0.5, 0.5)), 1e-300)
     return float(
         np.log(2.0 * upper / np.pi) + betaln(dips + 0.5, rises + 0.5) + (dips + rises) * np.log(2.0)
@@ -263,12 +276,11 @@ def _calc_dip_evidence(dips: float, rises: float) -> float:
 
 
 def _calc_class_evidence(on: BoolArray, values: Array, rows: float) -> float:
-    """Log evidence for spells that come in some classes of a variable more than in others, over
-    such as come at any time: at rates that are alike from class to class within half of
-    themselves (1 s.d.).
+    """Return the log evidence that spells depend on the class of a variable, against spells at any
+    time.
 
-    Shares of the classes with a Dirichlet prior, integrated. rows : of one pulse that is
-    missing.
+    Under independence, rates of classes agree within half of themselves (1 s.d.). The shares of the
+    classes have a Dirichlet prior and are integrated. rows : length of a missing pulse, rows.
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
     of = np.searchsorted(edges, values)
@@ -295,8 +307,8 @@ def _calc_class_evidence(on: BoolArray, values: Array, rows: float) -> float:
 
 
 def _find_usual_ratio(ratio: Array) -> tuple[float, float]:
-    """Where readings lie closest together, and the s.d. above that place: up to half of them
-    may be dips."""
+    """Return the mode of the ratio and the standard deviation above the mode, because up to half of
+    the readings may be dips."""
     ranked = np.sort(ratio)
     count = max(2, int(np.ceil(USUAL_SHARE * len(ranked))))
     if count >= len(ranked):
@@ -315,26 +327,27 @@ def _count_spell_starts(on: BoolArray) -> int:
 
 
 class _ScaleLevel(NamedTuple):
-    """What the nominal machine leaves of a scale, at the even grid (m,)."""
+    """Residual of the nominal machine for a scale, on the even grid (m,)."""
 
     predicted: Array
     left: Array
-    # how much louder the noise is around each sample than usually, at least 1
+    # Ratio of the local noise level to the usual level, at least 1.
     swell: Array
-    refilled: npt.NDArray[np.int64]  # samples at which the hopper is filled
-    # samples before which rows are missing for long: the level is open there
+    # Samples at which the hopper is refilled.
+    refilled: npt.NDArray[np.int64]
+    # Samples after long gaps: the level is unknown there.
     after_gap: npt.NDArray[np.int64]
 
 
 def _without_bridges(
     h: Hopper, machine: Machine, bare: _Unloaded | None
 ) -> tuple[Hopper, ReadOff | None]:
-    """Spells in which the scale stands still though the shaft turns; the mass that stayed
-    behind is taken off.
+    """Remove spells in which the scale stands still though the shaft turns, and return the hopper
+    with the detected effect.
 
-    Long spells are seen block by block, short ones by the step that they leave in (reading -
-    prediction) for good. bare : what the drive tells of them: to the half second, and taken
-    where the scale bears it out.
+    Long spells are found in blocks, short spells by the permanent step in (reading - prediction).
+    bare : spells from the drive's load, accurate to half a second; used where the scale confirms
+    them.
     """
     channel = make_hopper_channel(h, machine)
     predicted = channel.predict(make_schedule(list_stages(machine), ()), MAX_MODEL_STEP_S)
@@ -369,8 +382,8 @@ def _without_bridges(
 def _find_load_spells(
     h: Hopper, level: _ScaleLevel, bare: _Unloaded | None
 ) -> tuple[Array, ReadOff] | None:
-    """The spells that the drive tells: what stayed behind (m,), kg. None where the scale fell
-    meanwhile."""
+    """Return the mass that remained (m,), kg, in the spells found from the drive's load; None where
+    the scale fell in the meantime."""
     if bare is None:
         return None
     edges_s = np.append(h.grid.even_s, h.grid.even_s[-1] + h.grid.step_s) - 0.5 * h.grid.step_s
@@ -381,12 +394,12 @@ def _find_load_spells(
 
 
 def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None:
-    """Upward steps of (reading - prediction), each against the mean level on both of its sides:
-    what stayed behind (m,), kg.
+    """Find upward steps of (reading - prediction) between the mean levels on both sides, and return
+    the mass that remained (m,), kg.
 
-    A step at an unknown place gains z^2 / 2 less the logarithm of how many places there are.
-    The clearest one may be a hand on the machine, and steps downwards, which no bridge leaves,
-    speak against those upwards.
+    A step at an unknown time gains z^2 / 2 minus the logarithm of the number of times. The largest
+    step may be a hand on the machine. Downward steps, which no bridge causes, count against upward
+    steps.
     """
     left, predicted, step_s = level.left, level.predicted, h.grid.step_s
     side, gap = max(4, round(STEP_SIDE_S / step_s)), max(1, round(STEP_GAP_S / step_s))
@@ -402,7 +415,7 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
         near |= np.abs(at - jump) < 2 * (side + gap)
     for end in level.after_gap:
         near |= (at - side <= end) & (end <= at + gap + side)
-    # kg that a standstill of the whole gap keeps back
+    # Mass that a standstill over the whole gap retains, kg.
     used = predicted[at] - predicted[at + gap]
     z = np.where((used > 0.0) & ~near, rose / (sd * level.swell[at]), 0.0)
     places = float(np.log(max(2.0, len(at) / side)))
@@ -418,9 +431,10 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
     flow = np.concatenate(([0.0], np.maximum(0.0, -np.diff(predicted))))
     flowed = max(float(flow.sum()), 1e-9)
     rest = float(np.mean(left[-side:]) - np.mean(left[:side]) - kept[-1])
-    # a standstill in every place, each below its noise
+    # Total of standstills that are each below the noise, kg.
     unseen = rest if 0.0 < rest < len(at) / side * sd else 0.0
-    kept += unseen * np.cumsum(flow) / flowed  # spells too short to be seen one by one
+    # Spells too short to be detected are spread over the flow.
+    kept += unseen * np.cumsum(flow) / flowed
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(kept[-1]) / flowed)
     odds = float(up.sum() - up.max() - down.sum()) + find_prior_odds(bridging)
     sd_share = 100.0 * (sd * (len(ups) ** 0.5 + 1.0) + UNSEEN_SD * unseen) / flowed
@@ -428,8 +442,8 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
 
 
 def _find_score_peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np.int64]:
-    """Peaks that gain more than their place costs, at least `apart` from each other, the higher
-    ones first: places."""
+    """Return indices of the peaks that gain more than the price of their time, at least `apart`
+    from each other, highest first."""
     inner = z[1:-1]
     tops = 1 + np.flatnonzero(
         (inner > z[:-2]) & (inner >= z[2:]) & (inner >= np.sqrt(2.0 * log_places))
@@ -444,7 +458,7 @@ def _find_score_peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np
 
 
 def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None:
-    """Blocks in which the scale stood still: what stayed behind (m,), kg."""
+    """Find blocks in which the scale stood still, and return the mass that remained (m,), kg."""
     even, left, predicted = h.grid.even_s, level.left, level.predicted
     hop = max(1, round(BLOCK_S / h.grid.step_s))
     marks = np.arange(0, len(left) - hop, hop)
@@ -457,12 +471,13 @@ def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None
         predicted[marks] - predicted[marks + hop],
         0.0,
     )
-    # the reading rises for half a minute, and settles
+    # The reading rises for half a minute after a refill and then settles.
     for jump in level.refilled // hop:
         fell[max(0, jump - 12) : jump + 4] = 0.0
     fell[np.clip((level.after_gap - 1) // hop, 0, len(fell) - 1)] = 0.0
     sd = level.swell[marks] * (ROBUST_SD * float(np.median(np.abs(rose - np.median(rose)))) + 1e-3)
-    # Student's t: a refill or a knock on the scale is far from a bridge and from none alike.
+    # Student's t is used, because a refill or an impact on the scale is far from both a bridge and
+    # a normal flow.
     score = 0.5 * (FREEDOM + 1.0) * np.log1p((rose / sd) ** 2 / FREEDOM)
     score -= 0.5 * (FREEDOM + 1.0) * np.log1p(((rose - fell) / sd) ** 2 / FREEDOM)
     on, evidence = _find_spells(np.where(fell > 0.0, score, -np.inf))
@@ -481,12 +496,12 @@ def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None
 
 
 def _find_spells(score: Array) -> tuple[BoolArray, float]:
-    """Blocks that are likelier within a spell than not, (b,), and the log evidence of spells
-    over none.
+    """Return the blocks that are more likely within a spell than not, (b,), and the log evidence of
+    spells.
 
-    score : log likelihood ratio of a spell over none, by block (b,). Two states; the chances to
-    begin and to end are averaged over (forward and backward sums: Baum and others, Ann. Math.
-    Statist. 41, 1970, 164).
+    score : log likelihood ratio of a spell, by block (b,). The model has two states; the
+    probabilities to begin and to end are averaged over (forward and backward sums: Baum and others,
+    Ann. Math. Statist. 41, 1970, 164).
     """
     begins, ends = (
         grid.ravel() for grid in np.meshgrid(np.log(BEGINS), np.log(ENDS), indexing="ij")

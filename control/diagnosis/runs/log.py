@@ -1,4 +1,4 @@
-"""What is odd about the recorded data itself, put right where that is safe and always said."""
+"""Examines the recorded data for anomalies, corrects them where that is safe, and reports each."""
 
 from __future__ import annotations
 
@@ -22,20 +22,25 @@ from topdress.control.recordings.values import (
     round_as_printed,
 )
 
-# columns, besides the ten published variables: 560 products of two
+# Maximum number of further columns, besides the ten published variables: 560 products of two.
 MOST_KEPT = 24
-# means of so many pieces of the log are held against each other: transients are over in one
+# Number of pieces of the log whose means are compared: a transient affects a single piece.
 PIECES = 400
+# Minimum number of pieces for a correlation.
 LEAST_PIECES = 20
-# correlation of rows: the same reading, in another unit or rounded
+# Correlation from which two columns are copies: the same reading, in another unit or rounded.
 COPY = 0.99999
+# Number of rows on which columns are compared.
 ROWS_COMPARED = 4_000
-LONGEST_NAME = 200  # letters; as `control.machine.terms` takes them
-# of a column in its own unit: coefficients over less are beyond what a machine file takes
+# Maximum length of a column's name, letters; `control.machine.terms` has the same limit.
+LONGEST_NAME = 200
+# Minimum spread of a column in its own unit: coefficients of a smaller spread exceed the range of a
+# machine file.
 LEAST_SPREAD = 1e-3
+# Number of column names that a finding lists.
 SHOWN = 3
 Array = npt.NDArray[np.float64]
-# between rows (median): the slowest staircase of settings stands so long on one of them
+# Maximum median row distance, s: the slowest staircase of settings stays this long on a setting.
 LONGEST_STEP_S = 600.0
 HEADS = tuple(f"ndvi_{k}" for k in range(1, 7))
 NEEDED = {
@@ -62,8 +67,7 @@ NUMBERS = (
     *HEADS,
     *EFFORT_COLUMNS,
 )
-# Of the published columns, those that no diagnosis of a log reads: neither the channels nor
-# `rates`.
+# Published columns that no diagnosis of a log reads: neither the channels nor `rates`.
 UNREAD = frozenset(COLUMNS) - {
     "time_s",
     *NUMBERS,
@@ -74,27 +78,35 @@ UNREAD = frozenset(COLUMNS) - {
     "target_rate_kg_ha",
     "applied_rate_kg_ha",
 }
-EVIDENCE = ("time_s", "lat_deg", "lon_deg")  # what tells the unit of a speed
+# Columns that determine the unit of a speed.
+EVIDENCE = ("time_s", "lat_deg", "lon_deg")
+# Minimum number of rows of a log.
 MIN_ROWS = 40
-# of settled answers: each is a mean of its own, and a staircase up has as many steps
+# Minimum number of rows of settled answers: each is a mean, and a rising staircase has this many
+# steps.
 MIN_SETTLED = 20
-MIN_KNOWN = 0.5  # of the rows, of a further column
+# Minimum share of valid rows of a further column.
+MIN_KNOWN = 0.5
 
 
 class Kept(NamedTuple):
-    columns: dict[str, Array]  # (n,) each
-    said: tuple[str, ...]  # what was left out, a sentence each
+    """Further columns that are searched, and findings about the others."""
+
+    # Selected columns, (n,) each.
+    columns: dict[str, Array]
+    # A finding for each kind of column that was left out.
+    said: tuple[str, ...]
 
 
 def select_variables(further: Mapping[str, Array], known: Mapping[str, Array]) -> Kept:
-    """Of further columns (n,) those that are asked about: that say something of their own, and
-    not too many.
+    """Select the further columns (n,) that the search uses: those with information of their own, up
+    to a maximum.
 
-    A bus log has thousands of signals. Products of any two are tried, so that time and memory
-    grow with the square of their number, and so does the chance that one of them fits by
-    accident. Of too many, those are kept that go best with what the readings leave over their
-    commands, a channel at a time (sure independence screening: Fan and Lv, J. R. Statist. Soc.
-    B 70, 2008). known : the published columns (n,), NaN where not known.
+    A bus log has thousands of signals. Products of any two are tried, so time and memory grow with
+    the square of their number, as does the chance of an accidental fit. If there are too many, the
+    columns are selected that correlate best with a channel's reading after the fit of its commands,
+    for each channel (sure independence screening: Fan and Lv, J. R. Statist. Soc. B 70, 2008).
+    known : the published columns (n,), NaN where not valid.
     """
     said: list[str] = []
     named = {
@@ -139,8 +151,8 @@ def _calc_spread(values: Array) -> float:
 
 
 def _standardise_columns(columns: Mapping[str, Array], rows: npt.NDArray[np.int64]) -> Array:
-    """Columns at some rows less their mean, of length 1, what is not known at the mean: (k,
-    rows)."""
+    """Return columns at some rows minus their mean, scaled to length 1, with missing values at the
+    mean: (k, rows)."""
     picked = np.array([values[rows] for values in columns.values()])
     known = np.isfinite(picked)
     filled = np.where(known, picked, 0.0)
@@ -170,8 +182,8 @@ def _without_copies(columns: dict[str, Array], known: Mapping[str, Array]) -> di
 
 
 def _select_closest(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str, Array]:
-    """Those that go best with any channel: its reading, less what the published columns tell of
-    it, piece by piece."""
+    """Select the columns that correlate best with a channel's reading minus the fit of the
+    published columns, in means over pieces."""
     count = len(next(iter(columns.values())))
     pieces = max(LEAST_PIECES, min(PIECES, count // 10))
     edges = np.linspace(0, count, pieces + 1).astype(np.int64)
@@ -201,7 +213,7 @@ def _select_closest(columns: dict[str, Array], known: Mapping[str, Array]) -> di
 
 
 def _list_channel_targets(means: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
-    """What each channel reads, and what it is known to follow."""
+    """Return each channel's reading with the columns that the reading is known to follow."""
     found = []
     for reading, command in (
         ("shaft_rpm", "shaft_rpm_cmd"),
@@ -219,14 +231,15 @@ def _list_channel_targets(means: Mapping[str, Array]) -> list[tuple[Array, dict[
 
 
 def _subtract_fit(rows: Array, against: Array) -> Array:
-    """Rows (k, m) less their least-squares fit to others (j, m)."""
+    """Return rows (k, m) minus their least-squares fit to other rows (j, m)."""
     basis = np.linalg.svd(against, full_matrices=False)
     span = basis[2][basis[1] > 1e-9 * basis[1].max()]
     return np.asarray(rows - (rows @ span.T) @ span)
 
 
 def _average_pieces(values: Array, edges: npt.NDArray[np.int64]) -> Array:
-    """Mean of what is known in each piece; the mean of all where nothing is."""
+    """Return the mean of the valid values in each piece; the overall mean where a piece has no
+    valid value."""
     known = np.isfinite(values)
     sums = np.add.reduceat(np.where(known, values, 0.0), edges[:-1])
     counts = np.add.reduceat(known.astype(np.float64), edges[:-1])
@@ -235,23 +248,27 @@ def _average_pieces(values: Array, edges: npt.NDArray[np.int64]) -> Array:
 
 
 class Clean(NamedTuple):
-    """A run log that can be worked with. Arrays of shape (n,); NaN: not known."""
+    """A cleaned run log. Arrays have shape (n,); NaN means not valid."""
 
     time_s: Array
-    step_s: float  # median
+    # Median row distance, s.
+    step_s: float
     columns: dict[str, Array]
-    events: npt.NDArray[Any]  # texts, shape (n,)
+    # Texts of the events, shape (n,).
+    events: npt.NDArray[Any]
     state: npt.NDArray[Any]
-    stages: tuple[str, ...]  # channels that this log can show
+    # Channels that this log can show.
+    stages: tuple[str, ...]
     findings: tuple[str, ...]
-    further: dict[str, Array] = {}  # numbers beyond the published columns, by name
-    # each command held until the next row: none is missing between
+    # Numeric columns beyond the published columns, by name.
+    further: dict[str, Array] = {}
+    # Whether each command is held until the next row, so that no command is missing.
     held: bool = False
 
     @property
     def working(self) -> Array:
-        """1 where the log says that the machine works, 0 where not, NaN where it does not say:
-        (n,)."""
+        """Return 1 where the log says that the machine works, 0 where it does not work, NaN where
+        the log does not say: (n,)."""
         if (self.state != "").any():
             return np.where(self.state == State.WORKING, 1.0, 0.0)
         return np.where(
@@ -265,11 +282,11 @@ class Clean(NamedTuple):
 def clean_run_log(
     columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = lambda stage: True
 ) -> Clean:
-    """The data gate: examines and cleans the columns of a run log (its contract; `time_s` in s,
-    the others optional).
+    """Examine and clean the columns of a run log (by its contract: `time_s` in s, the others
+    optional).
 
-    has : whether the machine has a stage; of those that it has not nothing is looked at, and
-    nothing said.
+    has : tells whether the machine has a stage; columns of a missing stage are neither examined nor
+    reported.
 
     Raises ValueError with one plain line where there is no usable time column.
     """
@@ -342,7 +359,8 @@ def clean_run_log(
 def _select_effort_drives(
     found: Mapping[str, Array], has: Callable[[str], bool], least: int
 ) -> list[str]:
-    """Drives that tell how hard they work; few do, and nobody misses it of the others."""
+    """Return the drives with an effort column; the absence of the column is not reported, because
+    few drives have one."""
     return [
         stage
         for stage, needed in OF_EFFORT.items()
@@ -351,7 +369,8 @@ def _select_effort_drives(
 
 
 def _texts_and_further(columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """Events and states as texts, and the numbers that are of no published column: (n,) each."""
+    """Return events and states as texts, and the numeric columns that are not published: (n,)
+    each."""
     count = len(columns["time_s"])
     texts = {
         name: np.array(
@@ -375,8 +394,7 @@ def _texts_and_further(columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt
 def _read_further_columns(
     read: Mapping[str, npt.NDArray[Any]], published: Mapping[str, Array], findings: list[str]
 ) -> dict[str, Array]:
-    """Columns of numbers that are not of the published ones and change: something may depend on
-    them."""
+    """Return the numeric columns that are not published and vary: an effect may depend on them."""
     found, odd = {}, list[Finding]()
     for name, raw in read.items():
         if name in COLUMNS:
@@ -398,7 +416,7 @@ def _read_further_columns(
 
 
 def _checked_step(time: Array, least: int, findings: list[Finding]) -> float:
-    """The median step from row to row, s. Raises ValueError where rows are too few, or too far
+    """Return the median row distance, s. Raises ValueError where rows are too few, or too far
     apart."""
     if len(time) < least:
         raise ValueError(f"column time_s: {len(time)} usable rows: at least {least} are needed")
@@ -422,8 +440,8 @@ def _checked_step(time: Array, least: int, findings: list[Finding]) -> float:
 
 
 def _unless_still(name: str, values: Array, why: str, findings: list[str]) -> Array:
-    """Readings that are the very same in every row say nothing: no hopper, full or empty, is so
-    quiet."""
+    """Reject readings that are identical in every row: no real hopper, full or empty, has no
+    noise."""
     known = values[np.isfinite(values)]
     if len(known) < MIN_ROWS or np.ptp(known) > 0.0:
         return values
@@ -432,9 +450,9 @@ def _unless_still(name: str, values: Array, why: str, findings: list[str]) -> Ar
 
 
 def _is_standing_still(found: dict[str, Array]) -> bool:
-    """Whether it never moved, single outliers apart.
+    """Tell whether the machine never moved, single outliers ignored.
 
-    Then wheel and GNSS show their noise alone, and each head its own piece of canopy.
+    Wheel and GNSS then show only their noise, and each head only its own piece of canopy.
     """
     known = [
         found[name] for name in ("speed_mps", "wheel_speed_mps") if np.isfinite(found[name]).any()

@@ -1,5 +1,4 @@
-"""Channels that share effects, through the machine model: predictions, residuals, and the
-nominal values below them."""
+"""Models a group of channels that share effects: predictions, residuals, and nominal values."""
 
 from __future__ import annotations
 
@@ -23,30 +22,36 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-# channels that share an effect are judged together
+# Channels that share an effect form a group and are judged together.
 GROUPS: dict[str, tuple[str, ...]] = {
     "shaft": ("shaft",),
     "metering": ("gate", "scale", *EFFORT),
     "speed": ("speed",),
     "heads": ("heads",),
 }
-STEP_SHARE = 0.05  # of a value, for its slope
-# around a drive's halt: how it runs down is nobody's effect
+# Share of a value by which the value is changed for its slope.
+STEP_SHARE = 0.05
+# Time around a drive's halt that is not judged, s: no effect describes how a drive runs down.
 HALT_S = 3.0
-# of a row: the speed in a row was read at some time within it
+# Standard deviation of a GNSS speed's time, as a share of a row: the speed was read at some time
+# within the row.
 GNSS_STAMP_SHARE = 0.25
-# of the mechanical time constant: L / R of small DC motors is 1 to 2 ms of their 20 to 50 ms
+# Ratio of electrical to mechanical time constant: L / R of small DC motors is 1 to 2 ms, against 20
+# to 50 ms.
 ELECTRICAL = 0.04
-MAX_PREDICTIONS = 24  # hypotheses whose predictions are kept
+# Maximum number of hypotheses whose predictions are cached.
+MAX_PREDICTIONS = 24
 
 
 class Nuisance(NamedTuple):
-    """A nominal value that may be off within its tolerance."""
+    """A nominal value that is uncertain within its tolerance."""
 
     stage: str
     field: str
-    step: float  # difference of the value for its slope
-    sd: float  # tolerance, 1 s.d.
+    # Change of the value for its slope.
+    step: float
+    # Tolerance, 1 s.d.
+    sd: float
 
     @property
     def key(self) -> str:
@@ -54,7 +59,7 @@ class Nuisance(NamedTuple):
 
 
 def list_nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
-    """Tolerances of the machine file that bear on a channel."""
+    """Return the tolerances of the machine file that affect a channel."""
     t = machine.tolerance
     if channel == "shaft":
         return (
@@ -96,57 +101,59 @@ def list_nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
 
 
 def find_tolerance(effect_id: str, machine: Machine) -> float:
-    """Tolerance (1 s.d.) of the nominal value that an effect moves, in the unit of its size; 0
-    where it moves none.
+    """Return the tolerance (1 s.d.) of the nominal value that an effect changes, in the unit of the
+    effect's size; 0 where it changes none.
 
-    What the tolerance leaves open, the effect's size leaves open too. Where a row is longer
-    than the tolerance the two have kinks at different places, and no slope says so.
+    The effect's size is known no better than the tolerance. Where a row is longer than the
+    tolerance, value and effect have kinks at different places, and no slope shows that.
     """
     row = ROWS[effect_id]
     return sum(n.sd for n in list_nuisances(row.stage, machine) if n.field == row.moves)
 
 
 def hidden_within(effect_id: str, machine: Machine) -> float:
-    """How far (1 s.d.) a sound machine may do what an effect does: within the tolerance of a
-    nominal value, or, of a second time constant, as a motor's electrical one, which a data
-    sheet's single one leaves out; 0 for others."""
+    """Return the standard deviation up to which a healthy machine may behave as an effect does; 0
+    for most effects.
+
+    The value is the tolerance of a nominal value, or, for a second time constant, the motor's
+    electrical time constant, which a data sheet with a single time constant omits.
+    """
     if effect_id == SHAFT_SECOND_ORDER.id:
         return ELECTRICAL * machine.shaft.time_constant_s
     return find_tolerance(effect_id, machine)
 
 
 def find_absorbed_effects(effect_id: str) -> tuple[str, ...]:
-    """Effects that no nominal value off its tolerance does where this one is there: of two
-    orders the first is no data sheet's time constant."""
+    """Return the effects that no nominal value off its tolerance explains where this effect is
+    present: the first of two time constants is not the data sheet's."""
     return (SHAFT_SLOW.id,) if effect_id == SHAFT_SECOND_ORDER.id else ()
 
 
 def find_replaced_nominals(parts: Hypothesis) -> frozenset[str]:
-    """Nominal values (by key) that a steady part moves, or leaves to another effect: sizes say
-    how far, and no tolerance along with them."""
+    """Return the nominal values (by key) that a steady effect changes or leaves to another effect.
+
+    The size of the effect then replaces the tolerance of the value.
+    """
     ids = [part.id for part in parts if part.onset_s is None]
     rows = [ROWS[name] for one in ids for name in (one, *find_absorbed_effects(one))]
     return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
 
 
 def find_stamp_sd_s(machine: Machine, step_s: float) -> float:
-    """How well the time of a GNSS reading is known (1 s.d.), in a log with rows of `step_s`."""
+    """Return the standard deviation of a GNSS reading's time, s, in a log with rows of `step_s`."""
     return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))
 
 
 def is_cumulative(part: EffectInstance, channel: str) -> bool:
-    """Whether a channel reads the sum of what an effect did until then: a scale reads all that
-    flowed."""
+    """Tell whether a channel accumulates an effect: a scale reads everything that has flowed."""
     return channel == "scale" and ROWS[part.id].stage != "scale"
 
 
 def shape_over_time(change: Array, channel: ChannelSeries, part: EffectInstance) -> Array:
-    """What an effect does to a channel in the course of a log, from what it would do all along:
-    both (m,).
+    """Return the change of a channel over a log from the change of a permanent effect: both (m,).
 
-    A scale reads what flowed until then: what begins late has changed nothing before. Every
-    other channel answers at once, so that this is right for effects whose prediction is a
-    straight line in their size.
+    A scale reads accumulated flow, so an effect changes nothing before its onset. Every other
+    channel answers at once. This is exact for effects whose prediction is linear in their size.
     """
     return apply_course(
         change, calc_part_course(channel, part), channel.copies, is_cumulative(part, channel.name)
@@ -154,7 +161,7 @@ def shape_over_time(change: Array, channel: ChannelSeries, part: EffectInstance)
 
 
 def calc_part_course(channel: ChannelSeries, part: EffectInstance) -> Array:
-    """How much of a part is there at each sample, from 0 to 1: (m,)."""
+    """Return the active share of an effect at each sample, from 0 to 1: (m,)."""
     time_s, onset_s = channel.grid.even_s, 0.0 if part.onset_s is None else part.onset_s
     weight = (time_s >= onset_s).astype(np.float64)
     if part.grows:
@@ -163,8 +170,8 @@ def calc_part_course(channel: ChannelSeries, part: EffectInstance) -> Array:
 
 
 def apply_course(change: Array, weight: Array, copies: int, summed: bool) -> Array:
-    """Changes (..., copies x m) in the course of weights (..., m). summed : the channel adds up
-    what an effect does."""
+    """Apply the time course of weights (..., m) to changes (..., copies x m). summed : whether the
+    channel accumulates the effect."""
     if summed:
         return np.asarray(np.cumsum(np.diff(change, prepend=change[..., :1]) * weight, axis=-1))
     shaped = change.reshape(*change.shape[:-1], copies, -1) * weight[..., None, :]
@@ -172,13 +179,13 @@ def apply_course(change: Array, weight: Array, copies: int, summed: bool) -> Arr
 
 
 class GroupModel:
-    """Channels that share effects, under any hypothesis about them.
+    """Model of channels that share effects, under any hypothesis.
 
-    channels, names : of the group. data : the log; its hopper level is the predicted one. noise
-    : where fits start. base : the stages' parameters now; offsets : by how much nominal values
-    were moved (by key). moves : how often they were moved, for those who keep what they made of
-    the model. drawn_in : what is taken off each measurement for its tails (m,). ask : called at
-    each run of the model; what it raises ends the work.
+    channels, names : of the group. data : the log, with the predicted hopper level. noise : start
+    of the noise fits. base : current parameters of the stages; offsets : offsets of nominal values
+    (by key). moves : revision of the nominal values, for caches of derived results. drawn_in :
+    correction of each measurement for heavy tails (m,). ask : called at each run of the model; an
+    exception from it ends the work.
     """
 
     def __init__(
@@ -201,8 +208,8 @@ class GroupModel:
         self.data = self._with_hopper_level(data)
 
     def _with_hopper_level(self, data: RunData) -> RunData:
-        """The level as predicted: the reading's own noise must not come back as a dependence on
-        itself."""
+        """Replace the hopper level with the predicted level: the noise of the reading would appear
+        as a dependence on itself."""
         if "scale" not in self.names or data.hopper is None:
             return data
         level = np.interp(
@@ -211,12 +218,13 @@ class GroupModel:
         return data._replace(variables={**data.variables, "hopper_kg": level})
 
     def channel(self, name: str) -> ChannelSeries:
-        """One of the group's channels; ValueError where it has none of that name."""
+        """Return a channel of the group by name; ValueError where the group has none of that
+        name."""
         return self.channels[self.names.index(name)]
 
     @property
     def heads(self) -> int:
-        """Canopy heads that read something."""
+        """Number of canopy heads with readings."""
         return (
             0
             if self.data.heads is None
@@ -225,11 +233,11 @@ class GroupModel:
 
     @property
     def nuisances(self) -> tuple[tuple[ChannelSeries, Nuisance], ...]:
-        """Every tolerance that bears on the group, with its channel."""
+        """Tolerances that affect the group, each with its channel."""
         return tuple((c, n) for c in self.channels for n in list_nuisances(c.name, self.machine))
 
     def predicted(self, parts: Hypothesis) -> dict[str, Array]:
-        """What each channel would read under a hypothesis: (m,) by channel."""
+        """Predict each channel's reading under a hypothesis: (m,) by channel."""
         if parts not in self._predictions:
             if len(self._predictions) > MAX_PREDICTIONS:
                 self._predictions.pop(next(iter(self._predictions)))
@@ -239,8 +247,8 @@ class GroupModel:
     def run(
         self, parts: Hypothesis, base: Stages | None = None, only: Collection[str] | None = None
     ) -> dict[str, Array]:
-        """The model run under a hypothesis: (m,) by channel. base : other stages; only : these
-        channels."""
+        """Run the model under a hypothesis: (m,) by channel. base : other stages; only : the
+        channels to predict."""
         channels = [c for c in self.channels if only is None or c.name in only]
         if not any(part.grows for part in parts):
             return self._predict_steady(parts, channels, base)
@@ -269,7 +277,8 @@ class GroupModel:
     def _predict_cached(
         self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None
     ) -> dict[str, Array]:
-        """The same, kept where all channels are asked for: growths of many sizes share them."""
+        """Return the cached prediction where all channels are requested: growths of many sizes
+        share the prediction."""
         if base is not None or (
             parts not in self._predictions and len(channels) < len(self.channels)
         ):
@@ -278,8 +287,8 @@ class GroupModel:
         return {c.name: known[c.name] for c in channels}
 
     def residual(self, parts: Hypothesis) -> dict[str, Array]:
-        """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts
-        runs down."""
+        """Return measured, with corrected tails, minus predicted: (m,) by channel; 0 while a
+        halting drive runs down."""
         now = self.predicted(parts)
         left = {c.name: c.measured - self.drawn_in[c.name] - now[c.name] for c in self.channels}
         for part in parts:
@@ -292,12 +301,13 @@ class GroupModel:
         return left
 
     def banded_residual(self, parts: Hypothesis) -> dict[str, Array]:
-        """Cosine coefficients of the residual, sorted by band: (m,) by channel."""
+        """Return cosine coefficients of the residual, sorted by band: (m,) by channel."""
         left = self.residual(parts)
         return {c.name: coefficients(left[c.name], c.cut) for c in self.channels}
 
     def difference(self, parts: Hypothesis, more: EffectInstance) -> dict[str, Array]:
-        """What one more part does to the channels that it touches: (m,) by channel."""
+        """Return the change from a further effect in the channels that the effect changes: (m,) by
+        channel."""
         now = self.predicted(parts)
         return {
             name: one - now[name]
@@ -305,12 +315,12 @@ class GroupModel:
         }
 
     def nominal(self, nuisance: Nuisance) -> float:
-        """A value as the machine file has it."""
+        """Return a value as the machine file declares it."""
         return float(getattr(getattr(self.machine, nuisance.stage), nuisance.field))
 
     def move(self, offsets: Mapping[str, float]) -> None:
-        """Nominal values set off from the machine file's by so much (by key; others stand where
-        it has them)."""
+        """Set offsets of nominal values from the machine file's values (by key; other values have
+        no offset)."""
         for _, n in self.nuisances:
             self.base = self.base.put(
                 n.stage, **{n.field: float(self.nominal(n) + offsets.get(n.key, 0.0))}

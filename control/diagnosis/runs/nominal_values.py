@@ -1,5 +1,4 @@
-"""Nominal values moved, within their tolerances, to where they fit best: slopes are then taken
-there."""
+"""Fits nominal values within their tolerances, so that slopes are taken at the best fit."""
 
 from __future__ import annotations
 
@@ -21,27 +20,30 @@ from .columns import Columns
 from .hypothesis import EffectInstance, Hypothesis
 from .model import Nuisance, find_replaced_nominals, find_tolerance
 
+# Maximum number of rounds of the fit.
 MAX_ROUNDS = 4
-# shares of the step that the slopes ask for, tried until one gains
+# Trial shares of the step that the slopes suggest, until one gains.
 STEP_SHARES = (1.0, 0.4, 0.15)
-# of a tolerance: its prior ends there, what is further off is an effect
+# Maximum offset in tolerances: the prior ends there, and a larger offset is an effect.
 MAX_OFFSET_SD = 3.0
-# of a tolerance: smaller steps are not worth the model's runs
+# Minimum step in tolerances: a smaller step is not worth a run of the model.
 SETTLED_SD = 0.05
-# gain in log-likelihood that asks for a further round
+# Minimum gain in log-likelihood for a further round.
 MIN_GAIN = 0.5
-TIMED = ("dead_time_s", "slew_mm_s")  # when a move ends
-# of a tolerance, when one of these is looked for: down to a thirtieth of it
+# Nominal values that decide when a move ends.
+TIMED = ("dead_time_s", "slew_mm_s")
+# Number of halvings of a tolerance in the search for a timing value: down to a thirtieth.
 HALVINGS = 5
-# gain in log-likelihood below which it is not moved
+# Minimum gain in log-likelihood for a timing value to be changed.
 TIME_GAIN = 2.0
 
 
 def settle_nominal_values(columns: Columns, parts: Hypothesis) -> Hypothesis:
-    """Moves the model's nominal values to where they fit best along with a hypothesis.
+    """Set the model's nominal values to their best fit together with a hypothesis, and return the
+    refitted hypothesis.
 
-    The parts' sizes move along, for a size and a tolerance may stand for the same thing; they
-    are returned. Values that a part of the hypothesis moves stand as the machine file has them.
+    The effects' sizes are refitted as well, because a size and a tolerance may be interchangeable.
+    Values that an effect of the hypothesis replaces keep the machine file's value.
     """
     _try_time_grid(columns, parts)
     model, best = columns.model, _calc_rest_likelihood(columns, parts)
@@ -83,8 +85,7 @@ def settle_nominal_values(columns: Columns, parts: Hypothesis) -> Hypothesis:
 def _find_wanted_steps(
     columns: Columns, parts: Hypothesis
 ) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
-    """The step that a fit asks of each nominal value, and of the size of each part (by its
-    place)."""
+    """Return the fitted step of each nominal value and of each effect's size (by index)."""
     model = columns.model
     p, count = columns.compress_hypothesis(parts)
     amplitude = fit_amplitudes_and_noise(p, np.arange(count), model.noise, rounds=3).amplitude
@@ -104,7 +105,7 @@ def _find_wanted_steps(
 
 
 def _calc_rest_likelihood(columns: Columns, parts: Hypothesis) -> float:
-    """Log-likelihood with the nominal values exactly where they stand."""
+    """Return the log-likelihood with the nominal values exactly at their current values."""
     model = columns.model
     kept = [c for c in columns.fixed(parts) if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
     p = make_evidence_problem(model.channels, model.banded_residual(parts), kept)
@@ -115,11 +116,10 @@ def _calc_rest_likelihood(columns: Columns, parts: Hypothesis) -> float:
 
 
 def _try_time_grid(columns: Columns, parts: Hypothesis) -> None:
-    """Dead times and slews moved to the best of a grid: rows see only the end of a short move,
-    so slopes lead nowhere.
+    """Set dead times and slew rates to the best value of a grid.
 
-    A move shorter than a row is over before it is read, or has not started: the likelihood has
-    kinks there.
+    A move shorter than a row ends before it is read, or has not started, so the likelihood has
+    kinks and slopes mislead.
     """
     moved = find_replaced_nominals(parts)
     for channel, n in columns.model.nuisances:
@@ -165,10 +165,10 @@ def _move_time_value(
 
 
 def looked_for_to(effect_id: str, machine: Machine) -> float:
-    """How finely the times were looked for (1 s.d.) that an effect of nearly their form leans
-    on; 0 where it has none.
+    """Return the standard deviation of the time search that an effect of nearly the same form
+    depends on; 0 where there is none.
 
-    A size that is fitted along with such a time is known no better, however long the log.
+    A size that is fitted together with such a time is known no better, however long the log.
     """
     row = ROWS[effect_id]
     return max(

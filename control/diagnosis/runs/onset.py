@@ -1,5 +1,6 @@
-"""When an effect began: stops read off the drives, other onsets tried on a grid and then
-refined."""
+"""Finds when an effect began: stops directly from the drives, other onsets on a grid that is then
+refined.
+"""
 
 from __future__ import annotations
 
@@ -23,36 +24,38 @@ from .search import Candidate, FittedHypothesis, Search, log_likelihood
 
 Array = npt.NDArray[np.float64]
 
-# A stop, read off a drive.
-MEDIAN_SAMPLES = 5  # an outlier is no turning
-# of the predicted speed: a shaft that reads more obeys
+# Number of samples of the median before a stop is searched for: a single outlier is no rotation.
+MEDIAN_SAMPLES = 5
+# Share of the predicted speed: a shaft that reads more obeys.
 TURNS_SHARE = 0.3
-# a shaft asked for more turns; on the nominal machine, as STUCK_MM
+# Minimum command of a shaft that should turn, r/min, on the nominal machine.
 TURNING_RPM = 5.0
-# of standing or turning: less is how a drive starts
+# Minimum duration of standing or turning, s: a shorter episode is a normal start.
 EPISODE_S = 0.25
-# of the rows in which it stands: turning there now and then is noise of the command
+# Maximum share of turning rows after a stop: occasional rotation is noise of the command.
 MAX_OBEYED = 0.1
-MIN_DISOBEYED_S = 3.0  # a drive must disobey for this long in all
-MIN_OFF_SD = 2.0  # of one reading, for the mean of a second
-# the last moves before a stop are smaller than the noise
+# Minimum total time in which a drive disobeys, s.
+MIN_DISOBEYED_S = 3.0
+# Minimum deviation of the mean over a second, in standard deviations of a reading.
+MIN_OFF_SD = 2.0
+# Maximum distance of a stop from the last move, s: the last moves are smaller than the noise.
 STUCK_WITHIN_S = 2.0
-# an opening that counts as much as STUCK_WITHIN_S does
+# Opening difference, mm, that weighs as much as MAX_STOP_DISTANCE_S, on the nominal machine.
 STUCK_MM = 0.02
-STOP_SD_S = 0.5  # how sharply a stop is seen
+# Standard deviation of the time of a stop, s.
+STOP_SD_S = 0.5
 
-# An onset, tried on a grid.
-# by which an onset is moved about where a scan has it
+# Steps by which an onset is moved around the result of a scan, rows.
 STEPS_ROWS = (32, 8, 2, 1)
 
 
 def find_stopped_drives(model: GroupModel) -> list[Candidate]:
-    """Drives that stood still to the end of the log though commanded."""
+    """Return drives that stood still to the end of the log though commanded to move."""
     found: list[Candidate] = []
     predicted = model.predicted(())
     for channel in model.channels:
         if channel.settled:
-            # the last rows of a staircase down are within a dead zone
+            # The last rows of a descending staircase are within a dead zone.
             continue
         if channel.name == "shaft":
             asked = predicted["shaft"] > scale_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
@@ -82,8 +85,8 @@ def find_stopped_drives(model: GroupModel) -> list[Candidate]:
 
 
 def find_standing_onset(model: GroupModel) -> list[Candidate]:
-    """A shaft that from some time on stands where it is asked for little, and turned so before:
-    a dead band."""
+    """Return the dead band of a shaft that turned at small commands and stands at them from some
+    time on."""
     if "shaft" not in model.names:
         return []
     channel, asked = model.channel("shaft"), model.predicted(())["shaft"]
@@ -107,8 +110,8 @@ def find_standing_onset(model: GroupModel) -> list[Candidate]:
 
 
 def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -> bool:
-    """Whether a drive that stopped still does other than asked, well after it stopped, once
-    `parts` are known."""
+    """Tell whether a stopped drive still deviates from its command, well after its stop, once
+    `parts` are included."""
     channel = model.channel(ROWS[stop.id].stage)
     second = max(1, round(1.0 / channel.grid.step_s))
     off = uniform_filter1d(channel.measured - model.predicted(parts)[channel.name], second)
@@ -120,13 +123,13 @@ def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -
 
 
 def _find_still_start(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
-    """Sample from which a reading is better predicted by one constant than by its prediction,
-    to the end of the log.
+    """Return the sample from which a constant predicts the readings better than the prediction
+    does, to the end of the log; None where there is none.
 
-    Proposed where that pays for having tried every sample; the search weighs it once more.
-    Moves smaller than the noise of one reading add up: sums of squares from every sample to the
-    end are compared, each about its own mean, for a gate that stands a little off its command
-    is not stuck.
+    The gain must exceed the price of trying every sample; the search judges the stop again. Moves
+    below the noise of a reading add up, so sums of squares from every sample to the end are
+    compared. Each sum is around its own mean, because a gate with an offset from its command is not
+    stuck.
     """
     count = np.arange(len(measured), 0, -1)
     ahead = np.cumsum(measured[::-1])[::-1]
@@ -146,15 +149,15 @@ def _find_still_start(measured: Array, predicted: Array, noise: float, least: in
         np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1] / noise**2
     )
     at = int(np.argmax(gained[:-least]))
-    # The end of a move that came a little late speaks for a stop as well, but only for a moment.
+    # The end of a late move also speaks for a stop, but only briefly.
     return at if gained[min(at + least, len(gained) - 1)] > least_gain else None
 
 
 def _find_stuck_sample(
     measured: Array, predicted: Array, at: int, step_s: float, near_mm: float
 ) -> int:
-    """Sample about `at` at which the gate passed the place where it stands ever after: there it
-    stopped."""
+    """Return the sample near `at` at which the gate passed its final position: the gate stopped
+    there."""
     level = float(np.median(measured[at:]))
     near = np.arange(
         max(0, at - round(STUCK_WITHIN_S / step_s)),
@@ -165,8 +168,8 @@ def _find_stuck_sample(
 
 
 def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float]:
-    """Times between which a drive may have stopped: while it was asked to stand where it
-    stands, nobody can tell."""
+    """Return the times between which a drive may have stopped, s: while the command equals the
+    final position, the stop is invisible."""
     channel = model.channel(ROWS[part.id].stage)
     at_s = float(part.onset_s or 0.0)
     asked, even_s = model.predicted(())[channel.name], channel.grid.even_s
@@ -184,17 +187,19 @@ def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float
 def _find_last_obeyed(
     asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], step_s: float
 ) -> int | None:
-    """Sample after the last one at which the drive did something, where it was asked for long
-    after that."""
+    """Return the sample after the last at which the drive obeyed, where commands continued for long
+    after that; else None."""
     did = np.flatnonzero(obeyed)
     last = int(did[-1]) if len(did) else 0
     return last + 1 if asked[last + 1 :].sum() * step_s > MIN_DISOBEYED_S else None
 
 
 def refine_onsets(search: Search, found: FittedHypothesis) -> FittedHypothesis:
-    """A hypothesis whose last part begins within the log: onsets and ends moved to where they
-    fit best, in ever smaller steps down to a row. An edge that is a row off is explained by
-    nothing else."""
+    """Move the onset and end of a hypothesis's last effect to their best fit, in decreasing steps
+    down to a row.
+
+    No other effect explains an edge that is off by a row.
+    """
     model = search.model
     first_s, last_s = float(model.data.time_s[0]) + END_S, float(model.data.time_s[-1]) - END_S
     row_s = min(channel.grid.step_s for channel in model.channels)

@@ -1,10 +1,10 @@
-"""A shaft speed that is read in steps: whole steps are read off the log and taken back, others
-show as a saw-tooth.
+"""Handles a shaft speed that is read in steps: corrects whole steps of the log, and finds others by
+their saw-tooth.
 
-Rounding moves the mean reading by up to half a step, at a speed that hardly changes for good;
-what is left of whole steps then serves the shaft's and the flow's stage as any other reading.
-With noise on top of the steps the readings lie anywhere: there the step is found by the
-saw-tooth that rounding leaves over the true speed.
+Rounding shifts the mean reading by up to half a step at a nearly constant speed. The corrected
+readings then serve the stages of shaft and flow as any other reading. With noise on top of the
+steps the readings are not whole steps; the saw-tooth of the rounding error over the true speed then
+shows the step.
 """
 
 from __future__ import annotations
@@ -30,48 +30,53 @@ from .search import Candidate
 
 Array = npt.NDArray[np.float64]
 
-# r/min are those of the nominal machine, but for the digits of a log: a share of another's range.
+# Minimum step, r/min: finer steps are the digits of an ordinary log. r/min are those of the nominal
+# machine, scaled to another machine's range (but not the digits of a log).
 MIN_STEP_RPM = 0.45  # finer steps are how an ordinary log is written
-# of the readings of such an encoder: one in 200 was taken while it counted
+# Minimum share of readings on whole steps: one in 200 may be read during a count.
 ON_STEPS = 0.995
-WRITTEN_RPM = 0.001  # digits of a log
-# of a step: counts over a time that a clock keeps to a per cent
+# Resolution of a log's digits, r/min.
+WRITTEN_RPM = 0.001
+# Clock jitter of a counting interval, as a share of a step.
 JITTER = 0.01
-# of the largest gap between two readings: those of two steps are further apart
+# Share of the largest gap between two readings from which readings belong to different steps.
 APART = 0.05
-# of the smallest gap between two readings, that a step may be
+# Trial divisors of the smallest gap between two readings.
 PARTS = (1.0, 2.0, 3.0)
-# of a log, that are tried: an encoder may begin to read in steps
+# Trial shares at the end of a log: an encoder may begin to read in steps within the log.
 TAILS = (1.0, 0.6, 0.3, 0.12)
-# times the noise before rounding: a longer step is not averaged out; within half of it the
-# speed that was asked for is known better than the one that was read
+# Ratio of step to noise above which the noise does not average out the rounding. A reading within
+# half a step of the command is then less accurate than the command.
 DITHERED = 2.0
-# times the machine file's: a grid of 10 %
+# Trial noise levels, as multiples of the machine file's: a grid of 10 %.
 NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
+# Bin width of the saw-tooth, r/min.
 SAW_TOOTH_BIN_RPM = 0.02
-# a grid of a turn of the phase in 100 r/min
+# Trial steps, r/min: neighbours differ by a full phase over 100 r/min at most.
 STEPS_TRIED_RPM = np.exp(np.arange(np.log(0.6), np.log(8.0), 5e-4))
-FROM_RPM = 5.0  # a saw-tooth is looked for above this speed
-# of a reading: some were taken while the shaft changed its speed
+# Minimum speed for the saw-tooth search, r/min.
+FROM_RPM = 5.0
+# Minimum probability of a reading: some were taken while the shaft changed its speed.
 MIN_CHANCE = 1e-3
 
 
 class ReadingSteps(NamedTuple):
-    """Readings that are whole numbers of one step, from the first of these rows on."""
+    """Readings that are whole multiples of a step, from row `first` on."""
 
     step_rpm: float
     sd_rpm: float
-    log_odds: float  # posterior, against steps by chance
+    # Posterior log odds against whole multiples by chance.
+    log_odds: float
     first: int = 0
 
 
 def steps_to_the_end(
     readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM
 ) -> ReadingSteps | None:
-    """The step of which every reading (n,) is a whole number, from some row to the last; None
-    where there is none.
+    """Return the step of which every reading (n,) from some row to the last is a whole multiple;
+    None where there is none.
 
-    An encoder that lost its fine track within the log reads in steps from then on.
+    An encoder that loses its fine track within the log reads in steps from then on.
     """
     for share in TAILS:
         begin = round((1.0 - share) * len(readings_rpm))
@@ -88,7 +93,7 @@ def steps_to_the_end(
 
 
 def _find_first_quantised(readings_rpm: Array, step_rpm: float, min_step_rpm: float) -> int:
-    """Row from which readings are quantised: the likeliest, where those before are on steps by
+    """Return the most likely row from which readings are quantised; readings before are on steps by
     chance only."""
     turning = np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)
     by_chance = _calc_chance_of_step(step_rpm)
@@ -106,23 +111,23 @@ def _calc_near_share(step_rpm: float) -> float:
 
 
 def _calc_chance_of_step(step_rpm: float) -> float:
-    """Chance that a reading without steps lies on one."""
+    """Return the probability that an unquantised reading is on a step."""
     return min(0.5, 2.0 * _calc_near_share(step_rpm) / step_rpm)
 
 
 def _calc_step_offset(readings_rpm: Array, step_rpm: float) -> Array:
-    """How far readings are from the next whole step."""
+    """Return the distance of readings to the nearest whole step."""
     return np.abs(readings_rpm - step_rpm * np.round(readings_rpm / step_rpm))
 
 
 def find_reading_step(
     readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM
 ) -> ReadingSteps | None:
-    """The step of which every reading (n,) above zero is a whole number; None where they lie on
-    no such steps.
+    """Return the step of which every reading (n,) above zero is a whole multiple; None where there
+    is none.
 
-    Readings that are alike are one fact, and one of them sets the step: each other one lies on
-    it by chance.
+    Equal readings count once, and a single reading sets the step; each further distinct reading is
+    on a step by chance with a known probability.
     """
     turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)]
     kinds = _list_distinct_readings(turning)
@@ -147,8 +152,8 @@ def find_reading_step(
 
 
 def _list_distinct_readings(turning: Array) -> Array:
-    """The different readings, those that a clock's jitter sets apart (counts over a time that
-    varies) taken as one."""
+    """Return the distinct readings; readings that differ by clock jitter only (counts over a
+    varying time) are merged."""
     kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
     if len(kinds) < 2:
         return np.asarray(kinds, np.float64)
@@ -158,8 +163,8 @@ def _list_distinct_readings(turning: Array) -> Array:
 
 
 def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:
-    """Mean of (rounded - true) over readings of `true_rpm` (n,) whose noise is rounded with
-    them."""
+    """Return the mean of (rounded - true) for readings at `true_rpm` (n,) with noise before
+    rounding."""
     most = int(np.max(true_rpm, initial=0.0) / step_rpm) + 3
     mean = np.zeros(len(true_rpm))
     for k in range(1, most + 1):
@@ -168,17 +173,19 @@ def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:
 
 
 def _find_steady_rows(readings_rpm: Array, rpm: Array, step_rpm: float) -> npt.NDArray[np.bool_]:
-    """Rows (n,) in which the shaft turns about as fast as it should: no start, no stop."""
+    """Return the rows (n,) in which the shaft turns at nearly the commanded speed: no start, no
+    stop."""
     return (
         np.isfinite(readings_rpm) & (rpm > step_rpm) & (np.abs(readings_rpm - rpm) < 1.5 * step_rpm)
     )
 
 
 def ratio_before(readings_rpm: Array, asked_rpm: Array, step_rpm: float) -> float:
-    """Turned over asked speed in rows (n,) that are not read in steps; 1 where there are too few.
+    """Return the ratio of measured to commanded speed in rows (n,) without steps; 1 where there are
+    too few.
 
-    A shaft that is held at few speeds does not average its rounding out: its own readings do
-    not say it afterwards.
+    A shaft at few speeds does not average out its rounding, so its quantised readings do not show
+    the ratio.
     """
     steady = _find_steady_rows(readings_rpm, asked_rpm, step_rpm)
     if steady.sum() < MIN_ROWS:
@@ -189,8 +196,8 @@ def ratio_before(readings_rpm: Array, asked_rpm: Array, step_rpm: float) -> floa
 def noise_before_rounding(
     readings_rpm: Array, true_rpm: Array, step_rpm: float, usual_rpm: float
 ) -> float:
-    """The noise (1 s.d.) under which readings (n,) rounded to steps are most probable at their
-    true speeds (n,)."""
+    """Return the noise (1 s.d.) under which readings (n,) rounded to steps are most probable at
+    their true speeds (n,)."""
     steady = _find_steady_rows(readings_rpm, true_rpm, step_rpm)
     up = readings_rpm[steady] + 0.5 * step_rpm - true_rpm[steady]
     tried = usual_rpm * NOISE_TRIED
@@ -203,9 +210,9 @@ def noise_before_rounding(
 
 
 class WithoutSteps(NamedTuple):
-    """A log whose shaft speeds were read in steps. taken_back : the mean error of rounding
-    taken off them. turned : the speeds at which the flow is predicted. seen : the effect that
-    it was."""
+    """A log whose shaft speeds were read in steps. taken_back : the log with corrected mean
+    rounding error. turned : the log with the speeds for the flow prediction. seen : the detected
+    effect."""
 
     taken_back: Clean
     turned: Clean
@@ -213,7 +220,7 @@ class WithoutSteps(NamedTuple):
 
 
 def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
-    """None where the shaft's speed is not read in steps."""
+    """Correct a quantised shaft speed; None where the shaft speed is not read in steps."""
     if "shaft" not in log.stages:
         return None
     readings = log.columns["shaft_rpm"]
@@ -250,8 +257,8 @@ def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
 
 
 def encoder_steps(model: GroupModel) -> list[Candidate]:
-    """The step whose saw-tooth fits best, where there is one; looked for among speeds above
-    FROM_RPM."""
+    """Return the encoder step whose saw-tooth fits best, if any, from speeds above
+    MIN_SAW_TOOTH_RPM."""
     if "shaft" not in model.names or model.data.shaft is None or model.data.shaft.step > 0.0:
         return []
     scale, predicted = scale_nominal(model.machine, SHAFT_RANGE), model.predicted(())["shaft"]
@@ -277,7 +284,7 @@ def encoder_steps(model: GroupModel) -> list[Candidate]:
         if score[k] ** 2 > best_score and score[k] > 0.0:
             best, best_score = float(part[k]), float(score[k] ** 2)
     seen = EffectInstance(effects.SHAFT_COARSE_ENCODER.id, best)
-    # the price of all those tried
+    # The log of the number of trial steps is the price of the search.
     if 0.5 * best_score - float(np.log(len(steps_rpm))) + find_prior_odds(seen) <= SAID:
         return []
     return [Candidate(seen, best, best)]

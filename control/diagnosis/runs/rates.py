@@ -1,14 +1,13 @@
-"""Applied against target, of data that hold no more than rates: how late and how much of it,
-pass by pass.
+"""Compares applied with target rate in data that hold no more than rates: lag and gain, pass by
+pass.
 
-A pass is a stretch of work on one course. In it the applied rate y follows the target x by a
-lag L and a gain g, y(t) = g x(t - L) + noise. L is searched for over an even grid on the rows
-that every lag can be asked for, g follows by least squares. Intervals are those of the profile
-likelihood [1]_, for as many independent rows as the residual's correlation from row to row
-leaves [2]_.
+A pass is a stretch of work on one course. The applied rate y follows the target x with a lag L and
+a gain g, y(t) = g x(t - L) + noise. L is searched for over an even grid on the rows that every lag
+covers, g follows by least squares. Intervals are those of the profile likelihood [1]_, for the
+number of independent rows by the residual's autocorrelation [2]_.
 
-.. [1] Venzon and Moolgavkar, A method for computing profile-likelihood-based confidence
-intervals, Applied Statistics
+.. [1] Venzon and Moolgavkar, A method for computing profile-likelihood-based confidence intervals,
+Applied Statistics
        37, 1988.
 .. [2] Bayley and Hammersley, The "effective" number of independent observations in an
 autocorrelated time series,
@@ -33,42 +32,57 @@ from topdress.control.recordings.speeds import MOVING_MPS
 Array = npt.NDArray[np.float64]
 
 TARGET, APPLIED = "target_rate_kg_ha", "applied_rate_kg_ha"
-# its rows are means over stretches of the way, and their times the stretches' middles
+# Column of an as-applied file whose rows are means over stretches of the path, with times at the
+# stretches' middles.
 STRETCHES = "x_duration_s"
 MAX_LAG_S, LAG_STEP_S = 6.0, 0.05
-# what every lag can be asked for is then a third or more
+# Minimum length of a pass, s: every lag then covers a third or more.
 MIN_PASS_S = 3 * MAX_LAG_S
-MIN_ROWS = 12  # of a pass, that every lag can be asked for
-MAX_GAP_STEPS = 2.5  # of the median step; a longer one ends a pass
+# Minimum number of rows of a pass that every lag covers.
+MIN_ROWS = 12
+# A gap longer than this multiple of the median step ends a pass.
+MAX_GAP_STEPS = 2.5
+# Minimum length of a gap that ends a pass, s.
 MIN_GAP_S = 3.0
-TURN_DEG = 60.0  # off the course that a pass began with
-# standard deviation over mean of a target that shows a lag
+# Change of course from the start of a pass that ends the pass, degrees.
+TURN_DEG = 60.0
+# Minimum standard deviation over mean of a target that can show a lag.
 MIN_CHANGE = 0.02
+# Maximum autocorrelation of the residual from row to row.
 MAX_CORRELATION = 0.95
-# passes that differ more than this are said to differ
+# Significance level at which passes are reported to differ.
 DIFFER_P = 1e-3
+# Drop of twice the log-likelihood at the ends of a 90 % interval (chi-squared, 1 degree of
+# freedom).
 DROP_90 = float(chdtri(1, 0.1))
 
 
 class _RatePass(NamedTuple):
+    """Fit of one pass at each trial lag."""
+
     begin_s: float
     end_s: float
-    sums: Array  # (lags,): residual sum of squares
-    gains: Array  # (lags,)
-    # (lags,): sum of squares of the target, for the gain's variance
+    # Residual sum of squares by lag: (lags,).
+    sums: Array
+    # Gain by lag: (lags,).
+    gains: Array
+    # Sum of squares of the target by lag, for the gain's variance: (lags,).
     weight: Array
     rows: int
-    # of the residual at the best lag: by itself, by the next, by the one after
+    # Sums of products of the residual at the best lag with itself, with the next row, and with the
+    # row after.
     products: tuple[float, float, float]
-    changes: bool  # whether the target changes enough to show a lag
+    # Whether the target changes enough to show a lag.
+    changes: bool
     speed_mps: float
 
 
 def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...], str]:
-    """Fits of all passes together (first) and of each, and why there is none ("" where there is).
+    """Fit all passes together (first) and each pass, and return the fits with the reason for their
+    absence ("" where there are fits).
 
-    columns: of a run log, arrays (n,); time_s and both rates are needed, course, place, state
-    and speed are used.
+    columns : of a run log, arrays (n,). time_s and both rates are required; course, position, state
+    and speed are used where present.
     """
     missing = [
         name
@@ -92,7 +106,7 @@ def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[Rate
     ]
     if not found:
         return (), f"no pass of {MIN_PASS_S:g} s with both rates in {MIN_ROWS} rows and more"
-    # where in its row a value holds is not known
+    # The time of a value within its row is unknown.
     row_s = 0.0 if STRETCHES in columns else step / np.sqrt(12.0)
     fits = tuple(_fit_common_lag(number, [one], lags, row_s) for number, one in enumerate(found, 1))
     return (
@@ -103,7 +117,7 @@ def fit_rate_passes(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[Rate
 
 
 def describe_rate_fit(fit: RateFit) -> str:
-    """One fit in words."""
+    """Describe a fit in a sentence."""
     where = f"over {fit.passes} passes" if fit.passes > 1 else "over one pass"
     return f"applied against target {where}: {describe_rate_value(fit)}"
 
@@ -124,7 +138,7 @@ def describe_rate_value(fit: RateFit) -> str:
 def _list_pass_rows(
     columns: Mapping[str, npt.NDArray[Any]], time: Array, step: float
 ) -> list[npt.NDArray[np.int64]]:
-    """Rows of each pass."""
+    """Return the rows of each pass."""
     course = _find_course_deg(columns, time)
     good = np.isfinite(np.asarray(columns[TARGET], np.float64)) & np.isfinite(
         np.asarray(columns[APPLIED], np.float64)
@@ -153,12 +167,13 @@ def _list_pass_rows(
 
 
 def _has_turned(course: Array, began: int, now: int) -> bool:
-    # NaN: not known to be
+    # NaN, an unknown course, compares as False.
     return bool(abs((course[now] - course[began] + 180.0) % 360.0 - 180.0) > TURN_DEG)
 
 
 def _find_course_deg(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
-    """Degrees from north, by heading or by the places; NaN where neither is known."""
+    """Return the course in degrees from north, from the heading or the positions; NaN where neither
+    is recorded."""
     heading = columns.get("heading_deg")
     if heading is not None and np.isfinite(np.asarray(heading, np.float64)).mean() > 0.5:
         return np.asarray(heading, np.float64)
@@ -213,10 +228,11 @@ def _fit_one_pass(
 
 
 def _calc_independent_share(passes: list[_RatePass]) -> float:
-    """Independent rows for each row: of all passes at once, for they share one machine.
+    """Return the number of independent rows per row, from all passes together, because they share a
+    machine.
 
-    What is left is a first-order process and white noise, which is also what the target's steps
-    leave between rows: correlations c1, c1 r, c1 r^2 ... from row to row, each short by (1 + 3
+    The residual is a first-order process plus white noise, as the steps of the target between rows
+    also leave white noise: correlations c1, c1 r, c1 r^2 ... from row to row, each biased by (1 + 3
     c) / n in a series of n [3]_.
     """
     rows = sum(one.rows for one in passes)
@@ -230,7 +246,8 @@ def _calc_independent_share(passes: list[_RatePass]) -> float:
 def _fit_common_lag(
     number: int | None, passes: list[_RatePass], lags: Array, row_s: float
 ) -> RateFit:
-    """All of `passes` with one lag, each with its own gain; number None: all passes of the data."""
+    """Fit `passes` with a common lag and a gain for each; number None means all passes of the
+    data."""
     independent = _calc_independent_share(passes)
     together = sum((one.sums for one in passes), np.zeros(len(lags)))
     drop = independent * sum(one.rows for one in passes) * np.log(together)
@@ -258,7 +275,7 @@ def _fit_common_lag(
 
 
 def _estimate_lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
-    """Not known where the interval leaves the lags that were asked for."""
+    """Return the lag with its interval; unknown where the interval exceeds the trial lags."""
     inside = np.flatnonzero(drop - drop[best] <= DROP_90)
     first, last = int(inside[0]), int(inside[-1])
     if first == 0 or last == len(lags) - 1:
@@ -282,12 +299,14 @@ def _estimate_lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
 def _average_gain(
     passes: list[_RatePass], at: int, independent: float
 ) -> tuple[float, float, bool]:
-    """Weighted mean, half of its 90 % interval, and whether the passes differ: then the
-    interval holds that too (Birge, The calculation of errors by the method of least squares,
-    Physical Review 40, 1932)."""
+    """Return the weighted mean gain, half of its 90 % interval, and whether the passes differ.
+
+    If the passes differ, the interval includes the difference (Birge, The calculation of errors by
+    the method of least squares, Physical Review 40, 1932).
+    """
     gains = np.array([one.gains[at] for one in passes])
     free_rows = max(1.0, independent * sum(one.rows for one in passes) - len(passes))
-    # squared, for rows that were independent
+    # Residual variance for independent rows.
     noise = sum(one.sums[at] for one in passes) / free_rows
     share = np.array([one.weight[at] for one in passes]) / noise
     mean = float(share @ gains / share.sum())

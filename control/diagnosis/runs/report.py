@@ -1,5 +1,6 @@
-"""What was judged, in the words of the published result: channels, causes, what the log could
-not show, verdict."""
+"""Writes the published result of a diagnosis: channels, causes, effects that the log could not
+show, verdict.
+"""
 
 from __future__ import annotations
 
@@ -75,10 +76,11 @@ from .stages import RunData, make_run_data
 from .terms import FittedTerm, average_along, average_marginal
 
 Array = npt.NDArray[np.float64]
-# flow is read off the scale over windows of this length
+# Window over which the flow is estimated from the scale, s.
 WINDOW_S = 10.0
-RISE_KG = 1.0  # over one: a refill; on the nominal machine
-# of each channel: the error that every log of it should show, a factor or an offset
+# A rise of the reading over a window by more than this, kg, is a refill, on the nominal machine.
+RISE_KG = 1.0
+# The factor or offset error that every log of a channel should show.
 PLAINEST = {
     "shaft": SHAFT_GAIN.id,
     "gate": GATE_OFFSET.id,
@@ -89,8 +91,8 @@ PLAINEST = {
 
 
 def find_separating_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
-    """The shortest manoeuvre that separates the worst pair of rivals; the effect's own
-    experiment where none does."""
+    """Return the shortest manoeuvre that separates the worst pair of rivals; the effect's own
+    experiment where no manoeuvre does."""
     doubtful = [c for c in causes if c.rivals]
     if not doubtful:
         return None
@@ -119,7 +121,7 @@ def find_separating_run(causes: Sequence[Cause], machine: Machine) -> NextRun | 
 def find_separation(
     manoeuvre: Experiment[Columns], machine: Machine, part: EffectInstance, rival_id: str
 ) -> float:
-    """What is left of an effect's trace, in standard deviations, once its rival is fitted to
+    """Return the norm of an effect's trace, in standard deviations, after its rival was fitted to
     the manoeuvre's log."""
     log = clean_run_log(manoeuvre.predict(machine))
     data = make_run_data(log, machine)
@@ -144,8 +146,7 @@ def find_separation(
 
 
 def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
-    """Channels of one group in the result's words; the scale's reading gives both flow and
-    scale."""
+    """Build the result's channels of one group; the scale's reading gives both flow and scale."""
     left = one.search.model.residual(())
     found: list[Channel] = []
     for channel in one.search.model.channels:
@@ -191,7 +192,7 @@ def _make_flow_channel(
     data: RunData,
     rise_kg: float,
 ) -> Channel:
-    """Flow read off the scale's decrements over WINDOW_S of working time."""
+    """Build the flow channel from decrements of the scale over WINDOW_S of working time."""
     step = float(time_s[1] - time_s[0])
     hop = max(1, int(round(WINDOW_S / step)))
     working = np.interp(time_s, data.time_s, data.working)
@@ -222,8 +223,8 @@ def _make_flow_channel(
 
 
 class _Open(NamedTuple):
-    """A group's candidates that were not named, (k,), and what the log tells of the size of
-    each: 1 over its variance (k,)."""
+    """Candidates of a group that were not named, (k,), and the information of the log on the size
+    of each: inverse variance (k,)."""
 
     search: Search
     candidates: list[Candidate]
@@ -245,7 +246,8 @@ def _list_open_columns(one: GroupResult) -> _Open:
 
 
 def _list_not_shown(left: _Open) -> list[NotShown]:
-    """Smallest size at which an effect that is not named would have been (Fisher information)."""
+    """Return the smallest size at which each unnamed effect would have been named (Fisher
+    information)."""
     search = left.search
     best: dict[str, float] = {}
     odds = calc_log_prior_odds("steady", len({c.part.id for c in search.candidates}))
@@ -266,8 +268,10 @@ def _list_not_shown(left: _Open) -> list[NotShown]:
 
 
 def _hardly_known(left: _Open) -> list[str]:
-    """Effects of PLAINEST of whose size the log tells less than was believed before (`usual`):
-    that nothing of it is seen is then the prior's word, not the log's."""
+    """Return the basic effects on whose size the log has less information than the prior (`usual`).
+
+    The absence of such an effect is then a statement of the prior, not of the log.
+    """
     return [
         c.part.id
         for c, known in zip(left.candidates, left.information, strict=True)
@@ -278,7 +282,8 @@ def _hardly_known(left: _Open) -> list[str]:
 def _find_detectable_size(
     candidate: Candidate, information: float, machine: Machine, odds: float
 ) -> float:
-    """Smallest size that would be said nine times in ten; inf where this column cannot show it."""
+    """Return the smallest size that would be named with a probability of 0.9; inf where this column
+    cannot show the effect."""
     part, row = candidate.part, ROWS[candidate.part.id]
     if CATALOGUE[part.id].effect.onset_only or information <= 0.0:
         return np.inf
@@ -298,7 +303,7 @@ def make_report(
     path: str,
     findings: tuple[str, ...],
 ) -> Diagnosis:
-    """The published result. read_off : effects that were taken out of the data before the
+    """Build the published result. read_off : effects that were removed from the data before the
     search."""
     rows = [row for one in judged for row in channel_rows(one, data)]
     gains: list[Gain] = []
@@ -416,7 +421,7 @@ def _choose_verdict(
 
 
 def _describe_step_answer(one: GroupResult) -> list[str]:
-    """How a shaft of second order answers a step."""
+    """Describe the step response of a second-order shaft."""
     parts = one.found.parts
     if not any(part.id == SHAFT_SECOND_ORDER.id for part in parts):
         return []
@@ -441,7 +446,7 @@ def _describe_step_answer(one: GroupResult) -> list[str]:
 def _describe_cannot_tell(
     channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]
 ) -> str:
-    """What a log cannot tell of a channel, where nothing was found there."""
+    """Describe what a log cannot tell of a channel in which no cause was found."""
     said = any(ROWS[name].channels[:1] == (channel,) and ROWS[name].scanned for name in named)
     if channel in unexplained or said:
         return ""
@@ -456,8 +461,8 @@ def _describe_cannot_tell(
 
 
 def _list_never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> list[NotShown]:
-    """Effects that this log could not show at any size; of effort, where a drive of this log
-    does."""
+    """Return effects that this log could not show at any size; those of effort only where a drive
+    of this log has an effort column."""
     return [
         NotShown(effect_id, Detectable(None, describe_unit(effect_id, machine)))
         for effect_id, entry in CATALOGUE.items()
@@ -473,8 +478,8 @@ def _list_never_shown(there: set[str], machine: Machine, shown: Collection[str])
 def _list_unexplained(
     one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel], named: bool
 ) -> list[Unexplained]:
-    """What of a group is not noise and has no name: its smooth dependence, else what its
-    channels have left."""
+    """Return the structure of a group that is neither noise nor named: its smooth dependence, or
+    else the residual structure of its channels."""
     by_name = {row.channel: row for row in rows}
     if one.terms:
         return [
@@ -491,7 +496,8 @@ def _list_unexplained(
             for variable in term.tried.over
         ]
     if named:
-        return []  # the names are then suspected instead
+        # The named causes are then doubted instead.
+        return []
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
     return [
         Unexplained(
@@ -512,8 +518,8 @@ def _list_unexplained(
 
 
 def _list_smooth_tables(one: GroupResult, data: RunData) -> list[UnexplainedCurve]:
-    """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each
-    variable's term runs."""
+    """Return a smooth curve for each entry of `_unexplained`: the search's own, or the partial
+    dependence of each variable's term."""
     return [
         UnexplainedCurve(term.stage, variable, *average_marginal(term.term, variable, data))
         for term in one.terms
@@ -538,8 +544,7 @@ def _make_term_found(group: GroupResult, found: FittedTerm, data: RunData) -> Te
 
 
 def _number_equal_terms(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
-    """Terms of the same form over the same variable, each with an id of its own, as a machine
-    file has them."""
+    """Give terms of the same form over the same variable distinct ids, as a machine file does."""
     found: list[TermFound] = []
     for one in terms:
         name = find_free_id(one.term["id"], [other.term["id"] for other in found])
@@ -566,8 +571,8 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
 def _make_cause(
     one: GroupResult, k: int, sd: float, machine: Machine, data: RunData, left: float
 ) -> Cause:
-    """sd : of the part's size. left : probability that the name is something else altogether,
-    by what the whole model leaves."""
+    """Build a cause. sd : standard deviation of the effect's size. left : probability that the true
+    cause is a different one, by the residual of the whole model."""
     part, place = one.found.parts[k], one.places[k]
     entry = CATALOGUE[part.id]
     unit = describe_unit(part.id, machine)

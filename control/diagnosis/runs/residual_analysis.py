@@ -1,9 +1,9 @@
-"""What the channels of a group have left that is not noise, once its names, terms and
-tolerances are off.
+"""Examines the residual of a group after its named effects, terms and tolerances for structure that
+is not noise.
 
-Asked last, before nothing is said to be there: whether it goes with a recorded variable. A
-model, its noise and its forms may all miss a dependence: a drift takes up what a hand on the
-brake does. Ranks ask for no form and mind no outlier.
+The last test is whether the residual depends on a recorded variable. A model, its noise and its
+forms may all miss a dependence: a drift absorbs the dependence on a hand brake. Rank correlation
+needs no functional form and is insensitive to outliers.
 """
 
 from __future__ import annotations
@@ -36,27 +36,29 @@ from .selection import GroupResult
 from .smooth import DOWNSTREAM
 from .stages import RunData
 
-# of the variance left, for an effect to be called the nearest
+# Minimum explained share of the residual variance for an effect to be called the nearest.
 LIKE = 0.4
-# of a drive's channel, the variable that its command is
+# Variable that is the command of a drive's channel.
 OWN = {"shaft": "shaft_rpm", "gate": "opening_mm"}
-# an answer is looked for up to 2^12 samples after its move, each time twice as far
+# Answers up to 2^12 samples after a move are tested, in windows that double.
 LATEST = 12
-# a rest may always drift; headings have no least and no most
+# Excluded variables: a residual may always drift with time, and a heading has no order.
 NO_ORDER = frozenset({"time_s", "heading_deg"})
 
 
 class Remains(NamedTuple):
-    """What is left of one channel and is not noise."""
+    """Residual structure of one channel that is not noise."""
 
     channel: str
     why: Literal["drift", "line", "loud", "follows"]
-    hint: str = ""  # the effect that comes nearest
+    # Id of the effect with the most similar trace.
+    hint: str = ""
     period_s: float | None = None
-    rest: Array = np.empty(0)  # what is left: banded coefficients (m,)
-    # of their sum of squares, by the machine file's noise
+    # The residual: banded coefficients (m,).
+    rest: Array = np.empty(0)
+    # Expected sum of squares of the residual, by the machine file's noise.
     expected: float = 0.0
-    # recorded, that it goes with; asked where nothing else is said
+    # Recorded variable on which the residual depends; tested only where nothing else was found.
     variable: str = ""
 
     @property
@@ -65,9 +67,11 @@ class Remains(NamedTuple):
 
 
 def unknown_share(one: GroupResult, k: int, rest: Collection[Remains]) -> float:
-    """Probability that part k stands for something else, where channels that it moves have more
-    left than noise: of all that is no noise there, the share that the model with the part does
-    not take away."""
+    """Return the probability that effect k is another cause, where channels that it changes have
+    structure in their residual.
+
+    The probability is the share of that structure which the model with the effect does not remove.
+    """
     if not rest:
         return 0.0
     trace = one.search.columns.trace(one.found.parts, k).coefficients
@@ -82,11 +86,10 @@ def unknown_share(one: GroupResult, k: int, rest: Collection[Remains]) -> float:
 
 
 def find_remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
-    """What the channels of a group have left, once their named effects and tolerances are off,
-    that is not noise.
+    """Return the residual structure of a group's channels, after named effects and tolerances.
 
-    read_off : channels whose spells were taken out before the search: the short ones, unseen,
-    leave a drift behind.
+    read_off : channels whose spells were removed before the search, because undetected short spells
+    leave a drift.
     """
     found, rest = list[Remains](), _calc_rest_of_channels(one)
     for channel in one.search.model.channels:
@@ -95,7 +98,7 @@ def find_remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remai
         name, left = channel.name, rest[channel.name]
         noise = (one.terms[-1].noise if one.terms else one.found.noise)[name]
         period_s = find_line_period_s(left, noise, channel.prior, channel.cut, channel.grid.step_s)
-        # between its rows more was metered than they say
+        # The unobserved metering between rows is a random walk, which looks like a drift.
         walks = channel.prior.walk_sd > 0.0
         usual = channel.prior.fast_sd**2 * (1.0 + channel.prior.slow_share**2)
         expected = len(left) * (usual + channel.prior.floor_sd**2)
@@ -125,8 +128,8 @@ def find_remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remai
 
 
 def describe_louder_channels(one: GroupResult, known: Collection[str]) -> list[str]:
-    """Said of channels whose rest is more than the machine file's noise, though it looks like
-    noise. known : those of which it is said that their rest is none."""
+    """Return findings about channels with a residual that looks like noise but exceeds the machine
+    file's noise. known : channels whose residual was already reported."""
     said, rest = list[str](), _calc_rest_of_channels(one)
     for channel in (channel for channel in one.search.model.channels if channel.name not in known):
         noise = (one.terms[-1].noise if one.terms else one.found.noise)[channel.name]
@@ -146,7 +149,8 @@ def describe_louder_channels(one: GroupResult, known: Collection[str]) -> list[s
 
 
 def _calc_rest_of_channels(one: GroupResult) -> dict[str, Array]:
-    """Banded coefficients (m,) by channel, with all taken off that the hypothesis can take up."""
+    """Return the banded residual coefficients (m,) by channel, after removal of everything that the
+    hypothesis can absorb."""
     columns, parts = one.search.columns, one.found.parts
     base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
     base = [*base, *(column for term in one.terms for column in term.columns)]
@@ -157,8 +161,8 @@ def _calc_rest_of_channels(one: GroupResult) -> dict[str, Array]:
 
 
 def _find_nearest_effect(one: GroupResult, channel: ChannelSeries, left: Array) -> str:
-    """The effect whose trace is most like what is `left` of a channel (m,), noise apart; ""
-    where none is like it."""
+    """Return the effect whose trace is most similar to the residual `left` of a channel (m,), apart
+    from noise; "" where none is similar."""
     best, like = "", LIKE
     for candidate in one.search.candidates:
         column = one.search.columns.of_candidate(one.found.parts, candidate.part).coefficients.get(
@@ -176,12 +180,13 @@ def _find_nearest_effect(one: GroupResult, channel: ChannelSeries, left: Array) 
 
 
 def find_followed_variable(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -> str:
-    """The recorded variable that the rest of a channel (banded coefficients (m,)) goes with; ""
-    where none does, at the level of the other checks for all variables together.
+    """Return the recorded variable on which a channel's residual (banded coefficients (m,))
+    depends; "" where there is none.
 
-    Both are whitened by the channel's noise, so that neighbouring samples say something each.
-    What follows the channel's own reading is no cause of it (`DOWNSTREAM`); a scale adds up
-    what a variable does to the flow.
+    All variables together have the significance level of the other checks. Both series are whitened
+    by the channel's noise, so that neighbouring samples are independent. A variable downstream of
+    the channel's own reading is no cause (`DOWNSTREAM`). A scale accumulates a variable's effect on
+    the flow.
     """
     stage, whiten = (
         channel.name,
@@ -211,11 +216,13 @@ def find_followed_variable(channel: ChannelSeries, rest: Array, noise: Noise, da
 
 
 def follows_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunData) -> bool:
-    """Whether the rest of a drive (banded coefficients (m,)) comes after the moves of its
-    command, at the level of the other checks: what answers a command is no noise, however the
-    drive answers it. Sums of the moves, over times that double, stand for any answer; both are
-    whitened. Asked where there is more than the machine file's noise, and of readings in steps,
-    with which no effect of the answers is tried."""
+    """Tell whether a drive's residual (banded coefficients (m,)) follows the moves of its command,
+    at the significance level of the other checks.
+
+    A residual that answers a command is no noise. Sums of the moves over doubling time windows
+    represent any answer; both series are whitened. The test is for a residual above the machine
+    file's noise, and for quantised readings, on which no dynamic effect is tried.
+    """
     drive = {"shaft": data.shaft, "gate": data.gate}.get(channel.name)
     if drive is None or drive.settled or not drive.moves_seen:
         return False
@@ -229,7 +236,7 @@ def follows_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunDa
         asked,
         *(_delay_series(asked, 2**k) for k in range(LATEST) if 2 ** (k + 2) < len(asked)),
     ]
-    # what moved between 2^k and 2^(k + 1) samples ago
+    # Sums of the moves between 2^k and 2^(k + 1) samples ago.
     answers = np.diff(np.array(sums), axis=0)
     columns = np.array(
         [make_series_of(coefficients(one, channel.cut) * whiten, channel.cut) for one in answers]
@@ -238,5 +245,5 @@ def follows_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunDa
 
 
 def _delay_series(series: Array, samples: int) -> Array:
-    """A series (m,) so many samples ago."""
+    """Delay a series (m,) by a number of samples."""
     return np.concatenate((np.full(samples, series[0]), series[:-samples]))

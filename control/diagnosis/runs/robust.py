@@ -1,9 +1,9 @@
-"""Heavy-tailed noise made to count as a robust fit would count it.
+"""Transforms heavy-tailed noise so that least squares gives the result of a robust fit.
 
-The pseudo-values of an M-estimate: with psi the score of Student's t, least squares on (fit +
-psi / mean slope of psi) has the M-estimate for its answer and its variance for its noise (Huber
-& Ronchetti 2009, Robust Statistics, 7.8). Only what lies off the local median is reshaped, so
-that a structure of many samples stays as it is.
+The method uses the pseudo-values of an M-estimate: with psi the score of Student's t, least squares
+on (fit + psi / mean slope of psi) gives the M-estimate and its variance (Huber & Ronchetti 2009,
+Robust Statistics, 7.8). Only deviations from the local median are transformed, so a structure of
+many samples is unchanged.
 """
 
 from __future__ import annotations
@@ -28,28 +28,30 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-# The pseudo-values (`find_tail_excess`).
-FREEDOM = 3.0  # degrees of freedom of Student's t
-# median of the absolute value of t with three degrees of freedom
+# Degrees of freedom of Student's t for the pseudo-values (`find_tail_excess`).
+FREEDOM = 3.0
+# Median of the absolute value of t with three degrees of freedom.
 MEDIAN_TO_SCALE = 0.7649
-LOCAL = 15  # samples of the local median
-# samples: slower waves are not the memory of the fast noise
+# Number of samples of the local median.
+LOCAL = 15
+# Number of samples of a slow wave: slower waves are not correlation of the fast noise.
 SLOW = 201
-# ratio of variances from which on tails are treated at all
+# Minimum ratio of variances for tails to be treated.
 WORTH = 1.2
-MIN_SAMPLES = 400  # samples: fewer say nothing about tails
+# Minimum number of samples for an estimate of the tails.
+MIN_SAMPLES = 400
 
-# What is a tail at all (`draw_in_outliers`).
-# a lone reading further off than this is drawn in to it
+# Deviation from which a lone reading is an outlier and is limited, s.d. (`draw_in_outliers`).
 OUTLIER_SD = 4.5
-# of OUTLIER_SD: with a neighbour that far off a reading is not alone
+# Share of OUTLIER_SD from which a neighbour shows that a reading is not alone.
 NEIGHBOUR = 0.7
-ANSWERED_S = 2.0  # after a command, a drive has answered it
+# Time after a command in which a drive has answered, s.
+ANSWERED_S = 2.0
 
 
 def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
-    """What to take off a residual (m,) for its tails to count no more than they should; zeros
-    where they are not heavy.
+    """Return the correction of a residual (m,) for heavy tails; zeros where the tails are not
+    heavy.
 
     free : samples that may be changed (m,); the others keep their values.
     """
@@ -75,7 +77,7 @@ def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
 
 
 def _calc_neighbour_memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
-    """Correlation of neighbouring samples, slow waves and outliers left out."""
+    """Return the correlation of neighbouring samples, without slow waves and outliers."""
     fast = left - uniform_filter1d(left, SLOW)
     reach = 2.5 * 1.4826 * float(np.median(np.abs(fast[free])))
     calm = np.clip(fast, -reach, reach)
@@ -89,11 +91,11 @@ def _calc_neighbour_memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
 
 
 def draw_in_outliers(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None:
-    """Lone readings far off the richest fit are drawn in; steady or repeated deviations are
-    left as they are.
+    """Limit lone readings far off the richest fit; steady or repeated deviations are left
+    unchanged.
 
-    more : columns of what might be there along with `parts`, each with the spread that its size
-    may have; what they explain is no outlier.
+    more : columns of possible further effects, each with the prior spread of its size; deviations
+    that they explain are no outliers.
     """
     model = columns.model
     every = [*columns.of_hypothesis(parts), *more]
@@ -113,7 +115,7 @@ def draw_in_outliers(columns: Columns, parts: Hypothesis, more: Sequence[Column]
 
 
 def _calc_excess(rest: Array, channel: ChannelSeries, free: npt.NDArray[np.bool_]) -> Array:
-    """What to take off a channel whose richest fit leaves `rest` (m,)."""
+    """Return the correction of a channel whose richest fit leaves the residual `rest` (m,)."""
     lone = _find_lone_outliers(rest)
     tails = np.zeros(len(rest))
     for begin, end in channel.cut.bounds if free.any() else ():
@@ -122,7 +124,8 @@ def _calc_excess(rest: Array, channel: ChannelSeries, free: npt.NDArray[np.bool_
 
 
 def _find_lone_outliers(left: Array) -> Array:
-    """What single readings are off by beyond OUTLIER_SD, where their neighbours are not."""
+    """Return the excess of single readings beyond OUTLIER_SD where their neighbours do not
+    deviate."""
     sd = 1.4826 * float(np.median(np.abs(left - np.median(left))))
     size = np.abs(left - np.median(left))
     neighbour = np.maximum(np.append(size[1:], 0.0), np.insert(size[:-1], 0, 0.0))
@@ -131,7 +134,7 @@ def _find_lone_outliers(left: Array) -> Array:
 
 
 def _find_rest_samples(channel: ChannelSeries, data: RunData) -> npt.NDArray[np.bool_]:
-    """Samples whose deviations are noise and nothing else: no drive answers a command there."""
+    """Return the samples whose deviations can only be noise: no drive answers a command there."""
     free = np.full(len(channel.measured), channel.name != "scale")
     drive = {"shaft": data.shaft, "gate": data.gate}.get(channel.name)
     if drive is not None:

@@ -1,15 +1,15 @@
-"""Which row of a foreign log holds a command, and which what answered it.
+"""Detects whether a foreign log stores commands and answers in other rows than ours, and shifts its
+columns.
 
-A run log of ours holds in row k what was read at its time, and the command given then. Others
-write a command with what answered it in one row, or the command under which a row was read, or
-the readings a row late. Seen as ours, such a log has drives that answer a row too early or too
-late. A drive is early by itself where it answers quicker than its data sheet says, at once at
-most. What makes one late is a fault of that drive, and not of the other by the same row: where
-one moves alone and late, nothing is moved, as a dead time may look the same: unless rows are
-further apart than any dead time.
+Row k of our run log holds the readings at its time and the command given then. Other programs write
+a command next to its answer, or the command under which a row was read, or the readings a row late.
+In our convention, the drives of such a log answer a row too early or too late. A drive itself can
+be early only by its data sheet's lag. Lateness may be a fault of a drive, but rarely of both drives
+by the same row. Where a drive that moves alone is late, nothing is shifted, because a dead time
+looks the same, unless rows are further apart than any dead time.
 
-What a drive's dead time may be off within its tolerance is no order of rows, and hides none:
-each drive is held against an order with the dead time that fits it best.
+The tolerance of a drive's dead time is neither a row shift nor a disguise of one: each row order is
+compared with the best-fitting dead time of each drive.
 """
 
 from __future__ import annotations
@@ -36,23 +36,26 @@ Array = npt.NDArray[np.float64]
 DRIVES = ("shaft", "gate")
 COMMANDS = ("shaft_rpm_cmd", "opening_mm_cmd")
 ANSWERS = ("shaft_rpm", "opening_mm")
-# between rows: a drive that moves alone is that late or early for its rows' sake only
+# Minimum row distance, s, at which the shift of a drive that moves alone must come from its rows.
 ALONE_S = 0.5
-# of each drive, in units of the log-likelihood: what is moved must be beyond doubt
+# Minimum gain of each drive in log-likelihood: a shift must be beyond doubt.
 LEAST_EVIDENCE = 30.0
-# of what the opposite move loses: then the drives are 3/4 of a row off at least
+# Minimum gain as a share of the loss by the opposite shift: the drives are then off by 3/4 of a row
+# at least.
 NEARER = 0.2
-MEDIAN_OF_SQUARES = 0.4549  # of a standard normal variable
-ROWS = 10_000  # from the beginning on: a logger keeps its order
-# times its slew: a gate that is there within a row
+# Median of the square of a standard normal variable.
+MEDIAN_OF_SQUARES = 0.4549
+# Number of rows that are examined, from the start: a logger does not change its row order.
+ROWS = 10_000
+# Multiple of the gate's slew rate that represents a move within a row.
 AT_ONCE = 100.0
-# a residual counts as so many robust s.d. at most: one stop of a drive is no order of rows
+# Maximum residual in robust standard deviations: a single stop of a drive is no row order.
 FAR_SD = 6.0
 
 
 class Settled(NamedTuple):
-    """A drive with a dead time of its own: squares of what is left of it (m,), what its prior
-    costs, and how many s.d. of the tolerance it is off."""
+    """A drive with its own fitted dead time: squared residuals (m,), log prior cost, and offset in
+    standard deviations of the tolerance."""
 
     squares: Array
     cost: float
@@ -60,8 +63,8 @@ class Settled(NamedTuple):
 
 
 class Move(NamedTuple):
-    """Columns that are moved by `rows` (positive: down, to later rows), and what that is in
-    words."""
+    """Shift of some columns by `rows` (positive: to later rows), and its description for the
+    user."""
 
     columns: tuple[str, ...]
     rows: int
@@ -86,24 +89,24 @@ IN_FORCE = Move(
 COMMAND_LATE = Move(
     COMMANDS, 1, "commands stand a row before they are given: they are moved a row down"
 )
-# each pair is the same to the drives
+# The drives cannot distinguish the two shifts of a pair.
 LATE, EARLY = (READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE)
 WAYS = (LATE, EARLY)
 
 
 def order_log_rows(log: Clean, machine: Machine) -> Clean:
-    """The log with commands and answers in the rows that ours have them in, and what was moved
-    among its findings."""
+    """Return the log with commands and answers in the rows of our convention, and a finding about
+    the shift."""
     return move_log_columns(log, find_row_order(log, machine))
 
 
 def move_log_columns(log: Clean, move: Move | None) -> Clean:
-    """A log with some of its columns moved, and that among its findings; None: as it is."""
+    """Return a log with some columns shifted and a finding about the shift; unchanged for None."""
     return log if move is None else _shift_columns(log, move)
 
 
 def find_row_order(log: Clean, machine: Machine) -> Move | None:
-    """What must be moved for a log to have its rows in our order; None: nothing."""
+    """Return the shift that brings a log into our row order; None where no shift is needed."""
     some, nominal = _cut_beginning(log), make_schedule(list_stages(machine), ())
     seen = _make_order_channels(some, machine)
     as_it_is = _calc_order_residuals(seen, nominal)
@@ -129,7 +132,7 @@ def find_row_order(log: Clean, machine: Machine) -> Move | None:
         sum(one.get(drive, 0.0) for drive in telling)
         for one in (by_way[best], by_way[1 - best], further)
     )
-    # no further off, as by a fault
+    # The remaining delay may be no longer, as it would be with a fault.
     if gain < max(LEAST_EVIDENCE, -NEARER * opposite) or more > 0.0:
         return None
     if not alone and not _beyond_tolerance(
@@ -142,7 +145,8 @@ def find_row_order(log: Clean, machine: Machine) -> Move | None:
         )
         for way in WAYS[best]
     ]
-    # Rough is what a flow leaves that comes too early or late; a level adds nothing.
+    # Too early or too late a flow leaves a rough residual of the scale; a constant offset adds
+    # nothing to its differences.
     rough = [float(np.mean(np.square(np.diff(one.get("scale", np.zeros(2)))))) for one in scales]
     return WAYS[best][int(np.argmin(rough))]
 
@@ -153,9 +157,11 @@ def _beyond_tolerance(
     early: bool,
     machine: Machine,
 ) -> bool:
-    """Whether the drives are surely a row off, with any dead time within its tolerance. Early:
-    more so than drives that follow at once. Late: the gate must be, more so than by slewing too
-    slowly, and the shaft lose no more by the move than a tolerance costs."""
+    """Tell whether the drives are off by a row at any dead time within its tolerance.
+
+    Early drives must gain more than drives without lag would. Late drives: the gate must gain more
+    than by a slower slew rate, and the shaft may lose no more than a tolerance costs.
+    """
     now, by_itself = _settle_drives(moved, machine), [_settle_drives(seen, machine)]
     if early:
         by_itself.append(_settle_drives(seen, _drop_drive_lags(machine)))
@@ -174,7 +180,7 @@ def _beyond_tolerance(
 
 
 def _drop_drive_lags(machine: Machine) -> Machine:
-    """The same with drives that are there as soon as their dead time is over."""
+    """Return the machine with drives that move immediately after their dead time."""
     return machine.model_copy(
         update={
             "shaft": machine.shaft._replace(time_constant_s=MIN_TIME_CONSTANT_S),
@@ -184,7 +190,7 @@ def _drop_drive_lags(machine: Machine) -> Machine:
 
 
 def _settle_drives(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, Settled]:
-    """Each drive with the dead time, within its tolerance, that leaves least of it."""
+    """Fit the dead time of each drive within its tolerance."""
     return {drive: _climb_dead_time(seen, drive, machine) for drive in DRIVES if drive in seen}
 
 
@@ -234,7 +240,7 @@ def _make_order_channels(log: Clean, machine: Machine) -> Mapping[str, ChannelSe
 def _calc_order_residuals(
     seen: Mapping[str, ChannelSeries], plan: Schedule, words: Sequence[str] = DRIVES
 ) -> dict[str, Array]:
-    """What a machine leaves of these channels, where they are seen."""
+    """Return the residuals of these channels where they are valid."""
     return {
         word: seen[word].measured - seen[word].predict(plan, MAX_MODEL_STEP_S)
         for word in words
@@ -243,8 +249,8 @@ def _calc_order_residuals(
 
 
 def _slow_gate_gain(before: Array, seen: Mapping[str, ChannelSeries], machine: Machine) -> float:
-    """What a gate that slews too slowly gains at most over squares `before` (m,): with a shaft
-    that is late by itself it looks like rows."""
+    """Return the largest gain of a slower gate over squares `before` (m,): together with a late
+    shaft, a slow gate looks like shifted rows."""
     plans = [
         make_schedule(list_stages(machine), (EffectInstance(GATE_SLOW.id, size),))
         for size in GATE_SLOW.trial_sizes
@@ -258,7 +264,7 @@ def _slow_gate_gain(before: Array, seen: Mapping[str, ChannelSeries], machine: M
 
 
 def _calc_gain_by_drive(before: dict[str, Array], after: dict[str, Array]) -> dict[str, float]:
-    """What each drive that is judged gains, in log-likelihood."""
+    """Return the gain in log-likelihood of each judged drive."""
     return {
         drive: _calc_likelihood_gain(np.square(before[drive]), np.square(after[drive]))
         for drive in DRIVES
@@ -267,9 +273,10 @@ def _calc_gain_by_drive(before: dict[str, Array], after: dict[str, Array]) -> di
 
 
 def _calc_likelihood_gain(before: Array, after: Array) -> float:
-    """Of squares of Gaussian residuals with a variance of their own; far ones are drawn in.
+    """Return the gain in log-likelihood from squares of Gaussian residuals with their own variance;
+    outliers are limited.
 
-    A few rows may be judged in one of them alone: means are compared.
+    A few rows may be valid in only one of them, so means are compared.
     """
     far = FAR_SD**2 * float(min(np.median(before), np.median(after))) / MEDIAN_OF_SQUARES
     if far <= 0.0:

@@ -1,5 +1,6 @@
-"""The search over hypotheses of one group: candidates scanned by their columns, the best
-refitted through the model."""
+"""Searches over hypotheses of one group: scans candidates by their columns and refits the best
+through the model.
+"""
 
 from __future__ import annotations
 
@@ -44,57 +45,66 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-# cosine of two effects' traces, above which rounding decides what either of them is
+# Cosine of two effects' traces above which rounding decides their sizes.
 MAX_COLLINEARITY = 0.999
-# rounds of a refit: the model is run, then sizes are fitted
+# Maximum number of rounds of a refit: the model is run, then sizes are fitted.
 MAX_ROUNDS = 4
-# in s.d. of a size: a refit ends where no size moves by more
+# A refit ends where no size changes by more than this, in standard deviations of the size.
 SETTLED_SD = 0.05
-# gain in twice the log-likelihood from which on the noise is fitted too
+# Minimum gain in twice the log-likelihood for the noise to be fitted as well.
 FITTED_FROM = 4.0
-# from 1st to 99th percentile, for a gate's play and slowness; on the nominal machine
+# Minimum range of the opening between 1st and 99th percentile, mm, for a gate's backlash and slew
+# rate, on the nominal machine.
 MOVES_MM = 2.0
-# a pulse that goes missing shows in rows of this length
+# Maximum row distance, s, at which a missing pulse shows as a dip.
 DIPS_WITHIN_S = 0.5
-# of a row of the log: the first step of a walk ...
+# First step of a line search, as a share of a log row.
 WALK_ROWS = 0.5
-WALK_TO = 0.5  # ... and of the size's s.d.: the last ...
-SMALLEST_WALK = 1e-6  # ... of the first, where that s.d. is 0
-THRESHOLDS_TRIED = 16  # places of a threshold, over all commands
-# of twice the log-likelihood: 90 % for one size (chi-square, one degree of freedom)
+# Last step of a line search, as a share of the size's standard deviation.
+WALK_TO = 0.5
+# Last step as a share of the first, where the standard deviation is 0.
+SMALLEST_WALK = 1e-6
+# Number of trial thresholds over the range of commands.
+THRESHOLDS_TRIED = 16
+# Drop of twice the log-likelihood at the ends of a 90 % interval (chi-square, one degree of
+# freedom).
 THRESHOLD_GAP = 2.7
 
 
 class Candidate(NamedTuple):
-    """An effect as it is tried: what is added, and between which sizes its amplitude is
-    believed."""
+    """A candidate effect with the bounds of its size."""
 
     part: EffectInstance
     low: float
     high: float
-    usual: float = np.inf  # s.d. of its prior
+    # Prior standard deviation of the size.
+    usual: float = np.inf
 
 
 class ScoreTest(NamedTuple):
-    """A candidate as the scan sees it."""
+    """Result of the score test of a candidate."""
 
-    part: EffectInstance  # with the estimated size
-    gain: float  # of twice the log-likelihood
-    # of the log evidence, its size and times integrated
+    # The effect with its estimated size.
+    part: EffectInstance
+    # Gain in twice the log-likelihood.
+    gain: float
+    # Gain in log evidence, with size and times integrated.
     evidence: float = 0.0
-    # ... of which its times cost so much: they were not known
+    # Share of the log evidence that the unknown times cost.
     spent: float = 0.0
 
 
 class FittedHypothesis(NamedTuple):
-    """A hypothesis refitted in full."""
+    """A fully refitted hypothesis."""
 
     parts: Hypothesis
-    sd: tuple[float, ...]  # of the sizes
+    # Standard deviations of the sizes.
+    sd: tuple[float, ...]
     log_likelihood: float
     noise: dict[str, Noise]
-    collinearity: float = 0.0  # largest correlation between two sizes
-    # sizes integrated; priors of the parts and of their times left out
+    # Largest correlation between two sizes.
+    collinearity: float = 0.0
+    # Log evidence with sizes integrated, without the priors of the effects and of their times.
     log_evidence: float = 0.0
 
 
@@ -103,9 +113,9 @@ def log_likelihood(one: FittedHypothesis) -> float:
 
 
 class Search:
-    """A group's model, the columns made of it, and the candidates that are tried on it.
+    """Model of a group, its columns, and the candidates that are tried on the group.
 
-    curves : what gives hypotheses of several effects at once.
+    curves : function that yields hypotheses of several effects at once.
     """
 
     def __init__(
@@ -126,14 +136,15 @@ class Search:
             for c in every
             if is_excited(c, data, machine)
         ]
-        self._all_over: set[str] = set()  # thresholds that were looked for all over
+        # Thresholds that were searched for over the whole range.
+        self._all_over: set[str] = set()
 
     def scan(self, parts: Hypothesis, noise: dict[str, Noise]) -> list[ScoreTest]:
-        """Every candidate added to a refitted hypothesis, best first, one entry per effect and
-        member.
+        """Test every candidate on top of a refitted hypothesis, and return the tests, best first,
+        one for each effect and member.
 
-        The score test: one step from the hypothesis along the candidate's column; where that
-        gains something the noise is fitted along.
+        The score test takes one step from the hypothesis along the candidate's column. Where the
+        step gains enough, the noise is fitted as well.
         """
         tried = [
             c
@@ -169,9 +180,11 @@ class Search:
         return sorted(best.values(), key=lambda f: -f.evidence)
 
     def name_as_started(self, part: EffectInstance) -> EffectInstance:
-        """The part by the name that it has where it begins within a run: less flow at once is a
-        blocked outlet, where no drive tells its load; where one does, the load tells the two
-        apart, and each is a candidate."""
+        """Return the effect under the name that it has where it begins within a run.
+
+        A sudden loss of flow is a blocked outlet where no drive shows its load. Where a drive does,
+        the load separates the two effects, and each is a candidate.
+        """
         lost = (
             part.id == FLOW_GAIN.id
             and part.size < 0.0
@@ -185,8 +198,8 @@ class Search:
         )
 
     def refit(self, parts: Hypothesis, noise: dict[str, Noise] | None = None) -> FittedHypothesis:
-        """Sizes, their s.d. and likelihood of a hypothesis, its model rerun until the sizes
-        stand still."""
+        """Refit a hypothesis: rerun the model until the sizes converge, and return sizes, standard
+        deviations and likelihood."""
         now, last, best = parts, noise or self.model.noise, None
         for _ in range(MAX_ROUNDS):
             p, fit = self._fit_about(now, last)
@@ -210,7 +223,7 @@ class Search:
                 best = best._replace(parts=moved)
                 break
             now = moved
-        # a slope leads further than the model goes: what it is worth where it was run
+        # The linear step exceeds the model's range, so the likelihood at the last run counts.
         else:
             best = best and self._calc_run_likelihood(best, p, fit)
         assert best is not None
@@ -221,15 +234,15 @@ class Search:
         )
 
     def find_noise(self) -> None:
-        """The noise that nothing wrong leaves, from which models are fitted."""
+        """Fit the noise of the model without any fault, from which further fits start."""
         p, count = self.columns.compress_hypothesis(())
         self.model.noise = fit_first_noise(
             p, np.arange(count), self.model.noise, self.model.channels
         )
 
     def _calc_form_evidence(self, p: Problem, fit: Fit) -> float:
-        """Log evidence of a hypothesis whose forms are, at even odds, the catalogue's own or
-        free to differ."""
+        """Return the log evidence of a hypothesis whose forms are, with equal odds, the catalogue's
+        own or free."""
         forms = p.places(Role.FORM)
         if not forms:
             return fit.log_evidence
@@ -240,8 +253,8 @@ class Search:
         return float(np.logaddexp(fit.log_evidence, exact.log_evidence) - np.log(2.0))
 
     def _fit_about(self, parts: Hypothesis, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
-        """The best fit about a hypothesis; a size at its bound that is pulled beyond stands,
-        its amplitude 0."""
+        """Return the best fit around a hypothesis. A size at its bound that is pulled outwards
+        stays there, with amplitude 0."""
         p, count = self.columns.compress_hypothesis(parts)
         fit = choose_better_fit(p, np.arange(count), noise, self.model.channels)
         off = [
@@ -273,7 +286,7 @@ class Search:
     def _calc_run_likelihood(
         self, found: FittedHypothesis, p: Problem, fit: Fit
     ) -> FittedHypothesis:
-        """The same, with the likelihood of the sizes that the model was run with."""
+        """Return the hypothesis with the likelihood of the sizes with which the model was run."""
         held = np.setdiff1d(np.arange(len(fit.amplitude)), p.places(Role.SLOPE))
         there = choose_better_fit(p, held, found.noise, self.model.channels)
         lost = fit.log_likelihood - there.log_likelihood
@@ -284,8 +297,8 @@ class Search:
         )
 
     def _collinearity(self, p: Problem, noise: dict[str, Noise]) -> float:
-        """Largest likeness of two parts' traces, nuisances taken out and their forms as the
-        catalogue has them."""
+        """Return the largest cosine between two effects' traces, orthogonal to the nuisances, with
+        the catalogue's forms."""
         places = p.places(Role.SLOPE)
         if len(places) < 2:
             return 0.0
@@ -298,11 +311,10 @@ class Search:
         return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
 
     def _move_threshold(self, found: FittedHypothesis) -> FittedHypothesis:
-        """The threshold moved, in ever smaller steps, to where it fits best; its interval is
-        what the log leaves open.
+        """Move a threshold in decreasing steps to its best fit, and return the hypothesis with the
+        threshold's interval.
 
-        A threshold acts on the commands that were given: between two of them every value is as
-        good.
+        A threshold acts on the given commands, so all values between two commands fit equally well.
         """
         k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
         part = found.parts[k]
@@ -319,7 +331,8 @@ class Search:
         last = len(edges) - 2
         here, first = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last)), 2
         course = f"{part.id} {part.onset_s}"
-        if course not in self._all_over:  # a plateau leads nowhere: look all over once
+        # A plateau has no slope, so the whole range is searched once.
+        if course not in self._all_over:
             self._all_over.add(course)
             places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
             here = max([here, *places, self._find_standing_edge(edges, part.onset_s)], key=value)
@@ -345,10 +358,10 @@ class Search:
         )
 
     def walk_delays(self, found: FittedHypothesis) -> FittedHypothesis:
-        """The hypothesis with each delay walked to where it fits best, in ever smaller steps.
+        """Move each delay of a hypothesis in decreasing steps to its best fit.
 
-        A drive answers stairs between two rows of the log; where all its answers pass a row at
-        once the likelihood leaps, and no slope says so.
+        A drive's answers fall between two rows of the log. Where all answers pass a row at the same
+        delay, the likelihood jumps and has no useful slope.
         """
         best = found
         for k, part in enumerate(found.parts):
@@ -372,8 +385,8 @@ class Search:
         return best
 
     def _fit_at_size(self, found: FittedHypothesis, k: int, size: float) -> FittedHypothesis:
-        """A hypothesis with another size of one part, its noise fitted and the other sizes as
-        they are."""
+        """Return a hypothesis with another size of one effect, its noise refitted and the other
+        sizes unchanged."""
         parts = replace_part(found.parts, k, found.parts[k]._replace(size=size))
         _, fit = self._fit_about(parts, found.noise)
         return found._replace(
@@ -384,21 +397,23 @@ class Search:
         )
 
     def _find_standing_edge(self, edges: Array, from_s: float | None) -> int:
-        """Place of the edge that best parts the speeds at which the shaft stood, though asked,
-        from those at which it turned, by least squares: a threshold between two of its commands
-        misses it by all that they are apart."""
+        """Return the index of the edge that best separates, by least squares, the speeds at which
+        the shaft stood from those at which it turned.
+
+        A threshold halfway between two commands would be off by their distance.
+        """
         channel, asked = self.model.channel("shaft"), self.model.predicted(())["shaft"]
         there = np.flatnonzero(channel.grid.even_s >= (-np.inf if from_s is None else from_s))
         order = there[np.argsort(asked[there])]
         turned = (channel.measured - asked)[order] ** 2
-        # by a shaft that stands up to here
+        # Gain in squares when the shaft stands up to this speed.
         gained = np.cumsum(turned - channel.measured[order] ** 2)
         at = np.searchsorted(asked[order], edges, side="right") - 1
         return int(np.clip(np.argmax(np.where(at >= 0, gained[at], 0.0)), 0, len(edges) - 2))
 
     def _commands_between(self, low: float, high: float) -> Array:
-        """The shaft speeds that were asked for between two bounds, and the bounds. What is read
-        in steps is read as nothing below the first."""
+        """Return the commanded shaft speeds between two bounds, and the bounds. A quantised reading
+        below the first step is zero."""
         shaft = self.model.data.shaft
         low = low if shaft is None else max(low, shaft.step)
         command = np.empty(0) if shaft is None else np.round(shaft.command, 3)
@@ -408,15 +423,16 @@ class Search:
 
 
 def _is_load_telling(channel_names: Collection[str], machine: Machine) -> bool:
-    """Whether the drive tells a closed outlet, which loads it, from less flow, which unloads it."""
+    """Tell whether the drive's load separates a closed outlet, which loads the drive, from less
+    flow, which unloads it."""
     return "effort" in channel_names and machine.effort.jam > 0.0
 
 
 def list_candidates(
     channel_names: tuple[str, ...], machine: Machine, heads: int, refilled: bool
 ) -> list[Candidate]:
-    """Effects that a run log with these channels can show by a scan; those read off the data
-    come from elsewhere."""
+    """Return the effects that a scan of a run log with these channels can show; directly detected
+    effects are not included."""
     found: list[Candidate] = []
     for effect_id, entry in CATALOGUE.items():
         row = ROWS[effect_id].on(machine)
@@ -425,7 +441,8 @@ def list_candidates(
             for kind in entry.effect.seen_in
         ):
             continue
-        if row.found_by is FoundBy.ONSET:  # `name_as_started`
+        # `rename_started_effect` adds these effects.
+        if row.found_by is FoundBy.ONSET:
             if not _is_load_telling(channel_names, machine):
                 continue
         elif not (row.scanned or row.found_by is FoundBy.DIPS) or not set(row.channels[:1]) & set(
@@ -458,10 +475,10 @@ def list_candidates(
 
 
 def is_excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
-    """Whether the log moves what the effect needs to be moved.
+    """Tell whether the log excites an effect.
 
-    Missing pulses show as dips where the log is fine enough (`intermittent`); only a coarse log
-    shows nothing but their mean.
+    Missing pulses appear as dips in a fine log (`intermittent`); only in a coarse log is their mean
+    the only sign.
     """
     row = ROWS[candidate.part.id]
     if Needs.OPEN_LOOP in row.needs and machine.shaft.regulated > 0.0:
@@ -491,12 +508,12 @@ def is_excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
 def _score_added_column(
     p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], left: Gaussian
 ) -> ScoreTest:
-    """One candidate column along with the fixed ones, its noise fitted from `start` where the
-    gain may matter."""
+    """Test one candidate column together with the fixed columns, with the noise fitted from `start`
+    where the gain may matter."""
     stiff, right, before = left.A[at, at], left.s[at], len(null.amplitude)
     if stiff <= 0.0:
         return ScoreTest(c.part, -np.inf, -np.inf)
-    # half a threshold's column is not what half a threshold does
+    # The trace of a threshold effect is not proportional to its size.
     whole = ROWS[c.part.id].threshold
     size = c.part.size if whole else float(np.clip(right / stiff, c.low, c.high))
     gain = 2.0 * right * size - stiff * size * size
@@ -520,8 +537,8 @@ def _score_added_column(
 def _step_hypothesis(
     parts: Hypothesis, p: Problem, fit: Fit, machine: Machine
 ) -> tuple[Hypothesis, tuple[float, ...], float]:
-    """Hypothesis with the sizes that a fit asks for, the s.d. of each, and the largest step in
-    its own s.d."""
+    """Return the hypothesis with fitted sizes, the standard deviation of each, and the largest step
+    in its own standard deviation."""
     moved, sd, biggest = list(parts), [0.0] * len(parts), 0.0
     for at in p.places(Role.SLOPE):
         k = p.labels[at].part

@@ -1,27 +1,27 @@
-"""Which set of effects one group of channels shows: the models visited on the way, and their
+"""Selects the set of effects that one group of channels shows: the visited models and their
 posterior odds.
 
-A model M is a set of parts, refitted through the machine model (`search.py`), with
+A model M is a set of effects, refitted through the machine model (`search.py`), with
 
     L      the log-likelihood at its best fit
-    O      the Occam factor: log evidence less L (sizes, tolerances and freedom of form
+    O      the Occam factor: log evidence minus L (sizes, tolerances and freedom of form
            integrated; times averaged)
-    pi_k   the log prior odds of its part k, the price of its times taken off
+    pi_k   the log prior odds of its effect k, minus the price of its times
 
-    S(M) = L + O + sum_k pi_k                           score of a model: its log posterior, but
+    S(M) = L + O + sum_k pi_k                           score of a model: its log posterior, except
                                                         for a constant
-    D(M, M') = g + (O - O') + (pi_k - pi'_j)            log odds of M over M', which has part j in
-                                                        place of part k
+    D(M, M') = g + (O - O') + (pi_k - pi'_j)            log odds of M over M', which has effect j in
+                                                        place of effect k
 
-L - L' counts as far as it holds by blocks of time as well: g is the smaller of the two
-(`whitened.find_even_gain`). Without a part in its place (pi'_j = 0) D is what part k is worth. A
-posterior sums over what may stand in a part's place: the part itself, each rival, something
-unknown, and nothing, with weights 1, exp(-D(M, rival)), exp(unknown), exp(-worth)
+L - L' counts only as far as it is confirmed over blocks of time: g is the smaller of the two
+(`whitened.find_even_gain`). Without an effect in its place (pi'_j = 0), D is the worth of effect k.
+A posterior sums over the alternatives in an effect's place: the effect itself, each rival, an
+unknown cause, and none, with weights 1, exp(-D(M, rival)), exp(unknown), exp(-worth)
 (`InPlace.posterior`; Madigan and Raftery, JASA 89, 1994, 1535).
 
-Forward steps add the best effect, lateral steps put another in a member's place or give it
-another course in time, backward steps drop what the others make superfluous (Miller 2002,
-Subset Selection in Regression, ch. 3).
+Forward steps add the best effect. Lateral steps replace an effect by another or change its time
+course. Backward steps remove effects that the others make superfluous (Miller 2002, Subset
+Selection in Regression, ch. 3).
 """
 
 from __future__ import annotations
@@ -60,35 +60,43 @@ from .whitened import find_even_gain
 
 Array = npt.NDArray[np.float64]
 
-# Dirt stays where it is; what wanders off and comes back is nearly always the sensor, which
-# warms up and cools down. so much rarer than others it comes and goes by itself
+# Prior share of dirt effects that end by themselves: dirt stays, and a deviation that comes and
+# goes is nearly always the sensor, which warms up and cools down.
 DIRT_ENDS = 0.01
-NEVER = -1e6  # of log odds: what has another name
-MAX_CAUSES = 4  # of one group of channels
-# best of a scan that are refitted in full, of each course in time
+# Log odds of an effect that is listed under another name, low enough to exclude the effect.
+NEVER = -1e6
+# Maximum number of causes of one group of channels.
+MAX_CAUSES = 4
+# Number of best candidates of a scan, of each time course, that are fully refitted.
 REFITTED = 4
-REFINED = 4  # best of these that are held against each other
-# of a scan's log odds behind the best: what is further off is not refitted ...
+# Number of best refitted candidates whose times are refined.
+REFINED = 4
+# Candidates further behind the best of a scan, in log odds, are not refitted.
 REACH = 8.0
-# ... or by this share of it: a scan's column is the effect's slope at one size
+# The deficit may also be this share of the best log odds, because a scan's column is the effect's
+# slope at a single size.
 REACH_SHARE = 0.15
-MAX_RIVALS = 10  # of a part, that are refitted
-EVEN = 0.05  # of the log score: as near as fits settle
-REVIEWS = 8  # of a model's parts
-# of the log score behind the best: models that are 1000 times less likely are let go
+# Maximum number of refitted rivals of an effect.
+MAX_RIVALS = 10
+# Tolerance of the log score: the accuracy to which fits converge.
+EVEN = 0.05
+# Maximum number of reviews of a model's effects.
+REVIEWS = 8
+# Models further behind the best in log score, some 1000 times less likely, are discarded.
 WINDOW = 7.0
 
 
 class RivalOf(NamedTuple):
-    """What could stand in a part's place."""
+    """A rival: an alternative in an effect's place."""
 
     part: EffectInstance
-    behind: float  # by so much of the log score
+    # Deficit of the rival in log score.
+    behind: float
 
 
 class Shares(NamedTuple):
-    """Probabilities of a part, of each of its rivals, and of something unknown in its place;
-    the rest is nothing's."""
+    """Probabilities of an effect, of each of its rivals, and of an unknown cause in its place; the
+    remainder is the probability of no effect."""
 
     part: float
     rivals: tuple[float, ...]
@@ -96,17 +104,17 @@ class Shares(NamedTuple):
 
 
 class InPlace(NamedTuple):
-    """What may stand in the place of one part of a model. worth : log posterior odds of the
-    part against nothing there; rivals : the likeliest first; unknown : log odds of something
-    unknown there against the part."""
+    """Alternatives in the place of one effect of a model. worth : log posterior odds of the effect
+    against none; rivals : the most likely first; unknown : log odds of an unknown cause against the
+    effect."""
 
     worth: float
     rivals: tuple[RivalOf, ...] = ()
     unknown: float = -np.inf
 
     def posterior(self, unlike: float = 0.0) -> Shares:
-        """unlike : probability that it is something else altogether, by what the whole model
-        leaves."""
+        """Return the probabilities of the alternatives. unlike : probability that the true cause is
+        a different one, by the residual of the whole model."""
         part, *rivals, unknown, _ = softmax(
             [0.0, *(-one.behind for one in self.rivals), self.unknown, -self.worth]
         )
@@ -119,38 +127,40 @@ class InPlace(NamedTuple):
 
 
 class WeighedModel(NamedTuple):
-    """A model with what may stand in the place of each of its parts."""
+    """A model with the alternatives of each of its effects."""
 
     fit: FittedHypothesis
     places: tuple[InPlace, ...] = ()
 
     @property
     def is_said(self) -> bool:
-        """Whether each part is likelier than nothing."""
+        """Tell whether each effect is more likely than none."""
         return all(place.worth > SAID for place in self.places)
 
 
 class GroupResult(NamedTuple):
-    """What one group of channels shows."""
+    """Result of one group of channels."""
 
     search: Search
     null: FittedHypothesis
     found: FittedHypothesis
-    places: tuple[InPlace, ...]  # by part
-    scan: tuple[ScoreTest, ...]  # the whole catalogue on top of nothing
-    terms: tuple[FittedTerm, ...] = ()  # beyond the catalogue
+    # Alternatives by effect.
+    places: tuple[InPlace, ...]
+    # Score tests of the whole catalogue without any effect in the model.
+    scan: tuple[ScoreTest, ...]
+    # Terms beyond the catalogue.
+    terms: tuple[FittedTerm, ...] = ()
 
     @property
     def p_nothing(self) -> float:
-        """Probability that there is nothing: by the odds of the likeliest thing that is said to
-        be there."""
+        """Probability that no effect is present, by the odds of the most likely reported effect or
+        term."""
         said = [*(place.worth for place in self.places), *(term.worth for term in self.terms)]
         return float(expit(-max(said, default=-np.inf)))
 
 
 class Scores:
-    """The score of models: log evidence and log prior odds. Times of beginning cost what their
-    scan says."""
+    """Scores models by log evidence and log prior odds. The scan gives the price of onset times."""
 
     def __init__(self, search: Search) -> None:
         self.search = search
@@ -159,13 +169,15 @@ class Scores:
         self._spent: dict[tuple[str, int | None, str], float] = {}
         self._kept: dict[Hypothesis, FittedHypothesis] = {}
         self._scans: dict[Hypothesis, list[ScoreTest]] = {}
-        self._kept_at = -1  # of the model's moves
+        # Revision of the nominal values for which the caches are valid.
+        self._kept_at = -1
 
     def prior(self, part: EffectInstance) -> float:
-        """Log prior odds of a part, the price of its times taken off."""
+        """Return the log prior odds of an effect minus the price of its times."""
         course = _name_part_course(part)
         if CATALOGUE[part.id].effect.onset_only:
-            course = "steady"  # when a drive stopped is its size
+            # The time of a stop is the size of the effect, so the course counts as steady.
+            course = "steady"
         if part.id == SHAFT_NEUTRAL.id and part.size > 0.0 and not self._passed:
             return NEVER
         row = ROWS[part.id].on(self.search.model.machine)
@@ -181,13 +193,14 @@ class Scores:
         return known - self._spent.get((part.id, part.member, course), 0.0)
 
     def take(self, found: Iterable[ScoreTest]) -> None:
-        """Keep what the times of beginning cost."""
+        """Store the price of onset times from score tests."""
         for one in found:
             part = self.search.name_as_started(one.part)
             self._spent[(part.id, part.member, _name_part_course(part))] = max(0.0, one.spent)
 
     def refit(self, parts: Hypothesis, now: FittedHypothesis) -> FittedHypothesis:
-        """A model refitted from the noise of another, kept while the nominal values stand."""
+        """Refit a model from the noise of another; cached while the nominal values are
+        unchanged."""
         if self._kept_at != self.search.model.moves:
             self.forget()
         if parts not in self._kept:
@@ -196,7 +209,8 @@ class Scores:
         return self._kept[parts]
 
     def scan(self, now: FittedHypothesis) -> list[ScoreTest]:
-        """What a refitted model leaves held against every candidate, kept as long."""
+        """Test every candidate on the residual of a refitted model; cached while the nominal values
+        are unchanged."""
         if self._kept_at != self.search.model.moves:
             self.forget()
         if now.parts not in self._scans:
@@ -204,7 +218,7 @@ class Scores:
         return self._scans[now.parts]
 
     def forget(self) -> None:
-        """The data have changed, outliers drawn in anew, or the nominal values have."""
+        """Clear the caches: the corrections of outliers or the nominal values have changed."""
         self._kept.clear()
         self._scans.clear()
         self._kept_at = self.search.model.moves
@@ -212,8 +226,11 @@ class Scores:
     def worth(
         self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int | None = None
     ) -> float:
-        """D: log posterior odds of a model against another that differs from it in one part: k
-        of the one, j of the other, None where it has nothing in its place."""
+        """Return D: log posterior odds of a model against another that differs in one effect.
+
+        k, j : indices of the effect in the one and in the other model; None for no effect in its
+        place.
+        """
         columns = self.search.columns
         gain = one.log_likelihood - other.log_likelihood
         occam = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
@@ -224,7 +241,7 @@ class Scores:
                 less.parts,
                 more.noise,
                 columns.between(more.parts, less.parts),
-                # where a gate stopped is open in both
+                # The position at which a gate stopped is free in both models.
                 columns.list_stop_columns(more.parts),
             )
             even = min(abs(gain), even)
@@ -237,16 +254,17 @@ class Scores:
         )
 
     def score(self, found: FittedHypothesis) -> float:
-        """S: log evidence and log prior odds of a whole model."""
+        """Return S: log evidence plus log prior odds of a whole model."""
         return found.log_evidence + sum(self.prior(part) for part in found.parts)
 
     def rough(self, one: ScoreTest) -> float:
-        """The same of what a scan adds, roughly."""
+        """Return the approximate score of an addition, from its score test."""
         return one.evidence + one.spent + self.prior(self.search.name_as_started(one.part))
 
 
 def judge_group(search: Search) -> GroupResult:
-    """Judge a group: forward selection, each step reviewed; then what is beyond the catalogue."""
+    """Judge a group: forward selection with a review after each step, then the search beyond the
+    catalogue."""
     null = _fit_nothing_wrong(search)
     board = Scores(search)
     first = board.scan(null)
@@ -269,7 +287,8 @@ def judge_group(search: Search) -> GroupResult:
 
 
 def _fit_nothing_wrong(search: Search) -> FittedHypothesis:
-    """The group with nothing wrong, once what is read off the drives is among the candidates."""
+    """Fit the group without any effect, after directly detected effects were added to the
+    candidates."""
     search.candidates += [
         c._replace(usual=ROWS[c.part.id].on(search.model.machine).usual)
         for c in (
@@ -287,8 +306,11 @@ def _fit_nothing_wrong(search: Search) -> FittedHypothesis:
 
 
 def _is_split_review(search: Search, parts: Hypothesis) -> bool:
-    """Whether a review put a part where the nominal value had been moved, along with another
-    part: it is in both, and where no slope leads from one to the other."""
+    """Tell whether a review replaced a changed nominal value by an effect, together with another
+    effect.
+
+    The effect is then in both models, and no slope leads from one model to the other.
+    """
     moved = {
         key for key in find_replaced_nominals(parts) if search.model.offsets.get(key, 0.0) != 0.0
     }
@@ -296,10 +318,10 @@ def _is_split_review(search: Search, parts: Hypothesis) -> bool:
 
 
 def _settle_board(board: Scores, now: FittedHypothesis) -> FittedHypothesis:
-    """A model once more, along with it the nominal values and outliers."""
+    """Refit a model with its nominal values and outliers."""
     search = board.search
     now = search.walk_delays(now)
-    # what the nominal values took upon themselves may be the effect's
+    # A change of the nominal values may be due to the effect, so the values are reset first.
     search.model.move({})
     now = search.refit(now.parts, now.noise)
     _draw_in_tails(search, now.parts)
@@ -308,9 +330,11 @@ def _settle_board(board: Scores, now: FittedHypothesis) -> FittedHypothesis:
 
 
 def _draw_in_tails(search: Search, parts: Hypothesis) -> None:
-    """Tails drawn in along with the richest fit: a hypothesis with every other candidate. Not a
-    second time constant: next to a lag and a dead time it leaves less of the noise, and of
-    moves nothing is drawn in."""
+    """Limit outliers relative to the richest fit: a hypothesis with every other candidate.
+
+    A second time constant is excluded, because with a lag and a dead time it only absorbs noise,
+    and nothing is limited during moves.
+    """
     more = [
         search.columns.of_candidate(parts, c.part)
         for c in search.candidates
@@ -323,7 +347,7 @@ def _draw_in_tails(search: Search, parts: Hypothesis) -> None:
 def _add_best_part(
     board: Scores, now: FittedHypothesis, proposed: Sequence[EffectInstance]
 ) -> FittedHypothesis | None:
-    """The best model with one more part, where it is likelier than without."""
+    """Return the best model with one more effect; None where it is less likely than without."""
     refits = [board.refit((*now.parts, part), now) for part in proposed]
     refits = sorted(
         (one for one in refits if one.collinearity < MAX_COLLINEARITY),
@@ -342,9 +366,12 @@ def _add_parts_together(
     better: FittedHypothesis | None,
     proposed: Sequence[EffectInstance],
 ) -> FittedHypothesis | None:
-    """The likeliest of a model with one more part and of those whose curve, or answer to a
-    step, is fitted as a whole; the latter are tried where something is there: a part, or more
-    noise than the machine file's can be."""
+    """Return the most likely among the model with one more effect and the models whose curve or
+    step response is fitted as a whole.
+
+    The latter are tried where there is a sign of an effect: a named effect, or more noise than the
+    machine file's can be.
+    """
     model = board.search.model
     loud = any(is_noise_loud(now.noise[c.name], c.prior) for c in model.channels)
     if better is None and not loud:
@@ -361,7 +388,7 @@ def _add_parts_together(
 
 
 def _propose_parts(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
-    """The best parts to add by their scans, of every course in time."""
+    """Return the best effects to add by their scans, of every time course."""
     search = board.search
     found = board.scan(now)
     stopped = [
@@ -372,13 +399,13 @@ def _propose_parts(board: Scores, now: FittedHypothesis) -> list[EffectInstance]
     ]
     steady = [f for f in found if not CATALOGUE[f.part.id].effect.onset_only][:REFITTED]
     near = _keep_near_best(board, now, [*steady, *_propose_beginnings(board, now)])
-    # Where a threshold lies no scan says: the noise that nothing leaves in it hides all but the
-    # nearest.
+    # A scan does not show the position of a threshold, because the noise of the model without the
+    # threshold hides all but the nearest.
     thresholds = [
         f for f in found if ROWS[f.part.id].threshold and f.part.onset_s is None and f not in near
     ]
-    # ... nor what a second time constant does, once the first is moved along: till then a dead
-    # time passes for it.
+    # A scan does not show a second time constant before the first is refitted, because a dead time
+    # mimics it.
     ids = {f.part.id for f in near if f.part.onset_s is None}
     alike = [
         f
@@ -394,10 +421,12 @@ def _propose_parts(board: Scores, now: FittedHypothesis) -> list[EffectInstance]
 def _keep_near_best(
     board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]
 ) -> list[ScoreTest]:
-    """Those of a scan that may be the likeliest: near the best of their course in time by their
-    rough odds, as far as a refit bears these out: where a slope leads nowhere, the next one may
-    be what is there. Courses are not held against each other before a refit: a scan fits the
-    noise of steady effects only."""
+    """Return the candidates of a scan that may be the most likely: near the best of their time
+    course by approximate odds, as confirmed by a refit.
+
+    Where a slope misleads, the next candidate may be the true effect. Time courses are not compared
+    before a refit, because a scan fits the noise of steady effects only.
+    """
     found = []
     for several in _group_by_course(scanned):
         best = -np.inf
@@ -406,7 +435,7 @@ def _keep_near_best(
             if rough <= max(best, 0.0) - max(REACH, REACH_SHARE * best):
                 break
             found.append(one)
-            # no refit puts the best above the rough odds of what comes later
+            # A refit rarely raises the best above the approximate odds of later candidates.
             if rough > best:
                 fitted = board.refit((*now.parts, board.search.name_as_started(one.part)), now)
                 best = max(best, min(rough, board.score(fitted) - board.score(now)))
@@ -414,17 +443,17 @@ def _keep_near_best(
 
 
 def _propose_beginnings(board: Scores, now: FittedHypothesis) -> list[ScoreTest]:
-    """The best parts that begin within the log, at once or growing, or come and go, a few of
-    each."""
+    """Return the best effects that begin within the log, grow, or come and go, a few of each."""
     search = board.search
     shaft = search.model.data.shaft if "shaft" in search.model.names else None
-    # rounding changes with the speed
+    # The rounding error of an encoder changes with the speed.
     rounded = (shaft is not None and shaft.step > 0.0) or any(
         ROWS[part.id].found_by is FoundBy.STEPS for part in now.parts
     )
     switches = len({time_s for part in now.parts for time_s in part.switches})
     if rounded or switches + 1 > MAX_SWITCHES or any(c.settled for c in search.model.channels):
-        # minutes on a bench, in the order of the commands: time and command are one
+        # A bench run of minutes follows the order of its commands, so time and command are
+        # confounded.
         return []
     taken = {(p.id, p.member) for p in now.parts}
     tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
@@ -447,12 +476,14 @@ def _name_part_course(part: EffectInstance) -> str:
 
 
 def _review_parts(board: Scores, fit: FittedHypothesis) -> WeighedModel:
-    """The model with each part against what could stand in its place and against nothing, until
-    none is better; of the models on the way whose parts are all likelier than nothing, the
-    likeliest. A rival that is ahead of it where only even evidence counts, and behind where all
-    does, is as likely as it is."""
+    """Compare each effect of the model with its alternatives and with none, until no replacement is
+    better, and return the most likely visited model whose effects are all more likely than none.
+
+    A rival that leads by block-confirmed evidence only, and trails by all evidence, is considered
+    equally likely.
+    """
     visited: list[WeighedModel] = []
-    # where no log tells two effects apart, the catalogue's first stands for both
+    # Where no log can distinguish two effects, the first of the catalogue represents both.
     order = list(ROWS)
     for left in count(REVIEWS, -1):
         now = _weigh_parts(board, fit)
@@ -462,7 +493,7 @@ def _review_parts(board: Scores, fit: FittedHypothesis) -> WeighedModel:
         if not parts or (visited and left <= 0):
             break
         behind = [one.rivals[0].behind if one.rivals else np.inf for one in now.places]
-        # the best over nothing
+        # The index of the best rival relative to none.
         in_place = np.array([one.worth for one in now.places]) - np.minimum(0.0, behind)
         k = int(np.argmin(behind))
         ends = (
@@ -495,9 +526,11 @@ def _review_parts(board: Scores, fit: FittedHypothesis) -> WeighedModel:
 
 
 def _weigh_parts(board: Scores, now: FittedHypothesis) -> WeighedModel:
-    """What each part is worth, and what could stand in its place within the window. How far one
-    model is ahead of another is had directly, and by what each is worth over nothing: either
-    counts even evidence alone and is a lower bound, so that the higher one holds."""
+    """Compare each effect with none and with its rivals within the window.
+
+    The odds between two models are calculated directly, and from the worth of each over none.
+    Either counts block-confirmed evidence only and is a lower bound, so the higher applies.
+    """
     places: list[InPlace] = []
     for k, part in enumerate(now.parts):
         alone = board.refit(remove_part(now.parts, k), now)
@@ -527,8 +560,8 @@ def _weigh_parts(board: Scores, now: FittedHypothesis) -> WeighedModel:
 def _in_its_place(
     board: Scores, alone: FittedHypothesis, part: EffectInstance
 ) -> list[EffectInstance]:
-    """What could stand in a part's place: steady, or in a course of its own; of the part itself
-    its other courses."""
+    """Return the alternatives to an effect: steady effects, effects with their own time course, and
+    other time courses of the effect itself."""
     scanned = board.scan(alone)
     if not CATALOGUE[part.id].effect.onset_only:
         scanned += _propose_beginnings(board, alone)
@@ -548,22 +581,23 @@ def _in_its_place(
         for one in near
         if part.onset_s is not None and one.id != part.id and _name_part_course(one) == course
     ]
-    return [*near, *alike]  # the part's times are refined: at these, too
+    # The refined times of the effect are included.
+    return [*near, *alike]
 
 
-# -- names and terms by one score
-# --------------------------------------------------------------------------------------
+# The following functions compare named effects and terms by the same score.
 
 
 def beyond_names(
     search: Search, now: WeighedModel, null: FittedHypothesis, log_prior: float
 ) -> tuple[WeighedModel, tuple[FittedTerm, ...]]:
-    """The likeliest of: the names, with the terms that stand along with them; the names but
-    one, with a constant for as long as that one; terms alone. log_prior : of all names
-    together.
+    """Return the most likely of three models: the named effects with additional terms; the named
+    effects with one replaced by a temporary constant; terms alone.
+
+    log_prior : of all named effects together.
     """
     dictionary, parts = Dictionary(search.model), now.fit.parts
-    # over these the names' forms are free already
+    # The forms of the named effects over these variables are free already.
     own = frozenset(ROWS[part.id].form_over for part in parts)
     with_names = tuple(find_terms(search, dictionary, now.fit, own))
     if not parts:
@@ -590,5 +624,5 @@ def beyond_names(
 
 
 def _score_with_terms(terms: Sequence[FittedTerm]) -> float:
-    """Log evidence with terms, and log prior odds of them."""
+    """Return the log evidence of a model with terms plus the log prior odds of the terms."""
     return terms[-1].log_evidence + sum(one.log_prior for one in terms)

@@ -1,9 +1,9 @@
-"""Several logs of one machine: what they share is found once, on all of them; what differs is
+"""Diagnoses several logs of one machine: common errors are found once on all logs, differences are
 reported by log.
 
-Logs of machines of a kind (two robots with the same motors) have the same wrong with them, each
-by its own size. Whether one size is behind all of them is Cochran's test (Biometrics 10, 1954,
-101), at the level of the checks.
+Logs of machines of a kind (two robots with the same motors) have the same faults in different
+sizes. Cochran's test (Biometrics 10, 1954, 101), at the significance level of the checks, decides
+whether the sizes are equal.
 """
 
 from __future__ import annotations
@@ -29,15 +29,14 @@ from .drives import SETTLE_S, SETTLES
 
 Columns = dict[str, npt.NDArray[Any]]
 
-# between logs that follow each other, as `import` joins runs
+# Gap between consecutive logs, s, as `import` joins runs.
 GAP_S = 60.0
-# not judged while a drive comes to what a log begins with
+# Readings that are not judged while a drive settles to the first command of a log.
 READINGS = ("shaft_rpm", "opening_mm", "hopper_kg")
 
 
 class OfAKind(NamedTuple):
-    """An effect that every log has. sizes : in each, as the logs come. p : of sizes so far
-    apart where one is behind them all."""
+    """An effect of every log. sizes : size in each log, in order. p : p value of equal sizes."""
 
     id: str
     member: int | None
@@ -46,12 +45,12 @@ class OfAKind(NamedTuple):
 
 
 class Several(NamedTuple):
-    """together : what all logs show as one, with the machine file that it was held against.
-    machine : that with what they share and predicts them better (`adoption`). each : every log
-    held against `machine`: what is left is its own.
+    """Result of several logs. together : diagnosis of all logs as one, against the given machine
+    file. machine : that file with the common effects that predict better (`adoption`). each :
+    diagnosis of every log against `machine`, so only its own errors remain.
 
-    of_a_kind : where the logs are of machines of a kind, what each of them has, by its own
-    size; `machine` is then the file that was given, and `each` is all that is wrong in a log.
+    of_a_kind : for logs of machines of a kind, the effects of every log with their own sizes.
+    `machine` is then the given file, and `each` contains all errors of a log.
     """
 
     together: Diagnosis
@@ -60,8 +59,8 @@ class Several(NamedTuple):
     of_a_kind: tuple[OfAKind, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The diagnosis of all together; under `logs` what each has beyond it, under
-        `of_a_kind` sizes by log."""
+        """Return the joint diagnosis for JSON; `logs` holds the additional errors of each log,
+        `of_a_kind` the sizes by log."""
         return {
             **self.together.to_json(),
             "logs": [one.to_json() for one in self.each],
@@ -80,10 +79,11 @@ def diagnose_runs(
     progress: Callable[[float, str], None] | None = None,
     each: Each = map,
 ) -> Several:
-    """What several logs of one machine share, named once, and what each of them has of its own.
+    """Diagnose several logs of one machine: name common errors once, and report the own errors of
+    each log.
 
-    The logs are put one after the other and judged as one: a size is one size for all of them.
-    Then each is held against the machine that has what they share.
+    The logs are concatenated and judged as one, so a size is common to all of them. Then each log
+    is compared with the machine that includes the common errors.
 
     Parameters
     ----------
@@ -92,16 +92,21 @@ def diagnose_runs(
     machine
         As for `diagnose_run`.
     paths
-        Of the logs, for the result.
+        Paths of the logs, for the result.
     progress
         `progress(share, word)` is called between steps.
     each
-        `map`, or that of a pool.
+        `map`, or the `map` of a pool.
+
+    Returns
+    -------
+    Several
+        The joint diagnosis, the adopted machine file, and the diagnosis of each log.
 
     Raises
     ------
     ValueError
-        One line, for fewer than two logs, a log without times, or where some hold settled
+        One line, for fewer than two logs, a log without times, or where some logs hold settled
         answers and others do not.
 
     Examples
@@ -109,10 +114,10 @@ def diagnose_runs(
     >>> import numpy as np
     >>> from topdress.control.machine.machine import Machine
     >>> def log(seed):
-    ...     rng, time_s = np.random.default_rng(seed), np.arange(0.0, 120.0, 0.1)
-    ...     speed_mps = 1.3 + 0.2 * np.sin(time_s / (5.0 + seed))
-    ...     return {"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(1200),
-    ...             "wheel_speed_mps": 1.02 * speed_mps + 0.02 * rng.standard_normal(1200)}
+    ...     rng, time_s = np.random.default_rng(seed), np.arange(0.0, 120.0, 0.1) ...     speed_mps
+    = 1.3 + 0.2 * np.sin(time_s / (5.0 + seed)) ...     return {"time_s": time_s, "speed_mps":
+    speed_mps + 0.03 * rng.standard_normal(1200), ...             "wheel_speed_mps": 1.02 *
+    speed_mps + 0.02 * rng.standard_normal(1200)}
     >>> found = diagnose_runs([log(1), log(2)], Machine())
     >>> [cause.id for cause in found.together.causes], [one.verdict for one in found.each]
     (['speed.wheel_radius'], ['none', 'none'])
@@ -159,8 +164,8 @@ def diagnose_runs(
 def find_sizes_of_a_kind(
     each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]
 ) -> tuple[OfAKind, ...]:
-    """The effects that every log has all along, where the size of one of them differs between
-    logs, so that a log shows it even beyond what they share; none else."""
+    """Return the permanent effects of every log, where the size of at least one differs between
+    logs so that a log shows it beyond the common size; else none."""
     left = {(cause.id, cause.member) for one in beyond for cause in one.causes}
     steady = [
         {
@@ -183,7 +188,8 @@ def find_sizes_of_a_kind(
 
 
 def _calc_cochran_p(sizes: Sequence[Size]) -> float:
-    """Cochran's Q: the chance of sizes so far apart, where one size is behind them all."""
+    """Return the p value of Cochran's Q: the probability of such different sizes if the true size
+    is equal."""
     values = np.array([size.value for size in sizes], np.float64)
     half = 0.5 * (
         np.array([size.high for size in sizes], np.float64) - np.array([size.low for size in sizes])
@@ -196,10 +202,10 @@ def _calc_cochran_p(sizes: Sequence[Size]) -> float:
 def join_logs(
     logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str], machine: Machine
 ) -> Columns:
-    """One log of several, GAP_S between them: columns that a log has not are empty in its rows.
-    An event says where each begins.
+    """Concatenate several logs with LOG_GAP_S between them; a column that a log lacks is empty in
+    its rows. An event marks the start of each log.
 
-    Raises ValueError where they cannot be judged as one.
+    Raises ValueError where the logs cannot be judged as one.
     """
     if len(logs) < 2:
         raise ValueError(f"{len(logs)} log: allowed two or more")
@@ -252,7 +258,7 @@ def _join_column(
 def _mark_start_event(
     events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: str
 ) -> npt.NDArray[Any]:
-    """Events with a mark in the first row that has a time, as `import` makes one."""
+    """Return the events with a mark in the first row that has a time, as `import` writes it."""
     found, first = events.astype(object), int(np.nanargmin(since))
     was = found[first]
     mark = f"{FILE_BEGINS}{name.replace(';', ' ')}"

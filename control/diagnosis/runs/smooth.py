@@ -1,5 +1,6 @@
-"""Smooth, nameless dependence of a stage on one recorded variable: the model's own tables, a
-few shapes at a time."""
+"""Models a smooth, nameless dependence of a stage on one recorded variable, with the model's own
+tables and a few shapes.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +22,12 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
+# Number of nodes of a table.
 NODES = 8
-# half-waves over the range of the variable: slope, bend, and two finer ones
+# Number of half-waves over the range of the variable: slope, curvature, and two finer shapes.
 SHAPES = 4
-# Of a variable, for a dependence on it to show; for those in RANGES on the nominal machine.
+# Minimum range of a variable for a dependence to show; for the variables in RANGES on the nominal
+# machine.
 MIN_RANGE = {
     "time_s": 60.0,
     "shaft_rpm": 2.0,
@@ -38,31 +41,32 @@ MIN_RANGE = {
 }
 RANGES = {"shaft_rpm": SHAFT_RANGE, "opening_mm": OPENING_RANGE, "hopper_kg": HOPPER_CAPACITY}
 
-# Recorded variables that follow a stage's own reading, so that its noise comes back through
-# them. Control sets shaft and gate by the measured speed, and by the scale through the flow
-# trim; shaft_rpm and opening_mm are the commands (drives see them before they answer). A gate
-# knows nothing of the shaft; the shaft bears the load of the opening.
+# Recorded variables that depend on a stage's own reading, so that the reading's noise would return
+# through them. Control sets shaft and gate by the measured speed, and by the scale through the flow
+# trim; shaft_rpm and opening_mm are commands here (drives see them before they answer). A gate does
+# not depend on the shaft; the shaft bears the load of the opening.
 DOWNSTREAM: dict[str, frozenset[str]] = {
     "shaft": frozenset(),
     "gate": frozenset({"shaft_rpm"}),
     "flow": frozenset(),
     "scale": frozenset({"hopper_kg", "shaft_rpm", "opening_mm"}),
     "speed": frozenset({"speed_mps", "shaft_rpm", "opening_mm"}),
-    # Predicted from these readings: their noise is in what is left, the more the better the
-    # loop holds its speed.
+    # The effort is predicted from these readings, so their noise is in the residual, the more so
+    # the better the loop holds its speed.
     "effort": frozenset({"shaft_rpm", "opening_mm", "supply_v"}),
     "gate_effort": frozenset({"opening_mm", "supply_v"}),
 }
 
 
 def variables_of(data: RunData) -> tuple[str, ...]:
-    """What a stage may depend on: the published variables, and the log's further columns."""
+    """Return the variables on which a stage may depend: the published variables, and the log's
+    further columns."""
     return (*MIN_RANGE, *(name for name in data.variables if name not in MIN_RANGE))
 
 
 class StageTable(NamedTuple):
-    """The smooth extension of one stage: the channel that shows it, and the effect whose column
-    it multiplies."""
+    """The smooth extension of one stage: the channel that shows it, and the effect whose column it
+    multiplies."""
 
     channel: str
     unit: EffectInstance
@@ -78,15 +82,15 @@ TABLES: dict[str, StageTable] = {
 
 
 class Span(NamedTuple):
-    """The nodes of a table over the excited range of a variable."""
+    """Nodes of a table over the excited range of a variable."""
 
     variable: str
     nodes: Table
 
 
 def find_variable_span(data: RunData, variable: str, machine: Machine) -> Span | None:
-    """Eight even nodes between the variable's 1st and 99th percentile; None where it hardly
-    moves."""
+    """Return eight evenly spaced nodes between the variable's 1st and 99th percentile; None where
+    its range is too small."""
     values = data.variables.get(variable)
     if values is None:
         return None
@@ -100,7 +104,7 @@ def find_variable_span(data: RunData, variable: str, machine: Machine) -> Span |
 
 
 def make_half_wave(k: int) -> Table:
-    """The k-th half-wave at the nodes, k from 1."""
+    """Return the k-th half-wave at the nodes, k from 1."""
     return tuple(np.cos(np.pi * k * (np.arange(NODES) + 0.5) / NODES).tolist())
 
 
@@ -109,7 +113,8 @@ def interpolate_variable(data: RunData, variable: str, time_s: Array) -> Array:
 
 
 def calc_flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) -> Array:
-    """What further per cent of the flow in each bin (m+1,) do to the scale's reading: (m,)."""
+    """Return the change of the scale's reading from further per cent of the flow in each bin
+    (m+1,): (m,)."""
     nothing = make_schedule(base, ())
     changed = hopper._replace(more_percent=hopper.more_percent + percent)
     return np.asarray(
@@ -129,11 +134,11 @@ def list_shape_series(
     machine: Machine,
     own: Array | None = None,
 ) -> Array:
-    """What one unit of each shape does to the channel: (SHAPES, m).
+    """Return the change of the channel for one unit of each shape: (SHAPE_COUNT, m).
 
-    `unit`: what one unit of the stage's own constant does (TABLES). The flow's integral is run
-    through the model; the other stages answer at once, and their unit column is shaped by the
-    table. own : the variable at the channel's samples, where it is what the stage's drive does.
+    `unit`: change for one unit of the stage's own constant (STAGE_TABLES). The model integrates the
+    flow; the other stages answer at once, so their unit column is multiplied by the table. own :
+    the variable at the channel's samples, where it is the output of the stage's drive.
     """
     if stage == "flow" and data.hopper is not None:
         values = interpolate_variable(data, over.variable, data.hopper.time_s)

@@ -1,5 +1,6 @@
-"""Ground speed and canopy heads of a log: sensors of the same thing held against each other,
-where both are new."""
+"""Compares redundant sensors of a log where both have new readings: wheel and GNSS speed, and the
+canopy heads.
+"""
 
 from __future__ import annotations
 
@@ -17,56 +18,63 @@ from .log import MIN_ROWS
 
 Array = npt.NDArray[np.float64]
 
-# of a parabola through the speed: from as long as a
+# Lengths of the parabola that smooths the speed, s: up to the time in which a tractor starts or
+# stops and reaches a constant speed.
 SPEED_WINDOWS_S = tuple(k * SMOOTH_S for k in (2.0, 4.0, 8.0))
-# tractor takes to start or stop, to where it keeps its speed
-# after which a receiver's or a wheel's noise is no longer alike
+# Correlation time of a receiver's or a wheel's noise, s.
 FORGOTTEN_S = 0.5
-# readings from which two sensors' noises are told apart: variances to 7 %
+# Minimum number of readings to separate the noise of two sensors: variances to 7 %.
 MIN_READINGS_OF_TWO = 400
-# frequencies: slower ones stand with the first octave that has as many
+# Minimum number of frequencies of an octave; lower frequencies join the first octave that has
+# enough.
 FEWEST_OF_OCTAVE = 8
-# of a sensor's power that is its own noise, at least: a share of 0 would trust it alone
+# Minimum noise share of a sensor's power: a share of 0 would trust this sensor alone.
 LEAST_OWN = 0.01
-# for which a gap that is left out stands: filters of receivers and wheels forget within it, and
-# what stopped braking is not what starts again in the next row
+# Length of a gap that stands for left-out rows, s: filters of receivers and wheels forget within
+# it, and braking before a stop does not continue after it.
 FORGETS_S = 1.0
-# of the rows: where it moves in fewer, those in which it stands are looked at as well
+# Minimum share of moving rows; with fewer, the standing rows are examined as well.
 MOVES_SHARE = 0.2
-# of the rows new: a sensor with more is as quick as the log, and repeats by chance
+# Share of new readings above which a sensor is as fast as the log, so that repetitions are by
+# chance.
 FRESH_SHARE = 0.7
-HEAD_THERE = 0.2  # of the rows: a head known in fewer is not there
+# Minimum share of rows with a reading: with fewer, the head is absent.
+HEAD_THERE = 0.2
 
 
 class TwoSpeeds(NamedTuple):
-    """Wheel against GNSS at the rows where GNSS is new."""
+    """Wheel and GNSS speed at the rows where GNSS has a new reading."""
 
     time_s: Array
-    true_mps: Array  # weighted mean of both, smoothed
+    # Weighted mean of both speeds, smoothed, m/s.
+    true_mps: Array
     working: Array
     pitch_deg: Array
     wheel_mps: Array
     gnss_mps: Array
     grid: Grid
-    more_percent: Array | float = 0.0  # of the machine file's terms
-    # (1 s.d.) of the wheel's speed, missing in dips too short to be taken out
+    # Sum of the machine file's terms, %.
+    more_percent: Array | float = 0.0
+    # Standard deviation of the wheel speed that is missing in dips too short to be removed, %.
     unseen_percent: float = 0.0
 
 
 class HeadContrasts(NamedTuple):
-    """Contrast of each head with the mean of all, at the rows where the heads are new."""
+    """Contrast of each head with the mean of all heads, at the rows with new readings."""
 
     time_s: Array
-    ndvi: Array  # (k, m)
-    mean: Array  # (m,)
+    # Readings, (k, m).
+    ndvi: Array
+    # Mean of the heads, (m,).
+    mean: Array
     grid: Grid
 
 
 def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> TwoSpeeds | None:
-    """Both speeds where they are new; None where they hardly ever are.
+    """Return both speeds where they have new readings; None where they hardly have any.
 
-    The mean weighted with both sensors' precision is the one whose noise their difference knows
-    nothing of.
+    The mean weighted with the precision of both sensors has noise that is uncorrelated with the
+    noise of their difference.
     """
     time = every.time_s
     fresh = _find_fresh_rows(gnss)
@@ -108,12 +116,12 @@ def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> 
 
 
 def _weight_octaves(gnss: Array, wheel: Array, machine: Machine) -> Array:
-    """Mean of both speeds (n,), weighted in each octave of frequency with the precision that
-    both have there.
+    """Return the mean of both speeds (n,), weighted in each octave of frequency with the precision
+    of each sensor.
 
-    Of an octave, the part that both have in common, at whatever delay, is the ground's; the
-    rest is each one's own noise. What of one's noise is both in the mean and in the difference
-    of the two passes for a delay between them.
+    In an octave, the common component, at whatever delay, is the ground's; the remainder is each
+    sensor's own noise. Noise that is in both the mean and the difference would be mistaken for a
+    delay between them.
     """
     spectra = np.fft.rfft([gnss - gnss.mean(), wheel - wheel.mean()])
     octave = np.floor(np.log2(np.maximum(FEWEST_OF_OCTAVE, np.arange(spectra.shape[1])))).astype(
@@ -130,10 +138,12 @@ def _weight_octaves(gnss: Array, wheel: Array, machine: Machine) -> Array:
 
 
 def _calc_left_out_error(values: Array, window: int, alike: int, ends: int) -> float:
-    """Mean square error of quadratics, each at the middle of a window (odd) of which it did not
-    see the neighbours within `alike`, whose noise is alike (Burman, Chow and Nolan 1994,
-    Biometrika 81, 351); the first and last `ends` do not count. What is smoothed too little
-    makes a delay between the two sensors look too short, by the noise in the speed's slope."""
+    """Return the mean square error of leave-out quadratics at the middle of a window (odd).
+
+    Each quadratic omits the neighbours within `alike`, whose noise is correlated (Burman, Chow and
+    Nolan 1994, Biometrika 81, 351); the first and last `ends` do not count. Too little smoothing
+    makes a delay between the sensors look too short, by the noise in the speed's slope.
+    """
     at = np.arange(window) - window // 2
     seen = np.abs(at) > min(alike, window // 4)
     weights = np.zeros(window)
@@ -143,8 +153,8 @@ def _calc_left_out_error(values: Array, window: int, alike: int, ends: int) -> f
 
 
 def _smooth_quadratically(values: Array, window: int) -> Array:
-    """Quadratics fitted to every `window` (odd) neighbours, at their middle; at the ends those
-    of the first and last window (Savitzky and Golay 1964, Anal. Chem. 36, 1627)."""
+    """Smooth by quadratics fitted to every `window` (odd) neighbours; the ends use the first and
+    last window (Savitzky and Golay 1964, Anal. Chem. 36, 1627)."""
     reach = window // 2
     at = np.arange(-reach, reach + 1)
     weights = (
@@ -163,14 +173,16 @@ def _smooth_quadratically(values: Array, window: int) -> Array:
 
 
 def _find_fresh_rows(series: Array) -> npt.NDArray[np.bool_]:
-    """Rows with a new value, where a sensor slower than the log is held between its readings."""
+    """Return the rows with a new value of a sensor that is slower than the log and held between its
+    readings."""
     changed = np.concatenate(([True], series[1:] != series[:-1]))
     known = np.isfinite(series)
     return changed if changed[known].mean() < FRESH_SHARE else np.ones(len(series), bool)
 
 
 def find_moving_rows(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
-    """Rows in which the machine moves, by either speed; all of them where no speed is known."""
+    """Return the rows in which the machine moves, by either speed; all rows where no speed is
+    recorded."""
     known = np.isfinite(gnss) | np.isfinite(wheel)
     return np.where(known, np.fmax(gnss, wheel) > MOVING_MPS, ~known.any())
 
@@ -178,8 +190,8 @@ def find_moving_rows(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
 def read_heads_channel(
     time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]
 ) -> HeadContrasts | None:
-    """The heads while the machine moves: where it stands, each sees its own piece of canopy all
-    the time, which is no trait of the head."""
+    """Return the heads while the machine moves: at a standstill each head sees its own piece of
+    canopy, which is no property of the head."""
     there = np.isfinite(ndvi).mean(axis=1) > HEAD_THERE
     ndvi = np.where(there[:, None], ndvi, np.nan)
     some = ndvi[there]

@@ -1,5 +1,6 @@
-"""A run log as the machine model's stages see it: inputs and measured outputs of each channel
-on an even time grid."""
+"""Prepares a run log for the machine model's stages: inputs and measured outputs of each channel on
+an even time grid.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +30,14 @@ Array = npt.NDArray[np.float64]
 
 
 class RunData(NamedTuple):
+    """Channels and variables of a run log, as the machine model's stages use them."""
+
     duration_s: float
     rows: int
-    # recorded variables over the log's rows (`select_known_rows`), gaps bridged
+    # Recorded variables over the log's rows (`select_known_rows`), gaps bridged.
     variables: dict[str, Array]
-    time_s: Array  # of those rows
+    # Time of those rows, s.
+    time_s: Array
     working: Array
     shaft: Drive | None
     gate: Drive | None
@@ -41,14 +45,14 @@ class RunData(NamedTuple):
     speed: TwoSpeeds | None
     heads: HeadContrasts | None
     efforts: tuple[DriveEffort, ...] = ()
-    # what terms are asked with (`terms.needed`), at `row_s`
+    # Inputs of the machine file's terms (`terms.needed`), at `row_s`.
     inputs: dict[str, Array] = {}
-    # time of every row, of a long log of the `select_known_rows`
+    # Time of every row, s; of a long log only the `select_known_rows`.
     row_s: Array = np.empty(0)
 
 
 def make_run_data(log: Clean, machine: Machine) -> RunData:
-    """Channels of a cleaned log; None where the log cannot show one."""
+    """Build the channels of a cleaned log; None for each that the log cannot show."""
     every, c = make_log_rows(log, machine), log.columns
     time = every.time_s
     inputs = make_term_inputs(log, every, machine)

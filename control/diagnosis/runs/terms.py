@@ -1,8 +1,8 @@
-"""Terms that a log shows beyond the catalogue: which quantity, which variables, which form.
+"""Searches terms that a log shows beyond the catalogue: quantity, variables and functional form.
 
-Forward selection over a dictionary of forms [1]_. Each is held against the residual whitened by
-its channel's noise; the best have their shapes settled and are refitted with the noise. A term
-is said where it is likelier than nothing in its place, by the score that effects have.
+Forward selection over a dictionary of forms [1]_. Each form is tested on the residual whitened by
+its channel's noise; the shapes of the best forms are refined, and these forms are refitted with the
+noise. A term is reported where it is more likely than none, by the same score as effects.
 
 References
 ----------
@@ -56,31 +56,36 @@ from .whitened import WhitenedResidual, find_even_gain
 Array = npt.NDArray[np.float64]
 Eight = tuple[float, float, float, float, float, float, float, float]
 
-MAX_TERMS = 2  # of one group of channels
-# What a scan hands on to be refitted; gains are of twice the log-likelihood, what ranks forms
-# taken off.
-MIN_SCORE = 6.0  # of what is refitted
-VERIFIED = 4  # best of a scan, their noise refitted too ...
-# ... and best forms over a term's variable under the noise that it leaves
+# Maximum number of terms of one group of channels.
+MAX_TERMS = 2
+# Minimum score for a refit; gains are in twice the log-likelihood, minus the penalty for ranking
+# forms.
+MIN_SCORE = 6.0
+# Number of best forms of a scan whose noise is refitted too.
+VERIFIED = 4
+# Number of best forms over a term's variable that are refitted under the noise with the term.
 FORMS_AGAIN = 3
-# of the steps by which a shape is settled: the last two where a form leaps
+# Step sizes of the shape search, as shares of the first: the last two for a discontinuous form.
 FINENESS = (1.0, 0.5, 0.25, 0.12, 0.06)
-STILL = 0.01  # of the fast noise: a drift that is none
-# of a variable's spread, between two ends: nearer ones are one
+# Share of the fast noise that represents a negligible drift.
+STILL = 0.01
+# Minimum distance of two knots of a form, as a share of the variable's spread.
 NARROWEST = 1e-3
-# letters; where another of the same name was adopted, it is given a number
+# Maximum length of a term's id, letters; the rest is for a number where the name is already
+# adopted.
 LONGEST_ID = 76
-# What of a level is the machine's.
-# s.d. of a level, that it must differ from nothing by ...
+# Minimum distance of a level from zero, in standard deviations, for the level to belong to the
+# machine.
 LEVEL_SD = 2.0
-# ... and so much of what its form does: no form is quite right
+# Minimum level as a share of its form's change: no form is exactly right.
 LEVEL_SHARE = 0.05
-# correlation with a name's size, above which a level is the name's
+# Correlation with a named effect's size above which a level belongs to that effect.
 A_NAME = 0.97
-# cosine of what a tolerance does and a level, above which the one gives the other
+# Cosine between the column of a tolerance and a level above which they are interchangeable.
 A_LEVEL = 0.7
-# As it is shown.
-CLASSES = 12  # of a variable, for means
+# Number of classes of a variable for the means in a picture.
+CLASSES = 12
+# Number of points of a term's curve.
 NODES = 8
 
 
@@ -89,15 +94,23 @@ class FittedTerm(NamedTuple):
 
     term: Term
     tried: TriedForm
-    gain: float  # of twice the log-likelihood, its noise refitted
-    worth: float  # log posterior odds against nothing in its place
-    columns: tuple[Column, ...]  # level (where it is open) and form
-    explained_share: float  # of what is left, as variance
-    field_percent: float  # of the dose, r.m.s. over the working rows
-    noise: dict[str, Noise]  # with it
-    log_evidence: float  # with it and those before
-    log_prior: float  # odds of it
-    # share of the held-out mean square error that it takes away
+    # Gain in twice the log-likelihood, with the noise refitted.
+    gain: float
+    # Log posterior odds against no term.
+    worth: float
+    # Columns of the level (where free) and of the form.
+    columns: tuple[Column, ...]
+    # Explained share of the residual variance.
+    explained_share: float
+    # Change of the dose, %, r.m.s. over the working rows.
+    field_percent: float
+    # Noise with the term.
+    noise: dict[str, Noise]
+    # Log evidence with this term and those before.
+    log_evidence: float
+    # Log prior odds of the term.
+    log_prior: float
+    # Share of the held-out mean square error that the term explains.
     held_out: float = 0.0
 
     @property
@@ -106,13 +119,13 @@ class FittedTerm(NamedTuple):
 
     @property
     def levels(self) -> int:
-        """How many of its columns are its level: none or one."""
+        """Number of level columns: none or one."""
         return len(self.columns) - len(self.tried.columns)
 
 
 class TriedOn:
-    """What a term is tried on top of: a hypothesis, and the terms before. base : columns of all
-    that; noise : under it."""
+    """Context in which a term is tried: a hypothesis and the terms before. base : columns of both;
+    noise : noise under both."""
 
     def __init__(
         self,
@@ -133,7 +146,7 @@ class TriedOn:
         return WhitenedResidual(self.channels, self._banded, self.base, noise)
 
     def problem(self, columns: Sequence[Column]) -> Problem:
-        """Further columns behind those of the base."""
+        """Return the regression problem with further columns after those of the base."""
         self.search.model.ask()
         return make_evidence_problem(self.channels, self._banded, [*self.base, *columns])
 
@@ -144,8 +157,11 @@ def find_terms(
     now: FittedHypothesis,
     not_over: frozenset[str] = frozenset(),
 ) -> list[FittedTerm]:
-    """Terms on top of a hypothesis, the strongest first, each likelier with than without it.
-    not_over : variables that no term is over alone."""
+    """Return terms on top of a hypothesis, the strongest first, each more likely present than
+    absent.
+
+    not_over : variables that no term may have alone.
+    """
     terms: list[FittedTerm] = []
     for _ in range(MAX_TERMS):
         best = _find_best_term(TriedOn(search, dictionary, now, terms), not_over)
@@ -158,9 +174,11 @@ def find_terms(
 def find_best_span(
     search: Search, dictionary: Dictionary, now: FittedHypothesis, part: EffectInstance
 ) -> FittedTerm | None:
-    """The best constant that is there as long as a part, of any quantity, on top of a
-    hypothesis: something unknown in the part's place. None where no quantity is looked at over
-    time."""
+    """Return the best constant, of any quantity, that lasts as long as an effect, on top of a
+    hypothesis; None where no quantity is searched over time.
+
+    The constant represents an unknown cause in the effect's place.
+    """
     given = TriedOn(search, dictionary, now)
     shape = {
         "low_end": part.onset_s or 0.0,
@@ -182,7 +200,7 @@ def find_best_span(
 
 
 def _find_best_term(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
-    """The likeliest term; None where it is likelier without."""
+    """Return the most likely term; None where its absence is more likely."""
     verified = [
         _verify_term(given, candidate, given.noise)
         for candidate in _list_form_candidates(given)
@@ -196,8 +214,8 @@ def _find_best_term(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | No
 
 
 def _choose_form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
-    """The best form over the same variable under the noise that a term leaves: without it drift
-    stood for a part of what it does, and bent the choice."""
+    """Return the best form over the same variable under the noise with the term: without the term,
+    drift absorbed part of the dependence and biased the selection."""
     if len(one.tried.over) > 1 or one.tried.kind in (SpanForm, PeriodicForm, LostConstantForm):
         return one
     acts = one.term.acts_on
@@ -218,10 +236,13 @@ def _choose_form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
 
 
 def _list_form_candidates(given: TriedOn) -> list[FormCandidate]:
-    """The best under the noise that the hypothesis leaves, which may hide a slow form, and
-    under a calm one, under which drift looks like one: of each quantity and variables one form
-    under each. Where something comes and goes is seen only in noise without its slow part: its
-    edges are half a class off."""
+    """Return the best forms under two noise models: one form of each quantity and set of variables
+    under each.
+
+    The noise of the hypothesis may hide a slow form; under a noise without drift, a drift looks
+    like a form. A temporary form shows only under noise without its slow component, because its
+    edges are off by half a class.
+    """
     chosen: dict[tuple[TermTarget, tuple[str, ...], str, int], FormCandidate] = {}
     temporary = given.dictionary.scanned(
         given.whitened(_drop_slow_noise(given.noise)), temporary=True
@@ -231,7 +252,7 @@ def _list_form_candidates(given: TriedOn) -> list[FormCandidate]:
         found = sorted([*lasting, *temporary], key=lambda c: -c.score)
         plain = [one for one in found if len(one.tried.over) == 1 and not one.tried.kind.one_run]
         leaps = [one for one in plain if one.tried.kind.leaps]
-        # a strong form of one leads in many products
+        # A strong form of one variable leads in many products.
         for one in (*found[:VERIFIED], *plain[:1], *leaps[:1]):
             if one.score > MIN_SCORE:
                 chosen.setdefault(
@@ -241,7 +262,7 @@ def _list_form_candidates(given: TriedOn) -> list[FormCandidate]:
 
 
 def _drop_slow_noise(noise: dict[str, Noise]) -> dict[str, Noise]:
-    """The noise without its slow part."""
+    """Return the noise without its slow component."""
     return {
         name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
         for name, one in noise.items()
@@ -249,7 +270,7 @@ def _drop_slow_noise(noise: dict[str, Noise]) -> dict[str, Noise]:
 
 
 def _settle_form_shape(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> TriedForm:
-    """The shape moved in ever smaller steps to where the form gains most under a noise."""
+    """Move a form's shape in decreasing steps to the largest gain under a noise."""
     form, (acted, variables) = one.tried, given.dictionary.of[one.acts]
     kind, x = form.kind, variables.by_name[form.over[0]]
     if not kind.movable:
@@ -275,7 +296,8 @@ def _settle_form_shape(given: TriedOn, one: FormCandidate, noise: dict[str, Nois
 
 
 def _verify_term(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:
-    """A candidate with its shape settled, refitted with the noise. noise : where the fits start."""
+    """Refine the shape of a candidate and refit the candidate with the noise. noise : start of the
+    fits."""
     base, (acted, variables) = len(given.base), given.dictionary.of[one.acts]
     quiet = (
         _drop_slow_noise(noise) if one.tried.kind.leaps else limit_slow_noise(noise, given.channels)
@@ -326,8 +348,8 @@ def _verify_term(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) ->
 def _fit_with_and_without(
     given: TriedOn, p: Problem, count: int, noise: dict[str, Noise], usual: float
 ) -> tuple[Fit, Fit, float]:
-    """The best fits without a form and with it, and the log weight of the prior of its sizes.
-    count : columns before it."""
+    """Return the best fits without and with a form, and the log weight of the prior of its sizes.
+    count : number of columns before the form."""
     before, every, sizes = np.arange(count), np.arange(len(p.sd)), np.arange(count, len(p.sd))
     plain = choose_better_fit(p, before, noise, given.channels)
     first = fit_amplitudes_and_noise(p, every, plain.noise)
@@ -339,21 +361,21 @@ def _fit_with_and_without(
         (choose_better_fit(p, every, start, given.channels) for start in (first.noise, noise)),
         key=lambda fit: fit.log_likelihood,
     )
-    again = fit_amplitudes_and_noise(p, before, full.noise)  # a better noise is no gain of the form
+    # A better noise fit is no gain of the form.
+    again = fit_amplitudes_and_noise(p, before, full.noise)
     return max(plain, again, key=lambda fit: fit.log_likelihood), full, weight
 
 
 def _calc_log_prior(quantities: int, form: TriedForm, variables: Variables) -> float:
-    """Log prior odds of a form."""
+    """Return the log prior odds of a form."""
     count = len(variables.one) if len(form.over) == 1 else len(variables.pairs())
     return prior.log_odds_of_form(quantities, count, form.places, form.kind.one_run)
 
 
 def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTerm]:
-    """The same terms with the sizes that they have together: the first was fitted before the
-    others came."""
+    """Refit the terms jointly: the first was fitted before the others were added."""
     columns: list[Column] = []
-    # a quantity has one level, whatever terms act on it
+    # A quantity has a single level, however many terms act on it.
     levels: dict[TermTarget, int] = {}
     forms: list[int] = []
     for one in terms:
@@ -383,13 +405,13 @@ def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTe
 def _find_term_level(
     fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float
 ) -> float:
-    """The level that a quantity has along with a form, what the tolerances give of it with it;
-    0 where the log does not hold it: a slow drift of this log is no trait of the machine, and
-    what a name of the hypothesis does is the name's.
+    """Return the level of a quantity that accompanies a form, including the correlated share of the
+    tolerances; 0 where the log does not support a level.
 
-    What is the form's mean and what a nominal value that is off within its tolerance no log
-    tells; their sum is reported, and is what the machine does. at : its place in the fit. base
-    : columns before the terms'. own : the level's. spread : of the form over the log, s.d.
+    A slow drift of this log is no property of the machine, and the change from a named effect
+    belongs to that effect. No log can separate a form's mean from the offset of a nominal value
+    within its tolerance, so their sum is reported. at : index in the fit. base : columns before the
+    terms'. own : column of the level. spread : of the form over the log, s.d.
     """
     covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -398,10 +420,11 @@ def _find_term_level(
         for k, column in enumerate(base)
     ):
         return 0.0
-    share = np.zeros(len(sd))  # so much of a level a unit of each column is
+    # Share of a level in a unit of each column.
+    share = np.zeros(len(sd))
     for k, column in enumerate(base):
         share[k] = _share_of_level(column, own) if column.label.role is Role.TOLERANCE else 0.0
-    # by so much less
+    # The tolerances' share of the level is subtracted.
     moved = sum(share[k] * column.mean for k, column in enumerate(base) if share[k] != 0.0)
     share[at] = 1.0
     value = float(share @ fit.amplitude) - moved
@@ -414,7 +437,7 @@ def _find_term_level(
 
 
 def _share_of_level(one: Column, level: Column) -> float:
-    """So much of a level a unit of a column is; 0 where it is something else."""
+    """Return the share of a level in a unit of a column; 0 where the column is unrelated."""
     name = next(iter(level.coefficients))
     if name not in one.coefficients:
         return 0.0
@@ -432,7 +455,8 @@ def _make_term(
     at: int,
     variables: Variables,
 ) -> Term:
-    """The term of a form's amplitudes, which a fit has from place `at` on, and its level."""
+    """Build the term of a form from its amplitudes, which begin at index `at` of a fit, and its
+    level."""
     written = form.write_form(sizes.tolist(), level, variables.by_name)
     intervals: tuple[Interval, ...] = ()
     if form.kind.main and len(sizes) == 1:
@@ -459,19 +483,19 @@ def _make_term(
 
 
 def _make_term_id(words: str) -> str:
-    """Of a term: names of columns may be in any writing, ids are not."""
+    """Return the id of a term in ASCII: column names may be in any script, ids may not."""
     return re.sub(r"[^a-z0-9_.]+", "", words.lower())[:LONGEST_ID]
 
 
 def series_of_term(term: Term, data: RunData) -> Array:
-    """Value of a term at the log's rows (rows,)."""
+    """Return the values of a term at the log's rows (rows,)."""
     found = sum_over_log([term], data.inputs, data.row_s, run_term)
     return found.get(term.acts_on.value, np.zeros(len(data.row_s)))
 
 
 def _field_percent(term: Term, data: RunData) -> float:
-    """R.m.s. of a term over the working rows, less its mean, as per cent of the dose; a scale's
-    error moves no dose."""
+    """Return the r.m.s. of a term over the working rows minus its mean, in per cent of the dose; an
+    error of the scale does not change the dose."""
     working = np.interp(data.row_s, data.time_s, data.working) > 0.5
     if term.stage == "scale" or not working.any():
         return 0.0
@@ -483,8 +507,8 @@ def _field_percent(term: Term, data: RunData) -> float:
 
 
 def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
-    """Share of the held-out mean square error that a term takes away, its amplitudes fitted to
-    the other blocks."""
+    """Return the share of the held-out mean square error that a term explains, with its amplitudes
+    fitted to the other blocks."""
     name = CHANNEL_OF[one.term.acts_on]
     channel = given.search.model.channel(name)
     blocks, before = hold_out_blocks(channel), given.search.model.residual(given.now.parts)[name]
@@ -505,12 +529,13 @@ def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
     )
 
 
-# -- as it is shown: how it runs along each of its variables, and what the data themselves say
-# there -------------------
+# The following functions prepare pictures: a term's curve along each variable, and the data's own
+# means.
 
 
 def average_marginal(term: Term, variable: str, data: RunData) -> tuple[Eight, Eight]:
-    """Eight places along one of a term's variables and its mean there in the log."""
+    """Return eight values of one of a term's variables, and the term's mean at each value in the
+    log."""
     values = data.inputs[name_own_command(term.stage, variable)]
     low, high = (float(v) for v in np.percentile(values, (1.0, 99.0)))
     nodes = np.linspace(low, high, NODES)
@@ -533,11 +558,11 @@ def _pack_eight(numbers: Array) -> Eight:
 def average_along(
     search: Search, now: FittedHypothesis, found: FittedTerm, data: RunData
 ) -> tuple[tuple[float, float, float], ...]:
-    """By classes of the term's first variable (of a product: of what the term says): place, the
-    data's own mean, the term's mean.
+    """Return, for classes of the term's first variable (for a product: of the term's value):
+    position, mean of the data, mean of the term.
 
-    The data's mean is what the channel leaves once the hypothesis is fitted, in the unit of
-    what the term acts on: least squares of one constant for each class.
+    The mean of the data is the channel's residual after the fit of the hypothesis, in the unit of
+    the term's quantity, by least squares of a constant for each class.
     """
     acted = ActedOn(search.model, now.parts, found.term.acts_on)
     channel = acted.channel
@@ -555,7 +580,8 @@ def average_along(
     columns = acted.of(inside)
     white = 1.0 / max(1e-12, found.noise[channel.name].fast_sd)
     left = search.model.residual(now.parts)[channel.name]
-    if channel.name == "scale":  # a level adds up: its changes say what flowed
+    # The scale accumulates, so its differences show the flow.
+    if channel.name == "scale":
         columns, left = np.diff(columns, axis=1), np.diff(left)
     normal = columns @ columns.T * white**2 + 1e-9 * np.eye(len(columns))
     mean = np.linalg.solve(normal, columns @ left * white**2)

@@ -1,25 +1,24 @@
-"""What a hypothesis leaves of a group's channels, whitened, against which columns, forms and
-times are held; and how much of what a column gains there is evidence, where the noise is more
-uneven in time than its model says.
+"""Calculates the whitened residual of a hypothesis, the gain of columns, forms and times on it, and
+the evidence in that gain where the noise varies over time more than its model.
 
-The rows of `judgement/gaussian.py`: each cosine coefficient stands over the s.d. of its noise,
-and each prior is one more row, of its mean. An orthonormal basis of all that the hypothesis can
-take up is projected off: what is left of the data is orthogonal to it, and of a further series
-only what is orthogonal to it counts.
+The rows are those of `judgement/gaussian.py`: each cosine coefficient is divided by the s.d. of its
+noise, and each prior is one more row, of its mean. An orthonormal basis of everything that the
+hypothesis can absorb is projected out: the residual is orthogonal to the basis, and only the
+orthogonal component of a further series counts.
 
-How even: the log is cut into blocks of time. The variance of a block's noise is the model's
-times a factor of its own with an inverse-gamma prior about 1, integrated: all samples of a
-block together follow a multivariate t with `BLOCK_DOF` degrees of freedom (scale mixtures:
-West, Biometrika 74, 1987, 646). What is loud for a while counts as the noise that it is; what a
-column takes away there, because it fits, counts in full.
+The log is divided into blocks of time. The variance of a block's noise is the model's times its own
+factor with an inverse-gamma prior around 1, integrated: all samples of a block together follow a
+multivariate t with `BLOCK_DOF` degrees of freedom (scale mixtures: West, Biometrika 74, 1987, 646).
+A temporarily loud block counts as noise; a column that fits such a block still counts in full.
 
-Moves that the model follows badly make a column's scores unlike from block to block, more than
-its information allows. The gain is divided by the ratio of block-robust to model variance of
-its score (Kent, Biometrika 69, 1982, 19; Miller and Dunson, JASA 114, 2019, 1113: coarsening).
+Moves that the model predicts badly make a column's scores differ between blocks more than its
+information allows. The gain is divided by the ratio of block-robust to model variance of its score
+(Kent, Biometrika 69, 1982, 19; Miller and Dunson, JASA 114, 2019, 1113: coarsening).
 
-A column gains in two ways: over what the other columns cannot follow, and by what it spares
-those that have a prior (a tolerance that need not be exceeded). Without it these would have to
-move, or else the data be left as they are: the better of the two is what it is held against.
+A column gains in two ways: by the component that the other columns cannot follow, and by the cost
+that it saves columns with a prior (a tolerance that need not be exceeded). Without the column,
+these would have to move, or the data would stay unexplained. The column is compared with the better
+of the two.
 """
 
 from __future__ import annotations
@@ -41,21 +40,22 @@ from .channels import ChannelSeries
 from .hypothesis import Hypothesis
 from .search import Search
 
-# of a block: longer than one event lasts (a restart, a turn, a hand on the machine) ...
+# Length of a block, s: longer than a single event (a restart, a turn, a hand on the machine).
 BLOCK_S = 30.0
-FEWEST, MOST = 8, 64  # ... of so many
-# noise of one stretch is known to be what it is elsewhere to some 30 % of its s.d.
+# Minimum and maximum number of blocks.
+FEWEST, MOST = 8, 64
+# Degrees of freedom of a block's noise: its s.d. agrees with that of other blocks to some 30 %.
 BLOCK_DOF = 5.0
-# of a column, in a block: in one with less it does nothing
+# Minimum energy of a column in a block: with less, the column has no effect there.
 LEAST_ENERGY = 1e-9
 
 
 class WhitenedResidual:
-    """A hypothesis fitted and taken off under a given noise.
+    """Residual of a fitted hypothesis under a given noise, whitened.
 
-    banded : cosine coefficients of the residual where the hypothesis stands, by channel of the
-    group. base : columns of all that it can take up. left : what it leaves (rows,): of each
-    channel its coefficients, then `priors`, one each.
+    banded : cosine coefficients of the residual at the hypothesis, by channel of the group. base :
+    columns of everything that the hypothesis can absorb. left : the residual (rows,): the
+    coefficients of each channel, then `priors`, one row each.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class WhitenedResidual:
         base: Sequence[Column],
         noise: Mapping[str, Noise],
     ) -> None:
-        # what has no prior first
+        # Columns without a prior come first.
         base = sorted(base, key=lambda column: column.sd < np.inf)
         self._free = sum(column.sd == np.inf for column in base)
         self._scale = {
@@ -87,8 +87,8 @@ class WhitenedResidual:
         self.left = right - self._basis @ (self._basis.T @ right)
 
     def _stacked(self, coefficients: Mapping[str, Array]) -> Array:
-        """Coefficients by channel, whitened, in one column with the rows of the priors, which
-        are 0: (rows,)."""
+        """Return coefficients by channel, whitened, in one column with the rows of the priors,
+        which are 0: (rows,)."""
         found = np.zeros(self.priors.stop)
         for name, place in self._place.items():
             if name in coefficients:
@@ -96,18 +96,19 @@ class WhitenedResidual:
         return found
 
     def split(self, column: Column) -> tuple[Array, Array]:
-        """A further column, whitened: what the hypothesis cannot take up, and what it takes up
-        of it by moving what has a prior, the rest following: (rows,) each."""
+        """Split a whitened column into the component that the hypothesis cannot absorb, and the
+        component absorbed by columns with a prior, with the rest refitted: (rows,) each."""
         whole = self._stacked(column.coefficients)
         taken = self._basis.T @ whole
         return whole - self._basis @ taken, self._basis[:, self._free :] @ taken[self._free :]
 
     def series(self, channel: ChannelSeries, rows: Array) -> Array:
-        """Whitened rows of a channel as a series (copies x m,)."""
+        """Return the whitened rows of a channel as a series (copies x m,)."""
         return make_series_of(rows[self._place[channel.name]], channel.cut)
 
     def weighted(self, channel: ChannelSeries) -> Array:
-        """What is left of a channel, times the inverse covariance of its noise: (copies, m)."""
+        """Return the residual of a channel times the inverse covariance of its noise: (copies,
+        m)."""
         name = channel.name
         return make_series_of(
             self.left[self._place[name]] * self._scale[name], channel.cut
@@ -116,15 +117,17 @@ class WhitenedResidual:
     def white(
         self, channel: ChannelSeries, banded: npt.NDArray[Any]
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Cosine coefficients (k, m) of a channel, all or its slowest, whitened, and what the
-        hypothesis takes up of them, in its basis; in their own precision: single is good enough
-        to choose by."""
+        """Return whitened cosine coefficients (k, m) of a channel, all or the slowest, and their
+        components in the basis of the hypothesis.
+
+        The precision of the input is kept, because single precision suffices for a selection.
+        """
         begin, count = self._place[channel.name].start, banded.shape[1]
         white = banded * self._scale[channel.name][:count].astype(banded.dtype, copy=False)
         return white, white @ self._basis[begin : begin + count].astype(banded.dtype, copy=False)
 
     def beyond(self, channel: ChannelSeries, banded: npt.NDArray[Any]) -> Gaussian:
-        """The same coefficients once the hypothesis is fitted."""
+        """Return the products of the same coefficients after the fit of the hypothesis."""
         white, taken = self.white(channel, banded)
         left = self.left[self._place[channel.name]][: banded.shape[1]].astype(
             banded.dtype, copy=False
@@ -140,10 +143,10 @@ def find_even_gain(
     trace: Column,
     more: Sequence[Column] = (),
 ) -> float:
-    """What a trace gains in log-likelihood on top of a model, by its scores block by block.
+    """Return the gain of a trace in log-likelihood on top of a model, by its scores in blocks.
 
-    others : the model without it; more : columns of it along with those of its parts. What
-    these take up of the trace is none of its evidence.
+    others : the model without the trace; more : columns of the trace besides those of its effects.
+    The component that these absorb is no evidence for the trace.
     """
     model = search.model
     base = [*search.columns.of_hypothesis(others), *more]
@@ -160,7 +163,8 @@ def find_even_gain(
         r, t, h = (residual.series(channel, rows) for rows in (residual.left, own, held))
         lasts_s = channel.grid.step_s * len(r)
         blocks = int(np.clip(lasts_s / (channel.copies * BLOCK_S), FEWEST, MOST)) * channel.copies
-        if channel.settled:  # no row knows of the one before
+        # Settled rows are independent of the rows before.
+        if channel.settled:
             blocks = len(r)
         edges = np.linspace(0, len(r), blocks + 1).astype(int)[:-1]
         left = r - size * t
@@ -176,15 +180,15 @@ def find_even_gain(
 
 
 def _calc_student_gain(without: Array, within: Array, count: Array) -> float:
-    """Gain from sums of squares without a trace to those with it, (b,): in each block a
-    multivariate t."""
+    """Return the gain from sums of squares without and with a trace, (b,): a multivariate t in each
+    block."""
     return 0.5 * float(
         np.sum((BLOCK_DOF + count) * (np.log(BLOCK_DOF + without) - np.log(BLOCK_DOF + within)))
     )
 
 
 def _calc_unevenness(score: Array, energy: Array) -> float:
-    """Block-robust over model variance of a trace's score by block (b,), along with it, from
-    its energy there (b,); 1 where the blocks agree better."""
+    """Return the ratio of block-robust to model variance of a trace's score by block (b,), from its
+    energy there (b,); 1 where the blocks agree better."""
     known = energy > LEAST_ENERGY * max(float(energy.sum()), 1e-300)
     return max(1.0, float(np.mean(score[known] ** 2 / energy[known]))) if known.any() else 1.0

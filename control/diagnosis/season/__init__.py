@@ -1,10 +1,11 @@
-"""Many logs of many machines together: what each effect did over a season, and what is shared.
+"""Analyses many logs of many machines together: the course of each effect over a season, and common
+causes.
 
 Files:
 
-- `changes`: Where the course of one effect on one machine changes
-- `effect_timelines`: What a season says: the course of each effect on each machine
-- `evidence`: What one log says of every effect, in a few numbers
-- `mixed`: One model of a whole season
-- `season_cost`: What a season of logs means to the owner
+- `changes`: Finds changes in the course of one effect on one machine
+- `effect_timelines`: Reports a season: the course of each effect on each machine
+- `evidence`: Summarises the information of one log on every effect in a few numbers
+- `mixed`: Fits one model to a whole season
+- `season_cost`: Calculates the cost of a season for the owner
 """

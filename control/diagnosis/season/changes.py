@@ -1,14 +1,14 @@
-"""Where the course of one effect on one machine changes: a product partition model, summed exactly.
+"""Finds changes in the course of one effect on one machine, with a product partition model summed
+exactly.
 
 A machine is repaired, or set anew, between two logs, by chance once in USUAL logs. Between two
-changes an effect is not there, stands, or grows along a straight line (wear); what it is on
-either side of a change has nothing to do with the other side (Barry and Hartigan, Journal of
-the American Statistical Association 88, 1993, 309). Each stretch then has a closed marginal
-likelihood, and the sums over all partitions are a recursion over the logs in both directions
-(as Fearnhead, Statistics and Computing 16, 2006, 203). It gives the probability of a change in
-each gap, from the first log after it on, and the likeliest partition. How much a size scatters
-from log to log beyond its own error, as a constant and as a share of the size (an effect's form
-is never quite right), is that of a short grid under which the logs are likeliest.
+changes an effect is absent, constant, or grows linearly (wear). The two sides of a change are
+independent (Barry and Hartigan, Journal of the American Statistical Association 88, 1993, 309).
+Each stretch then has a closed-form marginal likelihood, and the sums over all partitions are a
+recursion over the logs in both directions (as Fearnhead, Statistics and Computing 16, 2006, 203).
+The recursion gives the probability of a change in each gap, and the most likely partition. The
+scatter of a size from log to log beyond its own error, as a constant and as a share of the size (an
+effect's form is never exactly right), is the most likely of a short grid.
 """
 
 from __future__ import annotations
@@ -19,20 +19,25 @@ from typing import NamedTuple
 import numpy as np
 from topdress.control.diagnosis.judgement.gaussian import Array, calc_elementwise_gain
 
-# logs between two changes of one effect: a season has some 50, a repair or none
+# Mean number of logs between two changes of one effect: a season has some 50 logs, and one repair
+# or none.
 USUAL = 50.0
-# of a level's s.d. prior: what a line changes by over the season
+# Prior s.d. of a linear change over the season, in units of the level's prior s.d.
 SLOPES = 2.0
-SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)  # of the s.d. about a smooth curve
-SHARES = (0.0, 0.1, 0.2, 0.4)  # of the size
-# gaps on either side of a change, in which it may as well be
+# Trial scatters, in units of the s.d. around a smooth curve.
+SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)
+# Trial scatters as a share of the size.
+SHARES = (0.0, 0.1, 0.2, 0.4)
+# Number of gaps on either side of a change within which its position is uncertain.
 NEAR = 2
+# Kinds of stretches: the effect is absent, constant, or grows linearly.
 KINDS = ("gone", "stands", "line")
+# Log probabilities that an effect continues, or changes, in a gap between two logs.
 STAYS, CHANGES = float(np.log1p(-1.0 / USUAL)), -float(np.log(USUAL))
 
 
 class Stretch(NamedTuple):
-    """Logs `begin` to `end` (without it) between two changes; kind: one of KINDS."""
+    """Logs from `begin` up to and without `end` between two changes; kind: one of STRETCH_KINDS."""
 
     begin: int
     end: int
@@ -40,27 +45,29 @@ class Stretch(NamedTuple):
 
 
 class Partition(NamedTuple):
-    """change: (n - 1,) probability of a change in each gap. scatter: (n,) variance from log to
-    log."""
+    """A partition of a course. change: (n - 1,) probability of a change in each gap. scatter: (n,)
+    variance from log to log."""
 
     stretches: tuple[Stretch, ...]
     change: Array
     scatter: Array
 
     def calc_change_probability_near(self, gap: int) -> float:
-        """Probability of a change at a gap or so near that the logs cannot tell."""
+        """Return the probability of a change in a gap or its neighbours, which the logs cannot
+        separate."""
         return float(min(1.0, self.change[max(0, gap - NEAR) : gap + NEAR + 1].sum()))
 
 
 def calc_season_shares(times_d: Array) -> Array:
-    """Times in days as shares of the season, 0 at the first and 1 at the last."""
+    """Return times in days as shares of the season, 0 at the first and 1 at the last."""
     return np.asarray((times_d - times_d.min()) / max(float(np.ptp(times_d)), 1e-9), np.float64)
 
 
 def find_partition(
     times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
 ) -> Partition:
-    """Of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter: variance about it."""
+    """Return the partition of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter:
+    variance around the curve."""
     tried = product(SCATTERS, SHARES) if scatter > 0.0 else [(0.0, 0.0)]
     extras = [constant**2 * scatter + (share * curve) ** 2 for constant, share in tried]
     return _choose_stretches(
@@ -75,7 +82,7 @@ def find_partition(
 
 
 def gain_of_course(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> float:
-    """Log marginal likelihood of any course, against none."""
+    """Return the log marginal likelihood of any course, relative to the absence of the effect."""
     each = _calc_stretch_likelihoods(times_d, sizes, variance, level_sd)
     return float(
         _calc_likelihood_ahead(each)[-1]
@@ -86,7 +93,7 @@ def gain_of_course(times_d: Array, sizes: Array, variance: Array, level_sd: floa
 
 
 def _choose_stretches(found: tuple[Array, Array]) -> Partition:
-    """Its likeliest stretches, and how probable a change is in each gap."""
+    """Return the most likely stretches, and the probability of a change in each gap."""
     each, extra = found
     count, whole, ahead = len(extra), np.logaddexp.reduce(each), _calc_likelihood_ahead(each)
     back, best, came = np.full(count + 1, -np.inf), np.full(count + 1, -np.inf), [0] * (count + 1)
@@ -110,7 +117,7 @@ def _choose_stretches(found: tuple[Array, Array]) -> Partition:
 
 
 def _calc_likelihood_ahead(each: Array) -> Array:
-    """(n + 1,) log likelihood of all logs before each, over all partitions."""
+    """Return the log likelihood of all logs before each log, over all partitions: (n + 1,)."""
     whole = np.logaddexp.reduce(each)
     ahead = np.zeros(len(whole) + 1)
     for end in range(1, len(ahead)):
@@ -121,8 +128,11 @@ def _calc_likelihood_ahead(each: Array) -> Array:
 def _calc_stretch_likelihoods(
     times_d: Array, sizes: Array, variance: Array, level_sd: float
 ) -> Array:
-    """Log marginal likelihood and prior (a change before it, none within) of every stretch
-    [begin, end) by kind, (kinds, n, n + 1); -inf: there is none."""
+    """Return the log marginal likelihood and prior (a change before, none within) of every stretch
+    [begin, end) by kind: (kinds, n, n + 1).
+
+    The value is -inf for an impossible stretch.
+    """
     count, share, weight = len(sizes), calc_season_shares(times_d), 1.0 / variance
     sums = np.concatenate(
         [
@@ -146,7 +156,7 @@ def _calc_stretch_likelihoods(
     )
     begin, end = np.arange(count)[:, None], np.arange(count + 1)
     outside = end <= begin
-    # (n, n + 1)
+    # Each sum has shape (n, n + 1).
     w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])
     gone = -0.5 * (wyy + logs)
     stands = gone + calc_elementwise_gain(w, wy, level_sd)

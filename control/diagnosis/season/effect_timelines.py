@@ -1,8 +1,8 @@
-"""What a season says: the course of each effect on each machine, what other levels do, every
-level with its interval.
+"""Reports a season: the course of each effect on each machine, the effects of other levels, and
+every level with its interval.
 
-The model is in `mixed.py`; here its terms become sizes, pieces and changes in an effect's own
-units.
+`mixed.py` fits the model; this module converts its terms to sizes, pieces and changes in an
+effect's own units.
 """
 
 from __future__ import annotations
@@ -20,18 +20,21 @@ from .changes import NEAR, Partition, Stretch
 from .evidence import OneLog, stack_logs
 from .mixed import Alternative, Levels, Season, find_season_causes, judge_season_causes, scan_season
 
-WEAR_P = 1e-3  # of a slope, that it is noise
-REPAIR_SHARE = 0.25  # of an effect, that a repair takes away at least
-SAID = 0.1  # probability from which on a change is named
-# logs on either side of a change, of which its sizes are taken
+# Maximum p value of a slope that counts as wear.
+WEAR_P = 1e-3
+# Minimum share of an effect that a repair removes.
+REPAIR_SHARE = 0.25
+# Probability from which a change is reported.
+SAID = 0.1
+# Number of logs on either side of a change whose sizes are averaged.
 AROUND = 5
-# of two levels' logs: then the two are not told apart
+# Minimum share of common logs of two levels for their effects to be inseparable.
 SAME_LOGS = 0.9
 
 
 class CoursePiece(NamedTuple):
-    """A straight piece of a course: sizes at its begin and end, and their 90 % intervals' half
-    widths."""
+    """A linear piece of a course: sizes at its begin and end, and the half widths of their 90 %
+    intervals."""
 
     begin_d: float
     end_d: float
@@ -40,12 +43,13 @@ class CoursePiece(NamedTuple):
     begin_half: float
     end_half: float
     per_day: float
-    per_day_p: float  # that the slope is noise
+    # P value of the slope.
+    per_day_p: float
 
 
 class SeasonChange(NamedTuple):
-    """Something was done to a machine between two logs. repair: probability that it was, and
-    made the effect less."""
+    """A change of a machine between two logs. repair: probability that the change reduced the
+    effect."""
 
     time_d: float
     probability: float
@@ -56,14 +60,14 @@ class SeasonChange(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """What one level of a factor does to an effect, wherever it is. size, half: 90 %, the mean
-    of all its logs.
+    """Effect of one level of a factor. size, half: mean over all its logs with half of the 90 %
+    interval.
 
-    alternatives: this one and what it may be just as well, with probabilities. apart: whether
-    these logs say more of it than its prior: else they cannot part it from others. Of a machine
-    its course, apart from what its operators, products and fields do: the size in each log (in
-    the order of `times_d`) with its 90 % half width, the scatter in it, and the straight
-    pieces.
+    alternatives: the equally possible causes, including this cause, with probabilities. apart:
+    whether these logs contain more information on the cause than its prior; otherwise they cannot
+    separate it from others. A machine has a course without the effects of its operators, products
+    and fields: the size in each log (in the order of `times_d`) with its 90 % half width, the
+    scatter included, and the linear pieces.
     """
 
     factor: str
@@ -83,18 +87,17 @@ class Cause(NamedTuple):
 
     @property
     def now(self) -> float:
-        """Its size in its last log."""
+        """Size in the last log."""
         return self.pieces[-1].end if self.pieces else self.size
 
     @property
     def alike(self) -> tuple[str, ...]:
-        """Other effects of the set."""
+        """Other effects among the alternatives."""
         return tuple(one.effect for one in self.alternatives if one.effect != self.effect)
 
 
 class Same(NamedTuple):
-    """Two levels whose logs are the same but for a few: whatever the one does may be the
-    other's."""
+    """Two levels whose logs are the same except for a few: their effects are inseparable."""
 
     factor: str
     level: str
@@ -103,8 +106,8 @@ class Same(NamedTuple):
 
 
 class SeasonFit(NamedTuple):
-    """courses: what machines have of their own. levels: of every effect that is reported, every
-    level of every factor, those reported among them."""
+    """Fit of a season. courses: the machines' own causes. shared: causes that machines share.
+    levels: for every reported effect, every level of every factor."""
 
     courses: tuple[Cause, ...] = ()
     shared: tuple[Cause, ...] = ()
@@ -113,7 +116,7 @@ class SeasonFit(NamedTuple):
 
 
 def fit_season(logs: Sequence[OneLog]) -> SeasonFit:
-    """The whole season at once."""
+    """Fit the whole season."""
     if not logs:
         return SeasonFit()
     season = judge_season_causes(find_season_causes(stack_logs(logs)))
@@ -127,7 +130,8 @@ def fit_season(logs: Sequence[OneLog]) -> SeasonFit:
 
 
 def _make_season_cause(season: Season, number: int) -> Cause:
-    """Each log's own size: what all other terms leave, at their means, with this one left in."""
+    """Return a cause with its size in each log: the residual after all other terms at their
+    means."""
     cause, (mean, cov) = season.causes[number], season.sizes_of(number)
     whole = cause.columns.mean(axis=0)
     found = Cause(
@@ -142,7 +146,8 @@ def _make_season_cause(season: Season, number: int) -> Cause:
     if cause.course is None:
         return found
     times_d, (score, information) = season.logs.times_d[cause.at], season.of_effect(number)
-    sizes, variance = score / information, 1.0 / information  # the scatter in it
+    # The variance includes the scatter.
+    sizes, variance = score / information, 1.0 / information
     return found._replace(
         times_d=tuple(times_d.tolist()),
         sizes=tuple(sizes.tolist()),
@@ -187,7 +192,7 @@ def _list_course_pieces(
 def _list_season_changes(
     course: Partition, times_d: Array, sizes: Array, variance: Array
 ) -> Iterator[SeasonChange]:
-    """Where the likeliest course breaks, and where it may well have."""
+    """Yield the changes of the most likely course, and other probable changes."""
     gaps = [one.begin - 1 for one in course.stretches[1:]]
     for gap in map(int, np.argsort(-course.change, kind="stable")):
         if (
@@ -220,8 +225,8 @@ def _list_season_changes(
 def _calc_repair_probability(
     was: float, was_variance: float, is_: float, is_variance: float
 ) -> float:
-    """Probability that a size became less by REPAIR_SHARE at least, and not as large the other
-    way."""
+    """Return the probability that a size decreased by MIN_REPAIR_SHARE at least, and not to an
+    equal size of the opposite sign."""
     left = 1.0 - REPAIR_SHARE
     sd = float(left**2 * was_variance + is_variance) ** 0.5
     sign = 1.0 if was >= 0.0 else -1.0
@@ -236,8 +241,11 @@ def _calc_repair_probability(
 
 
 def _list_effect_levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cause]:
-    """Every level of every effect that is reported: as reported, else shrunk by the other
-    levels of its factor. Of a set each has its share of the probability."""
+    """Yield every level of every reported effect: reported causes unchanged, others shrunk towards
+    the levels of their factor.
+
+    The members of a set of alternatives share its probability.
+    """
     if not season.causes:
         return
     seen, logs = scan_season(season), season.logs
@@ -248,7 +256,7 @@ def _list_effect_levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cau
         for other in one.alternatives
     }
     for effect in sorted({cause.effect for cause in season.causes}):
-        # what a level cannot do is no row
+        # A level that cannot have the effect gets no row.
         for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):
             key = (*season.levels.keys[row], logs.names[effect])
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
@@ -265,7 +273,7 @@ def _list_effect_levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cau
 
 
 def _compare_levels(levels: Levels) -> Iterator[Same]:
-    """By all pairs of levels that some log has."""
+    """Yield all pairs of inseparable levels, among those that some log has."""
     count = np.array([len(one) for one in levels.logs])
     for one, other in combinations(range(levels.code.shape[1]), 2):
         pairs, both = np.unique(levels.code[:, [one, other]], axis=0, return_counts=True)
@@ -275,6 +283,6 @@ def _compare_levels(levels: Levels) -> Iterator[Same]:
 
 
 def is_wearing(course: Cause) -> bool:
-    """Whether its last piece grows away from zero."""
+    """Tell whether the last piece of a course grows away from zero."""
     last = course.pieces[-1]
     return last.per_day_p < WEAR_P and last.per_day * last.end > 0.0

@@ -1,11 +1,11 @@
-"""What one log says of every effect, in a few numbers: enough to add logs up without opening
-them again.
+"""Summarises the information of one log on every effect in a few numbers, so that logs are combined
+without reading them again.
 
-For the effects that are a straight line in their size, the log-likelihood of a log near its
-null is a quadratic form: right' x - x' normal x / 2, with x the sizes, once noise, tolerances
-and unknown levels are projected out (score and information; Cox and Hinkley, Theoretical
-Statistics, 1974, ch. 9). Sums over logs of such forms are the joint likelihood, so that an
-effect too weak for any one log shows in many.
+For effects that are linear in their size, the log-likelihood of a log near its null model is a
+quadratic form: right' x - x' normal x / 2, with x the sizes, after projection of noise, tolerances
+and unknown levels (score and information; Cox and Hinkley, Theoretical Statistics, 1974, ch. 9).
+Sums of such forms over logs are the joint likelihood, so an effect too weak for any single log
+shows in many.
 """
 
 from __future__ import annotations
@@ -31,45 +31,49 @@ from topdress.control.diagnosis.runs.stages import RunData
 from topdress.control.machine.machine import Machine, describe_unit
 
 Columns = Mapping[str, npt.NDArray[Any]]
-# of a full hopper: below it an operator should have filled up
+# Share of a full hopper below which an operator should have refilled.
 LOW_SHARE = 0.05
+# Minimum speed of a moving machine, m/s.
 MOVING_MPS = 0.3
-# of a form's largest eigenvalue: less says nothing
+# Minimum eigenvalue as a share of a form's largest: a smaller eigenvalue has no information.
 NOTHING = 1e-9
-# of a log's variance, that is not the machine's tolerances
+# Minimum share of a log's variance that is not due to the machine's tolerances.
 LEAST_OWN = 1e-3
 
 
 class QuadraticForm(NamedTuple):
-    """The quadratic form of one group of channels. names: effects, with `#k` behind those of a
-    member.
+    """Quadratic form of one group of channels. names: effects, with `#k` after those of a member.
 
-    A machine keeps its tolerances: what one log counts as noise of its own is the same in all
-    logs of the machine.
+    A machine keeps its tolerances: the deviation that a single log counts as noise is the same in
+    all logs of the machine.
     """
 
     names: tuple[str, ...]
-    normal: tuple[tuple[float, ...], ...]  # (q, q), per unit of the catalogue squared
-    right: tuple[float, ...]  # (q,)
-    # (t,) nominal values and sensors' own errors that are the machine's
+    # Information matrix (q, q), per squared unit of the catalogue.
+    normal: tuple[tuple[float, ...], ...]
+    # Score, (q,).
+    right: tuple[float, ...]
+    # Nominal values and sensor errors that belong to the machine, (t,).
     open: tuple[str, ...] = ()
-    # (q, t): how far one s.d. of each moves `right`
+    # Change of `right` for one s.d. of each, (q, t).
     pulls: tuple[tuple[float, ...], ...] = ()
 
 
 class LogWork(NamedTuple):
-    """What was done in a log, and how."""
+    """Work of a log: hours, mass, area, and the operator's refills."""
 
-    hours: float  # of work
+    # Hours of work.
+    hours: float
     applied_kg: float
     area_ha: float
-    low_minutes: float  # of work with the hopper below LOW_SHARE
+    # Minutes of work with the hopper below MIN_FILL_SHARE.
+    low_minutes: float
     refills: int
 
 
 class LogEvidence(NamedTuple):
-    """percent: error of the dose for one unit of an effect, at this log's operating points;
-    absent: not known."""
+    """Evidence of one log. percent: error of the dose for one unit of an effect, at this log's
+    operating points; absent where unknown."""
 
     found: Diagnosis
     forms: tuple[QuadraticForm, ...]
@@ -79,7 +83,8 @@ class LogEvidence(NamedTuple):
 
 
 def collect_log_evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
-    """A full diagnosis, and the forms along with it. Raises ValueError as `diagnose_run` does."""
+    """Return a full diagnosis with the quadratic forms. Raises ValueError as `diagnose_run`
+    does."""
     run = judge_run(columns, machine, path=path)
     forms = tuple(form for one in run.groups if (form := _make_quadratic_form(one)) is not None)
     percent, units = {}, {}
@@ -98,14 +103,14 @@ def collect_log_evidence(columns: Columns, machine: Machine, path: str = "") -> 
 
 
 def _make_quadratic_form(one: GroupResult) -> QuadraticForm | None:
-    """Of one group, near nothing wrong.
+    """Return the quadratic form of one group near its null model.
 
-    The noise is fitted with every effect free and what was found in place: noise fitted to what
-    an effect has left grows with the effect, and a log would count for the less the more it has
-    to tell.
+    The noise is fitted with every effect free and the found effects included. Noise fitted to the
+    residual of an omitted effect would grow with the effect, and the log would count less the more
+    information it has.
     """
     columns, model = one.search.columns, one.search.model
-    # nominal values as the file has them: what they may be off is projected out
+    # Nominal values are those of the file; their tolerances are projected out.
     model.move({})
     straight = [
         c.part
@@ -128,7 +133,7 @@ def _make_quadratic_form(one: GroupResult) -> QuadraticForm | None:
     here, sizes = np.arange(before, before + len(parts)), p.sizes(base, noise)
     cross = every.A[here, :before]
     left = every.of(here).beyond(cross, sizes)
-    # the machine's, not the log's own level
+    # Readings of the machine, without the log's own level.
     own = [
         k
         for k, column in enumerate(columns.fixed())
@@ -145,7 +150,7 @@ def _make_quadratic_form(one: GroupResult) -> QuadraticForm | None:
 
 
 def _name_tolerances(of: Sequence[Column]) -> tuple[str, ...]:
-    """A name for each that is the same in every log of a machine."""
+    """Return a name for each tolerance that is the same in every log of a machine."""
     names: list[str] = []
     for column in of:
         name = (
@@ -164,7 +169,7 @@ def _calc_dose_percent(effect_id: str, machine: Machine, data: RunData) -> float
 
     probe = ROWS[effect_id].on(machine).probe
     assert probe is not None
-    # it is rounded
+    # The value is rounded.
     error = calc_field_cost(
         EffectInstance(effect_id, 4.0 * probe), machine, data
     ).rate_error_percent
@@ -172,7 +177,7 @@ def _calc_dose_percent(effect_id: str, machine: Machine, data: RunData) -> float
 
 
 def sum_log_work(columns: Columns, machine: Machine) -> LogWork:
-    """Sums over a log; what it does not tell counts as nothing."""
+    """Return sums over a log; missing values count as zero."""
     time_s = np.asarray(columns["time_s"], np.float64)
     step_s = np.minimum(np.diff(time_s, append=time_s[-1]), 5.0)
 
@@ -211,41 +216,45 @@ def sum_log_work(columns: Columns, machine: Machine) -> LogWork:
 
 
 class OneLog(NamedTuple):
-    """A log as the season sees it. time_d: days, any origin, the same for all."""
+    """A log of the season. time_d: days from any origin, the same for all logs."""
 
     key: str
     machine: str
     time_d: float
     forms: tuple[QuadraticForm, ...]
-    # factor (product, operator, field) -> level; "" not known
+    # Level of each factor (product, operator, field); "" where unknown.
     shared: Mapping[str, str] = {}
 
 
 class Logs(NamedTuple):
-    """n logs, by machine and time; the last t of q + t columns are tolerances; zeros where a
-    log tells nothing."""
+    """n logs, by machine and time; the last t of q + t columns are tolerances; zeros where a log
+    has no information."""
 
     logs: tuple[OneLog, ...]
-    times_d: Array  # (n,)
+    # Times in days, (n,).
+    times_d: Array
     machines: tuple[str, ...]
-    machine: Indices  # (n,) into machines
-    names: tuple[str, ...]  # (q,) effects
-    every: Gaussian  # (n, q + t, q + t) and (n, q + t)
+    # Indices into machines, (n,).
+    machine: Indices
+    # Names of the effects, (q,).
+    names: tuple[str, ...]
+    # Products of shapes (n, q + t, q + t) and (n, q + t).
+    every: Gaussian
 
     def of(self, machine: int) -> slice:
-        """They stand next to each other."""
+        """Return the slice of a machine's logs, which are adjacent."""
         return slice(*np.searchsorted(self.machine, [machine, machine + 1]).tolist())
 
 
 def stack_logs(logs: Sequence[OneLog]) -> Logs:
-    """The logs of a season as arrays: each a Gaussian likelihood of all sizes, its machine's
-    tolerances kept apart.
+    """Return the logs of a season as arrays: each a Gaussian likelihood of all sizes, with its
+    machine's tolerances separate.
 
-    A log's form says of the sizes x: right' x - x' normal x / 2, with what the machine may be
-    off within its tolerances counted as noise of the log's own. Over many logs of one machine
-    it is none: it is the same u, one s.d. each, in all of them. `pulls` says how u moves
-    `right`; with it the form is taken apart again into one of (x, u), from which the season's
-    model integrates u once for each machine instead of once for each log.
+    A log's form states for the sizes x: right' x - x' normal x / 2, with the deviations of the
+    machine within its tolerances counted as noise of the log. Over many logs of one machine this is
+    no noise: the deviation u, one s.d. each, is the same in all of them. `pulls` gives the change
+    of `right` by u. It converts the form to a form of (x, u), from which the season's model
+    integrates u once for each machine instead of once for each log.
     """
     every = sorted(logs, key=lambda one: (one.machine, one.time_d, one.key))
     names = sorted({name for log in every for form in log.forms for name in form.names})
@@ -273,7 +282,7 @@ def stack_logs(logs: Sequence[OneLog]) -> Logs:
 
 
 def _decompose_form(form: QuadraticForm) -> tuple[Array, Array]:
-    """Normal and right of (x, u): in the directions that the form knows, y = A x + W u + e,
+    """Return normal and right of (x, u): in the directions with information, y = A x + W u + e,
     cov(W u + e) = 1."""
     values, vectors = np.linalg.eigh(np.array(form.normal, np.float64))
     known = values > NOTHING * max(float(values[-1]), 1e-300)
@@ -292,7 +301,7 @@ def _decompose_form(form: QuadraticForm) -> tuple[Array, Array]:
 
 
 def add_scatter(every: Gaussian, variance: Array) -> Gaussian:
-    """The logs' products (n, w, w) and (n, w) where each size also scatters by `variance` (n,
-    w) of its own from log to log."""
+    """Return the logs' products (n, w, w) and (n, w) when each size also scatters by `variance` (n,
+    w) from log to log."""
     here = np.flatnonzero(np.any(variance > 0.0, axis=0))
     return every.beyond(every.A[:, :, here], every.of(here).fit(np.sqrt(variance[:, here])))

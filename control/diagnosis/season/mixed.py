@@ -1,38 +1,36 @@
-"""One model of a whole season: what machine, operator, product, field and time each do to every
-effect.
+"""Fits one model to a whole season: the contribution of machine, operator, product, field and time
+to every effect.
 
-The size of effect e in log j is a sum over the levels that the log has, along with its own scatter:
+The size of effect e in log j is a sum over the levels of the log, and its own scatter:
 
     x_je = machine_me(t) + operator_oe + product_pe + field_fe + fleet_e + scatter_je
 
-and log j knows x_j through a Gaussian likelihood whose precision is known (`evidence.py`). That
-is a linear mixed model with known variances within logs (Searle, Casella and McCulloch,
-Variance Components, 1992, ch. 6; Gelman and Hill, Data Analysis Using Regression and
-Multilevel/Hierarchical Models, 2007, ch. 11 to 13). Every level is a random effect about the
-machine file, none is the reference: the commonest operator is examined as any other. A level's
-prior is that of an effect that is mostly absent: 0, or with a small probability N(0, tau^2)
-(spike and slab; Mitchell and Beauchamp, Journal of the American Statistical Association 83,
-1988, 1023); tau is shared by the levels of a factor and is that of a short grid under which all
-of them are likeliest. What a scale reads wrong is a machine's, or all machines': no operator,
-product or field is asked for it. Given which levels are there, all else is linear and Gaussian
+and log j gives x_j a Gaussian likelihood of known precision (`evidence.py`). This is a linear mixed
+model with known variances within logs (Searle, Casella and McCulloch, Variance Components, 1992,
+ch. 6; Gelman and Hill, Data Analysis Using Regression and Multilevel/Hierarchical Models, 2007, ch.
+11 to 13). Every level is a random effect around the machine file, and no level is the reference:
+the most common operator is examined as any other. The prior of a level is that of an effect that is
+mostly absent: 0, or with a small probability N(0, tau^2) (spike and slab; Mitchell and Beauchamp,
+Journal of the American Statistical Association 83, 1988, 1023). The levels of a factor share tau,
+the most likely of a short grid. An error of a scale belongs to a machine, or to all machines, never
+to an operator, product or field. Given the set of present levels, the model is linear and Gaussian
 (`judgement/gaussian.py`): the mixed-model equations (Henderson, Biometrics 31, 1975, 423). A
-machine's own terms, the stretches of its courses and its tolerances (of variance 1, once for
-all its logs), meet no other machine's but through what both share. Machine by machine they are
-eliminated (4); what is left are equations of the shared terms alone. So the cost grows with the
-logs.
+machine's own terms, the stretches of its courses and its tolerances (of variance 1, once for all
+its logs), are connected to other machines only through shared terms. They are eliminated machine by
+machine (4), which leaves equations of the shared terms. So the cost is proportional to the number
+of logs.
 
-Which levels are there is searched greedily, the likeliest first, and along with it all that
-have no machine in common with one that was taken: these do not see each other. Then each is
-asked again, given all others: the gain of its terms by their own posterior (Savage-Dickey).
-Time: the course of a machine is cut by `changes.py`, the other terms at their means. All that
-is said comes from the posterior in which nothing more is sure.
+The present levels are searched greedily, the most likely first, together with all that share no
+machine with an accepted level, because these are independent. Then each is tested again given all
+others: the gain of its terms by their own posterior (Savage-Dickey). `changes.py` divides the
+course of a machine over time, with the other terms at their means. All reported results come from
+the posterior in which no further level is certain.
 
-What cannot be told apart: in place of a cause every effect at its place, and every other level
-with its effect (or, where it cannot have that, with those that it can). Their marginal
-likelihoods give the set of alternatives with probabilities. An effect's form is wrong by a few
-per cent of itself, so likelihoods are tempered as if the data were worth no more than that
-(coarsened posterior; Miller and Dunson, Journal of the American Statistical Association 114,
-2019, 1113).
+Alternatives to a cause are every effect of its level, and every other level with its effect (or,
+where that level cannot have the effect, with those that it can). Their marginal likelihoods give
+the set of alternatives with probabilities. An effect's form is wrong by a few per cent of itself,
+so likelihoods are tempered accordingly (coarsened posterior; Miller and Dunson, Journal of the
+American Statistical Association 114, 2019, 1113).
 """
 
 from __future__ import annotations
@@ -59,40 +57,47 @@ from topdress.control.machine.machine import CATALOGUE
 from .changes import SLOPES, Partition, calc_season_shares, find_partition, gain_of_course
 from .evidence import Logs, add_scatter
 
-# that one level does one effect: of the some thousand pairs of a season about one does
+# Prior probability that one level has one effect: about one of a season's some thousand pairs.
 PRIOR = 1e-3
-# probability from which on a level is reported; of thousands of pairs noise gives 0.1
+# Probability from which a level is reported; noise in thousands of pairs reaches 0.1.
 SURE = 0.95
-# of an effect's usual size: tau of the slab; levels of a factor may differ by less
+# Trial values of tau, in units of an effect's usual size; levels of a factor may differ by less.
 GRID = (0.1, 0.3, 1.0)
-# of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
+# Coarsening of alternatives as a share of the gain: a deficit of 3 % has a probability of one in
+# twenty.
 COARSE = 0.005
+# Number of sweeps over all causes.
 SWEEPS = 3
-# of sharing out names, and the change of a probability that ends it
+# Maximum number of rounds of the assignment of names, and the change of a probability that ends the
+# rounds.
 URN_ROUNDS, URN_SETTLED = 300, 1e-3
-# of adding, and of asking again: causes that a machine, or what it shares with others, has
+# Maximum number of rounds of additions and of replacements: more than the causes that a machine and
+# its shared levels have.
 ROUNDS = 40
-# probability from which on an alternative is named
+# Probability from which an alternative is listed.
 SHOWN = 0.05
-# of a smooth course, and logs for each number of it
+# Degrees of freedom of a smooth course, and minimum number of logs for each.
 CURVE_DF, LEAST_LOGS = 5, 3
-LEAST = 1e-12  # of an information, to divide by
-# of a level's information: what no other term takes, to rounding
+# Minimum information, to avoid a division by zero.
+LEAST = 1e-12
+# Share of a level's information that counts as zero: the part not shared with other terms, within
+# rounding.
 NOTHING = 1e-6
 MACHINE, FLEET = "machine", "fleet"
-# Stages whose effects a single machine has, or all by the way in which they are made and
-# calibrated: what a scale reads wrong comes from its cells, its amplifier and its calibration
-# weight. They are bolted to the machine, whoever drives it, whatever it spreads and wherever it
-# stands; pitch and time of day are inputs of their effects.
+# Stages whose effects belong to a single machine, or to all machines by design and calibration. An
+# error of a scale comes from its cells, its amplifier and its calibration weight. They are bolted
+# to the machine, independently of operator, product and field; pitch and time of day are inputs of
+# their effects.
 OF_MACHINES_ONLY = frozenset({"scale"})
 ORDER = tuple(CATALOGUE)
 NONE = np.zeros(0)
-Keys = list[tuple[int, int]]  # rows and effects
+# Pairs of level row and effect index.
+Keys = list[tuple[int, int]]
 
 
 class Alternative(NamedTuple):
-    """What a cause may be just as well: the same effect at another level, or another effect at
-    this one."""
+    """An alternative to a cause: the same effect of another level, or another effect of this
+    level."""
 
     factor: str
     level: str
@@ -102,9 +107,12 @@ class Alternative(NamedTuple):
 
 
 class EffectAtLevel(NamedTuple):
-    """One effect at one level (its row). columns: (logs, k) its terms' share in each log of
-    `at`, of prior s.d. `sd` (k,). scatter: variance of each of these logs, of what machines
-    share one for all logs of these."""
+    """One effect of one level (its row). columns: (logs, k) share of its terms in each log of `at`,
+    with prior s.d. `sd` (k,).
+
+    scatter: variance of each of these logs; for a level that machines share, one variance for all
+    its logs.
+    """
 
     row: int
     effect: int
@@ -112,32 +120,35 @@ class EffectAtLevel(NamedTuple):
     columns: Array
     sd: Array
     scatter: Array = np.zeros(1)
-    course: Partition | None = None  # of a machine's: over the logs `at`
+    # Course of a machine's effect over the logs `at`.
+    course: Partition | None = None
     log_odds: float = 0.0
     alternatives: tuple[Alternative, ...] = ()
 
 
 class Levels(NamedTuple):
-    """Factor and level of each row: machines first. code: (n, factors) each log's rows, -1
-    where it has none."""
+    """Factor and level of each row, machines first. code: (n, factors) rows of each log, -1 where
+    the log has none."""
 
     keys: tuple[tuple[str, str], ...]
     row: Mapping[tuple[str, str], int]
     code: Indices
     logs: tuple[Indices, ...]
-    machines: tuple[Indices, ...]  # of each row's logs
+    # Machines of each row's logs.
+    machines: tuple[Indices, ...]
 
 
 class OneMachine(NamedTuple):
-    """A machine's logs (n) with all terms that they have: its own first, then those that it
-    shares with others.
+    """A machine's logs (n) with all their terms: its own first, then those that it shares with
+    others.
 
-    of: its causes, whose terms these are. products: of the terms (K,). cross: (q, K, n)
-    information that the logs' effects share with them. own: s.d. of its own terms. scatter: (n,
-    q) variance of each size from log to log that stands in `likely`. alone: its own terms by
-    themselves, what the others share with them, what they leave of those. place: of the others
-    among all that are shared. terms: of each cause, by its number. Of the posterior: b and cov
-    of the terms, and what these leave of the logs' scores (n, q)."""
+    of: causes of these terms. products: of the terms (K,). cross: (q, K, n) information that the
+    logs' effects share with the terms. own: s.d. of its own terms. scatter: (n, q) variance of each
+    size from log to log, included in `likely`. alone: posterior of its own terms, their products
+    with the other terms, and the remainder of those. place: indices of the other terms among all
+    shared terms. terms: of each cause, by its number. b and cov: posterior of the terms; left:
+    residual scores of the logs (n, q).
+    """
 
     of: tuple[EffectAtLevel, ...]
     logs: slice
@@ -155,10 +166,13 @@ class OneMachine(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """Every level (row) and effect along with what is there: (rows, q). odds: log of, for
-    against. cross: by effect, what each row shares with the shared terms, their covariance
-    `cov` (q, terms, terms). doubts: of a row and a cause, the share of the row's information
-    that lies in logs of that cause."""
+    """Score tests of every level (row) and effect on top of the accepted causes: (rows, q). odds:
+    log odds for against.
+
+    cross: by effect, information that each row shares with the shared terms, whose covariance is
+    `cov` (q, terms, terms). doubts: for a row and a cause, the share of the row's information in
+    logs of that cause.
+    """
 
     score: Array
     information: Array
@@ -170,17 +184,18 @@ class Scan(NamedTuple):
 
 
 class Season(NamedTuple):
-    """Logs and levels with what is there, and the posterior of all."""
+    """Logs and levels with the accepted causes, and the posterior of all terms."""
 
     logs: Logs
     levels: Levels
     causes: tuple[EffectAtLevel, ...]
     machines: tuple[OneMachine, ...]
     shared: Sizes
-    place: dict[int, int]  # of a cause's term among those that are shared
+    # Index of a cause's term among the shared terms.
+    place: dict[int, int]
 
     def sizes_of(self, number: int) -> tuple[Array, Array]:
-        """Posterior mean and covariance of a cause's terms."""
+        """Return posterior mean and covariance of a cause's terms."""
         cause = self.causes[number]
         if cause.row < len(self.machines):
             one = self.machines[cause.row]
@@ -190,8 +205,8 @@ class Season(NamedTuple):
         return self.shared.b[at], self.shared.cov[np.ix_(at, at)]
 
     def of_effect(self, number: int) -> tuple[Array, Array]:
-        """Score and information of a cause's effect in each log `at`, all other terms at their
-        means."""
+        """Return score and information of a cause's effect in each log `at`, with all other terms
+        at their means."""
         cause, b = self.causes[number], self.sizes_of(number)[0]
         parts = [self.machines[k] for k in self.levels.machines[cause.row]]
         information = np.concatenate([one.likely.A[:, cause.effect, cause.effect] for one in parts])
@@ -230,8 +245,11 @@ def list_factor_levels(logs: Logs) -> Levels:
 def solve_season(
     logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: Season | None = None
 ) -> Season:
-    """The posterior of all terms: each machine's own eliminated, the shared ones solved, and
-    back. A machine whose causes have the terms that they had `before` is not made anew."""
+    """Return the posterior of all terms: each machine's own terms are eliminated, the shared terms
+    solved, and the own terms substituted.
+
+    A machine whose causes have the same terms as `before` is reused.
+    """
     mine: list[list[int]] = [[] for _ in logs.machines]
     for number, cause in enumerate(causes):
         for machine in levels.machines[cause.row]:
@@ -240,7 +258,8 @@ def solve_season(
     place, total = {number: k for k, number in enumerate(several)}, len(several)
     shared, parts = Gaussian(np.zeros((total, total)), np.zeros(total)), list[OneMachine]()
     for machine, numbers in enumerate(mine):
-        numbers.sort(key=lambda one: one in place)  # a machine's own first
+        # A machine's own terms come first.
+        numbers.sort(key=lambda one: one in place)
         of = tuple(causes[number] for number in numbers)
         one = before.machines[machine] if before else None
         if (
@@ -292,7 +311,7 @@ def _list_machine_terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...])
     likely = Gaussian(logs.every.A[here], logs.every.s[here])
     if variance.any():
         likely = add_scatter(likely, variance)
-    # tolerances before all else
+    # Tolerances precede all other terms.
     open_ = q + np.flatnonzero(np.any(likely.A[:, q:, q:] != 0.0, axis=(0, 2)))
     share = np.concatenate([np.ones((count, len(open_))), *shares], axis=1)
     at = np.concatenate([open_, *(np.full(len(cause.sd), cause.effect) for cause in of)])
@@ -313,8 +332,8 @@ def _list_machine_terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...])
 
 
 def _eliminate_machine(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
-    """A machine's own terms by themselves, what the others share with them, and what they leave
-    of the others."""
+    """Return the posterior of a machine's own terms, their products with the other terms, and the
+    remainder of the other terms."""
     first, rest = np.arange(len(own)), np.arange(len(own), products.s.shape[-1])
     fit, across = products.of(first).fit(own), products.A[..., rest[:, None], first]
     return fit, across, products.of(rest).beyond(across, fit)
@@ -322,7 +341,8 @@ def _eliminate_machine(products: Gaussian, own: Array) -> tuple[Sizes, Array, Ga
 
 def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
     fit, across, _ = one.alone
-    turn = fit.cov @ across.T  # own terms by the shared ones
+    # Sensitivity of the own terms to the shared terms.
+    turn = fit.cov @ across.T
     b, cov = shared.b[one.place], shared.cov[one.place[:, None], one.place]
     b = np.concatenate([fit.b - turn @ b, b])
     cov = np.block([[fit.cov + turn @ cov @ turn.T, -turn @ cov], [-cov @ turn.T, cov]])
@@ -330,8 +350,8 @@ def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
 
 
 def _estimate_scatter(logs: Logs, one: OneMachine) -> Array:
-    """(q,) variance by which sizes scatter from log to log, of what the terms leave of them
-    without it."""
+    """Return the variance (q,) by which sizes scatter from log to log, from their residuals without
+    scatter."""
     information = np.diagonal(one.likely.A, axis1=1, axis2=2)
     without = 1.0 / (1.0 - one.scatter * information)
     return fit_smooth_courses(
@@ -340,10 +360,13 @@ def _estimate_scatter(logs: Logs, one: OneMachine) -> Array:
 
 
 def fit_smooth_courses(rows: Array, score: Array, information: Array) -> tuple[Array, Array]:
-    """Smooth courses (n, q) through sizes score / information, and the variance (q,) of the
-    sizes about them beyond their own errors, by the method of moments (DerSimonian and Laird,
-    Controlled Clinical Trials 7, 1986, 177)."""
-    weighted = rows[None] * information.T[:, :, None]  # (q, n, df)
+    """Return smooth courses (n, q) through sizes score / information, and the variance (q,) of the
+    sizes around them beyond their own errors.
+
+    The method of moments is that of DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177.
+    """
+    # The weighted basis has shape (q, n, df).
+    weighted = rows[None] * information.T[:, :, None]
     inverse = np.linalg.pinv(rows.T @ weighted, hermitian=True)
     curve = (rows @ (inverse @ (score.T[:, None] @ rows).swapaxes(1, 2)))[..., 0].T
     known = information > 0.0
@@ -356,7 +379,8 @@ def fit_smooth_courses(rows: Array, score: Array, information: Array) -> tuple[A
 
 
 def _make_time_basis(times_d: Array) -> Array:
-    """(logs, df): one, time, and smooth bends; fewer for few logs."""
+    """Return a time basis (logs, df): constant, time, and smooth curves; fewer columns for few
+    logs."""
     df = min(CURVE_DF, max(1, len(times_d) // LEAST_LOGS))
     return np.asarray(
         np.cos(np.pi * np.outer(calc_season_shares(times_d), np.arange(df))), np.float64
@@ -364,27 +388,30 @@ def _make_time_basis(times_d: Array) -> Array:
 
 
 def find_effect_row(name: str) -> EffectRow:
-    """Of an effect, or of one member's."""
+    """Return the catalogue row of an effect, or of one member's effect."""
     return ROWS[name.partition("#")[0]]
 
 
 def list_slab_sds(logs: Logs) -> Array:
-    """(grid, q) s.d. of what an effect is where it is."""
+    """Return trial s.d. of present effects: (grid, q)."""
     return np.asarray(
         np.array(GRID)[:, None] * [find_effect_row(name).usual for name in logs.names], np.float64
     )
 
 
 def scan_season(season: Season) -> Scan:
-    """Each effect also scatters from log to log as far as what is left of it does: of rank one
-    in each log."""
+    """Test every level and effect on top of the accepted causes.
+
+    Each effect also scatters from log to log by the variance of its residual, which has rank one in
+    each log.
+    """
     q, count, rows, total = (
         len(season.logs.names),
         len(season.machines),
         len(season.levels.keys),
         len(season.shared.b),
     )
-    # a course may also rise, or fall
+    # Two further rows for each machine test a rising and a falling course.
     score, raw, took = (np.zeros((rows + 2 * count, q)) for _ in range(3))
     shared = Gaussian(np.zeros((q, total, total)), np.zeros((q, total)))
     places, values = list[Array](), list[Array]()
@@ -404,7 +431,7 @@ def scan_season(season: Season) -> Scan:
         shared.A[:, one.place[:, None], one.place] += rest.A
         shared.s[:, one.place] += rest.s
         which, has = _levels_of_machine(season, machine)
-        # (q, levels, K)
+        # The product has shape (q, levels, K).
         crossed = has.T @ (one.cross * weight.T[:, None, :]).swapaxes(1, 2)
         turned = crossed[..., :own] @ fit.cov
         raw[which] += (has**2).T @ (weight * information)
@@ -439,8 +466,8 @@ def scan_season(season: Season) -> Scan:
 
 
 def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
-    """Rows of the levels that its logs have, and the share (n, rows) of each; last how it rises
-    and falls."""
+    """Return the rows of the levels of a machine's logs, and the share (n, rows) of each; the last
+    are a rise and a fall."""
     logs, rows, count = season.machines[machine].logs, len(season.levels.keys), len(season.machines)
     code = season.levels.code[logs]
     which = np.unique(code[code >= 0])
@@ -460,8 +487,11 @@ def _collect_form_doubts(
     information: Array,
     found: dict[tuple[int, int], Array],
 ) -> None:
-    """By level and cause (q,): a level's information in logs that have both, of effects in the
-    same channels: what is there may leave to others what its form does not follow."""
+    """Add the information of each level in logs of each cause (q,), for effects in the same
+    channels.
+
+    A cause's imperfect form may leave a residual that resembles another effect in these logs.
+    """
     for number, here in one.terms.items():
         cause = season.causes[number]
         if not find_effect_row(season.logs.names[cause.effect]).form_over:
@@ -476,13 +506,16 @@ def _collect_form_doubts(
 def limit_gain_by_doubt(
     season: Season, doubts: dict[tuple[int, int], Array], gained: Array
 ) -> Array:
-    """(rows, q) of what each gained: of each cause no more than its form may be wrong by, and
-    no more than is gained in logs that have it: what a level shows elsewhere is not that
-    cause's."""
+    """Limit the gains (rows, q): for each cause no more than the error of its form may cause, and
+    no more than is gained in logs of the cause.
+
+    The gain of a level in other logs is not due to the cause.
+    """
     result = np.zeros_like(gained)
     for (row, number), share in doubts.items():
         cause, taken = season.causes[number], np.minimum(share, 1.0) * np.maximum(gained[row], 0.0)
-        taken[cause.effect] *= cause.row != row  # not of itself
+        # A cause does not limit itself.
+        taken[cause.effect] *= cause.row != row
         result[row] += np.minimum(taken, FORM_SHARE**2 * max(0.0, cause.log_odds))
     return result
 
@@ -490,10 +523,13 @@ def limit_gain_by_doubt(
 def _calc_effect_odds(
     season: Season, score: Array, information: Array, doubts: dict[tuple[int, int], Array]
 ) -> tuple[Array, Array]:
-    """s.d. of the slab, and log odds for against: prior by the machines that have each effect,
-    of a set each by its probability; -inf: a level cannot have it."""
+    """Return the s.d. of the slab, and log odds of presence.
+
+    The prior depends on the number of machines with each effect, each member of a set by its
+    probability; -inf where a level cannot have the effect.
+    """
     levels, rows, count = season.levels, len(season.levels.keys), len(season.machines)
-    # (grid, rows, q)
+    # The candidates have shape (grid, rows, q).
     each = np.stack(
         [calc_elementwise_gain(information, score, sd) for sd in list_slab_sds(season.logs)]
     )
@@ -525,16 +561,16 @@ def _calc_effect_odds(
 
 
 def calc_urn_prior(counts: Array) -> Array:
-    """(..., q) log prior odds of each effect on a machine, by how many others have each
-    (Polya's urn)."""
+    """Return the log prior odds (..., q) of each effect on a machine, by the number of other
+    machines with the effect (Polya's urn)."""
     return np.asarray(
         np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True))
     )
 
 
 def find_season_causes(logs: Logs) -> Season:
-    """What is there: greedily, then each asked again given all others; what goes may have
-    hidden something else."""
+    """Find the causes: greedily, then each tested again given all others, because a removed cause
+    may have hidden another."""
     season = solve_season(logs, list_factor_levels(logs), ())
     if not logs.names:
         return season
@@ -551,7 +587,7 @@ def _list_named_pairs(season: Season) -> set[tuple[int, int]]:
 
 
 def _add_sure_causes(season: Season) -> Season:
-    """All that is sure along with what is there, those that share no machine at a time."""
+    """Add all certain levels, of those that share no machine at a time."""
     for _ in range(ROUNDS):
         odds = scan_season(season).odds.copy()
         for cause in season.causes:
@@ -574,7 +610,7 @@ def _add_sure_causes(season: Season) -> Season:
 def _skip_shared_machines(
     levels: Levels, ranked: Iterable[tuple[int, int]]
 ) -> Iterator[tuple[int, int]]:
-    """Of rows (and effects) those that share no machine with one before."""
+    """Yield the level rows (with effects) that share no machine with an earlier one."""
     free = np.ones(int(levels.code[:, 0].max(initial=-1)) + 1, bool)
     for row, effect in ranked:
         if free[levels.machines[row]].all():
@@ -583,7 +619,8 @@ def _skip_shared_machines(
 
 
 def _make_rough_effect(season: Season, row: int, effect: int) -> EffectAtLevel:
-    """Before it is known how it goes: of a machine a smooth course, of any other level one size."""
+    """Return a preliminary cause before its course is known: a smooth course for a machine, a
+    single size for any other level."""
     at = season.levels.logs[row]
     columns = (
         _make_time_basis(season.logs.times_d[at])
@@ -596,7 +633,8 @@ def _make_rough_effect(season: Season, row: int, effect: int) -> EffectAtLevel:
 
 
 def _make_cause_terms(season: Season, numbers: Sequence[int]) -> Season:
-    """With the terms of these causes, rough so far: a machine's are the stretches of its course."""
+    """Replace the preliminary terms of these causes: a machine's are the stretches of its
+    course."""
     causes = list(season.causes)
     for number in numbers:
         cause = causes[number]
@@ -627,9 +665,11 @@ def _make_cause_terms(season: Season, numbers: Sequence[int]) -> Season:
 
 
 def _estimate_all_scatter(season: Season, numbers: Sequence[int]) -> Season:
-    """With the scatter about these causes that is left by all: about what several machines
-    share it is one for all, for a machine's own is uncertain, and its logs would count the more
-    the less it happens to be."""
+    """Estimate the scatter around these causes from the residual of all terms.
+
+    Causes that several machines share have a common scatter. A single machine's scatter is too
+    uncertain: its logs would gain weight when its scatter happens to be small.
+    """
     causes, count = list(season.causes), len(season.machines)
     of = cache(lambda machine: _estimate_scatter(season.logs, season.machines[machine]))
     for number in numbers:
@@ -643,8 +683,8 @@ def _estimate_all_scatter(season: Season, numbers: Sequence[int]) -> Season:
 
 
 def _choose_level_sd(season: Season, score: Array, information: Array, effect: int) -> float:
-    """The grid's standard deviation under which the sizes of a level are likeliest. Each log
-    counts by itself, because the sign of an effect may change over the season."""
+    """Return the grid's standard deviation under which the sizes of a level are most likely. Each
+    log counts by itself, because the sign of an effect may change over the season."""
     return max(
         map(float, list_slab_sds(season.logs)[:, effect]),
         key=lambda sd: float(np.sum(calc_elementwise_gain(information, score, sd))),
@@ -652,8 +692,8 @@ def _choose_level_sd(season: Season, score: Array, information: Array, effect: i
 
 
 def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, Array]:
-    """(n, k) and (k,): the level of each stretch that is not gone, and its slope over the
-    season."""
+    """Return (n, k) and (k,): columns and prior s.d. of the level of each present stretch, and of
+    its slope over the season."""
     columns, sds, shares = list[Array](), list[float](), calc_season_shares(times_d)
     for stretch in course.stretches:
         here = slice(stretch.begin, stretch.end)
@@ -665,25 +705,28 @@ def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, 
         if stretch.kind == "line":
             columns.append(inside * (shares - shares[here].mean()))
             sds.append(SLOPES * sd)
-    if not columns:  # every stretch is gone: nothing but scatter
+    # The effect is absent in every stretch, so only scatter remains.
+    if not columns:
         return np.ones((len(shares), 1)), np.array([sd])
     return np.stack(columns, axis=1), np.array(sds)
 
 
 def _refit_each_cause(season: Season) -> Season:
-    """Each cause made and asked anew along with all others; what share no machine at a time."""
+    """Refit and test each cause together with all others; causes that share no machine are refitted
+    at a time."""
     season, done = (
         _replace_until_stable(season, lambda one: one, _split_by_machines),
         set[tuple[int, int]](),
     )
-    for _ in range(ROUNDS):  # of each machine one that was not made anew
+    # The rounds take one cause of each machine that was not refitted yet.
+    for _ in range(ROUNDS):
         keys = [(one.row, one.effect) for one in season.causes]
         turn = set(_skip_shared_machines(season.levels, [key for key in keys if key not in done]))
         if not turn:
             break
         done |= turn
         season = _replace_causes(season, {k: [key] for k, key in enumerate(keys) if key in turn})
-    # those made first knew the fewest others
+    # The first causes were refitted with the fewest others, so the scatter is estimated again.
     season = _estimate_all_scatter(season, range(len(season.causes)))
     return _replace_until_stable(season, judge_season_causes, _find_replacement)
 
@@ -691,7 +734,7 @@ def _refit_each_cause(season: Season) -> Season:
 def _replace_until_stable(
     season: Season, seen: Callable[[Season], Season], asked: Callable[[Season, int], Keys | None]
 ) -> Season:
-    """Until nothing is to stand in any cause's place."""
+    """Replace causes until no replacement is better."""
     for _ in range(ROUNDS):
         season = seen(season)
         other = {k: new for k in range(len(season.causes)) if (new := asked(season, k)) is not None}
@@ -703,8 +746,7 @@ def _replace_until_stable(
 
 
 def _replace_causes(season: Season, by: dict[int, Keys]) -> Season:
-    """With others in place of some causes, by their number; what stands there already is not
-    put there twice."""
+    """Replace some causes, by their number; an existing cause is not added twice."""
     causes, held = (
         list[EffectAtLevel](),
         {(one.row, one.effect) for k, one in enumerate(season.causes) if k not in by},
@@ -722,7 +764,8 @@ def _replace_causes(season: Season, by: dict[int, Keys]) -> Season:
 
 
 def _find_replacement(season: Season, number: int) -> Keys | None:
-    """What is to stand in a cause's place: nothing where it is no longer sure; None: it stays."""
+    """Return the replacement of a cause: empty where the cause is no longer certain, None where it
+    stays."""
     cause = season.causes[number]
     if expit(cause.log_odds) < SURE:
         return []
@@ -743,7 +786,7 @@ def _find_replacement(season: Season, number: int) -> Keys | None:
 
 
 def judge_season_causes(season: Season) -> Season:
-    """With what each cause gains, all others given, and what it may be just as well."""
+    """Calculate the gain of each cause given all others, and its alternatives."""
     if not season.causes:
         return season
     seen, held = scan_season(season), _list_named_pairs(season)
@@ -768,14 +811,14 @@ def judge_season_causes(season: Season) -> Season:
 def _share_probability(
     names: Sequence[str], sets: Sequence[Sequence[Alternative]]
 ) -> tuple[list[list[Alternative]], Array]:
-    """Sets with log likelihoods as probabilities, likeliest first, and (causes, q) the log
-    prior odds of each effect.
+    """Convert sets with log likelihoods to probabilities, most likely first, and return (causes, q)
+    the log prior odds of each effect.
 
-    What other machines have, this one has rather: the urn of all sets together, from an empty
-    one on, each set by what all others hold (collapsed variational Bayes of a mixture's
-    weights; Asuncion, Welling, Smyth and Teh, UAI 2009). Filled by names that are given already
-    it would keep them: whatever logs cannot part would bear the commonest, the surer the more
-    machines there are.
+    Effects of other machines are more likely for this machine. The urn of all sets starts empty,
+    and each set is weighed by the contents of all others (collapsed variational Bayes of a
+    mixture's weights; Asuncion, Welling, Smyth and Teh, UAI 2009). An urn that started with the
+    assigned names would keep them: inseparable alternatives would get the most common name, with a
+    certainty that grows with the number of machines.
     """
     every, number = (
         [one for set_ in sets for one in set_],
@@ -809,12 +852,12 @@ def _share_probability(
 def _alternatives(
     season: Season, seen: Scan, held: set[tuple[int, int]], number: int
 ) -> tuple[list[Alternative], float]:
-    """The cause and what may stand in its place, with log likelihoods for probabilities; its
-    own gain.
+    """Return the cause and its alternatives, with log likelihoods for probabilities, and the
+    cause's own gain.
 
-    Of columns z along with cause c, and all else: the information that is left of z is that of
-    the posterior and what c took, (z C) P (C z), with P the information of c in the posterior
-    and z C what z shares with its terms there.
+    For columns z together with cause c and all other terms, the remaining information of z is that
+    of the posterior plus the share that c took, (z C) P (C z), with P the information of c in the
+    posterior and z C the products of z with its terms there.
     """
     levels, logs, cause, able = (
         season.levels,
@@ -868,7 +911,7 @@ def _alternatives(
     ]
     rows = np.unique(levels.code[cause.at[np.any(cause.columns != 0.0, axis=1)]])
     rows = rows[(rows >= 0) & (rows != cause.row)]
-    # what a level cannot do is asked of it under each name that it can
+    # An effect that a level cannot have is replaced by each effect that it can have.
     for k in effects.tolist():
         can = able[rows, k] & ((k == cause.effect) | ~able[rows, cause.effect])
         asked = np.array([row for row in rows[can].tolist() if (row, k) not in held], np.int64)
@@ -896,8 +939,8 @@ def _alternatives(
         ]
     most = max(likely for _, likely, *_ in tried)
     temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
-    # Of the same effect at another level the form is as wrong: only effects among each other
-    # are tempered.
+    # The same effect of another level has the same error of form, so only different effects are
+    # tempered.
     return [
         Alternative(
             *levels.keys[row], logs.names[k], size, temper * (base_ - most) + likely - base_
@@ -907,14 +950,16 @@ def _alternatives(
 
 
 def _calc_shared_covariance(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
-    """(rows, terms) covariance of some shared terms by what each row shares with all of them."""
+    """Return the covariance (rows, terms) of some shared terms, by the information that each row
+    shares with all of them."""
     return np.asarray(seen.cross[effect][rows] @ seen.cov[effect][:, terms])
 
 
 def _split_by_machines(season: Season, number: int) -> Keys | None:
-    """Machines' own courses, where they explain the season better than what several machines
-    share: greedily one field is chosen before four machines that stood there when they were set
-    anew."""
+    """Return the machines' own courses where they explain the season better than a shared level.
+
+    The greedy search prefers a field to four machines that worked there when they were reset.
+    """
     cause = season.causes[number]
     if cause.row < len(season.machines):
         return None

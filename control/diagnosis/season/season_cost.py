@@ -1,5 +1,6 @@
-"""What a season of logs means to the owner: kilograms spread wrongly by machine, and who lets
-the hopper run low."""
+"""Calculates the cost of a season for the owner: wrongly spread mass by machine, and operators who
+let the hopper run low.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +14,17 @@ from .effect_timelines import Cause, SeasonFit
 from .evidence import LogWork
 from .mixed import FLEET, MACHINE, Alternative
 
-# of an operator, that chance made the hopper run low so often
+# Maximum p value for an operator whose hopper runs low more often than by chance.
 LOW_P = 1e-3
+# Minimum number of logs of an operator.
 LEAST_OPERATOR_LOGS = 5
-LOW_RATIO = 2.0  # times the others' minutes an hour
+# Minimum ratio to the other operators' minutes per hour.
+LOW_RATIO = 2.0
 
 
 class OwnersLog(NamedTuple):
-    """One log along with its evidence. percent: dose error per unit of an effect. shared:
-    factor -> level."""
+    """One log with its evidence. percent: dose error per unit of an effect. shared: level of each
+    factor."""
 
     key: str
     machine: str
@@ -32,8 +35,8 @@ class OwnersLog(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """What a cause spread wrongly: kilograms to be expected, by what all of its set agree on,
-    and by the one of it that costs most."""
+    """Mass that a cause spread wrongly, kg: expected value, lower bound by all alternatives, and
+    upper bound by the costliest alternative."""
 
     cause: Cause
     kg: float
@@ -42,12 +45,14 @@ class Cost(NamedTuple):
 
 
 class MachineSeason(NamedTuple):
-    """wrong_kg: what was spread too much or too little, to be expected of all causes with the
-    probabilities of their sets; least_kg: by what all of each set agree on; most_kg: by the
-    costliest of each. now_percent: of the dose at its last log, to be expected by the machine
-    itself, between now_least and now_most; others_percent: by what that log's operator, product
-    and field do. costs: of its own causes and those that its logs share with others', costliest
-    first."""
+    """Cost of one machine. wrong_kg: expected mass spread too much or too little, over all causes
+    with the probabilities of their sets.
+
+    least_kg: lower bound by all alternatives of each set; most_kg: upper bound by the costliest of
+    each. now_percent: expected dose error at the last log from the machine itself, between
+    now_least and now_most; others_percent: from that log's operator, product and field. costs: of
+    its own and shared causes, costliest first.
+    """
 
     machine: str
     logs: int
@@ -64,7 +69,8 @@ class MachineSeason(NamedTuple):
 
 
 class Low(NamedTuple):
-    """An operator who works with the hopper nearly empty: minutes an hour, against the others'."""
+    """An operator who works with a nearly empty hopper: minutes per hour, against the other
+    operators."""
 
     operator: str
     logs: int
@@ -74,11 +80,10 @@ class Low(NamedTuple):
 
 
 def rank_machines_by_cost(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
-    """Worst first, by kilograms. What a product shares is the product's, and counts where it
-    was spread.
+    """Return the machines by wrongly spread mass, worst first. A product's cause belongs to the
+    product, and counts where the product was spread.
 
-    Each effect's kilograms count by themselves; in the sum of a log effects may make up for
-    each other.
+    The masses of effects are added in absolute value; in a log effects may compensate each other.
     """
     result, by_machine = [], dict[str, list[OwnersLog]]()
     for log in logs:
@@ -131,15 +136,17 @@ def _sum_dose_error_kg(doses: Array, kg: Array) -> tuple[float, float, float]:
 
 
 def _calc_dose_errors(cause: Cause, own: Sequence[OwnersLog]) -> Array:
-    """(3, n) dose error in % of each log: what is to be expected, the set's probabilities as
-    weights; what all of the set agree on; and that of the set's largest. Another effect of the
-    same level goes as the cause does."""
+    """Return the dose error in % of each log, (3, n): expected value, lower bound by all
+    alternatives, and the largest alternative.
+
+    Another effect of the same level has the time course of the cause.
+    """
     level = cause.factor, cause.level
     set_ = cause.alternatives or (Alternative(*level, cause.effect, cause.now, 1.0),)
     sizes = np.array([find_size_at(cause, one.time_d) * is_of_level(*level, one) for one in own])
     own_size = next(
         (one.size for one in set_ if (one.factor, one.level, one.effect) == (*level, cause.effect)),
-        # as the others' sizes: at the last log in which it is there
+        # Sizes of alternatives refer to the last log with the cause.
         cause.now,
     )
     doses = np.stack(
@@ -156,8 +163,8 @@ def _calc_dose_errors(cause: Cause, own: Sequence[OwnersLog]) -> Array:
     weights = np.array([one.probability for one in set_])
     each = np.arange(len(own))
     ends = doses[np.argmin(np.abs(doses), axis=0), each]
-    # All three are weighed by the probability that any of the set is there, so that what is to be
-    # expected lies between the other two.
+    # All three are weighted with the probability that any alternative is present, so that the
+    # expected value lies between the other two.
     return cause.probability * np.stack(
         [
             (weights / weights.sum()) @ doses,
@@ -168,15 +175,15 @@ def _calc_dose_errors(cause: Cause, own: Sequence[OwnersLog]) -> Array:
 
 
 def is_of_level(factor: str, level: str, log: OwnersLog) -> bool:
-    """Whether a log is of a level."""
+    """Tell whether a log has a level."""
     return (
         factor == FLEET or (log.machine if factor == MACHINE else log.shared.get(factor)) == level
     )
 
 
 def find_size_at(cause: Cause, time_d: float) -> float:
-    """Size by the pieces of a course; before the first and after the last as there, between two
-    as the next begins."""
+    """Return the size at a time by the pieces of a course; constant before the first and after the
+    last, and between two as at the start of the next."""
     if not cause.pieces:
         return cause.size
     piece = next((one for one in cause.pieces if time_d <= one.end_d), cause.pieces[-1])
@@ -184,13 +191,13 @@ def find_size_at(cause: Cause, time_d: float) -> float:
 
 
 def is_still_there(cause: Cause) -> bool:
-    """Whether it is there at the end: what was repaired calls for nothing."""
+    """Tell whether the cause is present at the end: a repaired cause needs no action."""
     return not cause.pieces or abs(cause.now) > cause.pieces[-1].end_half
 
 
 def find_low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
-    """Operators whose hours with a nearly empty hopper are more than the others' (Mann and
-    Whitney's test)."""
+    """Return the operators who work with a nearly empty hopper for longer than the others (test of
+    Mann and Whitney)."""
     found, rates = [], dict[str, list[float]]()
     for one in logs:
         if one.worked.hours > 0.0 and (operator := one.shared.get("operator", "")):
@@ -204,7 +211,7 @@ def find_low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
             usual := (total - sum(own)) / rest
         ):
             continue
-        # takes half a second to load, and is seldom asked for
+        # scipy.stats takes half a second to import and is rarely needed.
         from scipy.stats import mannwhitneyu
 
         others = [rate for name, of in rates.items() if name != operator for rate in of]

@@ -1,21 +1,21 @@
-"""Diagnosis of bench tables: lag, catch, weigh, heads, place. Small numbers of rows, exact
+"""Diagnoses bench tables: lag, catch, weigh, heads, place. Small numbers of rows allow exact
 statistics.
 
 Files:
 
-- `candidates`: What a model of bench tables may be made of
-- `clock`: Times that come in steps
-- `cross_calibration`: What two tables, or two labels of one
-- `diagnose`: Bench tables to a diagnosis
-- `duplicate_rows`: Measurements that a second table tells once more
-- `gain`: What the rows can show: the held-out gain of what is named, the smallest size of the rest
-- `noise`: The noise of one measured column
-- `problem`: All pieces of a diagnosis side by side
-- `report`: The result of a diagnosis of bench tables
-- `rows`: Bench tables as pieces, a section a kind
-- `search`: Which models of bench tables are probable
-- `table_series`: One measured column of a bench table, and what the machine model says about it
-- `verdict`: The verdict on bench tables, from the probabilities of the models
+- `candidates`: Lists the components of a model of bench tables
+- `clock`: Detects times that are quantised by a detector with a coarse clock (lag.coarse_clock)
+- `cross_calibration`: Compares two tables, or two labels of a table
+- `diagnose`: Diagnoses bench tables: shows errors, names their causes, lists alternatives
+- `duplicate_rows`: Removes measurements that a second table repeats
+- `gain`: Measures the held-out gain of the named causes
+- `noise`: Estimates the noise of one measured column
+- `problem`: Joins all pieces of a diagnosis
+- `report`: Writes the result of a diagnosis of bench tables
+- `rows`: Converts bench tables to pieces, a section for each kind of table
+- `search`: Finds the probable models of bench tables
+- `table_series`: Defines one measured column of a bench table with the machine model's prediction
+- `verdict`: Decides the verdict on bench tables from the probabilities of the models
 """
 
 from topdress.control.calibration.bench_table import BenchTable as Table

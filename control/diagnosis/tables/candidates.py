@@ -1,5 +1,6 @@
-"""What a model of bench tables may be made of: effects of the catalogue, and dependences that
-none of them has."""
+"""Lists the components of a model of bench tables: effects of the catalogue, and dependences that
+no effect has.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +23,13 @@ from topdress.control.machine.machine import CATALOGUE, find_size_bounds
 from .problem import TableProblem
 from .table_series import Array, BoolArray, TableCandidate, TablePiece
 
-# of a dependence on a setting: half waves over its range, from a slope to the finest
+# Half-wave numbers of a dependence on a setting, from a slope to the finest shape.
 WAVES = (1, 2, 4, 12)
-# of a column in units of the noise: its effect does nothing to these rows
+# Minimum norm of a column in units of the noise: an effect with less does not change these rows.
 MIN_LENGTH = 1e-9
-# of a setting, for each to have a mean of its own
+# Maximum number of distinct values of a setting for each to have its own mean.
 LEVELS = 12
-# correlation of columns, from which on they are the same
+# Correlation from which two columns are the same.
 ALIKE = 0.999
 
 
@@ -36,8 +37,9 @@ class TableEffect(NamedTuple):
     """One effect of the catalogue in these rows. `column`: (n,) per unit of its size; `usual`:
     prior s.d. of its size.
 
-    `forms`: (n, k), by what other shapes differ at a size of 1, each with a prior s.d. of 1.
-    `worth`: (k,) what a unit of each form adds to the size where the catalogue defines it.
+    `forms`: (n, k), differences of other shapes at a size of 1, each with a prior s.d. of 1.
+    `worth`: (k,) contribution of a unit of each form to the size where the catalogue defines the
+    size.
     """
 
     candidate: TableCandidate
@@ -54,16 +56,16 @@ class TableEffect(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """A dependence that no effect has. `columns`: (n, k), each of the prior s.d. `usual`, in
+    """A dependence that no effect has. `columns`: (n, k), each with the prior s.d. `usual`, in
     units of the noise.
 
-    `at`: where that is one row or one setting alone, its rows. `misread`: one row's reading was
-    wrong, which says nothing of the machine (the mean-shift model of an outlier: Box and Tiao,
+    `at`: rows of the dependence where that is a single row or setting. `misread`: whether one row
+    was misread, which says nothing about the machine (mean-shift model of an outlier: Box and Tiao,
     Biometrika 55, 1968, 119).
     """
 
     channel: str
-    # "": one setting by itself, or settings in no order
+    # Name of the variable; empty for one setting alone, or for settings without order.
     variable: str
     columns: Array
     usual: float
@@ -73,7 +75,7 @@ class Unknown(NamedTuple):
 
 
 def find_effects(problem: TableProblem) -> list[TableEffect]:
-    """Those that do anything to these rows."""
+    """Return the effects that change these rows."""
     _, slopes = problem.slopes()
     columns = slopes / problem.sd[:, None]
     ids = len(dict.fromkeys(candidate.id for candidate in problem.candidates))
@@ -87,7 +89,8 @@ def find_effects(problem: TableProblem) -> list[TableEffect]:
         if any(
             one.candidate.id == candidate.id and np.allclose(one.column, column) for one in found
         ):
-            continue  # the only rows that show it
+            # The other rows do not show the effect.
+            continue
         wide = 1.0 - LOCAL if any(one.scope is None for one in alike) else 0.0
         share = (1.0 - wide) / places if candidate.scope is not None else wide if places else 1.0
         forms, worth = _list_shape_columns(problem, candidate, column)
@@ -108,8 +111,8 @@ def find_effects(problem: TableProblem) -> list[TableEffect]:
 
 
 def _find_size_bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
-    """Of a size on top of what the machine has: what is lost or extra by definition is never
-    less than nothing."""
+    """Return the bounds of a size on top of the machine's: a loss or an excess by definition is
+    never negative."""
     entry = CATALOGUE[effect_id]
     low, high = find_size_bounds(effect_id, problem.machine)
     has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
@@ -119,12 +122,12 @@ def _find_size_bounds(problem: TableProblem, effect_id: str) -> tuple[float, flo
 def _list_shape_columns(
     problem: TableProblem, candidate: TableCandidate, column: Array
 ) -> tuple[Array, Array]:
-    """How an effect's shape may differ from the catalogue's (Brynjarsdottir and O'Hagan 2014):
-    all of the way to each other shape that it may have, of the same root mean square, is 1 s.d.
-    And what that adds to the size where it is defined.
+    """Return the differences by which an effect's shape may deviate from the catalogue's, and their
+    contributions to the size where it is defined (Brynjarsdottir and O'Hagan 2014).
 
-    Of one that differs between two sides, up to all may be on one of them: half of it looks
-    like another effect.
+    The full difference to each alternative shape, of the same root mean square, is 1 s.d. An effect
+    that differs between two sides may be entirely on one side: half of it then looks like another
+    effect.
     """
     shapes, worth = [], []
     for index, piece in enumerate(problem.pieces):
@@ -139,15 +142,15 @@ def _list_shape_columns(
                 shapes.append(scale * whole - column)
                 defined = piece.at_definition.get(candidate.id)
                 worth.append(0.0 if defined is None else scale * float(defined[k]) - 1.0)
-    # all on one side, half of it looks like an offset or a dead time
+    # If all of the asymmetry is on one side, half of it looks like an offset or a dead time.
     if candidate.id == LAG_ASYMMETRY.id:
         shapes, worth = [*shapes, np.where(column != 0.0, 0.5 / problem.sd, 0.0)], [*worth, 0.0]
     return np.column_stack([np.zeros((len(column), 0)), *shapes]), np.array(worth)
 
 
 def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unknown]:
-    """Every recorded setting of every piece, its labels, a constant, settings in no order, and
-    one setting alone."""
+    """Return the unknown dependences: on every recorded setting of every piece, its labels, a
+    constant, settings without order, and one setting alone."""
     known, found = _list_effect_bases(effects), []
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
@@ -194,7 +197,7 @@ def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unk
 
 
 def _only_variable(piece: TablePiece) -> str:
-    """By what its settings differ; "" where that is more than one thing."""
+    """Return the variable by which a piece's settings differ; "" for more than one."""
     names = [name for name in piece.variables if name != "replicate"]
     return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
 
@@ -202,8 +205,8 @@ def _only_variable(piece: TablePiece) -> str:
 def _list_dependence_shapes(
     problem: TableProblem, piece: TablePiece, inside: BoolArray, known: list[Array]
 ) -> dict[str, list[Array]]:
-    """Columns (n, k) of every kind of dependence, by its variable; without those that `known`
-    spaces hold."""
+    """Return columns (n, k) of every kind of dependence, by variable, without those within the
+    `known` spaces."""
     rows = int(inside.sum())
     found: dict[str, list[Array]] = {}
     for name, values in piece.variables.items():
@@ -249,7 +252,7 @@ def _expand_to_all_rows(inside: BoolArray, columns: Array) -> Array:
 
 
 def _list_effect_bases(effects: list[TableEffect]) -> list[Array]:
-    """Orthonormal bases of what one effect or two do: (n, 1) or (n, 2)."""
+    """Return orthonormal bases of the columns of one or two effects: (n, 1) or (n, 2)."""
     wide = [one for one in effects if one.candidate.scope is None]
     pairs = [
         (one, two) for one, two in combinations(wide, 2) if one.candidate.id != two.candidate.id
@@ -261,6 +264,6 @@ def _list_effect_bases(effects: list[TableEffect]) -> list[Array]:
 
 
 def _is_within_space(columns: Array, basis: Array) -> bool:
-    """Whether all columns (n, k) lie in a space: then it is those effects."""
+    """Tell whether all columns (n, k) lie in a space; the dependence then equals those effects."""
     inside = np.linalg.norm(basis.T @ columns, axis=0)
     return bool(np.all(inside >= ALIKE * np.linalg.norm(columns, axis=0)))

@@ -1,9 +1,9 @@
-"""Times that come in steps: a detector that looks only every so often (lag.coarse_clock).
+"""Detects times that are quantised by a detector with a coarse clock (lag.coarse_clock).
 
-A step shows in the values themselves, not in their mean: they heap near its multiples. The
-statistic is the cosine quantogram of D. G. Kendall ("Hunting quanta", Phil. Trans. R. Soc. A
-276, 1974): for each step tried, the mean cosine of the values' phase, compared with that of
-smooth scatter of the same mean and size.
+A clock step shows in the values themselves, not in their mean: they cluster near its multiples. The
+statistic is the cosine quantogram of D. G. Kendall ("Hunting quanta", Phil. Trans. R. Soc. A 276,
+1974): the mean cosine of the values' phase for each trial step, compared with that of smooth
+scatter of the same mean and size.
 """
 
 from __future__ import annotations
@@ -17,52 +17,62 @@ from topdress.control.diagnosis.judgement.prior import ROBUST_SD
 
 from .table_series import Array, find_first_best
 
-# The test of the quantogram's peak.
-DRAWS = 1500  # of smooth scatter
+# Number of random draws of smooth scatter for the test of the quantogram's peak.
+DRAWS = 1500
+# Number of draws that are calculated together.
 BATCH = 100
-# draws that heap as clearly, after which no more are made: noise does it too
+# The test stops after this number of draws that cluster as clearly, because noise then explains the
+# peak.
 MAX_REACHED = 5
-# of the mean cosine, times sqrt(rows): what smooth scatter has at the least
+# Minimum standard deviation of the mean cosine, times sqrt(rows), under smooth scatter.
 MIN_SD = 0.3
+# Minimum number of times for the test.
 MIN_ROWS = 8
 
-# The steps that are tried.
-# for each turn that the phase of the longest time makes
+# Number of trial steps for each turn of the longest time's phase.
 STEPS_PER_TURN = 6.0
+# Bounds of the number of trial steps.
 MIN_STEPS, MAX_STEPS = 50, 3000
-MIN_DIGITS = 8.0  # printed digits in the finest step
-# times the scatter, or half the spread of all times: coarser steps have no phases left
+# Number of printed digits in the smallest trial step.
+MIN_DIGITS = 8.0
+# Maximum step in units of the scatter, or of half the range of all times: larger steps have no
+# phases.
 MAX_SCATTERS = 4.0
-# of the step at the peak that may be meant instead
+# Maximum multiple of the step at the peak that is tried.
 MAX_MULTIPLE = 12
-# of the clearest heaping: a multiple of the step that heaps as well is meant instead
+# Share of the highest mean cosine from which a multiple of the step is preferred.
 AS_CLEAR = 0.95
 
-# Readings so few that no scatter is left to see the steps by: whole steps and nothing between them.
-MAX_VALUES = 3  # different readings
+# Maximum number of distinct readings for the test of whole steps, where too little scatter is left
+# for the quantogram.
+MAX_VALUES = 3
+# Minimum number of rows for each distinct reading.
 MIN_ROWS_PER_VALUE = 6
-# p of one and the same reading throughout: a steady detector, or a step
+# P value for a single reading throughout: either a steady detector, or a coarse step.
 UNDECIDED = 0.5
+# Maximum number of steps within a distinct reading.
 MAX_STEPS_PER_VALUE = 39
-# readings alike to so many digits are one reading: nobody prints lags finer
+# Readings that agree to this number of digits are equal: nobody prints lags more finely.
 SAME_DIGITS = 7
-# a last digit of so much is itself a step: nobody writes lags so roughly by choice
+# A last digit of this size, s, is itself a clock step: nobody chooses such coarse digits.
 COARSE_DIGIT_S = 0.1
+# Resolution of printed times, s.
 PRINTED_S = 0.001
 
-# share of a step: smaller scatter does not average the rounding out
+# Minimum scatter as a share of a step for the rounding to average out.
 DITHERED = 0.35
 
 
 class CoarseClock(NamedTuple):
-    """`step_s` with its 90 % interval; `p`: that smooth times would heap so; `smallest_s`: what
-    would have shown."""
+    """A clock step `step_s` with its 90 % interval; `p`: probability of such clustering under
+    smooth times; `smallest_s`: smallest detectable step, s."""
 
     step_s: float
     low_s: float
     high_s: float
     p: float
-    heaping: float  # mean cosine: 1 all on the multiples
+    # Mean cosine: 1 where all times are multiples of the step.
+    heaping: float
     smallest_s: float | None
 
     @property
@@ -71,18 +81,18 @@ class CoarseClock(NamedTuple):
 
     @property
     def undecided(self) -> bool:
-        """One and the same reading throughout: a step is neither shown nor excluded."""
+        """Whether all readings are equal: a step is then neither shown nor excluded."""
         return self.p == UNDECIDED
 
 
 def find_clock_step(
     times_s: Array, fitted_s: Array, digit_s: float, seed: int
 ) -> CoarseClock | None:
-    """Looks for a clock step in times (n,) about their fitted means (n,). None: too few rows or
-    no scatter to see it.
+    """Search for a clock step in times (n,) around their fitted means (n,); None for too few rows
+    or no scatter.
 
-    `digit_s`: the last printed digit; where that is a tenth of a second or more, it is itself
-    such a step.
+    `digit_s`: the last printed digit, s; a digit of a tenth of a second or more is itself such a
+    step.
     """
     digit_s = PRINTED_S if digit_s >= COARSE_DIGIT_S else digit_s
     rows = len(times_s)
@@ -103,10 +113,10 @@ def find_clock_step(
     z = (seen - mean) / sd
     highest = float(z.max())
     p = _calc_heaping_p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
-    # of equal ones the coarsest
+    # The largest of equally good steps is chosen.
     step = _find_coarsest_step(times_s, float(steps[::-1][find_first_best(z[::-1])]), coarsest)
     step, half = _refine_clock_step(times_s, step)
-    # whose full heaping would have stood out of as many
+    # Steps whose full clustering would be significant among all trial steps.
     shown = steps[ndtr((mean - 1.0) / sd) < LEVEL / len(steps)]
     return CoarseClock(
         step,
@@ -119,7 +129,8 @@ def find_clock_step(
 
 
 def _find_step_of_few_values(times: Array, digit_s: float) -> CoarseClock | None:
-    """Many readings, hardly any different ones: whole steps and nothing between them."""
+    """Return the step of many readings with few distinct values: whole steps and nothing
+    between."""
     kinds = np.unique(np.round(times, SAME_DIGITS))
     if (
         len(times) < MIN_ROWS
@@ -150,16 +161,16 @@ def _find_step_of_few_values(times: Array, digit_s: float) -> CoarseClock | None
 
 
 def find_rounding_sd(clock: CoarseClock | None, scatter_s: float) -> float:
-    """S.d. of what rounding does to all replicates of a setting alike, s: 0 where their scatter
-    evens it out."""
+    """Return the s.d. of the rounding error that all replicates of a setting share, s; 0 where
+    their scatter averages it out."""
     if clock is None or not clock.shown or scatter_s >= DITHERED * clock.step_s:
         return 0.0
     return clock.step_s / float(np.sqrt(12.0))
 
 
 def _calc_quantogram_moments(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Array]:
-    """Mean and s.d. of the quantogram of normal times about their means, (steps,), in closed
-    form."""
+    """Return mean and s.d. of the quantogram of normal times around their means, (steps,), in
+    closed form."""
     turn = 2.0 * np.pi / steps[:, None]
     one, two = np.exp(-0.5 * (turn * scatter) ** 2), np.exp(-2.0 * (turn * scatter) ** 2)
     mean = np.cos(turn * fitted) * one
@@ -173,8 +184,8 @@ def _calc_quantogram_moments(fitted: Array, scatter: float, steps: Array) -> tup
 def _calc_heaping_p_value(
     highest: float, fitted: Array, scatter: float, steps: Array, mean: Array, sd: Array, seed: int
 ) -> float:
-    """Share of draws of smooth times that heap as clearly at any step; few draws where it is
-    plain that many do."""
+    """Return the share of draws of smooth times that cluster as clearly at any step; a clear excess
+    stops early."""
     rng = np.random.default_rng(seed)
     reached = drawn = 0
     while drawn < DRAWS and reached < MAX_REACHED:
@@ -187,7 +198,8 @@ def _calc_heaping_p_value(
 
 
 def _calc_quantogram(times: Array, steps: Array) -> Array:
-    """Mean cosine of the phase, (draws, steps); single precision is ample and quick."""
+    """Return the mean cosine of the phase, (draws, steps); single precision is sufficient and
+    fast."""
     turns = (2.0 * np.pi * times).astype(np.float32)
     rates = (1.0 / steps).astype(np.float32)
     out = np.empty((len(times), len(steps)))
@@ -197,8 +209,8 @@ def _calc_quantogram(times: Array, steps: Array) -> Array:
 
 
 def _find_coarsest_step(times: Array, step: float, coarsest: float) -> float:
-    """The step about `step` at which the times heap most, or the largest multiple of it at
-    which they do as well."""
+    """Return the step near `step` with the strongest clustering, or the largest multiple with
+    similar clustering."""
     best = step = _find_peak_near(times, step)
     for factor in range(2, MAX_MULTIPLE + 1):
         if factor * step > coarsest:
@@ -220,8 +232,8 @@ def _calc_heaping(times: Array, step: float) -> float:
 
 
 def _refine_clock_step(times: Array, step: float) -> tuple[float, float]:
-    """Least squares of the times on their whole numbers of steps, far rows left out; half a 90
-    % interval."""
+    """Fit the step by least squares of the times on their whole numbers of steps, without outliers,
+    and return half of its 90 % interval as well."""
     for _ in range(5):
         whole = np.round(times / step)
         off = times - whole * step

@@ -1,9 +1,9 @@
-"""What two tables, or two labels of one, say of the same thing with different instruments: the
-quantity that reconciles them, in its own unit.
+"""Compares two tables, or two labels of a table, of the same quantity by different instruments, and
+finds the factor, delay, speed or length that reconciles them.
 
-A lag measured as a distance and one measured as a time are reconciled by a speed; two times by
-a factor or a delay; two distances by a factor or a length. Of the two that are possible the one
-that leaves the smaller residual is shown first.
+A speed reconciles a lag measured as a distance with a lag measured as a time; a factor or a delay
+reconciles two times; a factor or a length reconciles two distances. Of two possible quantities the
+one with the smaller residual is shown first.
 """
 
 from __future__ import annotations
@@ -23,23 +23,25 @@ from topdress.control.recordings.speeds import KMH_PER_MPS
 from .rows import UNCORRECTED, list_labels
 from .table_series import Array, BoolArray, sort_best_first
 
-MIN_SHARED = 5  # shaft speeds that both have
-# share of a value that a row without replicates is taken to be good for
+# Minimum number of shaft speeds that both tables have.
+MIN_SHARED = 5
+# Assumed standard error of a row without replicates, as a share of its value.
 UNREPEATED = 0.01
-# share of a value that a table's digits leave open
+# Rounding error of a table's digits, as a share of the value.
 ROUNDED = 0.001
-TWO_SE = 2.0  # a row holds within so many standard errors
-# a factor so near to 1, or a shift (s, m) so near to 0, is none
+# A row agrees within this number of standard errors.
+TWO_SE = 2.0
+# A factor this close to 1, or a shift (s, m) this close to 0, counts as none.
 ALIKE = 0.002
-# below it the other quantity is said to fit less well (F test of the residuals)
+# P value below which the other quantity is reported to fit less well (F test of the residuals).
 WORSE_P = 0.05
 
 
 class LagSeries(NamedTuple):
-    """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`:
-    written ground speed.
+    """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`: recorded
+    ground speed.
 
-    `label` and `column`: where its `rows` stand in the table; `printed`: (rows,) as they stand
+    `label` and `column`: position of its `rows` in the table; `printed`: (rows,) values as printed
     there.
     """
 
@@ -59,8 +61,8 @@ class LagSeries(NamedTuple):
 
 
 class AcrossTables(NamedTuple):
-    """`kind`: speed, factor, delay or length. `other`: the second-best quantity's kind.
-    `holds`: rows of `rows`."""
+    """The quantity that reconciles two series. `kind`: speed, factor, delay or length. `other`: the
+    second-best quantity's kind. `holds`: number of agreeing rows of `rows`."""
 
     first: LagSeries
     second: LagSeries
@@ -76,8 +78,8 @@ class AcrossTables(NamedTuple):
 
 
 def list_lag_series(table: BenchTable, machine: Machine) -> list[LagSeries]:
-    """Whole lags that a table holds, label by label; a drop time is completed by the machine's
-    response."""
+    """Return the complete lags of a table, label by label; the machine's response is added to a
+    drop time."""
     labels = list_labels(table)
     speed = table.find_speed_mps()
     found = []
@@ -118,8 +120,8 @@ def list_lag_series(table: BenchTable, machine: Machine) -> list[LagSeries]:
 
 
 def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machine) -> Array:
-    """Distance by which a correction was early, (n,) m: written speed times the lag corrected
-    for; 0 without one."""
+    """Return the distance by which a correction was early, (n,) m: recorded speed times the
+    corrected lag; 0 without a correction."""
     speed = table.find_speed_mps()
     if speed is None or not rows.any():
         return np.zeros(len(rpm))
@@ -135,8 +137,8 @@ def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machin
 
 
 def _calc_standard_errors(groups: Sequence[Array], means: Array) -> Array:
-    """Standard errors of the means, pooled variance; a share of the value where nothing was
-    repeated."""
+    """Return standard errors of the means from the pooled variance; a share of the value where
+    nothing was repeated."""
     spare = sum(len(group) - 1 for group in groups)
     if spare < 1:
         return UNREPEATED * np.abs(means)
@@ -146,7 +148,8 @@ def _calc_standard_errors(groups: Sequence[Array], means: Array) -> Array:
 
 
 def compare_lag_series(tables: Sequence[BenchTable], machine: Machine) -> tuple[AcrossTables, ...]:
-    """Every pair of lag series of `tables` that share shaft speeds, in the tables' order."""
+    """Return the comparison of every pair of lag series of `tables` with common shaft speeds, in
+    the tables' order."""
     every = [
         series
         for table in tables
@@ -158,8 +161,8 @@ def compare_lag_series(tables: Sequence[BenchTable], machine: Machine) -> tuple[
 
 
 def reconcile_pair(one: LagSeries, two: LagSeries) -> AcrossTables | None:
-    """None where the two share too few shaft speeds. The first named is the distance, else the
-    one given first."""
+    """Reconcile two series; None where they have too few common shaft speeds. The first is the
+    distance, or else the first argument."""
     if one.unit == "s" and two.unit == "m":
         one, two = two, one
     rpm = np.intersect1d(one.shaft_rpm, two.shaft_rpm)
@@ -214,8 +217,8 @@ def _interpolate_series(series: LagSeries, rpm: Array) -> tuple[Array, Array]:
 
 
 def describe_pair(pair: AcrossTables) -> str:
-    """For a person: which quantity makes the one of the other, its interval, and in how many
-    rows."""
+    """Describe for the user which quantity converts one series to the other, its interval, and the
+    number of agreeing rows."""
     if (
         pair.first.unit == pair.second.unit
         and 2 * pair.holds >= pair.rows

@@ -1,5 +1,6 @@
-"""Bench tables to a diagnosis: show, name, say what else it could be, measure the gain, plan
-the next test."""
+"""Diagnoses bench tables: shows errors, names their causes, lists alternatives, measures the gain,
+plans the next test.
+"""
 
 from __future__ import annotations
 
@@ -34,29 +35,30 @@ def diagnose_tables(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Where the machine model is wrong on bench tables, why, and what putting it right gains.
+    """Diagnose bench tables: find the errors of the machine model, their causes, and the gain of
+    correcting them.
 
     Parameters
     ----------
     tables
-        One bench table, or several of the same machine together: what one cannot tell, the
-        other may. Columns are float64 arrays of shape (rows,) with their units in their names
-        (docs/bench-tables.md); NaN: not known.
+        One bench table, or several of the same machine together, which may complement each other.
+        Columns are float64 arrays of shape (rows,) with their units in their names
+        (docs/bench-tables.md); NaN means a missing value.
     machine
-        The machine as its file has it. Its tolerances are priors; sizes found are on top of its
-        own effects.
+        The machine of the machine file. Its tolerances are priors; found sizes are added to its own
+        effects.
     seed
-        Of the draws behind the intervals of the gain; the same seed gives the same diagnosis.
+        Seed of the draws for the intervals of the gain; the same seed gives the same diagnosis.
     progress
-        `progress(share, what)` is called between stages, share from 0 to 1; an exception raised
-        by it cancels.
+        `progress(share, what)` is called between stages, share from 0 to 1; an exception from it
+        cancels the diagnosis.
 
     Returns
     -------
     Diagnosis
         By the contract "topdress-diagnosis/1". Sizes and their 90 % intervals are in the
         catalogue's units (`topdress effects`), residuals in those of the column: s, kg, NDVI or
-        m. Field costs are % and m.
+        m. Field costs are in % and m.
 
     Raises
     ------
@@ -66,22 +68,21 @@ def diagnose_tables(
 
     Notes
     -----
-    Noise is the replicates' (pure error), outliers winsorised [1]_; unequal scatter is tested
-    for by Brown and Forsythe [2]_. Every set of up to three effects, with and without something
-    unknown, has a log evidence and prior odds [3]_ (control/diagnosis/judgement); what is said
-    is what the probable ones have in common. Steps in times are found by the cosine quantogram
-    [4]_. The gain is measured on settings left out one at a time.
+    Noise is estimated from replicates (pure error), with winsorised outliers [1]_; unequal scatter
+    is tested by Brown and Forsythe [2]_. Every set of up to three effects, with and without an
+    unknown dependence, has a log evidence and prior odds [3]_ (control/diagnosis/judgement); the
+    report contains what the probable sets have in common. The cosine quantogram finds steps in
+    times [4]_. The gain is measured on settings left out one at a time.
 
     References
     ----------
-    .. [1] Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993.
-    .. [2] Brown and Forsythe, J. Am. Stat. Assoc. 69, 1974.
-    .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
-    .. [4] D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276, 1974.
+    .. [1] Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993. .. [2] Brown and Forsythe,
+    J. Am. Stat. Assoc. 69, 1974. .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90,
+    1995. .. [4] D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276, 1974.
 
     Examples
     --------
-    A catch test that yields 6 % more than the machine file says, at three shaft speeds and two
+    A catch test that yields 6 % more than the machine file predicts, at three shaft speeds and two
     openings:
 
     >>> import numpy as np

@@ -1,10 +1,9 @@
-"""Measurements that a second table tells once more: counted once, in the unit that they were
-measured in.
+"""Removes measurements that a second table repeats, and restores the unit in which they were
+measured.
 
-Papers print the same drives as distances, as times worked out of them with one speed, as means,
-and as the first half of a comparison. Taken for new evidence they would narrow intervals that
-they know nothing of, and a speed used to work them out would be named along with the speed that
-was driven.
+Papers print the same drives as distances, as times calculated from the distances with one speed, as
+means, and as the first half of a comparison. Counted as new evidence, such repetitions would make
+intervals too narrow, and the speed of the calculation would be named besides the driven speed.
 """
 
 from __future__ import annotations
@@ -29,13 +28,15 @@ from .noise import find_quantum
 from .rows import list_labels
 from .table_series import BoolArray
 
-# of a value that its last digit may be: coarser ones agree by chance
+# Maximum last digit as a share of a value: coarser values agree by chance.
 FINE_SHARE = 0.005
-MEASURED = ("lag_m", "lag_s", "miss_m")  # columns that hold a whole lag, as measured
+# Columns that contain a complete measured lag.
+MEASURED = ("lag_m", "lag_s", "miss_m")
 
 
 class DuplicateRows(NamedTuple):
-    """`speed_mps`: of times worked out of distances, the speed that they were worked out with."""
+    """A series and its repetition. `speed_mps`: speed with which times were calculated from
+    distances."""
 
     kept: LagSeries
     again: LagSeries
@@ -43,7 +44,8 @@ class DuplicateRows(NamedTuple):
 
     @property
     def silent(self) -> str:
-        """Name of the series that needs no sentence of its own: the other one speaks for both."""
+        """Name of the series that needs no sentence of its own, because the other represents
+        both."""
         return (
             self.kept.name
             if self.speed_mps is not None and self.kept.unit == "s"
@@ -52,17 +54,18 @@ class DuplicateRows(NamedTuple):
 
 
 class WithoutDuplicates(NamedTuple):
-    """Tables in which every measurement stands once, in the order given, and what was set aside."""
+    """Tables in which every measurement appears once, in the given order, and the removed
+    repetitions."""
 
     tables: tuple[BenchTable, ...]
     retellings: tuple[DuplicateRows, ...]
 
 
 def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> WithoutDuplicates:
-    """The tables without what another of them tells once more.
+    """Return the tables without repeated measurements.
 
-    The series with most rows is kept, of equals the first. Times worked out of distances of the
-    same table become those distances again, at the written speed.
+    The series with most rows is kept, or the first of equally long series. Times calculated from
+    distances of the same table become distances again, at the recorded speed.
     """
     of_table = [
         [one for one in list_lag_series(table, machine) if one.column in MEASURED]
@@ -99,7 +102,7 @@ def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> Withou
 
 
 def _find_duplicate_series(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
-    """Every series that tells another table's once more, with the one that is kept."""
+    """Return every series that repeats a series of another table, with the kept series."""
     every = sorted(
         ((k, one) for k, own in enumerate(of_table) for one in own), key=lambda pair: -pair[1].rows
     )
@@ -113,8 +116,8 @@ def _find_duplicate_series(of_table: Sequence[Sequence[LagSeries]]) -> list[Dupl
 
 
 def match_duplicate_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
-    """Whether one series is the other, to their last digits: the same in one unit, times one
-    speed in two."""
+    """Return the match of two series that agree to their last digits: the same unit, or distances
+    and times at one speed; None where they differ."""
     distances, times = (again, kept) if kept.unit == "s" else (kept, again)
     rpm, at_distances, at_times = np.intersect1d(
         distances.shaft_rpm, times.shaft_rpm, return_indices=True
@@ -144,13 +147,13 @@ def _find_rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
 
 
 def _blank_column_rows(table: BenchTable, column: str, rows: BoolArray) -> BenchTable:
-    """The table with one column's rows not known."""
+    """Return the table with one column's rows set to NaN."""
     values = np.where(rows, np.nan, table.columns[column])
     return replace(table, columns={**table.columns, column: values})
 
 
 def _drop_empty_rows(table: BenchTable) -> BenchTable:
-    """The table without rows in which nothing is measured any more."""
+    """Return the table without rows that contain no measurement."""
     measured = [table.columns[name] for name in (*LAG_COLUMNS, "miss_m") if name in table.columns]
     if table.kind not in ("lag", "place") or not measured:
         return table
@@ -158,8 +161,8 @@ def _drop_empty_rows(table: BenchTable) -> BenchTable:
 
 
 def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> BenchTable:
-    """Times worked out with one speed as the distances that they were, next to the speed that
-    is written."""
+    """Convert times that were calculated with one speed back to distances, besides the recorded
+    speed."""
     times, distances = (pair.kept, pair.again) if pair.kept.unit == "s" else (pair.again, pair.kept)
     assert pair.speed_mps is not None
     some = select_rows(table, rows)
@@ -183,7 +186,8 @@ def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> Be
 def describe_duplicates(
     pairs: Sequence[AcrossTables], retellings: Sequence[DuplicateRows]
 ) -> tuple[str, ...]:
-    """What the tables say of each other, each thing once, and what counts once."""
+    """Return sentences on the relations between tables, each once, and on the removed
+    repetitions."""
     sure = {frozenset((one.kept.name, one.again.name)) for one in retellings}
     silent = {one.silent for one in retellings}
     return (

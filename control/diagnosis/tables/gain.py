@@ -1,5 +1,6 @@
-"""What the rows can show: the held-out gain of what is named, the smallest size of the rest,
-labels side by side."""
+"""Measures the held-out gain of the named causes, the smallest detectable size of other effects,
+and differences between labels.
+"""
 
 from __future__ import annotations
 
@@ -17,21 +18,23 @@ from .problem import TableProblem
 from .search import Model, TableSearch, refine_table_model
 from .table_series import Array, BoolArray, IntArray, SizedEffect, TablePiece
 
-RESAMPLES = 400  # of the settings, for the interval of the gain
-MIN_ROWS = 2  # of one row nobody knows the scatter
-# settings that two labels must share to be compared
+# Number of bootstrap resamples of the settings, for the interval of the gain.
+RESAMPLES = 400
+# Minimum number of rows: a single row has no scatter.
+MIN_ROWS = 2
+# Minimum number of common settings of two labels that are compared.
 MIN_PAIRS = 3
 
 
 def held_out_gain(
     search: TableSearch, effects: Sequence[SizedEffect], seed: int
 ) -> tuple[Gain, ...]:
-    """Leave one setting out at a time, refit the sizes, predict it; 90 % intervals by
-    resampling settings (bootstrap).
+    """Return the gain of each channel by leave-one-setting-out prediction with refitted sizes; 90 %
+    intervals by bootstrap of settings.
 
-    A gain of each channel; none where nothing is named. Where one setting is all that could
-    show an effect of a member (an outlet, a head), or all rows are set alike, rows are left out
-    instead.
+    The result is empty where nothing is named. Rows are left out instead of settings where a single
+    setting could show an effect of a member (an outlet, a head), or where all rows have the same
+    setting.
     """
     if not effects:
         return ()
@@ -74,7 +77,8 @@ def held_out_gain(
 def _predict_held_out(
     search: TableSearch, effects: Sequence[SizedEffect], split: frozenset[int]
 ) -> Array:
-    """Error of each row, (n,), predicted by sizes fitted without the rows of its fold."""
+    """Return the error of each row, (n,), predicted with sizes fitted without the rows of its
+    fold."""
     problem = search.problem
     off = problem.observed - problem.nominal
     folds = [
@@ -95,7 +99,8 @@ def _predict_held_out(
 def _list_held_out_settings(
     problem: TableProblem, effects: Sequence[SizedEffect]
 ) -> frozenset[int]:
-    """Settings whose rows are held out one by one: the only one of all, or of a member's effect."""
+    """Return the settings whose rows are held out one by one: the only setting of all, or of a
+    member's effect."""
     only_one = len(np.unique(problem.setting)) == 1
     chosen = [effect.candidate for effect in effects]
     slopes = problem._replace(candidates=tuple(chosen)).slopes()[1]
@@ -116,8 +121,8 @@ def _calc_weighted_rms(values: Array, setting: IntArray, drawn: IntArray, rows: 
 def list_effects_not_shown(
     smallest: Mapping[str, float], shown: frozenset[str], machine: Machine
 ) -> tuple[NotShown, ...]:
-    """Every catalogued effect that is neither named nor a rival (`shown`). None: these rows
-    cannot show it at all."""
+    """Return every effect of the catalogue that is neither named nor a rival (`shown`). None means
+    that these rows cannot show the effect."""
     return tuple(
         NotShown(effect_id, Detectable(smallest.get(effect_id), describe_unit(effect_id, machine)))
         for effect_id in CATALOGUE
@@ -126,7 +131,7 @@ def list_effects_not_shown(
 
 
 def smallest_shown(search: TableSearch) -> dict[str, float]:
-    """The smallest size, within its bounds, of each effect that these rows would show nine
+    """Return the smallest size, within its bounds, of each effect that these rows would show nine
     times in ten, by id."""
     problem, smallest = search.problem, dict[str, float]()
     for k, one in enumerate(search.effects if len(problem.observed) >= MIN_ROWS else ()):
@@ -153,7 +158,7 @@ def smallest_shown(search: TableSearch) -> dict[str, float]:
 
 
 class Contrast(NamedTuple):
-    """One label less another, beyond the model, with half of the 90 % interval."""
+    """Difference of two labels beyond the model, with half of its 90 % interval."""
 
     piece: TablePiece
     one: str
@@ -164,7 +169,8 @@ class Contrast(NamedTuple):
 
 
 def label_contrasts(problem: TableProblem) -> list[Contrast]:
-    """Labels of each piece against its first one, setting by setting (paired t test)."""
+    """Return the contrast of each label of a piece with its first label, setting by setting (paired
+    t test)."""
     found = []
     for index, piece in enumerate(problem.pieces):
         texts = list(dict.fromkeys(piece.group.tolist()))

@@ -1,5 +1,6 @@
-"""The noise of one measured column: its size, rows far from their replicates, settings that
-scatter more."""
+"""Estimates the noise of one measured column: its size, outliers among replicates, and settings
+with more scatter.
+"""
 
 from __future__ import annotations
 
@@ -11,47 +12,54 @@ from topdress.control.diagnosis.judgement.prior import ROBUST_SD
 
 from .table_series import Array, BoolArray, IntArray, TablePiece, find_first_best
 
-# Outliers are winsorised: drawn in to so many robust s.d. from the median of their
-# replicates (3.5: Iglewicz and Hoaglin 1993).
+# Outliers are winsorised to this number of robust s.d. from the median of their replicates (3.5:
+# Iglewicz and Hoaglin 1993).
 MAX_ROBUST_SD = 3.5
-# replicates at a setting, below which its median is no better known than the row
+# Minimum number of replicates at a setting: with fewer, the median is no better known than the row.
 MIN_ROWS_TO_WINSORISE = 4
 
-# Brown-Forsythe test (1974) of equal variances: below this p, settings get weights of their own.
+# P value of the Brown-Forsythe test (1974) of equal variances below which settings get their own
+# weights.
 UNEQUAL_P = 0.005
-# replicates at a setting, below which its variance is not compared
+# Minimum number of replicates at a setting for its variance to be compared.
 MIN_ROWS_PER_VARIANCE = 5
-# of the common s.d.: no setting counts as quieter than that
+# Minimum s.d. of a setting, as a share of the common s.d.
 MIN_SD_SHARE = 0.2
 
-# degrees of freedom of the replicates, from which on they alone give the noise
+# Minimum degrees of freedom of the replicates for them alone to give the noise.
 MIN_PURE_DOF = 5
 
 
-# Replicates that differ by a millionth of their last digit, or of the one that lies farthest,
-# are the same reading.
+# Replicates that differ by less than this share of their last digit, or of the farthest one, are
+# the same reading.
 NO_SCATTER = 1e-6
 
 
 class TableNoise(NamedTuple):
     """The noise of a piece of n rows, in the unit of the piece."""
 
-    winsorised: Array  # (n,) observed, outliers drawn in
-    sd: Array  # (n,)
-    outliers: IntArray  # rows drawn in
-    # share of sd**2 below which the rows' variance is not believed to be
+    # Observed values with limited outliers, (n,).
+    winsorised: Array
+    # Standard deviation of each row, (n,).
+    sd: Array
+    # Rows of the limited outliers.
+    outliers: IntArray
+    # Lower bound of the rows' variance as a share of sd**2.
     min_variance: float
-    by_replicates: bool  # else about a smooth fit
-    unequal_p: float | None  # Brown-Forsythe; None: too few replicates
-    setting_sd: tuple[tuple[int, int, float], ...]  # setting, rows, s.d.
+    # Whether the noise comes from replicates; otherwise it comes from a smooth fit.
+    by_replicates: bool
+    # P value of the Brown-Forsythe test; None for too few replicates.
+    unequal_p: float | None
+    # Setting, number of rows, and s.d.
+    setting_sd: tuple[tuple[int, int, float], ...]
 
 
 def estimate_table_noise(piece: TablePiece, setting: IntArray, nominal: Array) -> TableNoise:
-    """Noise of the rows from replicates (pure error), else about a smooth fit of what the model
-    leaves.
+    """Estimate the noise of the rows from replicates (pure error), or else from a smooth fit of the
+    model's residual.
 
-    Of the relative noises that the piece allows (constant, a share of the value) the likeliest
-    is taken.
+    Of the noise models that the piece allows (constant, or a share of the value) the most likely is
+    chosen.
     """
     tried = [_try_noise_spread(piece, setting, nominal, spread) for spread in piece.spreads]
     return tried[find_first_best([likelihood for _, likelihood in tried])][0]
@@ -60,7 +68,7 @@ def estimate_table_noise(piece: TablePiece, setting: IntArray, nominal: Array) -
 def _try_noise_spread(
     piece: TablePiece, setting: IntArray, nominal: Array, spread: Array
 ) -> tuple[TableNoise, float]:
-    """Noise if the rows' relative noise is `spread`, and the log-likelihood of that."""
+    """Return the noise for rows with the relative noise `spread`, and its log-likelihood."""
     relative = (piece.observed - nominal) / spread
     counts = np.bincount(setting)
     medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
@@ -110,8 +118,8 @@ def _try_noise_spread(
 def _winsorise_rows(
     relative: Array, medians: Array, setting: IntArray, counts: IntArray, none: float
 ) -> tuple[Array, IntArray]:
-    """Rows with outliers among their replicates drawn in, and which those are. Scatter up to
-    `none` counts as none."""
+    """Return the rows with limited outliers among their replicates, and the indices of the
+    outliers. Scatter up to `none` counts as none."""
     away = relative - medians[setting]
     enough: BoolArray = counts[setting] >= MIN_ROWS_TO_WINSORISE
     if not enough.any():
@@ -122,7 +130,7 @@ def _winsorise_rows(
     for k in np.unique(setting[enough]):
         rows = setting == k
         limit[rows] = MAX_ROBUST_SD * max(common, ROBUST_SD * float(np.median(np.abs(away[rows]))))
-    # replicates without scatter say nothing of what is far
+    # Replicates without scatter do not define an outlier.
     limit[limit <= none] = np.inf
     outliers = np.flatnonzero(np.abs(away) > limit)
     winsorised = relative.copy()
@@ -131,8 +139,8 @@ def _winsorise_rows(
 
 
 def smooth_by_settings(piece: TablePiece, values: Array) -> tuple[Array, int]:
-    """Values (n,) by a low polynomial in the settings, labels apart, and how many columns that
-    took."""
+    """Smooth values (n,) by a low-order polynomial in the settings, separately by label, and return
+    the number of fitted columns as well."""
     columns = [
         np.where(piece.group == text, 1.0, 0.0) for text in dict.fromkeys(piece.group.tolist())
     ]
@@ -144,15 +152,15 @@ def smooth_by_settings(piece: TablePiece, values: Array) -> tuple[Array, int]:
 
 
 def resolution_of(values: Array) -> float:
-    """The last printed digit."""
+    """Return the last printed digit."""
     return next(
         (10.0**-digits for digits in range(7) if _are_multiples_of(values, 10.0**-digits)), 0.0
     )
 
 
 def find_quantum(values: Array) -> float:
-    """The coarsest of 1, 2, 2.5, 5 times a power of ten that all values are multiples of; 0:
-    none."""
+    """Return the largest of 1, 2, 2.5, 5 times a power of ten of which all values are multiples; 0
+    for none."""
     steps = [step * 10.0**-digits for digits in range(7) for step in (5.0, 2.5, 2.0, 1.0)]
     return next((step for step in steps if _are_multiples_of(values, step)), 0.0)
 
@@ -164,9 +172,10 @@ def _are_multiples_of(values: Array, step: float) -> bool:
 def _brown_forsythe(
     values: Array, setting: IntArray, counts: IntArray, none: float
 ) -> float | None:
-    """p of the Brown-Forsythe test: F test of absolute deviations from the medians.
+    """Return the p value of the Brown-Forsythe test: F test of absolute deviations from the
+    medians.
 
-    None: too few replicates, or no scatter among them beyond `none`.
+    None means too few replicates, or no scatter among them beyond `none`.
     """
     kinds = [k for k in range(len(counts)) if counts[k] >= MIN_ROWS_PER_VARIANCE]
     if len(kinds) < 2:

@@ -1,5 +1,4 @@
-"""All pieces of a diagnosis side by side: rows, their noise, the effects that may be
-hypothesised."""
+"""Joins all pieces of a diagnosis: rows, their noise, and the candidate effects."""
 
 from __future__ import annotations
 
@@ -21,46 +20,51 @@ from .table_series import (
     describe_scope,
 )
 
-# replicates beyond the first of each setting, from which on their common rounding is counted
+# Minimum number of replicates beyond the first of each setting for their common rounding to be
+# modelled.
 MIN_SHARED = 4
-# replicates whose median is taken for their true time
+# Minimum number of replicates whose median represents their true time.
 MIN_MEDIAN_ROWS = 3
 
 
 class TableProblem(NamedTuple):
-    """Rows (n,) of all pieces. `group`: label within a table; `setting`: rows set alike."""
+    """Rows (n,) of all pieces. `group`: label within a table; `setting`: rows with the same
+    setting."""
 
     pieces: tuple[TablePiece, ...]
     machine: Machine
-    observed: Array  # outliers among replicates winsorised
+    # Measured values with winsorised outliers among replicates.
+    observed: Array
     nominal: Array
-    sd: Array  # noise
+    # Standard deviation of the noise.
+    sd: Array
     piece: IntArray
     group: IntArray
-    group_names: tuple[tuple[str, str], ...]  # table, label
-    # groups that an effect may hold in alone: each one, then some together
+    # Table and label of each group.
+    group_names: tuple[tuple[str, str], ...]
+    # Sets of groups in which an effect may hold alone: each group, then some together.
     scopes: tuple[frozenset[int], ...]
     setting: IntArray
     candidates: tuple[TableCandidate, ...]
-    # (n, q) what a tolerance of the machine file, as large as it is, makes
+    # Change of the rows by each tolerance of the machine file at its full size, (n, q).
     nuisances: Array
-    # (n,) s.d. of what rounding does alike to all rows of their setting
+    # Standard deviation of the rounding error common to all rows of a setting, (n,).
     rounding: Array
-    # noise as the machine file has it, in units of sd
+    # Noise by the machine file, in units of sd.
     usual_noise: float
     noise: tuple[TableNoise, ...]
-    # pieces, of several, whose noise no replicates tell
+    # Indices of pieces, among several, without replicates.
     unrepeated: tuple[int, ...]
-    clocks: tuple[CoarseClock | None, ...]  # of each piece: steps in its times
+    # Clock step of each piece's times.
+    clocks: tuple[CoarseClock | None, ...]
 
     @property
     def min_variance(self) -> float:
-        """In units of sd squared: the rows' variance is not believed to be less than that of
-        their last digit."""
+        """Lower bound of the rows' variance from their last digit, in units of sd squared."""
         return max(1e-9, min(noise.min_variance for noise in self.noise))
 
     def predicted(self, effects: Sequence[SizedEffect]) -> Array:
-        """The model's rows with the effects in the machine, each in its own scope."""
+        """Return the model's rows with the effects in the machine, each in its own scope."""
         out = self.nominal.copy()
         for index, piece in enumerate(self.pieces):
             inside = self.piece == index
@@ -86,10 +90,10 @@ class TableProblem(NamedTuple):
         return describe_scope(self.group_names[group] for group in sorted(self.scopes[scope]))
 
     def slopes(self, effects: Sequence[SizedEffect] = ()) -> tuple[Array, Array]:
-        """Rows under the effects, (n,), and their change per unit of each candidate's size on
-        top of them, (n, c).
+        """Return the rows under the effects, (n,), and their change per unit of each candidate's
+        size, (n, c).
 
-        Of one of the effects itself it is the mean slope from neutral to its size.
+        For one of the effects itself the change is the mean slope from neutral to its size.
         """
         base = self.predicted(effects)
         columns = []
@@ -121,16 +125,16 @@ class _JudgedPiece(NamedTuple):
     setting: IntArray
     noise: TableNoise
     clock: CoarseClock | None
-    # s.d. of what the replicates of a setting share by rounding
+    # Standard deviation of the rounding error that the replicates of a setting share.
     rounding: float
 
 
 def make_problem(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) -> TableProblem:
-    """Puts the pieces side by side; estimates each one's noise from its replicates, else about
-    a smooth fit.
+    """Join the pieces, and estimate the noise of each from its replicates, or else from a smooth
+    fit.
 
-    Where times come in steps that the scatter does not even out, the rounding of each setting
-    is a nuisance.
+    Where times have steps that the scatter does not average out, the rounding of each setting is a
+    nuisance.
     """
     judged = [_judge_piece(piece, machine, seed + index) for index, piece in enumerate(pieces)]
     starts = np.cumsum([0, *(int(one.setting.max()) + 1 for one in judged)])
@@ -189,7 +193,8 @@ def _judge_piece(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece
 def _find_clock_step(
     piece: TablePiece, setting: IntArray, outliers: IntArray, seed: int
 ) -> CoarseClock | None:
-    """Steps in the times about the medians of settings with replicates, else about a smooth fit."""
+    """Return the clock step in the times around the medians of settings with replicates, or else
+    around a smooth fit."""
     counts = np.bincount(setting)
     medians = np.array([np.median(piece.observed[setting == k]) for k in range(len(counts))])
     centres = np.where(
@@ -202,16 +207,16 @@ def _find_clock_step(
 
 
 def _calc_digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
-    """S.d. of the rounding that replicates share because they scatter less than the last digit;
-    0: they do not."""
+    """Return the s.d. of the rounding error that replicates share because they scatter less than
+    the last digit; 0 where they do not."""
     quantum = find_quantum(piece.observed)
     repeated = len(setting) - len(np.unique(setting)) >= MIN_SHARED
     return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
 
 
 def number_settings(piece: TablePiece) -> IntArray:
-    """Index of the setting of each row, (n,): rows with the same label and variables but for
-    the replicate."""
+    """Return the index of the setting of each row, (n,): rows with the same label and variables
+    except the replicate."""
     keys = [
         piece.group.tolist(),
         *(
@@ -226,7 +231,8 @@ def number_settings(piece: TablePiece) -> IntArray:
 
 
 def _number_groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
-    """Group of each row and (table, label) of each group: columns of one table share theirs."""
+    """Return the group of each row, and table and label of each group; columns of one table share
+    their groups."""
     names: dict[tuple[str, str], int] = {}
     rows = []
     for piece in pieces:
@@ -237,7 +243,7 @@ def _number_groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[
 def _list_scoped_candidates(
     pieces: Sequence[TablePiece], group: IntArray, index: IntArray
 ) -> list[TableCandidate]:
-    """Effects that may hold in one group only, group by group."""
+    """Return the effects that may hold in one group only, group by group."""
     found = []
     for number in np.unique(group).tolist():
         ids = dict.fromkeys(
@@ -256,11 +262,11 @@ def _merge_field_groups(
     group: IntArray,
     index: IntArray,
 ) -> tuple[list[frozenset[int]], list[TableCandidate]]:
-    """Times of one label and what was measured on the ground, as one scope: one cause in the
+    """Join times of one label and measurements on the ground in one scope, because one cause in the
     field is one quantity.
 
-    Times may have been read off distances in the same field in which other tables measured
-    places.
+    Times may have been calculated from distances in the same field in which other tables measured
+    positions.
     """
     ground = frozenset(
         number

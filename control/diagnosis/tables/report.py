@@ -1,5 +1,6 @@
-"""The result of a diagnosis of bench tables: its causes, channels and next run, and what is
-said in words."""
+"""Writes the result of a diagnosis of bench tables: causes, channels, next run, and findings in
+words.
+"""
 
 from __future__ import annotations
 
@@ -49,21 +50,26 @@ from .problem import TableProblem
 from .table_series import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, add_effects
 from .verdict import Judgement, NamedEffect
 
-# the same in every row, as steps of a coarse clock may make it
+# Effects that add the same time to every row, as the steps of a coarse clock may do.
 CONSTANT_TIMES = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)
-CONTRAST_P = 0.01  # below it labels are said to differ
-# a setting that scatters so many times the usual is pointed out
+# P value below which labels are reported to differ.
+CONTRAST_P = 0.01
+# Ratio of a setting's scatter to the usual scatter from which the setting is reported.
 OUTSTANDING = 2.0
+# Maximum number of rows and of settings that a finding lists.
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
+# Minimum number of rows for a setting's scatter to be reported.
 MIN_ROWS_SAID = 4
-MAX_TESTS = 3  # an afternoon's work
+# Maximum number of tests of a plan: an afternoon's work.
+MAX_TESTS = 3
 Pair = tuple[SizedEffect, SizedEffect]
 
 
 def list_causes(
     problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement
 ) -> tuple[Cause, ...]:
-    """Named effects and the clearest coarse clock, largest consequence in the field first."""
+    """Return the named effects and the clearest coarse clock, largest consequence in the field
+    first."""
     speed = _find_ground_speed(tables)
     causes = [_make_table_cause(problem, one, speed) for one in judgement.named]
     clocks = [clock for clock in problem.clocks if clock is not None and clock.shown]
@@ -74,7 +80,7 @@ def list_causes(
 
 
 def find_verdict(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
-    """The models' verdict, with the clocks."""
+    """Return the verdict of the models together with the clocks."""
     if judgement.verdict not in ("unexplained", "not_judged") or (
         causes and not judgement.unexplained
     ):
@@ -89,7 +95,8 @@ def _make_table_cause(problem: TableProblem, one: NamedEffect, speed: float | No
     if candidate.id in CONSTANT_TIMES and any(
         clock is not None and clock.undecided for clock in problem.clocks
     ):
-        # nothing known tells a clock from all that is said: it gets half
+        # No information separates a clock from all other causes, so the clock gets half of the
+        # probability.
         probability *= 0.5
         rivals = (
             Rival(LAG_COARSE_CLOCK.id, 0.5),
@@ -132,7 +139,7 @@ def _find_ground_speed(tables: Sequence[BenchTable]) -> float | None:
 
 
 def list_channels(problem: TableProblem, structure_p: float) -> tuple[Channel, ...]:
-    """How well the nominal model predicts each channel."""
+    """Return how well the nominal model predicts each channel."""
     out = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
         inside = [k for k, piece in enumerate(problem.pieces) if piece.channel == channel]
@@ -157,7 +164,7 @@ def list_channels(problem: TableProblem, structure_p: float) -> tuple[Channel, .
 
 
 def find_next_run(problem: TableProblem, judgement: Judgement) -> NextRun | None:
-    """The tests that would separate the rivals; None where nothing is ambiguous."""
+    """Return the tests that would separate the rivals; None where nothing is ambiguous."""
 
     def anywhere(effect: SizedEffect) -> SizedEffect:
         return effect._replace(candidate=effect.candidate._replace(scope=None))
@@ -184,8 +191,8 @@ def find_next_run(problem: TableProblem, judgement: Judgement) -> NextRun | None
 
 
 def find_two_rates(tables: Sequence[BenchTable], machine: Machine) -> NextRun | None:
-    """Starts tell nothing of the tube: where only they were measured, a change between two
-    rates is next."""
+    """Return a test with a change between two rates where only starts were measured, because starts
+    say nothing about the tube."""
     lags = [table for table in tables if table.kind == "lag"]
     if (
         machine.tube_is_settled
@@ -236,9 +243,10 @@ def list_findings(
     judgement: Judgement,
     retellings: Sequence[DuplicateRows],
 ) -> tuple[str, ...]:
-    """Plain sentences about the rows themselves; columns that could not be judged first.
+    """Return findings about the rows; columns that could not be judged come first.
 
-    `tables`: as given; `retellings`: what of them was set aside because another tells it.
+    `tables`: the given tables; `retellings`: the rows that were removed because another table
+    repeats them.
     """
     ids = {effect.candidate.id for effect in judgement.effects}
     out = [text for table in tables for text in _not_judged_sentences(table)]
@@ -291,7 +299,7 @@ def list_findings(
 
 
 def _not_judged_sentences(table: BenchTable) -> list[str]:
-    """Measured columns without a number."""
+    """Return findings about measured columns without a number."""
     return [
         f"{f'{table.path} {name}'.strip()}: not judged: no row has a number"
         for name in LAG_COLUMNS
@@ -302,7 +310,7 @@ def _not_judged_sentences(table: BenchTable) -> list[str]:
 
 
 def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> list[str]:
-    """Outliers, and settings that scatter more than others."""
+    """Return findings about outliers, and about settings with more scatter than others."""
     out = []
     noise = problem.noise[index]
     if len(noise.outliers):
@@ -345,7 +353,8 @@ def _label_sentences(problem: TableProblem) -> list[str]:
 
 
 def _settings_sentences(problem: TableProblem, judgement: Judgement) -> list[str]:
-    """Rows of one setting share something that the model does not have."""
+    """Return findings about a deviation common to the rows of one setting that the model does not
+    contain."""
     model = judgement.model or judgement.search.best
     if model.posterior.settings_share < NAMED:
         return []
@@ -376,24 +385,24 @@ def _describe_setting(piece: TablePiece, rows: BoolArray) -> str:
 
 
 class NextTests(NamedTuple):
-    """`pairs`: what this data cannot tell apart. `unsettled`: those of them that no test of the
-    plan separates."""
+    """Plan of tests. `pairs`: rivals that this data cannot separate. `unsettled`: pairs that no
+    test of the plan separates."""
 
     tests: tuple[Experiment[Array], ...]
     pairs: tuple[Pair, ...]
     unsettled: tuple[Pair, ...]
-    # the least that the tests set a settled pair apart; None: no test does
+    # Smallest separation of a settled pair by the tests, in s.d.; None where no test separates any.
     apart_sd: float | None
 
 
 def find_separating_tests(
     machine: Machine, rivals: Sequence[Sequence[SizedEffect]]
 ) -> NextTests | None:
-    """The tests that tell the rivals of each cause apart, chosen by what each would read under
-    each of them.
+    """Return the tests that separate the rivals of each cause, selected by the predicted readings
+    under each rival.
 
-    `rivals`: for each ambiguous cause, its members at their fitted sizes. None where there is
-    nothing to separate.
+    `rivals`: for each ambiguous cause, its members at their fitted sizes. The result is None where
+    there is nothing to separate.
     """
     pairs = tuple(
         (a, b) for members in rivals for i, a in enumerate(members) for b in members[i + 1 :]
@@ -424,12 +433,12 @@ def find_separating_tests(
 def calc_table_field_cost(
     machine: Machine, effect: SizedEffect, speed_mps: float | None
 ) -> FieldCost:
-    """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not
-    know of the effect.
+    """Return the error of the rate, %, and of the landing position, m, if control does not
+    compensate the effect.
 
-    The flow trim is taken as on for an effect of the scale: the machine then follows a wrong
-    scale. A lag taken off distances at a wrong speed is a wrong lag. What the heads' effects
-    cost depends on the crop and is left open (None).
+    For an effect of the scale the flow trim is assumed to be on: the machine then follows the wrong
+    scale. A lag calculated from distances at a wrong speed is wrong. The cost of the heads' effects
+    depends on the crop and is None.
     """
     costs = ROWS[effect.candidate.id].costs
     if costs in WITHOUT_MODEL:
@@ -453,7 +462,7 @@ def calc_table_field_cost(
 
 
 def _calc_start_lag_s(machine: Machine) -> float:
-    """Whole lag of a start at the set-point, the worst of its direction; s."""
+    """Return the total lag of a start at the set-point, s, for the worst direction."""
     fall, rpm = machine.fall, machine.set_points.shaft_rpm
     return (
         calc_response_s(machine, rpm)

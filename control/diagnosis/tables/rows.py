@@ -1,5 +1,6 @@
-"""Bench tables as pieces, a section a kind: what each row measured, and what the machine model
-says of it."""
+"""Converts bench tables to pieces, a section for each kind of table: measured rows, and the machine
+model's prediction.
+"""
 
 from __future__ import annotations
 
@@ -42,37 +43,41 @@ from topdress.control.machine.start import calc_change_response_s, calc_response
 
 from .table_series import Array, BoolArray, TableCandidate, TablePiece, list_varying
 
+# Label words for a start with an empty tube.
 EMPTY = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
+# Label words for a change of a running shaft.
 RUNNING = frozenset({"running", "change", "full", "filled", "flowing"})
+# Label words for a rise of the rate.
 UP = frozenset({"up", "rise", "rising", "increase"})
+# Label words for a fall of the rate.
 DOWN = frozenset({"down", "fall", "falling", "decrease"})
-# (from, power) of a rise; of full_rpm
+# Alternative shapes of a rise: start as a share of full_rpm, and power.
 FORMS_OVER = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))
 UNCORRECTED = "before"
-# of the median mass: below it even proportional noise is constant
+# Share of the median mass below which even proportional noise is constant.
 SMALL_SHARE = 0.1
-# speeds (of a fall-off) or times (of warming up) that free shapes must leave: else they fit
+# Minimum number of speeds (of a fall-off) or times (of warming up) beyond the free shapes:
+# otherwise the shapes fit exactly.
 MIN_LEVELS_LEFT = 3
-# flute passages in the shortest catch, above which no catch shows a pulsation
+# Number of flute passages in the shortest catch above which no catch shows a pulsation.
 MAX_PASSAGES = 3.0
 WEIGHED = (FLOW_GAIN, FLOW_ZERO_OFFSET, SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SCALE_GAIN)
-# on for so long where the table does not say: warm
+# Assumed time since switch-on, s, where the table does not say: the heads are warm.
 WARM_S = 100.0 * WARM_UP_S
-# at which the catalogue gives what a head loses in a dense canopy
+# NDVI of a dense canopy at which the catalogue defines the loss of a head.
 DENSE_NDVI = 0.8
-# time constants tried besides the model's, as shares of it
+# Trial warm-up rates besides the model's, as shares of the model's rate.
 WARM_UP_RATES = (0.5, 2.0, 0.25)
 
 
-# --- Labels: which rows belong together, and how a change of the rate began
-# ------------------------------------------
+# Labels: rows that belong together, and the state before a change of the rate.
 
 
 class Roles(NamedTuple):
-    """`start`: (n,) 1 where the tube was empty. `change`: (n,) +1 after a rise, -1 after a
-    fall, 0 unknown.
+    """Roles of rows. `start`: (n,) 1 for an empty tube. `change`: (n,) +1 after a rise, -1 after a
+    fall, 0 for unknown.
 
-    `running`: (n,) rows that carry the speed of a shaft that turned before the change.
+    `running`: (n,) rows that state the speed of a shaft that turned before the change.
     """
 
     start: Array
@@ -87,18 +92,18 @@ class Roles(NamedTuple):
 
 
 def list_labels(table: BenchTable) -> npt.NDArray[np.str_]:
-    """Label of each row, (n,); "" where the table has none."""
+    """Return the label of each row, (n,); "" where the table has none."""
     return np.full(table.rows, "") if table.label is None else table.label
 
 
 def find_label_column(table: BenchTable) -> str:
-    """The column that the labels come from, as a sentence names it."""
+    """Return the column of the labels, as a sentence names it."""
     return table.label_column or "label"
 
 
 def read_roles(table: BenchTable) -> Roles:
-    """Reads the labels and the speeds before; a table tells start or direction only where both
-    of its sides occur."""
+    """Read labels and previous speeds; start and direction are known only where both of their cases
+    occur."""
     label, running = list_labels(table), table.find_running_rows()
     words = np.array([str(text).strip().lower() for text in label], dtype=object)
     empty, running_said = np.isin(words, list(EMPTY)), np.isin(words, list(RUNNING))
@@ -120,12 +125,11 @@ def read_roles(table: BenchTable) -> Roles:
     )
 
 
-# --- Lags: response, drop time, both, or the distance they make at the written speed (lag paper
-# eq 1, 6) -------------
+# Lags: response, drop time, both, or the distance at the recorded speed (lag paper eq 1, 6).
 
 
 def make_lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece for each measured column."""
+    """Return a piece for each measured column."""
     return tuple(
         _make_lag_piece(table, machine, name)
         for name in LAG_COLUMNS
@@ -144,8 +148,8 @@ def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiec
         observed = observed / speed
     label = list_labels(table)[keep]
     roles = read_roles(select_rows(table, keep))
-    # A column of times next to one of distances is the detector's; any other may have been read
-    # off distances.
+    # A column of times besides a column of distances comes from the detector; any other may have
+    # been calculated from distances.
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:
@@ -156,8 +160,8 @@ def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiec
     nuisances = (
         {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
     )
-    # about the middle of the line, where its level, which `lag.offset` is, does not go with its
-    # slope
+    # The shape is centred on the line, so that it is uncorrelated with the level, which is
+    # `lag.offset`.
     if drops:
         nuisances["drop_slope"] = machine.tolerance.drop_s_per_rpm * (
             rpm - 0.5 * machine.fall.full_rpm
@@ -170,7 +174,7 @@ def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiec
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"][keep])
     if speed is not None:
         variables["speed_mps"] = speed
-    # A distance has a constant error in m: the slower the drive, the larger the error of its time.
+    # A distance has a constant error in m, so a slow drive has a large error of the time.
     spread = (
         np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
     )
@@ -200,7 +204,7 @@ def _make_lag_piece(table: BenchTable, machine: Machine, name: str) -> TablePiec
 
 
 def _list_lag_effects(name: str, roles: Roles) -> tuple[str, ...]:
-    """Effects that a column of lags can show."""
+    """Return the effects that a column of lags can show."""
     drops = (LAG_OFFSET, LAG_REBOUND) if name != "response_s" else ()
     response = (SHAFT_DEAD_TIME,) if name != "drop_s" else ()
     by_label = (
@@ -212,9 +216,10 @@ def _list_lag_effects(name: str, roles: Roles) -> tuple[str, ...]:
 
 
 def _list_scoped_effects(name: str, roles: Roles) -> tuple[str, ...]:
-    """Those that may hold for one label only; none where the labels say how a change began.
+    """Return the effects that may hold for one label only; empty where the labels give the start of
+    a change.
 
-    Times of one label may have been read off distances, whose written speed may be wrong.
+    Times of one label may have been calculated from distances whose recorded speed is wrong.
     """
     if roles.known:
         return ()
@@ -223,12 +228,13 @@ def _list_scoped_effects(name: str, roles: Roles) -> tuple[str, ...]:
 
 
 def predict_lag_s(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
-    """Lag of each row, s: the machine's own model with its effects, but for the scale of distances.
+    """Return the lag of each row, s: the machine's model with its effects, without the scale of
+    distances.
 
-    A row is a start out of a standing shaft, as a rig and the papers time it, unless it carries
-    the speed from which the shaft changed: that one answers as soon as it changes and has the
-    settled drop of a running shaft. Labels alone do not tell the speed before: between them, it
-    is what is found.
+    A row is a start of a standing shaft, as a rig and the papers time it, unless the row states the
+    speed before the change. A turning shaft answers as soon as its command changes and has the
+    settled drop of a running shaft. Labels alone do not state the speed before; the difference
+    between labels is then the result.
     """
     fall = machine.fall
     total = np.zeros(len(rpm))
@@ -247,29 +253,28 @@ def predict_lag_s(machine: Machine, rpm: Array, name: str, roles: Roles) -> Arra
 
 
 def list_rise_shapes(rpm: Array, full_rpm: float) -> Array:
-    """Other shapes that a rise at high shaft speed may have, (n, k)."""
+    """Return alternative shapes of a rise at high shaft speed, (n, k)."""
     return np.column_stack(
         [np.maximum(0.0, rpm - start * full_rpm) ** power for start, power in FORMS_OVER]
     )
 
 
-# --- Places: landed minus wanted along the travel (lag paper, tables 5 and 6)
-# ----------------------------------------
+# Places: landing minus target position along the travel (lag paper, tables 5 and 6).
 
 
 def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece: miss_m = v_true (lag + latency) - v_written x corrected lag + lever arm.
+    """Return one piece: miss_m = v_true (lag + latency) - v_written x corrected lag + lever arm.
 
-    A correction is a distance that control made of its lag and the speed that it believed, the
-    written one (lag paper eq 1). Driven faster than written, all of the lag grows and the
+    A correction is a distance that control calculated from its lag and the speed that it assumed,
+    the recorded speed (lag paper eq 1). If the true speed is higher, the lag distance grows and the
     correction does not.
 
-    A wrong test speed (lag.speed_scale) is not offered by the misses alone, where latency and
-    lever arm say the same with less; where a lag table with distances asks for it, the misses
-    have their say.
+    The misses alone do not propose a wrong test speed (lag.speed_scale), because latency and lever
+    arm explain the same with less. Where a lag table with distances proposes a wrong test speed,
+    the misses count as evidence.
 
-    The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled
-    `before`, else what the machine file in use says.
+    The corrected lag is the table's own `corrected_lag_s`, else 0 for rows labelled `before`, else
+    the lag of the machine file in use.
     """
     rpm, speed = table.columns["shaft_rpm"], table.find_speed_mps()
     assert speed is not None
@@ -323,13 +328,12 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     )
 
 
-# --- Catches: mass from a turning shaft in a given time, all outlets together or each by itself
-# ----------------------
+# Catches: mass from a turning shaft in a given time, all outlets together or each by itself.
 
 
 def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece: mass_kg. Its noise is constant, a share of the mass, or between; the
-    replicates decide."""
+    """Return one piece: mass_kg. The replicates decide whether its noise is constant, proportional
+    to the mass, or between."""
     columns = table.columns
     rpm, opening, lasts_s = columns["shaft_rpm"], columns["opening_mm"], columns["duration_s"]
     outlet = columns.get("outlet")
@@ -394,7 +398,7 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
                 FLOW_FILL_FALLOFF.id: _list_falloff_shapes(
                     nominal, rpm, rpm, machine.flow.full_rpm
                 ),
-                # of another shape: a second harmonic too
+                # The alternative shape has a second harmonic too.
                 FLOW_PULSATION.id: np.column_stack(
                     [nominal * _calc_mean_pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)]
                 ),
@@ -439,7 +443,7 @@ def _calc_catch_mass(
 def _list_outlet_tolerances(
     nominal: Array, outlet: Array | None, machine: Machine
 ) -> dict[str, Array]:
-    """Outlets differ by as much as leaves their sum within its tolerance."""
+    """Return the tolerances of single outlets, such that their sum stays within its tolerance."""
     if outlet is None:
         return {}
     share = machine.tolerance.flow_percent / 100.0 * float(np.sqrt(machine.geometry.outlets))
@@ -450,7 +454,7 @@ def _list_outlet_tolerances(
 
 
 def _list_falloff_shapes(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm: float) -> Array:
-    """Other shapes that a loss at high shaft speed may have, (n, k); fewer where fewer speeds
+    """Return alternative shapes of a loss at high shaft speed, (n, k); fewer where fewer speeds
     were tested."""
     fast = rpm / full_rpm
     shapes = [fast**2, fast**5, np.maximum(0.0, fast - 0.6), fast, np.maximum(0.0, fast - 0.4)]
@@ -463,15 +467,15 @@ def _list_falloff_shapes(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm
 
 
 def _calc_mean_pulse(angle: Array, begins: float) -> Array:
-    """Mean of the model's sine (flow_step) over a catch of that many radians of flutes, started
-    at `begins`, (n,)."""
+    """Return the mean of the model's sine (flow_step) over a catch of this angle of flutes,
+    radians, that starts at `begins`, (n,)."""
     angle = np.maximum(angle, 1e-9)
     return np.asarray((np.cos(begins) - np.cos(begins + angle)) / angle)
 
 
 def _fit_pulse_phase(mass: Array, nominal: Array, angle: Array) -> float:
-    """Where in a flute's passage the catches begin, radians: the phase that fits, the rest
-    being steady."""
+    """Return the best-fitting phase at which the catches begin within a flute's passage, radians,
+    for an otherwise constant flow."""
     known = nominal > 0.0
     columns = [
         np.ones(int(known.sum())),
@@ -484,13 +488,12 @@ def _fit_pulse_phase(mass: Array, nominal: Array, angle: Array) -> float:
     return float(np.arctan2(fit[2], fit[1]))
 
 
-# --- Plots: what was to be applied and what was (decision paper, table 2)
-# --------------------------------------------
+# Plots: target and applied mass (decision paper, table 2).
 
 
 def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece: applied_kg. Metering by the model, speed from the wheel, the applied mass by
-    the hopper scale."""
+    """Return one piece: applied_kg. The model gives the metering, the wheel the speed, the hopper
+    scale the applied mass."""
     columns = table.columns
     target = columns["target_kg"]
     speed = table.find_speed_mps()
@@ -513,7 +516,7 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
         )
         return np.asarray(target * grams * moved * weighed, np.float64)
 
-    # Two readings of the scale, before and after a plot; a digit's rounding is uniform.
+    # The mass is the difference of two readings of the scale; the rounding of a digit is uniform.
     noise = float(
         np.hypot(machine.noise.scale_kg, machine.scale.resolution_kg / np.sqrt(12.0)) * np.sqrt(2.0)
     )
@@ -548,11 +551,12 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
 
 
 def _count_shaft_turns(table: BenchTable, machine: Machine, mean_mps: float) -> Array:
-    """Revolutions of the shaft on each plot, (n,).
+    """Return the number of revolutions of the shaft on each plot, (n,).
 
-    Where the table has none, they follow from the strategy: at the set-point's shaft speed they
-    go with the area (opening first), at one opening with the target (speed first). Taken is the
-    one that an offset at zero opening, which is so much each turn, fits better.
+    Where the table has no revolutions, they follow from the strategy: at the set-point's shaft
+    speed they are proportional to the area (opening first), at a fixed opening to the target (speed
+    first). The strategy is chosen by the better fit of an offset at zero opening, which is a
+    constant mass per revolution.
     """
     columns = table.columns
     if "revolutions" in columns:
@@ -569,12 +573,11 @@ def _count_shaft_turns(table: BenchTable, machine: Machine, mean_mps: float) -> 
     return by_target if rss(by_target) < rss(by_area) else by_area
 
 
-# --- Heads: what each canopy head reads over references of known NDVI
-# ------------------------------------------------
+# Heads: reading of each canopy head over references of known NDVI.
 
 
 def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece: ndvi. Warming up can be seen only where the table says how long the heads had
+    """Return one piece: ndvi. Warm-up can show only where the table states how long the heads had
     been on."""
     columns = table.columns
     reference, head = columns["ndvi_reference"], columns["head"]
@@ -643,7 +646,7 @@ def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
 
 
 def _list_flattening_shapes(reference: Array) -> Array:
-    """Other shapes of what a reading loses in a dense canopy, (n, k)."""
+    """Return alternative shapes of the loss of a reading in a dense canopy, (n, k)."""
     return np.column_stack(
         [reference**2, reference**3, reference**6, np.maximum(0.0, reference - 0.6)]
     )
@@ -659,6 +662,6 @@ _BY_KIND: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
 
 
 def make_table_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """A piece for each measured column of a usable table
+    """Return a piece for each measured column of a usable table
     (control.calibration.bench_table.usable)."""
     return _BY_KIND[table.kind](table, machine)

@@ -1,9 +1,9 @@
-"""Which models of bench tables are probable: every effect, every pair, threes of the best, with
-and without something unknown, each by its log evidence (judgement/rows.py) and its prior odds.
+"""Finds the probable models of bench tables: every effect, every pair, triples of the best, with
+and without an unknown dependence, by log evidence (judgement/rows.py) and prior odds.
 
-Columns are slopes at the nominal machine for the search; the models within `WINDOW` of the best
-are then made again at their own sizes (Gauss-Newton), for effects multiply one another. A size
-out of its bounds is no size of that effect: something acts like it and is unknown.
+The search uses slopes at the nominal machine. The models within `WINDOW` of the best are then
+refitted at their own sizes (Gauss-Newton), because effects multiply one another. A size out of its
+bounds cannot be a size of that effect: an unknown dependence resembles the effect.
 """
 
 from __future__ import annotations
@@ -28,37 +28,41 @@ from .candidates import TableEffect, Unknown, find_effects, list_unknowns
 from .problem import TableProblem
 from .table_series import Array, BoolArray, IntArray, SizedEffect, sort_best_first
 
-MAX_EFFECTS = 3  # at once
-# log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)
+# Maximum number of simultaneous effects.
+MAX_EFFECTS = 3
+# Maximum deficit in log odds of a counted model (Madigan and Raftery 1994).
 WINDOW = 7.0
-# models within it that are made again at their own sizes
+# Maximum number of models that are refitted at their own sizes.
 MAX_MODELS_REFITTED = 40
-# models to which a third effect, or something unknown, is added
+# Maximum number of models to which a third effect, or an unknown dependence, is added.
 MAX_MODELS_EXTENDED = 12
-# rows, and settings, that are tried as misread or set wrongly
+# Number of rows, and of settings, that are tried as misread or set wrongly.
 FARTHEST = 3
-# tables without replicates that have a factor of their own on their noise
+# Maximum number of tables without replicates that have their own factor on their noise.
 MAX_TABLES_WITH_OWN_NOISE = 2
-# probability that an effect has another shape than the catalogue's
+# Prior probability that an effect has another shape than the catalogue's.
 FREE = 0.5
-NO_FREEDOM = 1e-6  # s.d. of what is held at nothing
-# of a column's own length: of columns that are nearly the same none runs away
+# Standard deviation of a parameter that is fixed at zero.
+NO_FREEDOM = 1e-6
+# Ridge as a share of a column's norm: it limits the sizes of nearly equal columns.
 RIDGE = 1e-3
-ROUNDS = 3  # of Gauss-Newton
-SETTLED = 1e-3  # s.d. that a round may still move a size
+# Maximum number of Gauss-Newton rounds.
+ROUNDS = 3
+# Maximum change of a size in a converged round, in s.d.
+SETTLED = 1e-3
 
 
 class Model(NamedTuple):
-    """One candidate model: the indices of its effects among the candidates, and the index of the
-    unknown part that is fitted with them (None: no unknown part)."""
+    """A candidate model: the indices of its effects among the candidates, and the index of the
+    unknown dependence (None for none)."""
 
     effects: tuple[int, ...]
     unknown: int | None = None
 
 
 class FittedModel(NamedTuple):
-    """`score`: log evidence plus log prior odds. `outside`: places of effects whose size is out
-    of its bounds."""
+    """A refitted model. `score`: log evidence plus log prior odds. `outside`: indices of effects
+    whose size is out of its bounds."""
 
     model: Model
     sized: tuple[SizedEffect, ...]
@@ -66,13 +70,14 @@ class FittedModel(NamedTuple):
     score: float
     outside: tuple[int, ...]
     posterior: Posterior
-    # (n,) what the unknown does, in units of the noise
+    # Contribution of the unknown dependence, in units of the noise, (n,).
     unknown_signal: Array
-    misread: bool  # ... which is one row that was misread
+    # Whether that dependence is one misread row.
+    misread: bool
 
     @property
     def is_unknown(self) -> bool:
-        """Whether something of the machine is in it that is no effect."""
+        """Whether the model contains an unknown dependence of the machine."""
         return bool(self.outside) or (self.model.unknown is not None and not self.misread)
 
     @property
@@ -81,7 +86,7 @@ class FittedModel(NamedTuple):
 
 
 class TableSearch(NamedTuple):
-    """`fitted`: probable models, the best first; `probability`: of each."""
+    """Result of a search. `fitted`: probable models, the best first; `probability`: of each."""
 
     problem: TableProblem
     effects: tuple[TableEffect, ...]
@@ -95,7 +100,7 @@ class TableSearch(NamedTuple):
 
 
 def search_table_models(problem: TableProblem) -> TableSearch:
-    """All models that these rows leave probable."""
+    """Return all models that are probable with these rows."""
     effects = find_effects(problem)
     unknowns = list_unknowns(problem, effects)
     found = [
@@ -115,7 +120,7 @@ def search_table_models(problem: TableProblem) -> TableSearch:
 
 
 class _SideBySide(NamedTuple):
-    """All columns side by side, and where each thing's are."""
+    """All columns as one matrix, with the column indices of each component."""
 
     rows: TableRows
     y: Array
@@ -134,8 +139,11 @@ def _stack_all_columns(
     kept: BoolArray | None = None,
     whole: bool = True,
 ) -> _SideBySide:
-    """kept : (n,) rows that count; None: all. whole : parts without replicates have a noise of
-    their own."""
+    """Stack the columns of all components.
+
+    kept : (n,) rows that are used; None for all. whole : whether pieces without replicates have
+    their own noise.
+    """
     tolerances = problem.nuisances / problem.sd[:, None]
     blocks = [
         tolerances,
@@ -176,7 +184,7 @@ def _stack_all_columns(
 def _list_probable_models(
     problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown]
 ) -> list[Model]:
-    """Models within WINDOW of the best, by slopes at the nominal machine."""
+    """Return the models within WINDOW of the best, by slopes at the nominal machine."""
     y = (problem.observed - problem.nominal) / problem.sd
     table = _stack_all_columns(problem, y, effects, unknowns, whole=False)
     scores: dict[Model, float] = {}
@@ -219,8 +227,8 @@ def _list_probable_models(
 def _worth_trying(
     table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model
 ) -> list[int]:
-    """What is unknown and might be in a model: of single rows and settings those that it leaves
-    farthest off."""
+    """Return the unknown dependences to try in a model: of single rows and settings those with the
+    largest residuals."""
     found = score_table_model(table, effects, unknowns, model)[1]
     index = _list_model_columns(table, model)
     left = np.abs(table.y - table.columns[:, index] @ found.mean)
@@ -235,7 +243,8 @@ def _worth_trying(
 
 
 def _list_model_columns(table: _SideBySide, model: Model) -> IntArray:
-    """Places of a model's columns: its effects, their forms, what is unknown, tolerances."""
+    """Return the column indices of a model: its effects, their shapes, its unknown dependence,
+    tolerances."""
     none = np.zeros(0, np.int64)
     strange = none if model.unknown is None else table.unknown[model.unknown]
     return np.concatenate(
@@ -250,7 +259,8 @@ def _list_model_columns(table: _SideBySide, model: Model) -> IntArray:
 
 
 def _is_possible_set(effects: Sequence[TableEffect]) -> bool:
-    """A machine has an effect of a member (an outlet, a head) on one of them at a time."""
+    """Tell whether a set of effects is possible: an effect of a member (an outlet, a head) occurs
+    on one member at a time."""
     ids = [one.candidate.id for one in effects if one.candidate.member is not None]
     return len(ids) == len(set(ids))
 
@@ -262,16 +272,17 @@ def score_table_model(
     model: Model,
     sizes: bool = True,
 ) -> tuple[float, Posterior]:
-    """Log evidence plus log prior odds, and the posterior of the sizes (first) and all else.
+    """Return log evidence plus log prior odds, and the posterior of the sizes (first) and all other
+    parameters.
 
-    The size of an effect has the tails of a Cauchy distribution (`prior.find_size_sd`): its s.d.
-    is that of the size fitted. What is unknown has one s.d. for all of its columns, by the same
-    rule.
+    The prior of an effect's size has the tails of a Cauchy distribution (`prior.find_size_sd`): its
+    s.d. depends on the fitted size. The columns of an unknown dependence share one s.d., by the
+    same rule.
     """
     chosen = [effects[k] for k in model.effects]
     index = _list_model_columns(table, model)
     strange = 0 if model.unknown is None else unknowns[model.unknown].columns.shape[1]
-    # sizes by least squares, the tolerances held by their priors
+    # Sizes by least squares, with the tolerances limited by their priors.
     least = table.rows.products.of(index)
     trust = RIDGE * np.maximum(np.diag(least.A[0]), 1e-12)
     trust[len(index) - table.tolerances :] = 1.0
@@ -305,8 +316,7 @@ def refine_table_model(
     model: Model,
     kept: BoolArray | None = None,
 ) -> FittedModel:
-    """The model made again at its own sizes. kept : (n,) rows that they are fitted to; None:
-    all."""
+    """Refit a model at its own sizes. kept : (n,) rows of the fit; None for all."""
     chosen = [effects[k] for k in model.effects]
     other: tuple[Unknown, ...] = () if model.unknown is None else (unknowns[model.unknown],)
     alone = problem._replace(candidates=tuple(one.candidate for one in chosen))
@@ -354,8 +364,8 @@ def refine_table_model(
 def _at_definition(
     here: Sequence[TableEffect], found: Posterior, sized: Sequence[SizedEffect]
 ) -> tuple[tuple[SizedEffect, ...], tuple[float, ...]]:
-    """Sizes where the catalogue defines them, off the effect in whatever shape the rows ask
-    for, and their s.d."""
+    """Return sizes and their s.d. where the catalogue defines them, for an effect of any fitted
+    shape."""
     shown, errors, at = [], [], len(here)
     for k, one in enumerate(here):
         weight = np.zeros(len(found.mean))

@@ -1,4 +1,4 @@
-"""One measured column of a bench table, and what the machine model says about it."""
+"""Defines one measured column of a bench table with the machine model's prediction."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Scores within this share of one another are equal: two names may stand for the same column of
-# a table (a constant extra lag, and a dead time that one table alone has), and the last bits,
-# which differ from one processor to another, would choose between them. Rounding leaves some
-# 1e-12 of a sum over the rows; two causes that differ are not told apart by a millionth of
-# their sum of squares.
+# Scores within this relative difference are equal. Two effects may have the same column in a table
+# (a constant extra lag, and a dead time that one table alone has), and the last bits, which differ
+# between processors, would choose between them. Rounding changes a sum over the rows by some 1e-12;
+# different causes differ by more than a millionth of their sum of squares.
 TIED = 1e-6
 
 
 class TableCandidate(NamedTuple):
-    """An effect that may be hypothesised. `scope`: index (Problem.scopes) of the groups of rows
-    that alone have it, None: all have it."""
+    """A candidate effect. `scope`: index (Problem.scopes) of the groups of rows that alone have the
+    effect; None for all."""
 
     id: str
     member: int | None = None
@@ -31,8 +30,10 @@ class TableCandidate(NamedTuple):
 
 
 class SizedEffect(NamedTuple):
+    """A candidate effect with its size."""
+
     candidate: TableCandidate
-    # in the unit of the catalogue, on top of what the machine has
+    # Size in the unit of the catalogue, on top of the machine's own effect.
     size: float
 
 
@@ -40,34 +41,42 @@ class TablePiece(NamedTuple):
     """Rows (n,) of one measured column. `predict` runs the machine model for every row, in
     `unit`."""
 
-    name: str  # "lag_table1_distance.csv lag_m"
+    # Name of the piece, for example "lag_table1_distance.csv lag_m".
+    name: str
     channel: str
     unit: str
     observed: Array
     predict: Callable[[Machine], Array]
-    # relative noise of the rows, to choose from; all 1 where they are alike
+    # Trial shapes of the rows' relative noise; all 1 where the noise is constant.
     spreads: tuple[Array, ...]
-    group: npt.NDArray[np.str_]  # label of each row, "" where the table has none
-    label_column: str  # column that the labels come from
-    candidates: tuple[TableCandidate, ...]  # scope None
-    # ids that may hold in one label or one table only
+    # Label of each row, "" where the table has none.
+    group: npt.NDArray[np.str_]
+    # Column of the labels.
+    label_column: str
+    # Candidates for all rows (scope None).
+    candidates: tuple[TableCandidate, ...]
+    # Ids that may hold in one label or one table only.
     scoped_ids: tuple[str, ...]
-    variables: Mapping[str, Array]  # recorded settings
-    nuisances: Mapping[str, Array]  # what one tolerance makes of each row
-    # id -> (n, k): the same effect in other shapes of its own variable
+    # Recorded settings by name.
+    variables: Mapping[str, Array]
+    # Change of each row by one tolerance.
+    nuisances: Mapping[str, Array]
+    # Alternative shapes of each effect over its own variable, by id: (n, k).
     forms: Mapping[str, Array]
-    # id -> (k,): size that a unit of each form is where it is defined
+    # Size where the effect is defined, for a unit of each shape, by id: (k,).
     at_definition: Mapping[str, Array] = {}
-    # what the machine file says of the sensor, for spread 1
+    # Noise of the sensor by the machine file, for spread 1.
     noise_sd: float | None = None
-    clocked: bool = False  # times of a detector: may come in steps
-    on_ground: bool = False  # distances along the travel, of a drive
-    # ids that these rows have only where a scope names them
+    # Whether the times come from a detector, which may quantise them.
+    clocked: bool = False
+    # Whether the rows are distances along the travel of a drive.
+    on_ground: bool = False
+    # Ids that apply to these rows only where a scope names the rows.
     named_only: frozenset[str] = frozenset()
 
     @property
     def table(self) -> str:
-        """Name of the table that the column is in."""
+        """Name of the table with the column."""
         return self.name.rsplit(" ", 1)[0]
 
 
@@ -75,13 +84,13 @@ SCOPE_AND = " and "
 
 
 def describe_scope(groups: Iterable[tuple[str, str]]) -> str:
-    """What people call the groups (table, label) that alone have an effect: the `scope` of its
-    cause."""
+    """Return the user's name for the groups (table, label) that alone have an effect: the `scope`
+    of its cause."""
     return SCOPE_AND.join(describe_group(table, label) for table, label in groups)
 
 
 def is_within_scope(scope: str | None, piece: TablePiece, label: str, effect_id: str) -> bool:
-    """Whether a cause with this scope holds in a piece's rows of one label."""
+    """Tell whether a cause with this scope holds in a piece's rows of one label."""
     if scope is None:
         return effect_id not in piece.named_only
     own = describe_group(piece.table, label)
@@ -89,14 +98,14 @@ def is_within_scope(scope: str | None, piece: TablePiece, label: str, effect_id:
 
 
 def describe_group(table: str, label: str) -> str:
-    """What people call the rows of one label (the `scope` of a cause): the table, by its file's
+    """Return the user's name for the rows of one label (the `scope` of a cause): the table's file
     name, and the label."""
     short = table.replace("\\", "/").rsplit("/", 1)[-1] or "the table"
     return f"{short} {label}".strip()
 
 
 def add_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
-    """The machine with effects on top of those it has; bounds are not looked at."""
+    """Return the machine with effects added to its own; bounds are not checked."""
     stages: dict[str, Any] = {}
     for (effect_id, member, _), size in effects:
         entry = CATALOGUE[effect_id]
@@ -109,7 +118,7 @@ def add_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
 
 
 def list_varying(variables: Mapping[str, Array]) -> dict[str, Array]:
-    """Those that are known in every row and take more than one value."""
+    """Return the variables that have a value in every row and more than one distinct value."""
     return {
         name: values
         for name, values in variables.items()
@@ -119,8 +128,8 @@ def list_varying(variables: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def find_first_best(scores: Sequence[float] | Array) -> int:
-    """Index of the highest score (n,), of equal ones the first: the order given decides, not
-    rounding."""
+    """Return the index of the highest score (n,); the first of equal scores, so that rounding does
+    not decide."""
     values = np.asarray(scores, np.float64)
     highest = float(values.max())
     least = highest - TIED * abs(highest) if np.isfinite(highest) else highest
@@ -128,7 +137,7 @@ def find_first_best(scores: Sequence[float] | Array) -> int:
 
 
 def sort_best_first(scores: Sequence[float] | Array) -> list[int]:
-    """Indices of the scores (n,) from the highest down, equal ones in the order given."""
+    """Return the indices of the scores (n,) in descending order; equal scores keep their order."""
     values = np.asarray(scores, np.float64)
     left = list(range(len(values)))
     out = []

@@ -1,12 +1,14 @@
-"""The verdict on bench tables, from the probabilities of the models: none, named, ambiguous,
+"""Decides the verdict on bench tables from the probabilities of the models: none, named, ambiguous,
 unexplained, not judged.
 
 - not judged: no effect within its bounds could have shown in these rows.
-- none: that there is nothing is more probable than that there is something.
-- unexplained: of the probability that there is something, models in which something is no
-  effect, or an effect with a size that it cannot have, have NAMED.
-- named: every effect of the most probable model without such a thing is in models that together
-  have NAMED of the probability; else it is ambiguous.
+- none: the model without effects is more probable than all others together.
+- unexplained: of the probability of any deviation, models with an unknown dependence, or with an
+effect of an
+  impossible size, have NAMED.
+- named: every effect of the most probable model without an unknown dependence is in models that
+together have
+  NAMED of the probability; otherwise the verdict is ambiguous.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from .table_series import SizedEffect, TableCandidate
 
 
 class TableRival(NamedTuple):
-    """What may stand in the place of a cause. `effect`: None for something unknown, or chance."""
+    """An alternative in the place of a cause. `effect`: None for an unknown dependence, or
+    chance."""
 
     id: str
     effect: SizedEffect | None
@@ -41,11 +44,11 @@ class NamedEffect(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """`nothing`: probability that there is nothing but noise. `model`: the one that is
-    reported, None: nothing is.
+    """Judgement of a search. `nothing`: probability of noise only. `model`: the reported model,
+    None for no report.
 
-    `nearest`: an effect that comes nearest to what is unexplained, with a size that it cannot
-    have.
+    `nearest`: the effect, with an impossible size, that is most similar to the unexplained
+    dependence.
     """
 
     search: TableSearch
@@ -63,8 +66,8 @@ class Judgement(NamedTuple):
 
 
 def judge_table_search(search: TableSearch, shows: bool) -> Judgement:
-    """The verdict, clocks apart. shows : whether these rows would show any effect within its
-    bounds."""
+    """Return the judgement without the clocks. shows : whether these rows would show any effect
+    within its bounds."""
     every = list(zip(search.fitted, search.probability, strict=True))
     nothing = sum(p for one, p in every if one.is_nothing)
     unknown = sum(p for one, p in every if one.is_unknown)
@@ -88,7 +91,7 @@ def judge_table_search(search: TableSearch, shows: bool) -> Judgement:
 
 
 def _choose_reported_model(search: TableSearch, nothing: float, unknown: float) -> FittedModel:
-    """The model that is reported: of those with or without something unknown."""
+    """Return the reported model, among those with or without an unknown dependence."""
     some = [one for one in search.fitted if not one.is_nothing]
     strange = next((one for one in some if one.is_unknown), None)
     known = next((one for one in some if not one.is_unknown), None)
@@ -98,7 +101,8 @@ def _choose_reported_model(search: TableSearch, nothing: float, unknown: float) 
 
 
 def _name_effect(search: TableSearch, model: FittedModel, k: int) -> NamedEffect:
-    """The k-th effect of a model, and what the models without it have in its place."""
+    """Return the k-th effect of a model with its rivals: its replacements in the models without the
+    effect."""
     own = model.sized[k]
     mine = 0.0
     shares: dict[tuple[str, int | None], float] = {}
@@ -132,8 +136,8 @@ def _name_effect(search: TableSearch, model: FittedModel, k: int) -> NamedEffect
 
 
 def _list_unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplained, ...]:
-    """What of a model no effect can be, and its share of what its effects leave (sums of
-    squares)."""
+    """Return the part of a model that no effect can be, with its share of the residual sum of
+    squares after the model's effects."""
     if not model.is_unknown:
         return ()
     problem = search.problem
