@@ -2,7 +2,7 @@
 
 Files:
 
-- `app`: The console's screens. They know `console.frame.Frame` and a `FrameSource`
+- `app`: The console's screens know `console.frame.Frame` and a `FrameSource`
 - `attached`: Who is attached to the control worker, and who ordered what?
 - `cli`: The command line: `topdress --help`
 - `frame`: What the control worker tells its consoles, ten times a second while the machine moves

@@ -1,4 +1,4 @@
-"""One action: its key, its words, what it does, and the screen that it belongs to."""
+"""Declares one action of the console: its key, its words, its function and its screen."""
 
 from __future__ import annotations
 
@@ -7,20 +7,40 @@ from typing import Any, NamedTuple
 
 from textual.binding import Binding, BindingType
 
+# The value of `Action.where` for an action that every screen offers.
 ANYWHERE = "anywhere"
 RUN, MAP, TRENDS, DEVICES, CALIBRATE = "run", "map", "trends", "devices", "calibrate"
 REPLAY, DIAGNOSIS, JOB, SETTINGS = "replay", "diagnosis", "job", "settings"
 
 
 class Action(NamedTuple):
-    """Describes an action.
+    """Describes an action of the table of `actions`.
 
-    id: also the key for a keymap. do: takes the page; that of an action of every screen takes the
-    app. bar: place in the key bar, 0 = not there. locked: still works in lock mode. why: why it
-    cannot be done now, one line, empty where it can; takes the argument of `do`. judged: it is
-    tried all the same, for the worker has the last word, whose state is newer than the frame on the
-    screen. asks: a "number" or a "text" is typed after it. needs_machine: it orders or asks
-    something of the machine, and cannot be done without a connection.
+    Attributes
+    ----------
+    id
+        Name of the action, which is also its key in a user's keymap.
+    keys
+        Textual names of the keys, separated by commas.
+    shown
+        Key as bars and help print it.
+    do
+        Function that performs the action; its argument is the page, or the app where `where` is
+        ANYWHERE.
+    bar
+        Position in the key bar from 1; 0 means that the key bar omits the action.
+    locked
+        True if the action still works while the keys are locked.
+    why
+        Function that returns the reason why the action is impossible now (one line), or "" where it
+        is possible. It takes the argument of `do`.
+    judged
+        True if the action is attempted in spite of `why`: the worker decides, because its state is
+        newer than the frame on the screen.
+    asks
+        "number" or "text" if the action opens a question into which the operator types.
+    needs_machine
+        True if the action sends something to the machine and is impossible without a connection.
     """
 
     id: str
@@ -40,7 +60,7 @@ class Action(NamedTuple):
 
 
 def make_bindings(actions: Iterable[Action]) -> list[BindingType]:
-    """The actions as Textual bindings, with their ids for a keymap."""
+    """Convert the actions to Textual bindings, whose ids a user's keymap refers to."""
     return [
         Binding(
             action.keys,
@@ -48,6 +68,7 @@ def make_bindings(actions: Iterable[Action]) -> list[BindingType]:
             action.label,
             id=action.id,
             priority=action.priority,
+            # Textual's own footer is not used: `widgets.key_bar` draws the keys.
             show=False,
         )
         for action in actions
@@ -55,5 +76,5 @@ def make_bindings(actions: Iterable[Action]) -> list[BindingType]:
 
 
 def set_page(where: str, *actions: Action) -> tuple[Action, ...]:
-    """The actions, all on one page."""
+    """Return the actions with `where` set to one page."""
     return tuple(action._replace(where=where) for action in actions)

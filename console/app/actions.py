@@ -1,4 +1,4 @@
-"""Every action once. Bindings, key bar, help and palette are read off this table."""
+"""Lists every action once; bindings, key bar, help and palette are made from this table."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from topdress.console.app.pages.settings import keys as settings
 from topdress.console.app.pages.trends import keys as trends
 from topdress.console.locale import N_
 
+# The order of this tuple is the order of help and palette: a page's own actions precede those of
+# every screen.
 ACTIONS: tuple[Action, ...] = (
     *run.ACTIONS,
     *devices.ACTIONS,
@@ -30,6 +32,7 @@ ACTIONS: tuple[Action, ...] = (
     *settings.ACTIONS,
     *common.ACTIONS,
 )
+# Textual's names of keys, and the shorter forms that fit a key bar.
 _KEY_NAMES = {
     "pageup": "PgUp",
     "pagedown": "PgDn",
@@ -51,18 +54,20 @@ _KEY_NAMES = {
     "delete": "Del",
     "backspace": "Bksp",
 }
-# of the key of STOP, while no machine is connected
+# While no machine is connected, the key of STOP carries these words: the console cannot stop a
+# machine that it does not reach.
 CONNECT_LABEL = N_("connect")
 CONNECT_HELP = N_("Asks how to connect: STOP is the hard-wired one until then.")
-# key of what stands in a page's menu, before its digit: no terminal sends it
+# Textual names of menu entries are this prefix and a digit. No terminal sends such a key, so an
+# entry is reachable through the menu only.
 _MENU_PREFIX = "q_"
-# action -> key as it is shown, where the user's keymap has another one
+# Maps an action's id to the key to print, for actions that the user's keymap changes.
 _remapped: dict[str, str] = {}
 BY_ID = {action.id: action for action in ACTIONS}
 
 
 def remap_actions(keymap: Mapping[str, str]) -> None:
-    """Show these actions with these keys from now on, all others with their own."""
+    """Print the keys of this keymap from now on, and the built-in keys of all other actions."""
     _remapped.clear()
     _remapped.update(
         {name: format_key(keys.split(",")[0].strip()) for name, keys in keymap.items()}
@@ -70,7 +75,7 @@ def remap_actions(keymap: Mapping[str, str]) -> None:
 
 
 def format_key(key: str) -> str:
-    """A key as it is written on a keyboard, as short as the key bar wants it."""
+    """Return the name of a key in the short form that keyboards and the key bar use."""
     if key.startswith(_MENU_PREFIX):
         return _remapped.get("menu", "Q") + key.removeprefix(_MENU_PREFIX)
     *held, last = key.split("+")
@@ -81,22 +86,24 @@ def format_key(key: str) -> str:
 
 
 def list_page_actions(where: str) -> tuple[Action, ...]:
-    """The actions of one screen: its own and those of every screen."""
+    """Return the actions of one screen: its own and those of every screen."""
     found = [action for action in ACTIONS if action.where in (ANYWHERE, where)]
     own_start = any(action.id in ("start", "job_start") for action in found)
-    # where the page has an S of its own ^S is not on the bar
+    # A page with a START key of its own does not show the general START key in its bar.
     as_here: dict[str, dict[str, Any]] = {
         "start_anywhere": {"bar": 0} if own_start else {"label": BY_ID["start"].label}
     }
     return tuple(
         action._replace(shown=find_shown_key(action), **as_here.get(action.id, {}))
         for action in found
+        # A menu without an entry would open an empty list.
         if action.id != "menu" or list_menu_actions(where)
     )
 
 
 def drop_machine_actions(shown: tuple[Action, ...]) -> tuple[Action, ...]:
-    """The actions while no machine is connected: without hold, and the key of STOP connects."""
+    """Return the actions without hold, with STOP relabelled "connect": for a console without a
+    machine."""
     return tuple(
         action._replace(label=CONNECT_LABEL, help=CONNECT_HELP) if action.id == "stop" else action
         for action in shown
@@ -105,15 +112,15 @@ def drop_machine_actions(shown: tuple[Action, ...]) -> tuple[Action, ...]:
 
 
 def find_shown_key(action: Action) -> str:
-    """The key as bars, help and menu show it: the user's, else its own."""
+    """Return an action's key as bars, help and menu print it, from the keymap first."""
     if action.keys.startswith(_MENU_PREFIX) and action.id not in _remapped:
         return format_key(action.keys)
     return _remapped.get(action.id, action.shown)
 
 
 def list_menu_actions(where: str) -> tuple[Action, ...]:
-    """The actions in the page's menu, in the order of its digits: seventy actions are more than
-    there are letters."""
+    """Return the actions of the page's menu in the order of their digits. The menu exists because
+    seventy actions exceed the letters of the alphabet."""
     return tuple(
         sorted(
             (
@@ -127,17 +134,18 @@ def list_menu_actions(where: str) -> tuple[Action, ...]:
 
 
 def find_bound_keys(where: str, keymap: Mapping[str, str]) -> frozenset[str]:
-    """Every key that has an action on this screen, the user's in place of the built-in ones."""
+    """Return every key that has an action on this screen, with the keymap's keys in place of the
+    built-in keys."""
     return frozenset(
         key for action in list_page_actions(where) for key in find_keys(action, keymap)
     )
 
 
 def find_keys(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
-    """The keys of an action, the user's in place of the built-in ones."""
+    """Return the keys of one action, from the keymap first."""
     return tuple(key.strip() for key in keymap.get(action.id, action.keys).split(","))
 
 
 def list_page_openers() -> tuple[Action, ...]:
-    """The actions that open a page, in the order of the table."""
+    """Return the actions that open a page, in the order of the table."""
     return tuple(action for action in common.ACTIONS if action.id.endswith("_screen"))

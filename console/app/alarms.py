@@ -1,7 +1,7 @@
-"""Alarms on the console: when the bell rings, and what the list of the run's alarms says.
+"""Decides when the terminal's bell rings and words the list of the run's alarms.
 
-Delay and hysteresis of the alarms themselves are safety's (`control.safety.limits`): here is
-only what is heard.
+`control.safety.limits` has delay and hysteresis of the alarms themselves; this module handles their
+sound only.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ from topdress.console.locale import _
 from topdress.console.worker.resume_alarms import AlarmRecord
 from topdress.control.orders import Alarm, Severity
 
-LEAST_GAP_S = 5.0  # between two bells
-# a terminal has one bell: how often it strikes tells which
+# Shortest time between two bell signals, s: closer signals blend into one, and their strokes cannot
+# be counted.
+LEAST_GAP_S = 5.0
+# A terminal has one sound for its bell, so the number of strokes carries the severity.
 STROKES = {Severity.AMBER: 1, Severity.RED: 3}
-# while a red alarm stands that nobody has acknowledged
+# A red alarm that nobody acknowledges rings again after this time, s.
 REPEAT_AFTER_S = 30.0
-# an alarm that was away for less is not new to the ear
+# An alarm that returns within this time, s, does not ring again: a value near its limit would ring
+# at every crossing.
 SAME_ALARM_S = 10.0
 
 
@@ -30,13 +33,23 @@ class AlarmBell:
     acknowledged."""
 
     def __init__(self) -> None:
-        self._gone_s: dict[str, float | None] = {}  # id -> when it went; None: it stands
+        # Maps an alarm's id to the time at which it ended, s. None means that the alarm stands.
+        self._gone_s: dict[str, float | None] = {}
+        # Minus infinity lets the first alarm ring at once.
         self._rang_s = float("-inf")
-        self._owed = 0  # strokes
+        # Strokes that are due as soon as `MIN_BELL_GAP_S` has passed.
+        self._owed = 0
 
     def count_strokes_due(self, now_s: float, alarms: Iterable[Alarm]) -> int:
-        """Take the alarms that stand, a few times a second; how often the bell has to strike now,
-        for the worst new one; 0: not at all."""
+        """Return how many times the bell must strike now; 0 means silence.
+
+        Parameters
+        ----------
+        now_s
+            Time on a monotonic clock, s. Call this function a few times a second.
+        alarms
+            Alarms that stand now; the worst new alarm decides.
+        """
         standing = {alarm.id: alarm for alarm in alarms}
         for name, alarm in standing.items():
             gone_s = self._gone_s.get(name, float("-inf"))
@@ -52,6 +65,7 @@ class AlarmBell:
         waited_s = now_s - self._rang_s
         if urgent and waited_s >= REPEAT_AFTER_S:
             self._owed = STROKES[Severity.RED]
+        # Strokes that were due for an alarm that has ended would announce nothing.
         if not standing:
             self._owed = 0
         if not self._owed or waited_s < LEAST_GAP_S:
@@ -61,7 +75,7 @@ class AlarmBell:
 
 
 class AlarmEntry(NamedTuple):
-    """Holds one alarm of the list, in words."""
+    """Holds one alarm of the list in words."""
 
     severity: Severity
     symbol: str
@@ -70,14 +84,26 @@ class AlarmEntry(NamedTuple):
     place: str
     todo: str
     stands: bool
-    when: str  # first, last, how often, acknowledged
-    gone: bool = False  # stands, though its cause is away
+    # Times of the first and last occurrence, number of occurrences, acknowledgement.
+    when: str
+    # True for an alarm that stands although its cause has ended: it waits for acknowledgement.
+    gone: bool = False
 
 
 def make_alarm_entries(
     records: Iterable[AlarmRecord], units: Units, utc_offset_s: float
 ) -> tuple[AlarmEntry, ...]:
-    """The list's lines, in the language in use; standing ones first."""
+    """Word the run's alarms in the language in use; standing alarms come first.
+
+    Parameters
+    ----------
+    records
+        History of the run's alarms.
+    units
+        Units of the numbers in the texts.
+    utc_offset_s
+        Local time minus UTC, s.
+    """
     return tuple(_make_alarm_entry(record, units, utc_offset_s) for record in records)
 
 
@@ -88,6 +114,8 @@ def _make_alarm_entry(record: AlarmRecord, units: Units, utc_offset_s: float) ->
     )
 
     def format_clock(utc: str, time_s: float) -> str:
+        # A machine without a receiver has no UTC; the time since the start of the log replaces the
+        # clock.
         return format_local_time(utc, utc_offset_s) or f"{time_s:.0f} s"
 
     when = [
@@ -95,6 +123,7 @@ def _make_alarm_entry(record: AlarmRecord, units: Units, utc_offset_s: float) ->
         _("last {time}").format(time=format_clock(record.last_utc, record.last_s)),
         _("{count} times").format(count=record.times) if record.times != 1 else _("once"),
     ]
+    # A record stores the end of the cause only while the alarm itself stands.
     gone = record.stands and bool(record.gone_utc)
     if gone:
         when.append(

@@ -1,5 +1,6 @@
-"""The Textual app: it supervises the source of frames, turns keys into orders, and looks at
-what is new."""
+"""Defines the Textual app, which supervises the source of frames, converts keys into orders and
+refreshes what is due.
+"""
 
 from __future__ import annotations
 
@@ -81,23 +82,32 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.replay.page import ReplayScreen
     from topdress.control.machine.machine import Machine
 
+# State that the machine has after an order; a refusal is explained by the key that leads to this
+# state.
 STATE_AFTER_ORDER = {
     Do.START: State.WORKING,
     Do.CALIBRATE: State.CALIBRATING,
     Do.READY: State.READY,
 }
-READ_ONLY_SCREENS = (TextDialog, HelpScreen, AlarmList)  # nothing is asked in them
+# Screens without a question. The key of a page closes them and opens the page.
+READ_ONLY_SCREENS = (TextDialog, HelpScreen, AlarmList)
+# Time for which a notice stays in the key bar, s.
 NOTICE_S = 4.0
 RESTART_NOTICE = N_("the machine comes back with the new files: a moment")
-# between two strokes of the bell: closer ones are one on some terminals
+# Time between two strokes of the bell, s; some terminals merge closer strokes into one.
 STROKE_GAP_S = 0.35
-FIRST_FRAME_POLL_S = 0.02  # how often the first frame is looked for
-# after the first frame: its picture is drawn, and the other pages are made ready, ...
+# Period of the poll for the first frame, s; the first picture must not wait for the slower regular
+# tick.
+FIRST_FRAME_POLL_S = 0.02
+# Time from the first frame until the other pages are built, s: the first picture is drawn before.
 FIRST_PICTURE_S = 0.5
-PAGE_GAP_S = 0.05  # ... so far apart that keys come between them
-# Textual's, once it needs them
+# Pause between two pages that are built, s, so that key presses are handled in between.
+PAGE_GAP_S = 0.05
+# Modules that Textual and Rich import only on first use. Early import in a thread avoids a pause
+# while the operator works.
 LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")
-# the first character that is not ASCII has Rich read its table of widths
+# The first character outside ASCII makes Rich read its table of character widths; measuring this
+# character early avoids the pause later.
 WIDE_CHARACTER = "\u80a5"
 _HERE = Path(__file__).parent
 Value = TypeVar("Value")
@@ -105,26 +115,43 @@ Connector = Callable[[], Awaitable[FrameSource]]
 
 
 def _send_to_source(order: Order, source: FrameSource) -> Awaitable[Answer]:
+    """Send an order to a source; a module-level function for `partial`."""
     return source.send_order(order)
 
 
 class TopdressApp(App[None], inherit_bindings=False):
     """Shows the console.
 
-    source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic.
-    start, attach: make a new source when the worker is gone; their errors (OSError, RuntimeError)
-    are one line. replay: a log to open. units, language, theme, keymap: instead of the settings'
-    own. keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False
-    for tests and pictures: nothing moves but by `show_newest`. tour: begin with the guided tour.
-    joined: `source` is of a machine that ran already. ask_job: once it is seen, ask which of the
-    jobs that were worked lately.
+    Parameters
+    ----------
+    source
+        Link to the control worker, or None for a replay without a machine.
+    clock
+        Returns s, as `time.monotonic`.
+    start, attach
+        Make a new source after the worker is lost; the text of their errors (OSError, RuntimeError)
+        is one line.
+    replay
+        Log to open on the Replay page.
+    units, language, theme, keymap
+        Values that override those of the user's settings. keymap maps an action's id to keys.
+    limits_kg_ha
+        Range of a manual rate, kg/ha.
+    live
+        False for tests and pictures: only `show_newest` refreshes the screen.
+    tour
+        True: begin with the guided tour.
+    joined
+        Description of the machine if `source` belongs to a machine that ran before this console.
+    ask_job
+        True: after the first frame, ask which of the recent jobs to open.
     """
 
     CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
     TITLE = "topdress"
     ENABLE_COMMAND_PALETTE = False  # Textual's own key for it would pass by the lock
     BINDINGS: ClassVar = make_bindings(ACTIONS)
-    # the machine is held where no such console is open
+    # A browser tab's console overrides this: the machine stops where the last such console closes.
     keeps_working: ClassVar[bool] = True
 
     def __init__(
@@ -148,6 +175,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         joined: JoinedMachine | None = None,
         ask_job: bool = False,
     ) -> None:
+        # Textual's constructor already asks for the line filters, so this filter exists first.
         self._plain_lines = PlainLines()
         super().__init__()
         self.source, self.clock = source, clock
@@ -159,11 +187,13 @@ class TopdressApp(App[None], inherit_bindings=False):
             limits_kg_ha,
             hopper_kg,
         )
-        self.machine: Machine | None = None  # that runs; None: not known
-        self.presets_kg_ha = (100.0, 150.0, 200.0)  # the settings' own take their place
+        # Type of the running machine. None means that the machine is unknown so far.
+        self.machine: Machine | None = None
+        # Default presets, kg/ha; the settings replace them.
+        self.presets_kg_ha = (100.0, 150.0, 200.0)
         self.guide = GuideLine()
         self.sound = live
-        # strokes of the bell -> the command in their place
+        # Maps a number of bell strokes to the sound command that replaces them.
         self.sounds: dict[int, str] = {}
         self.alarm_book, self.ring = AlarmHistory(), AlarmBell()
         self.live = live
@@ -172,19 +202,23 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.tour = Tour() if tour else None
         self.sweeps = FreezeSchedule()
         self.joined = joined
-        self._to_say = joined  # with the first frame, before all else
+        # Notice about the joined machine, shown with the first frame before all other notices.
+        self._to_say = joined
         self.ask_job = ask_job
         self.locked = False
         self.stray, self.held_enter, self.undo = TypeAheadGuard(), HeldEnter(), UndoStack()
-        self.asked_by = ""  # the key that was pressed last on a page
+        # Key that was pressed last on a page.
+        self.asked_by = ""
+        # Reason why the worker is lost; empty while the link works.
         self.gone = ""
-        # why the worker that this console began with never came up
+        # Reason why the worker that this console started never became ready.
         self.not_started = ""
         self.arrival, self.history = FrameArrival(), LiveHistory()
         self.notice_text, self._notice_until_s = "", 0.0
-        # the newest of those that are shown when they come ...
+        # Newest frame that was shown on arrival, before the regular tick.
         self._first_shown: Frame | None = None
-        self._first_s = 0.0  # ... from then on
+        # Time of the first frame, s.
+        self._first_s = 0.0
         self.rates = Rates()
         self.pages = Pages(replay, self.services, self._prepare_page)
         self.page_actions = actions.list_page_openers()
@@ -208,7 +242,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.use_keymap(keymap)
 
     def use_keymap(self, keys: Mapping[str, str]) -> None:
-        """Use these keys from now on, and the built-in ones for all other actions."""
+        """Apply a keymap from now on; actions that it does not name have their built-in keys."""
         self.set_keymap(dict(keys))
         actions.remap_actions(keys)
         self.bound_keys = {
@@ -225,7 +259,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._urgent_keys = self._hold_keys.union(actions.find_keys(actions.BY_ID["stop"], keys))
 
     def use_settings(self) -> None:
-        """Make the user's settings take effect; those that cannot be used are reported."""
+        """Apply the user's settings; invalid settings are reported in the key bar."""
         store = self.services.settings
         if store is not None:
             for data in store.themes:
@@ -233,46 +267,51 @@ class TopdressApp(App[None], inherit_bindings=False):
             store.trouble = store.trouble or apply_settings(self, store.settings)
 
     def get_default_screen(self) -> Screen[None]:
+        """Return the first page: Replay if the console has only a log, else Run."""
         return self.pages[
             RUN if self.source is not None or self.replay_page.job is None else REPLAY
         ]
 
     @property
     def replay_page(self) -> ReplayScreen:
-        """The Replay page."""
+        """Replay page."""
         return cast("ReplayScreen", self.pages[REPLAY])
 
     @property
     def map_page(self) -> MapScreen:
-        """The Map page."""
+        """Map page."""
         return cast("MapScreen", self.pages[MAP])
 
     @property
     def job_page(self) -> JobScreen:
-        """The Job page."""
+        """Job page."""
         return cast("JobScreen", self.pages[JOB])
 
     def _prepare_page(self, where: str, page: Page) -> None:
+        """Prepare a page that was just built: refresh rates, newest frame, installation."""
         self.set_refresh_rates(page)
         if self.arrival.frame is not None:
             page.gather_frame(self.arrival.frame)
-        if self.is_running:  # the first page is the app's own screen
+        # Textual installs the first page itself, because it is the app's default screen.
+        if self.is_running:
             self.install_screen(page, where)
 
     def set_refresh_rates(self, page: Page) -> None:
-        """Set how often the page's panels are refreshed, as the settings have it."""
+        """Set the refresh rate of each kind of panel of a page to the user's settings."""
         rates = self.rates
         page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
         page.maps.every_s = 1.0 / rates.maps_hz
 
     def leave_from_thread(self) -> None:
-        """End the console from another thread, without a question: its terminal is gone."""
+        """End the console from another thread without a question, because its terminal is gone."""
         if self._loop_here is not None:
             self._loop_here.call_soon_threadsafe(self.exit)
 
     def on_mount(self) -> None:
         """Install the pages and start the timers."""
         self._loop_here = asyncio.get_running_loop()
+        # Tests and pictures need every page at once; a live console builds them after the first
+        # frame.
         for where, page in (self.pages.made if self.live else self.pages).items():
             if page is not self.screen and not self.is_screen_installed(page):
                 self.install_screen(page, where)
@@ -280,6 +319,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         store = self.services.settings
         if said := store.trouble if store is not None and store.trouble else self.services.missing:
             self.call_after_refresh(self.show_notice, said)
+        # Without a worker and without a replay, the operator first decides whether an interrupted
+        # job is resumed.
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
         if self.live:
@@ -289,11 +330,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.call_after_refresh(self.show_newest)
 
     async def on_event(self, event: events.Event) -> None:
-        """Normalise a key first; a click on hold and STOP in sight works also while a dialog is
-        open."""
+        """Handle a key or click before Textual does: normalise keys, and let hold and STOP work
+        under a dialog."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
             if await self._handle_first(event):
                 return
+            # A text field needs the character that was typed, not the key that the layout stands
+            # for.
             key = self._normalise_key(event)
             if key != event.key and not isinstance(self.focused, Input):
                 event = events.Key(key, key if len(key) == 1 else None)
@@ -310,13 +353,17 @@ class TopdressApp(App[None], inherit_bindings=False):
         await super().on_event(event)
 
     def _normalise_key(self, event: events.Key) -> str:
+        """Return the key that a keyboard layout's character stands for."""
         return key_normaliser.normalise_key(
             event.key, self.bound_keys[self.page.where], self._urgent_keys
         )
 
     async def _handle_first(self, event: events.Key) -> bool:
-        """Whether a key goes no further. F12, and Ctrl with the key of hold, come first even where
-        a text field has the focus, which takes what can be printed; a note gives way to a page."""
+        """Return whether a key was handled before its screen receives it.
+
+        F12 and Ctrl with the key of hold act even where a text field has the focus, which consumes
+        printable characters. A page's key closes a screen without a question.
+        """
         key, typing = self._normalise_key(event), isinstance(self.focused, Input)
         if isinstance(self.screen, NameDialog) and self.screen.take_early_key(event):
             return True
@@ -325,6 +372,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         ):
             await self.action_do("stop" if key == key_normaliser.ALWAYS_STOP else "hold")
             return True
+        # Keys on a page itself: a swallowed key belongs to a question that was refused before.
         if self.screen is self.page:
             self.asked_by = key
             if key not in self._urgent_keys and self.stray.is_swallowed(key, self.clock()):
@@ -342,8 +390,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         return key == "enter" and self.live and self.held_enter.is_repeat(self.screen, self.clock())
 
     def _notice_other_pages(self, key: str) -> None:
-        """Report a letter that has an action on other pages alone; START, asked, has a key of every
-        page."""
+        """Notify the operator that a letter works on other pages only. START is the exception: one
+        key starts from every page."""
         pages = {one.id.removesuffix("_screen"): one for one in self.page_actions}
         there = [
             one
@@ -364,12 +412,13 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.show_notice(f"{self.find_shown_key(there[0].id)}: {places}{here if start else ''}")
 
     def _find_urgent_under(self, event: events.MouseEvent) -> str:
-        """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and without a
-        dialog."""
+        """Return "hold" or "stop" where a click hits that key of the key bar beside an open dialog,
+        else ""."""
         if self.screen is self.page or not self.page.is_mounted:
             return ""
         x, y = int(event.screen_x), int(event.screen_y)
         bar = self.page.query_one("#keys", KeyBar)
+        # A dialog that covers the key at this position receives the click.
         if not bar.region.contains(x, y) or self.screen.get_widget_at(x, y)[0] is not self.screen:
             return ""
         name = bar.find_action(x - bar.content_region.x)
@@ -380,12 +429,13 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     @property
     def page(self) -> Page:
-        """The screen under any dialogs."""
+        """Page below any open dialogs."""
         return next(screen for screen in reversed(self.screen_stack) if isinstance(screen, Page))
 
     def show_newest(self) -> None:
-        """Take the newest frame and show what is due; 5 times a second, or by hand in tests."""
-        # it closes, and its page may never have been composed
+        """Take the newest frame and refresh what is due: 5 times a second, or on demand in
+        tests."""
+        # The app is closing, and its page may never have been composed.
         if self.not_started:
             return
         now_s = self.clock()
@@ -397,6 +447,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.history.add_frame(self.arrival.frame)
             self._notice_others(self.arrival.frame)
             self._note_alarms(self.arrival.frame, now_s)
+            # Every page collects the frame, also a hidden one: its plots must have no gap when it
+            # opens.
             for page in self.pages.made.values():
                 page.gather_frame(self.arrival.frame)
         if self.notice_text and now_s >= self._notice_until_s:
@@ -406,20 +458,21 @@ class TopdressApp(App[None], inherit_bindings=False):
             if self.tour.is_over:
                 self.tour = None
                 self.show_notice(_("That was the tour. Ctrl+T shows it again."))
-        # not between its being turned to and its being composed
+        # A page that was opened but not yet composed has no panels to refresh.
         if self.page.is_mounted:
             self.page.show_due(now_s)
         if self.live:
             self.sweeps.freeze_after_sweep()
 
     def _show_first_frames(self) -> None:
-        """Show the first frames when they come, not with the next of the ticks, until one has the
-        receiver's."""
+        """Show the first frames on arrival, before the regular tick, until a frame has a GNSS
+        fix."""
         frame, now_s = None if self.source is None else self.source.newest, self.clock()
         if frame is None or frame is self._first_shown:
             return
         begins, self._first_shown = self._first_shown is None, frame
         self._first_s = now_s if begins else self._first_s
+        # A start without a receiver ends the poll after `FIRST_PICTURE_S`.
         if frame.gnss_age_s is not None or now_s - self._first_s >= FIRST_PICTURE_S:
             self._until_first.stop()
         self.page.refresh_all_next_tick()
@@ -435,10 +488,13 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
 
     async def _make_other_pages(self) -> None:
-        """Make the other pages once the first one is seen; a thread reads their modules."""
+        """Build the other pages after the first frame is visible; a thread imports their
+        modules."""
         await asyncio.to_thread(self.services.make_late_services)
         for where in self.pages:
             await asyncio.to_thread(self.pages.import_page, where)
+            # Indexing builds the page here, because Textual widgets belong to the event loop's
+            # thread.
             self.pages[where]
             await asyncio.sleep(PAGE_GAP_S)
         for module in LATE_MODULES:
@@ -448,18 +504,18 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     @property
     def own_name(self) -> str:
-        """The name that the others at this machine have for this console; empty without one that
-        listens."""
+        """Name under which other consoles at this machine list this console; empty without a
+        link."""
         return str(getattr(self.source, "name", ""))
 
     def make_company_view(self) -> CompanyView | None:
-        """The row that names the others at this machine."""
+        """Return the row that names the other consoles at this machine."""
         return make_company_view(
             None if self.gone else self.arrival.frame, self.own_name, self.utc_offset_s
         )
 
     def action_company(self) -> None:
-        """Show everybody who is attached, and the latest orders."""
+        """Show every attached console and the latest orders."""
         frame = self.arrival.frame
         if frame is None or self.gone or self.source is None:
             self.show_notice(_("no machine is connected"))
@@ -471,8 +527,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
 
     def _notice_others(self, frame: Frame) -> None:
-        """Report who came, left, fell silent or ordered; a console that has just come reads whom it
-        found."""
+        """Report consoles that came, left, fell silent or gave an order. A console that has just
+        come reports whom it found."""
         before, self._frame_before = self._frame_before, frame
         if before is None:
             found = " ".join(describe_arrival(frame, self.own_name, self.utc_offset_s))
@@ -485,7 +541,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             said = describe_news(before, frame, self.own_name)
             if said:
                 self.show_notice(said)
-        # a worker that does not tell who is attached
+        # A worker of an older version sends the number of consoles, without their names.
         elif 0 < frame.consoles < before.consoles:
             self.show_notice(
                 _("another console has ended or is silent; open now: {count}").format(
@@ -494,8 +550,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
 
     def _show_joined(self, joined: JoinedMachine, found: str, frame: Frame) -> None:
-        """Show the machine's files; with files of its own on the command line this console may take
-        the machine's place."""
+        """Show the joined machine's files. If this command line names other files, offer to replace
+        that machine."""
         heading = _("A machine runs already: this console has joined it")
         text = f"{describe_attachment(joined, self.utc_offset_s)}\n{found}".rstrip()
         if not (joined.unused and joined.named) or self.services.job is None:
@@ -520,18 +576,20 @@ class TopdressApp(App[None], inherit_bindings=False):
         )
 
     def _use_named_files(self, joined: JoinedMachine) -> None:
+        """Restart the worker with the files of this console's command line."""
         if self.services.job is not None:
             self.joined = None
             restart_worker(self, self.services.job, RecentSet(joined.named, ""))
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
+        """Record the frame's alarms, and ring the bell or play the sound that is due."""
         if frame.log_path != self._earlier_of:
             self._earlier_of = frame.log_path
             self.call_after_refresh(
                 lambda: self.run_worker(
                     self._learn_earlier(frame.log_path),
                     group="earlier",
-                    # once the numbers are seen
+                    # These files are read after the first numbers are visible.
                     exit_on_error=False,
                 )
             )
@@ -548,6 +606,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     async def _play_sound(self, play: Callable[[str], str], command: str, strokes: int) -> None:
         why = await asyncio.to_thread(play, command)
         if why:
+            # An alarm must be audible: the bell replaces a sound that could not be played.
             self._strike_bell(strokes)
             self.show_notice(_("no sound: {why}").format(why=why))
 
@@ -557,8 +616,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.set_timer(number * STROKE_GAP_S, self.bell)
 
     async def _learn_earlier(self, log_path: str) -> None:
-        """Learn the limits of the machine that writes this log; alarms, track and lines from before
-        this console looked."""
+        """Read what precedes this console's first frame: machine limits, alarms, track and guidance
+        lines of the log."""
         look_back = self.services.earlier
         if self.services.at_work is not None:
             await self._learn_limits(self.services.at_work, log_path)
@@ -566,6 +625,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if earlier is not None:
             self.alarm_book.add_earlier_records(earlier.alarms)
             self.history.add_earlier_ground(earlier.track)
+            # Earlier ground changes every picture at once.
             self.page.refresh_all_next_tick()
         if self.services.lines is not None:
             self._take_kept_lines(await asyncio.to_thread(self.services.lines.read_lines, log_path))
@@ -581,15 +641,14 @@ class TopdressApp(App[None], inherit_bindings=False):
             set_rate_limits(self, None if store is None else store.settings.manual_rate)
 
     def keep_line_record(self, record: str) -> None:
-        """Keep a record of the A-B line or a driven boundary: the next console on this log has it
-        too."""
+        """Append a record of the A-B line or the driven boundary to the log's side file, where the
+        next console reads it."""
         frame, files = self.arrival.frame, self.services.lines
         if files is not None and frame is not None and frame.log_path:
             files.append_record(frame.log_path, record)
 
     def _take_kept_lines(self, kept: KeptLines) -> None:
-        """Take the lines of the console before; a log that has none has this console's from now
-        on."""
+        """Adopt the stored lines of this log. If the log has none, store this console's line."""
         if kept.guide.a is not None and not kept.of_day:
             self.guide = kept.guide
         elif self.guide.a is not None:
@@ -609,27 +668,28 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.map_page.resume_drive(kept.drive, kept.way)
 
     def list_status_marks(self) -> tuple[str, ...]:
-        """Words about this console itself for the status line."""
+        """Return words about this console itself for the status line."""
         return ()
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Textual's own, and last the filter that lets nothing steer the terminal."""
+        """Return Textual's line filters and, last, the filter that removes terminal control
+        characters."""
         return (*super().get_line_filters(), self._plain_lines)
 
     def list_offered_actions(self, where: str) -> tuple[Action, ...]:
-        """The actions that key bar, help and palette of a screen show."""
+        """Return the actions that key bar, help and palette of a screen show."""
         shown = actions.list_page_actions(where)
         return actions.drop_machine_actions(shown) if self.is_disconnected else shown
 
     def list_menu(self) -> tuple[Action, ...]:
-        """The actions that Q lists on this page."""
+        """Return the actions that the menu (Q) lists on this page."""
         offered = {action.id for action in self.list_offered_actions(self.page.where)}
         return tuple(
             action for action in actions.list_menu_actions(self.page.where) if action.id in offered
         )
 
     def ask_question(self, question: Screen[Value | None], then: Callable[[Value], object]) -> None:
-        """Show a question; `then` takes the answer, if one was given."""
+        """Show a question; `then` receives the answer, unless the dialog was cancelled."""
 
         def take_answer(answer: Value | None) -> None:
             if answer is not None:
@@ -638,22 +698,23 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.push_screen(question, take_answer)
 
     def ask_yes_no(self, title: str, text: str, then: Callable[[], object]) -> None:
-        """Ask for a yes; `then` follows it."""
+        """Show a yes/no question; `then` runs after a yes."""
         self.ask_question(Confirm(title, text), lambda _yes: then())
 
     def explain_no_stop(self) -> str:
-        """One line for the key bar where hold and STOP are not offered."""
+        """Return one line for the key bar in place of hold and STOP while no machine is
+        connected."""
         return _("STOP: at machine") if self.is_disconnected else ""
 
     def show_notice(self, text: str) -> None:
-        """Show a text in the key bar for some seconds."""
+        """Show a text in the key bar for `NOTICE_S` seconds."""
         self.notice_text, self._notice_until_s = text, self.clock() + NOTICE_S
         if self.page.is_mounted:
             self.page.show_keys()
 
     def read_for_page(self, work: Callable[[], Value], then: Callable[[Value], object]) -> None:
-        """Read files before a question: `then` takes the result, if the page is still the one that
-        is seen. As `run_with_files` for the rest."""
+        """Read files in a thread before a question; `then` takes the result only if the page is
+        still open. Errors are handled as in `run_with_files`."""
         page = self.page
         self.run_with_files(work, lambda found: then(found) if self.page is page else None)
 
@@ -666,11 +727,21 @@ class TopdressApp(App[None], inherit_bindings=False):
         group: str = "files",
         exclusive: bool = True,
     ) -> Worker[None]:
-        """Run files and long work in a thread, for a disk may take its time.
+        """Run work on files or long work in a thread, so that a slow disk does not stop the screen.
 
-        An error is one line, to `failed` or in the key bar. One that is cancelled is not heard of
-        any more; long work asks `get_current_worker()` whether it was. exclusive: a second one of
-        the group takes the place of one that is not done.
+        Parameters
+        ----------
+        work
+            Function that runs in the thread. Long work polls `get_current_worker()` for
+            cancellation.
+        then
+            Receives the result; a cancelled work calls nothing.
+        failed
+            Receives the first line of an error; None shows it in the key bar.
+        group
+            Name of the group of Textual workers.
+        exclusive
+            True: new work of the group cancels unfinished work of the group.
         """
         return self.run_worker(
             self._await_work(work, then, failed or self.show_notice),
@@ -685,7 +756,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     ) -> None:
         try:
             found = await asyncio.to_thread(work)
-        # whatever it is, nobody must wait for an answer that never comes
+        # Every kind of error is caught, because nobody must wait for an answer that never comes.
         except Exception as error:
             failed((str(error).splitlines() or [type(error).__name__])[0])
         else:
@@ -695,6 +766,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     # ------------------------------------------------------------------------------------------
 
     def _supervise_source(self) -> None:
+        """Run the source's connection in a worker of its own, in place of the former source's."""
         if self._supervisor is not None:
             self._supervisor.cancel()
         self._supervisor = None
@@ -713,16 +785,18 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.exit()
         except WorkerGone as error:
             self._note_gone(str(error))
-        # a link that fails in any other way is as useless as one that is gone
+        # A link that fails in any other way is as unusable as a lost worker.
         except Exception as error:
             self._note_gone(f"{type(error).__name__}: {error}")
 
     @property
     def is_disconnected(self) -> bool:
-        """Whether no order reaches a machine; a log that is played alone waits for none."""
+        """Whether no order reaches a machine. A replay without a machine counts as connected,
+        because it needs none."""
         return bool(self.gone) or (self.source is None and self.replay_page.job is None)
 
     def _note_gone(self, why: str) -> None:
+        """Record that the worker is lost and ask how to go on. An intended restart is no loss."""
         if self.gone or self._restarting:
             return
         self.gone = why or "gone"
@@ -738,6 +812,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
 
     def _reconnect_as_chosen(self, how: str | None) -> None:
+        """Connect again in the way that the operator chose."""
         if how == "start" and self.joined is not None and self.joined.unused and self.joined.named:
             self._use_named_files(self.joined)
             return
@@ -747,7 +822,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.connect_source({"start": self.start, "attach": self.attach}.get(how or ""))
 
     def connect_source(self, connect: Connector | None) -> None:
-        """Go on with another source; None: stay without one."""
+        """Connect to a new source; None stays without a source."""
         if connect is not None:
             self.show_notice(_("connecting to the machine"))
             self.run_worker(
@@ -755,7 +830,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
 
     def ask_to_go_on(self, service: JobService) -> None:
-        """Ask whether to go on with the job that was cut off, or begin anew. Without one: begin."""
+        """Ask whether to resume an interrupted job or begin a new job; without an interrupted job,
+        start the machine."""
         self.run_with_files(service.find_offer, lambda offer: self._ask_about_offer(service, offer))
 
     def _ask_about_offer(self, service: JobService, offer: JobOffer | None) -> None:
@@ -783,7 +859,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         )
 
     def make_pass_question(self, offer: JobOffer, heading: str) -> ChoiceDialog:
-        """A question, "resume" or "anew": spreading twice on purpose is asked."""
+        """Return the question whether to resume a job. Spreading on finished ground again is
+        allowed only after this question."""
         resume = _("resume the job of {time} ({area} done)").format(
             time=format_local_time(offer.began_utc, self.utc_offset_s)[:5],
             area=self.units.area.format_with_name(offer.area_ha),
@@ -807,9 +884,10 @@ class TopdressApp(App[None], inherit_bindings=False):
         )
 
     def restart_source(self, start: Connector) -> None:
-        """End the worker that runs, then start one anew."""
+        """End the running worker and start a new worker."""
 
         async def end_and_start() -> None:
+            # While the flag is set, the expected end of the old worker is not reported as a loss.
             self._restarting = True
             try:
                 end = getattr(self.source, "stop_worker", None)
@@ -825,6 +903,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.run_worker(end_and_start(), group="connect", exclusive=True, exit_on_error=False)
 
     async def _connect_awaited(self, connect: Connector) -> None:
+        """Await a new source and reset everything that belonged to the former machine."""
         try:
             self.source = await connect()
             if connect is self.attach:
@@ -849,7 +928,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.page.refresh_all_next_tick()
 
     def give_order(self, do: Do, value: str | float | bool | None = None) -> None:
-        """Give one order; as `give_orders`."""
+        """Give one order, as `give_orders` does."""
         self.give_orders(Order(do, value))
 
     def give_orders(
@@ -858,16 +937,25 @@ class TopdressApp(App[None], inherit_bindings=False):
         also_back: Callable[[], None] = lambda: None,
         dose_is_asked: bool = False,
     ) -> None:
-        """Send orders that are one change, one after the other; a refusal or a missing answer is
-        shown in the key bar and ends them.
+        """Send orders that form one change, in sequence; the first refusal or missing answer is
+        shown and ends the sequence.
 
-        Those that were followed are the newest change that can be undone. also_back: runs when it
-        is undone. dose_is_asked: the operator confirmed the dose before and after; else a large
-        change is asked here.
+        Accepted orders become the newest change that can be undone.
+
+        Parameters
+        ----------
+        orders
+            Orders to send, in order of sending.
+        also_back
+            Runs when the change is undone.
+        dose_is_asked
+            True if the operator has already confirmed the dose; otherwise a large change of dose is
+            asked here.
         """
         if self.source is None:
             self.show_notice(_("no machine is connected"))
             return
+        # The question comes before the first order: half of a change must not reach the machine.
         change = None if dose_is_asked else predict_dose_change(self.arrival.frame, orders)
         if change is not None and change.is_large:
             self.ask_yes_no(
@@ -890,6 +978,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             if not (await self.ask_source(partial(_send_to_source, order), do=order.do)).accepted:
                 break
             followed.append(order)
+        # Only accepted orders are reversed; the frame from before has the former values.
         back = reverse_orders(followed, before)
         if back:
 
@@ -907,11 +996,23 @@ class TopdressApp(App[None], inherit_bindings=False):
         quiet: bool = False,
         do: Do | None = None,
     ) -> Answer:
-        """Ask something of the source; a refusal or a missing answer is shown in the key bar unless
+        """Send a request to the source; show a refusal or a missing answer in the key bar unless
         `quiet`.
 
-        do: the order: where its state is wrong, the key that comes first is shown. `why` of the
-        answer is then as from the worker, or gone, no_answer, no_machine.
+        Parameters
+        ----------
+        ask
+            Function that sends the request.
+        quiet
+            True: show nothing.
+        do
+            Kind of order. Where the machine's state forbids the order, the notice names the key
+            that must come first.
+
+        Returns
+        -------
+        Answer
+            The worker's answer; without a connection `why` is "gone", "no_answer" or "no_machine".
         """
         if self.source is None:
             return self._show_refusal(Answer(False, "no_machine"), quiet)
@@ -945,14 +1046,15 @@ class TopdressApp(App[None], inherit_bindings=False):
         return answer
 
     def find_shown_key(self, name: str) -> str:
-        """The key of an action as the key bar shows it."""
+        """Return the key of an action as the key bar prints it."""
         return actions.find_shown_key(actions.BY_ID[name])
 
     # --- actions
     # ----------------------------------------------------------------------------------------------
 
     async def action_do(self, name: str) -> None:
-        """Do one of the table's actions, if it belongs to this screen and is not locked."""
+        """Perform an action of the table if it belongs to this screen and the keys are not
+        locked."""
         action, before = actions.BY_ID[name], self.screen
         if action.where not in (ANYWHERE, self.page.where):
             return
@@ -963,25 +1065,37 @@ class TopdressApp(App[None], inherit_bindings=False):
         )
         if why:
             self.show_notice(why)
+        # Without a connection STOP leads to the connection dialog: an operator who presses it must
+        # not believe that the machine stops.
         elif name in URGENT_ACTIONS and self.is_disconnected:
             self.ask_connection()
         elif action.where == ANYWHERE:
             action.do(self)
         else:
             self.page.perform_action(action)
+        # The question was refused, so the characters that the operator types next belong to no
+        # field.
         if action.asks and self.screen is before is self.page:
             self.stray.note_refusal(action.asks, self.clock())
 
     def explain_not_now(self, action: Action, judged: bool = False) -> str:
-        """Why this cannot be done now, in one line; empty where it can, or where nobody here knows.
-        judged: by the worker, where one is connected."""
+        """Return why an action is impossible now, in one line; "" where it is possible or unknown.
+
+        Parameters
+        ----------
+        action
+            Action of the table.
+        judged
+            True: skip the local check, because a connected worker decides.
+        """
         why = explain_no_machine(self) if action.needs_machine else ""
         if why or judged or action.why is None:
             return why
         return action.why(self if action.where == ANYWHERE else self.pages[action.where])
 
     def turn_to_page(self, where: str) -> None:
-        """Turn to a page: one is the app's first screen, another lies over it while it is shown."""
+        """Open a page. The app's default page lies at the bottom of the stack, and any other page
+        lies on it."""
         page = self.pages[where]
         while not isinstance(self.screen, Page):
             self.pop_screen()
@@ -992,7 +1106,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page is not page:
             self.push_screen(page)
         page.refresh_all_next_tick()
-        # else it shows for a moment what it showed when it was left
+        # Without this call the page shows its former contents for a moment.
         if page.is_mounted:
             self.show_newest()
         self.call_after_refresh(self.show_newest)
@@ -1003,12 +1117,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.show_changes()
 
     def show_changes(self) -> None:
-        """Show at once what has changed."""
+        """Refresh every panel at once, after a change."""
         self.page.refresh_all_next_tick()
         self.show_newest()
 
     def ask_connection(self) -> None:
-        """Ask what to do where the worker is gone."""
+        """Ask how to connect where no worker is reachable; otherwise report the state of the
+        connection."""
         if self._restarting:
             self.show_notice(_(RESTART_NOTICE))
         elif self.gone:
@@ -1023,7 +1138,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             )
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        """Commands of the palette."""
+        """Yield the commands of the palette, with the reason where an action is impossible now."""
         yield SystemCommand(
             _("who is at this machine"),
             _("All consoles and tablets, and who ordered what."),

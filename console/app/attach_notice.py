@@ -1,5 +1,6 @@
-"""A console that joins a machine which runs already says so, and by which files that machine
-goes."""
+"""Words the notice of a console that joins a running machine: since when it runs and with which
+files.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +14,21 @@ from topdress.console.locale import _
 class JoinedMachine(NamedTuple):
     """Describes the machine that this console has joined.
 
-    started_utc: of the control worker. files: that it runs with, empty: those that are shipped.
-    unused: named on this command line, and not in use there. known: whether that could be read;
-    else `unused` is all that was named here, used or not. named: all that was.
+    Attributes
+    ----------
+    started_utc
+        UTC at which the control worker started.
+    log_path
+        Run log that the worker writes.
+    files
+        Files that the machine runs with; empty means the shipped defaults.
+    unused
+        Files named on this console's command line that the machine does not use. Where `known` is
+        False, all named files.
+    known
+        True if the machine's files could be read next to its log.
+    named
+        All files named on this console's command line.
     """
 
     started_utc: str = ""
@@ -27,7 +40,7 @@ class JoinedMachine(NamedTuple):
 
 
 def describe_attachment(joined: JoinedMachine, utc_offset_s: float) -> str:
-    """The text that the operator reads before all else."""
+    """Return the text that the operator reads first on a console that joined a machine."""
     since = format_local_time(joined.started_utc, utc_offset_s)[:5] or "--"
     lines = [
         _("It has been on since {time}. This console has joined it and changed nothing.").format(
@@ -41,6 +54,8 @@ def describe_attachment(joined: JoinedMachine, utc_offset_s: float) -> str:
     if joined.log_path:
         lines.append(_("log {name}").format(name=find_file_name(joined.log_path)))
     named = ", ".join(map(find_file_name, joined.unused))
+    # The operator must learn that a file named on the command line has no effect: a map of another
+    # field would otherwise seem to be in use.
     if not joined.known:
         lines.append(_("Its files are not known: nothing can be read next to its log."))
         if named:

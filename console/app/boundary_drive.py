@@ -1,5 +1,6 @@
-"""A field's boundary by driving round it: the places of the antenna, moved to the side where
-the edge is. Pure."""
+"""Records a field's boundary while the machine drives round the field: antenna positions, moved
+sideways to the edge. Pure.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +10,18 @@ from typing import NamedTuple
 from topdress.control.geodesy import Place, TangentPlane, calc_plane_distance_m, offset_place
 from topdress.control.log_row import LogRow
 
-# of two corners: finer than any edge of a field, and 20,000 of them are 40 km
+# Distance between two corners, m: finer than any edge of a field, and 20,000 corners still cover 40
+# km.
 CORNER_GAP_M = 2.0
+# A ring of fewer corners encloses no usable area.
 LEAST_CORNERS = 4
-# no dead reckoning: the edge is where the receiver says
+# Dead reckoning (NMEA quality 6) and manual input (7) are excluded, because the edge must come from
+# measured positions.
 FIX_QUALITIES = (1, 2, 4, 5)
 
 
 class Corner(NamedTuple):
-    """Holds a corner of the antenna's way."""
+    """Holds one antenna position with the heading of the machine, deg."""
 
     lat_deg: float
     lon_deg: float
@@ -26,8 +30,17 @@ class Corner(NamedTuple):
 
 @dataclass(slots=True)
 class BoundaryDrive:
-    """Records a boundary. right_m: the edge lies so far to the right of the antenna's way;
-    negative: to the left."""
+    """Records the boundary that the machine drives along.
+
+    Attributes
+    ----------
+    right_m
+        Distance of the edge to the right of the antenna's way, m; negative means to the left.
+    corners
+        Antenna positions so far.
+    way_m
+        Length of the way so far, m.
+    """
 
     right_m: float
     corners: list[Corner] = field(default_factory=list)
@@ -35,8 +48,8 @@ class BoundaryDrive:
     _plane: TangentPlane | None = None
 
     def add_row(self, row: LogRow) -> None:
-        """Add a row of the run; those without a fix or a course, and those too near to the last
-        corner, are left out."""
+        """Add the position of a log row. A row without fix or heading is ignored, and so is a
+        position closer than `CORNER_GAP_M` to the last corner."""
         if (
             row.lat_deg is None
             or row.lon_deg is None
@@ -47,7 +60,9 @@ class BoundaryDrive:
         self.add_corner(Corner(row.lat_deg, row.lon_deg, row.heading_deg))
 
     def add_corner(self, corner: Corner) -> None:
-        """Add a corner; it is left out where it is too near to the last one."""
+        """Add a corner, unless the distance to the last corner is less than `CORNER_GAP_M`."""
+        # The first corner is the origin of the plane: fields are small enough for one tangent
+        # plane.
         if self._plane is None:
             self._plane = TangentPlane(corner.lat_deg, corner.lon_deg)
         if self.corners:
@@ -65,7 +80,7 @@ class BoundaryDrive:
 
     @property
     def closing_gap_m(self) -> float:
-        """Distance from the end back to the beginning, m."""
+        """Distance from the end of the way back to its beginning, m."""
         return (
             calc_plane_distance_m(
                 self._convert_to_m(self.corners[-1]), self._convert_to_m(self.corners[0])
@@ -77,10 +92,12 @@ class BoundaryDrive:
     @property
     def is_closable(self) -> bool:
         """Whether the way is long enough to be closed to a ring."""
+        # A straight way has a closing gap as long as itself; the factor 2 excludes a way that has
+        # not turned back.
         return len(self.corners) >= LEAST_CORNERS and self.way_m > 2.0 * self.closing_gap_m
 
     def make_ring_deg(self) -> tuple[tuple[float, float], ...]:
-        """The edge as latitude and longitude, in the order in which it was driven."""
+        """Return the edge as latitude and longitude, deg, in driving order."""
         plane = self._plane
         if plane is None:
             return ()

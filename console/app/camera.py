@@ -1,5 +1,6 @@
-"""Where a map looks: its middle and how many metres a pixel is; a cell of the terminal is two
-square pixels."""
+"""Defines the part of the ground that a map shows: its middle and the size of a pixel in metres. A
+terminal cell has two square pixels.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from topdress.console.app.coverage_raster import Box
 
 Floats = npt.NDArray[np.float64]
+# Sizes of a pixel in metres that zooming offers; round values keep the scale bar readable.
 SCALES_M = (
     0.25,
     0.5,
@@ -29,14 +31,27 @@ SCALES_M = (
     100.0,
     200.0,
 )
+# A box smaller than this, m, is not magnified further: GNSS noise would fill the picture.
 LEAST_SPAN_M = 40.0
-# following, the middle moves when the machine comes this near to an edge
+# While the map follows the machine, the map moves when the machine comes closer to an edge than
+# this share of the picture.
 EDGE_SHARE = 0.25
 
 
 class PixelGrid(NamedTuple):
-    """Describes columns x rows pixels. west and north: of the upper left pixel's corner, m; metres:
-    of a pixel. halved: it is half as wide as high, a quarter of a cell of the terminal."""
+    """Describes a grid of pixels on the ground.
+
+    Attributes
+    ----------
+    columns, rows
+        Number of pixels.
+    metres
+        Height of a pixel, m, and its width where `halved` is False.
+    west_m, north_m
+        Upper left corner of the upper left pixel, m.
+    halved
+        True if a pixel is half as wide as high (a quarter of a terminal cell).
+    """
 
     columns: int
     rows: int
@@ -51,23 +66,24 @@ class PixelGrid(NamedTuple):
         return 0.5 * self.metres if self.halved else self.metres
 
     def halve_pixels(self) -> PixelGrid:
-        """The same ground in pixels of half the width."""
+        """Return a grid of the same ground with pixels of half the width."""
         return self._replace(columns=2 * self.columns, halved=True)
 
     def find_pixel(self, east_m: float, north_m: float) -> tuple[int, int]:
-        """Column and row of the pixel of a place; it may lie outside."""
+        """Return column and row of the pixel at a position, which may lie outside the grid."""
         return int((east_m - self.west_m) // self.pixel_width_m), int(
             (self.north_m - north_m) // self.metres
         )
 
     def find_middle(self, column: float, row: float) -> tuple[float, float]:
-        """East and north of a pixel's middle, m."""
+        """Return east and north of a pixel's centre, m."""
         return self.west_m + (column + 0.5) * self.pixel_width_m, self.north_m - (
             row + 0.5
         ) * self.metres
 
     def list_middles(self) -> tuple[Floats, Floats]:
-        """East of every column and north of every row, m."""
+        """Return the east coordinate of every column's centre and the north coordinate of every
+        row's centre, m."""
         columns, rows = (
             np.arange(self.columns, dtype=np.float64),
             np.arange(self.rows, dtype=np.float64),
@@ -78,32 +94,35 @@ class PixelGrid(NamedTuple):
 
 
 class MapCamera(NamedTuple):
-    """Holds the place at which a map looks."""
+    """Holds the position in the middle of a map and the size of a pixel, m."""
 
     east_m: float
     north_m: float
     metres: float
 
     def make_grid(self, columns: int, rows: int) -> PixelGrid:
-        """The ground seen on columns x rows pixels; edges of pixels lie on multiples of their
-        size."""
+        """Return the grid of the visible ground in columns x rows pixels.
+
+        Pixel edges lie on multiples of the pixel size, so that a moving map does not flicker.
+        """
         west = round(self.east_m / self.metres - columns / 2) * self.metres
         north = round(self.north_m / self.metres + rows / 2) * self.metres
         return PixelGrid(columns, rows, self.metres, west, north)
 
     def zoom_steps(self, steps: int) -> MapCamera:
-        """The camera zoomed; steps > 0: nearer."""
+        """Return the camera zoomed by steps of `SCALES_M`; positive steps magnify."""
         at = min(range(len(SCALES_M)), key=lambda k: abs(SCALES_M[k] - self.metres))
         return self._replace(metres=SCALES_M[max(0, min(len(SCALES_M) - 1, at - steps))])
 
     def move_pixels(self, columns: float, rows: float) -> MapCamera:
-        """The camera moved by pixels, to the right and up."""
+        """Return the camera moved to the right and up by a number of pixels."""
         return self._replace(
             east_m=self.east_m + columns * self.metres, north_m=self.north_m + rows * self.metres
         )
 
     def follow_place(self, place: tuple[float, float], columns: int, rows: int) -> MapCamera:
-        """The same camera while the place is well inside; else with the place in the middle."""
+        """Return the camera itself while the position is well inside the picture, else the camera
+        centred on the position."""
         column, row = self.make_grid(columns, rows).find_pixel(*place)
         inside = (EDGE_SHARE * columns <= column < (1 - EDGE_SHARE) * columns) and (
             EDGE_SHARE * rows <= row < (1 - EDGE_SHARE) * rows
@@ -112,8 +131,19 @@ class MapCamera(NamedTuple):
 
 
 def fit_box(box: Box | None, columns: int, rows: int, snug: bool = False) -> MapCamera:
-    """The nearest round scale at which a box is seen whole on columns x rows pixels, and calm while
-    it grows. snug: as large as it can be."""
+    """Return the camera that shows a whole box on columns x rows pixels.
+
+    Parameters
+    ----------
+    box
+        Ground to show; None means the origin.
+    columns, rows
+        Size of the picture in pixels.
+    snug
+        True: the box fills the picture. False: the next round scale, so that a growing box rarely
+        changes the scale.
+    """
+    # The margin of two pixels on each side keeps the outline visible.
     box, edge = box or Box(0.0, 0.0, 0.0, 0.0), 1 if snug else 4
     need = max(
         (box.east_m - box.west_m) / max(1, columns - edge),
@@ -125,7 +155,7 @@ def fit_box(box: Box | None, columns: int, rows: int, snug: bool = False) -> Map
 
 
 def unite_boxes(*boxes: Box | None) -> Box | None:
-    """One box round all of them."""
+    """Return the smallest box that contains all given boxes, or None without a box."""
     known = [box for box in boxes if box is not None]
     if not known:
         return None

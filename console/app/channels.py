@@ -1,5 +1,6 @@
-"""Every number of a log row as a channel that can be plotted: its words, its unit, and what it
-is compared with."""
+"""Declares every number of a log row as a channel that the Trends page can plot: label, unit and
+shared scale.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,15 @@ UnitChooser = Callable[[Units], Unit]
 
 
 def _choose_unit(name: str, decimals: int | None = None) -> UnitChooser:
-    """A chooser of one of the units in use, with these decimals where they are given."""
+    """Return a function that selects one of the units in use.
+
+    Parameters
+    ----------
+    name
+        Field of `Units`, e.g. "speed".
+    decimals
+        Decimals that replace the unit's own; None keeps them.
+    """
 
     def find_unit(units: Units) -> Unit:
         found: Unit = getattr(units, name)
@@ -25,13 +34,14 @@ def _choose_unit(name: str, decimals: int | None = None) -> UnitChooser:
 
 
 def _make_plain_unit(name: str, decimals: int) -> UnitChooser:
+    """Return a chooser of a unit that is independent of the user's system of units."""
     unit = Unit(name, 1.0, decimals)
     return lambda units: unit
 
 
 class TrendChannel(NamedTuple):
-    """Describes a channel. id: the log's column. group: channels of one group share their scale
-    when they are plotted together."""
+    """Describes a channel. `id` is the log's column; channels of one `group` share their scale when
+    they are plotted together."""
 
     id: str
     label: str
@@ -39,6 +49,7 @@ class TrendChannel(NamedTuple):
     group: str = ""
 
 
+# This channel is calculated, so no column of the log has its name.
 RATE_ERROR = "rate_error_percent"
 _DEGREES, _NDVI, _COUNT = _make_plain_unit("°", 1), _make_plain_unit("", 3), _make_plain_unit("", 0)
 _RATE, _SPEED, _MASS = _choose_unit("rate"), _choose_unit("speed", 2), _choose_unit("mass", 1)
@@ -48,6 +59,8 @@ _SHAFT, _OPENING, _DISTANCE = (
     _choose_unit("fine_distance"),
 )
 
+# The order is that of the list on the Trends page: what an operator compares most often comes
+# first.
 _LABELLED = (
     TrendChannel("target_rate_kg_ha", N_("target rate"), _RATE, "rate"),
     TrendChannel("applied_rate_kg_ha", N_("applied rate"), _RATE, "rate"),
@@ -85,11 +98,12 @@ _LABELLED = (
     TrendChannel("lon_deg", N_("longitude"), _make_plain_unit("°", 7)),
     TrendChannel("ndre", N_("NDRE, fused"), _NDVI, "ndvi"),
 )
-# Single heads by red edge are seen on the Run page: a channel takes 0.7 MB, and these are empty
-# on most machines.
+# The red-edge values of single heads appear on the Run page only: a channel takes 0.7 MB, and these
+# columns are empty on most machines.
 _NOT_PLOTTED = TEXT_COLUMNS | {"time_s", *NDRE_COLUMNS}
 _LABELLED_IDS = {channel.id for channel in _LABELLED}
-# A column that has no label yet is plotted under its own name, to two decimals.
+# A column without a label is plotted under its own name with two decimals, so that a new column
+# needs no change here.
 CHANNELS = (
     *_LABELLED,
     *(
@@ -100,21 +114,25 @@ CHANNELS = (
 )
 BY_ID = {channel.id: channel for channel in CHANNELS}
 CHANNEL_INDEX = {channel.id: index for index, channel in enumerate(CHANNELS)}
+# Channels that the Trends page plots until the operator chooses others.
 FIRST_CHANNELS = ("target_rate_kg_ha", "applied_rate_kg_ha", "speed_used_mps")
 NAN = float("nan")
 
+# Position of each channel in a log row; -1 marks the calculated channel. The lookup runs for every
+# channel of every frame.
 _COLUMN_INDEX = tuple(
     COLUMNS.index(channel.id) if channel.id in COLUMNS else -1 for channel in CHANNELS
 )
 
 
 def find_value(row: LogRow, channel: str) -> float:
-    """One channel of a row, NaN where it is not known. The error counts only while the machine
-    works."""
+    """Return the value of one channel of a row, NaN where unknown. The rate error is defined only
+    while the machine works."""
     at = _COLUMN_INDEX[CHANNEL_INDEX[channel]]
     if at >= 0:
         value = row[at]
         return NAN if value is None else float(value)
+    # A foreign log has no state; every row of it counts as work.
     error = (
         find_rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha)
         if row.state in (None, "working")
@@ -124,7 +142,7 @@ def find_value(row: LogRow, channel: str) -> float:
 
 
 def list_values(row: LogRow) -> list[float]:
-    """All channels of a row, in the order of CHANNELS."""
+    """Return the values of all channels of a row, in the order of CHANNELS."""
     values = [NAN if at < 0 or (value := row[at]) is None else float(value) for at in _COLUMN_INDEX]
     values[CHANNEL_INDEX[RATE_ERROR]] = find_value(row, RATE_ERROR)
     return values

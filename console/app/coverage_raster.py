@@ -1,8 +1,8 @@
-"""What was done where: a raster of the worked ground, in tiles and at several sizes of cell,
-bounded in memory.
+"""Accumulates applied rate, target, NDVI and passes in a raster of the worked ground: in tiles, at
+several cell sizes, with bounded memory.
 
-A map pixel is the mean of the cells under it, taken from the coarsest cells that are not larger
-than the pixel, so a picture of a whole day costs as much as one of a minute.
+A map pixel is the mean of the cells below it. The cells are the coarsest that do not exceed the
+pixel, so that a picture of a whole day costs as much as a picture of a minute.
 """
 
 from __future__ import annotations
@@ -18,36 +18,50 @@ import numpy.typing as npt
 from topdress.console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
-# (2 x kinds + 1, rows, columns): sums, counts, passages
+# Planes of a tile (2 x kinds + 1, rows, columns): sums, counts, passages. float32 halves the
+# memory.
 Window = npt.NDArray[np.float32]
 
+# Sides of a cell, m. Each size is twice the former, so that four cells add up to a cell of the next
+# size.
 CELLS_M = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-SPOT_VALUES = 3  # of a spot: applied, target, NDVI
-CELL_KINDS = SPOT_VALUES + 1  # and how often the ground was spread on
+# Values of a spot that are averaged: applied rate, target rate, NDVI.
+SPOT_VALUES = 3
+# The fourth kind is the number of passes.
+CELL_KINDS = SPOT_VALUES + 1
+# A sum and a count for each kind, and the number of passages.
 CELL_PLANES = 2 * CELL_KINDS + 1
-# a cell's own plane: how far was driven when it was spread on last, m; 0: never
+# Index of an additional plane: way driven when the cell was last spread on, m; 0 means never.
 _DRIVEN_PLANE = CELL_PLANES
-# driven since: not the same pass; as control.field.coverage has it
+# Working widths driven before ground counts as a new pass, as in `control.field.coverage`.
 REVISIT_WIDTHS = 3.0
-# shorter ways are not entered: standing still weighs nothing
+# Spots closer than this, m, to the former spot are ignored, so that a standing machine does not
+# dominate the means.
 LEAST_STEP_M = 0.4
-# of a cell, between places that are entered: below the side of a square that has a place of
-# such a lattice in it however it is turned, 1 / sqrt(2)
+# Spacing of samples, in cells. It is below 1 / sqrt(2), the largest spacing at which every cell
+# contains a sample at any rotation of the lattice.
 PLACE_SPACING = 0.7
-# places of the pass behind the machine: some 30 m
+# Number of spots behind the machine that the trail contains, some 30 m.
 TRAIL_PLACES = 90
-NOTHING_KG_HA = 1.0  # less than this is passage, not application
-TURNING_RPM = 2.0  # the lag paper's threshold of a shaft that turns
-JUMP_M = 12.0  # places further apart are not joined
-MOST_TILES = 1_400  # of one size of cell: 57 MB
-_TILE_CELLS = 32  # cells on a side
+# Lower rates, kg/ha, count as a passage without application.
+NOTHING_KG_HA = 1.0
+# A shaft above this speed turns; threshold from the paper on the machine's lag.
+TURNING_RPM = 2.0
+# Spots further apart than this, m, are not connected: GNSS was lost between them.
+JUMP_M = 12.0
+# Limit of tiles of one cell size: 1,400 tiles take 57 MB.
+MOST_TILES = 1_400
+# Cells along a side of a tile.
+_TILE_CELLS = 32
+# Value of `Spot.open_bits` for all sections open: the two's complement of -1 has every bit set.
 ALL_OPEN = -1.0
-MOST_BITS = 52  # that a float holds exactly
+# Number of bits that a float64 represents exactly; the bits travel in an array of floats.
+MOST_BITS = 52
 
 
 class Spot(NamedTuple):
-    """Holds one place of the outlets, m east and north of the field's origin; unknown numbers are
-    NaN."""
+    """Holds the state of the outlets at one position, m east and north of the field's origin;
+    unknown numbers are NaN."""
 
     east_m: float
     north_m: float
@@ -55,19 +69,24 @@ class Spot(NamedTuple):
     applied_kg_ha: float
     target_kg_ha: float
     ndvi: float
-    open_bits: float = ALL_OPEN  # of the sections, bit 0 the leftmost
-    way_m: float = 0.0  # driven until here; Worked says it
+    # Open sections as bits; bit 0 is the leftmost section.
+    open_bits: float = ALL_OPEN
+    # Distance driven up to this spot, m; `WorkedGround` sets it.
+    way_m: float = 0.0
 
 
 def make_spot(frame: Frame) -> Spot | None:
-    """The spot of a frame; None: no place. Rates count only where the machine worked: a machine
-    that is held owes nothing."""
+    """Return the spot of a frame, or None without a position.
+
+    Rates count only where the machine worked, because a machine on hold has no target to fulfil.
+    """
     if frame.place_m is None or not all(map(isfinite, frame.place_m)):
         return None
     row = frame.row
-    at_work = row.state in (None, "working")  # None: a foreign log
-    # Out of work, commanded to stop, and the shaft turns: what it gives lies there all the
-    # same. What a calibrating run gives lies in a tray.
+    # A foreign log has no state (None).
+    at_work = row.state in (None, "working")
+    # After a stop a shaft that still turns drops material on the ground. Material of a calibration
+    # run falls into a tray instead.
     lands = at_work or (
         row.state != "calibrating"
         and row.shaft_rpm_cmd == 0.0
@@ -89,7 +108,8 @@ def make_spot(frame: Frame) -> Spot | None:
 
 
 def parse_open_bits(sections_cmd: str | None) -> float:
-    """The log's column of the valves as a number; all open where it is empty."""
+    """Convert the log's column of section valves to bits; an empty column means that all sections
+    are open."""
     if not sections_cmd:
         return ALL_OPEN
     return float(
@@ -102,7 +122,7 @@ def parse_open_bits(sections_cmd: str | None) -> float:
 
 
 class Box(NamedTuple):
-    """Holds ends of a rectangle, m."""
+    """Holds the sides of a rectangle, m."""
 
     west_m: float
     south_m: float
@@ -111,29 +131,40 @@ class Box(NamedTuple):
 
 
 class WorkedGround:
-    """Rasters the worked ground. Takes spots in the order of driving.
+    """Accumulates the worked ground. Spots must arrive in driving order.
 
-    width_m: of the ground that the outlets cover. `version` changes when anything was entered.
-    Where the finest cells would need more than `most_tiles` tiles they are given up, and the map is
-    as coarse as the next size. Larger cells are summed up when they are needed.
+    Parameters
+    ----------
+    width_m
+        Width that the outlets cover, m.
+    most_tiles
+        Limit of tiles of the finest cells. Beyond it the finest cells are discarded, and the map
+        has the next cell size.
+
+    Notes
+    -----
+    `version` changes with each addition. Larger cells are calculated on demand.
     """
 
     def __init__(self, width_m: float = 2.4, most_tiles: int = MOST_TILES) -> None:
         self.width_m, self.most_tiles = width_m, most_tiles
-        # right ends of the sections, as shares of the width
+        # Right ends of the sections as shares of the width.
         self.sections: tuple[float, ...] = ()
         self.clear_ground()
 
     def clear_ground(self) -> None:
-        """Forget all spots."""
+        """Remove all spots."""
         self.version = 0
         self.cells_m: tuple[float, ...] = CELLS_M
-        self.box: Box | None = None  # of the outlets' middle
-        self.reach_m = 0.0  # to either side of it
-        self.rate_ends: tuple[float, float] | None = None  # of applied and target, kg/ha
+        # Bounding box of the middle of the outlets.
+        self.box: Box | None = None
+        # Half of the working width: ground beyond the box that is also covered, m.
+        self.reach_m = 0.0
+        # Lowest and highest applied or target rate, kg/ha.
+        self.rate_ends: tuple[float, float] | None = None
         self.ndvi_ends: tuple[float, float] | None = None
         self._tiles: dict[float, dict[tuple[int, int], Window]] = {cell: {} for cell in CELLS_M}
-        # not yet in larger cells
+        # Tiles that changed since the larger cells were calculated.
         self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}
         self._last: Spot | None = None
         self._way_m = 0.0
@@ -141,34 +172,39 @@ class WorkedGround:
 
     @property
     def tile_count(self) -> int:
-        """Number of tiles, of all sizes of cell."""
+        """Number of tiles of all cell sizes."""
         return sum(len(tiles) for tiles in self._tiles.values())
 
     def add_spots(self, spots: Sequence[Spot]) -> None:
-        """Enter the next spots. Those that lie less than LEAST_STEP_M from the one before are left
-        out."""
+        """Add spots in driving order. A spot closer than `MIN_SPOT_STEP_M` to the former spot is
+        ignored."""
         ways = list(self._find_new_ways(spots))
         if not ways:
             return
         self.version += 1
+        # Connected spots are interpolated densely enough that no cell on the way stays empty.
         along = _fill_ways([way for way in ways if way.joined], PLACE_SPACING * self.cells_m[0])
         points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(
             -1, len(Spot._fields)
         )
         laid = np.concatenate((along, points))
-        laid = laid[np.argsort(laid[:, -1], kind="stable")]  # as it was driven
+        # Restore driving order, which the count of passes needs.
+        laid = laid[np.argsort(laid[:, -1], kind="stable")]
         self.trail.extend(Spot(*row) for row in laid[-TRAIL_PLACES:].tolist())
         self._widen_box(laid)
+        # Passages count along the middle only, once per sample, whatever the working width.
         middle = np.full((len(laid), 2 + CELL_KINDS + 1), np.nan)
         middle[:, :2], middle[:, -1] = laid[:, :2], 1.0
         self._enter_rows(np.concatenate((self._list_swath_rows(laid), middle)))
+        # Memory stays bounded: where the finest cells exceed the limit, only larger cells remain.
         while len(self._tiles[self.cells_m[0]]) > self.most_tiles and len(self.cells_m) > 1:
             self._sum_up_cells(self.cells_m[1])
             del self._tiles[self.cells_m[0]], self._new[self.cells_m[0]]
             self.cells_m = self.cells_m[1:]
 
     def add_earlier_spots(self, spots: Sequence[Spot]) -> None:
-        """Enter spots of an earlier time; the next ones of `add_spots` go on from the last ones."""
+        """Add spots that precede those already added. Later calls of `add_spots` continue from the
+        newest spot."""
         (last, self._last), (trail, self.trail) = (
             (self._last, None),
             (self.trail, deque(maxlen=TRAIL_PLACES)),
@@ -185,8 +221,24 @@ class WorkedGround:
         rows: int,
         planes: Sequence[int] = range(CELL_PLANES),
     ) -> Window:
-        """Planes (sums of applied, target, NDVI, how often; their counts; passages) of cells column
-        ... column + columns, row south to north; zeros where nothing was entered."""
+        """Return planes of a window of cells; cells without entries are zero.
+
+        Parameters
+        ----------
+        cell_m
+            Side of a cell, m; one of `cells_m`.
+        column, row
+            South-west cell of the window; rows count from south to north.
+        columns, rows
+            Size of the window in cells.
+        planes
+            Planes to return: sums of applied, target, NDVI and passes; their counts; passages.
+
+        Returns
+        -------
+        ndarray
+            Float32 of shape (len(planes), rows, columns).
+        """
         self._sum_up_cells(cell_m)
         seen = np.zeros((len(planes), rows, columns), dtype=np.float32)
         tiles = self._tiles[cell_m]
@@ -207,12 +259,13 @@ class WorkedGround:
         return seen
 
     def choose_cell_m(self, pixel_m: float) -> float:
-        """The coarsest cell that is not larger than a pixel, or the finest, m."""
+        """Return the side of the coarsest cells that do not exceed a pixel, else of the finest
+        cells, m."""
         return max((cell for cell in self.cells_m if cell <= pixel_m), default=self.cells_m[0])
 
     def list_trail_places(self) -> Floats:
-        """East and north of the ground that the trail covers, a place for each of the finest cells
-        across."""
+        """Return east and north of the ground that the trail covers, m; shape (positions, 2), about
+        one position per finest cell."""
         laid = np.array(self.trail, dtype=np.float64).reshape(-1, len(Spot._fields))
         return self._make_swath(laid, self._list_offsets_m())[0].reshape(-1, 2)
 
@@ -220,9 +273,13 @@ class WorkedGround:
     # ----------------------------------------------------------------------------------------------
 
     def _find_new_ways(self, spots: Sequence[Spot]) -> Iterator[_SpotWay]:
+        """Yield the way from the last spot to each spot that is far enough from it, and whether
+        both are connected."""
         for spot in spots:
             last = self._last
             apart_m = (
+                # The first spot starts beyond the revisit distance, so that it counts as a new
+                # pass.
                 2.0 * self._revisit_distance_m
                 if last is None
                 else hypot(spot.east_m - last.east_m, spot.north_m - last.north_m)
@@ -239,6 +296,7 @@ class WorkedGround:
         return REVISIT_WIDTHS * self.width_m
 
     def _widen_box(self, laid: Floats) -> None:
+        """Extend the bounding box and the ranges of rates and NDVI by new rows."""
         (west, south), (east, north) = (
             laid[:, :2].min(axis=0).tolist(),
             laid[:, :2].max(axis=0).tolist(),
@@ -255,22 +313,33 @@ class WorkedGround:
         self.ndvi_ends = _widen_ends(self.ndvi_ends, laid[:, 5], -1.0)
 
     def _list_offsets_m(self) -> Floats:
-        """Places across the outlets' width, m to the right of their middle."""
+        """Return positions across the working width, m to the right of its middle."""
         count = max(1, ceil(self.width_m / (PLACE_SPACING * self.cells_m[0])))
         return np.asarray((np.arange(count) + 0.5) / count * self.width_m - 0.5 * self.width_m)
 
     @staticmethod
     def _make_swath(laid: Floats, aside: Floats) -> tuple[Floats, Floats]:
-        """Places (spot, aside, east and north), and the direction to the right (spot, east and
-        north)."""
+        """Return positions across the outlets and the unit vectors to the right.
+
+        Returns
+        -------
+        places : ndarray
+            East and north, m; shape (spots, len(aside), 2).
+        right : ndarray
+            East and north of the unit vector to the right; shape (spots, 2).
+        """
         heading = np.radians(laid[:, 2])
         right = np.stack((np.cos(heading), -np.sin(heading)), axis=1)
+        # Without a heading every position across falls on the middle.
         right[~np.isfinite(heading)] = 0.0
         return laid[:, None, :2] + right[:, None, :] * aside[:, None], right
 
     def _list_swath_rows(self, laid: Floats) -> Floats:
-        """Rows of east, north, values, the way driven where something was spread on the cell's
-        middle, else NaN, and 0 for no passage: a row for each place across."""
+        """Return a row for each position across each spot: east, north, values, way driven, and 0
+        for no passage.
+
+        The way is NaN unless material was spread on the middle of the cell.
+        """
         aside = self._list_offsets_m()
         places, right = self._make_swath(laid, aside)
         count = len(aside)
@@ -280,8 +349,10 @@ class WorkedGround:
                 max=len(self.sections) - 1
             )
             bits = laid[:, 3 + SPOT_VALUES].astype(np.int64)
-            # nothing from a closed section
+            # A closed section applies nothing and owes nothing; its NDVI still counts.
             values[(bits[:, None] >> of & 1 == 0).reshape(-1), :2] = np.nan
+        # The pass is judged at the cell's middle: cells that the edge of the swath only touches
+        # would count overlap between neighbouring passes.
         middles = (np.floor(places / self.cells_m[0]) + 0.5) * self.cells_m[0]
         off = ((middles - laid[:, None, :2]) * right[:, None, :]).sum(axis=2)
         spread = (np.abs(off) <= 0.5 * self.width_m).reshape(-1) & (values[:, 0] >= NOTHING_KG_HA)
@@ -297,6 +368,7 @@ class WorkedGround:
         cell_m = self.cells_m[0]
         cells = np.floor(rows[:, :2] / cell_m).astype(np.int64)
         tile = cells // _TILE_CELLS
+        # Rows sorted by tile are added by one NumPy call per tile.
         order = np.lexsort((tile[:, 1], tile[:, 0]))
         tile, cells, rows = tile[order], cells[order], rows[order]
         begins = np.flatnonzero(np.any(np.diff(tile, axis=0, prepend=tile[:1] - 1) != 0, axis=1))
@@ -307,6 +379,7 @@ class WorkedGround:
             inside = cells[begin:end] - np.array((column * _TILE_CELLS, row * _TILE_CELLS))
             flat = inside[:, 1] * _TILE_CELLS + inside[:, 0]
             by_cell = planes.reshape(len(planes), _TILE_CELLS * _TILE_CELLS)
+            # `np.add.at` adds repeated cells correctly, unlike indexed `+=`.
             np.add.at(by_cell[2 * CELL_KINDS], flat, rows[begin:end, -1])
             for kind in range(SPOT_VALUES):
                 values = rows[begin:end, 2 + kind]
@@ -316,9 +389,11 @@ class WorkedGround:
             self._count_passes(by_cell, flat, rows[begin:end, 2 + SPOT_VALUES])
 
     def _count_passes(self, by_cell: Window, cells: npt.NDArray[np.int64], way_m: Floats) -> None:
-        """Adds one pass to every cell that the outlets have entered again since they left it."""
+        """Add a pass to each cell that the outlets entered again after leaving it."""
         known = np.isfinite(way_m)
         cells, way_m = cells[known], way_m[known]
+        # Within a cell the rows must be in driving order, so that each row is compared with the row
+        # before.
         order = np.lexsort((way_m, cells))
         cells, way_m = cells[order], way_m[order]
         times, covered, since = (
@@ -330,11 +405,12 @@ class WorkedGround:
         before[1:][same] = way_m[:-1][same]
         anew = cells[(before == 0.0) | (way_m - before > self._revisit_distance_m)]
         covered[anew] = np.maximum(1.0, covered[anew])
-        # of a cell that was made of four: all that were covered
+        # A cell summed from four finer cells counts all of them that were covered.
         np.add.at(times, anew, covered[anew])
         np.maximum.at(since, cells, way_m)
 
     def _find_or_make_tile(self, cell_m: float, at: tuple[int, int]) -> Window:
+        """Return a tile; a missing tile is made of zeros."""
         tile = self._tiles[cell_m].get(at)
         if tile is None:
             tile = self._tiles[cell_m][at] = np.zeros(
@@ -343,8 +419,8 @@ class WorkedGround:
         return tile
 
     def _sum_up_cells(self, cell_m: float) -> None:
-        """Make larger cells, up to this size, of the new tiles of the smaller ones: each the sum of
-        four."""
+        """Calculate larger cells, up to this size, from the changed tiles of smaller cells; each
+        larger cell is the sum of four."""
         half = _TILE_CELLS // 2
         for small, large in pairwise(cell for cell in self.cells_m if cell <= cell_m):
             for column, row in self._new[small]:
@@ -352,6 +428,7 @@ class WorkedGround:
                     CELL_PLANES + 1, half, 2, half, 2
                 )
                 fours = tile_of_four.sum(axis=(2, 4))
+                # The way of the last pass is no sum: the latest of the four cells counts.
                 fours[_DRIVEN_PLANE] = tile_of_four[_DRIVEN_PLANE].max(axis=(1, 3))
                 tile = self._find_or_make_tile(large, (column // 2, row // 2))
                 r, c = half * (row % 2), half * (column % 2)
@@ -361,14 +438,28 @@ class WorkedGround:
 
 
 class _SpotWay(NamedTuple):
+    """Holds the way between two successive spots; `joined` is False across a gap."""
+
     begin: Spot
     end: Spot
     joined: bool
 
 
 def _fill_ways(ways: Sequence[_SpotWay], step_m: float) -> Floats:
-    """Rows of Spot values along joined ways, `step_m` apart at most, each way's end in, its begin
-    out."""
+    """Interpolate spots along connected ways.
+
+    Parameters
+    ----------
+    ways
+        Ways; the end of each is included, the beginning is not.
+    step_m
+        Largest distance between two results, m.
+
+    Returns
+    -------
+    ndarray
+        Values of `Spot`, one row per interpolated spot.
+    """
     if not ways:
         return np.zeros((0, len(Spot._fields)))
     begin = np.array([way.begin for way in ways], dtype=np.float64)
@@ -377,13 +468,15 @@ def _fill_ways(ways: Sequence[_SpotWay], step_m: float) -> Floats:
     which = np.repeat(np.arange(len(ways)), count)
     share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + 1) / count[which]
     way = end - begin
-    way[:, 2:-1] = 0.0  # heading and values are those of its end
+    # Heading and values along a way are those of its end; only the position is interpolated.
+    way[:, 2:-1] = 0.0
     return np.asarray(end[which] - (1.0 - share)[:, None] * way[which])
 
 
 def _widen_ends(
     old: tuple[float, float] | None, values: Floats, least: float
 ) -> tuple[float, float] | None:
+    """Return a range extended by the finite values that are at least `least`."""
     known = values[np.isfinite(values) & (values >= least)]
     if not known.size:
         return old

@@ -1,5 +1,6 @@
-"""What is asked before a dose changes: one question, Enter for yes, Escape for no. Hold and
-stop work underneath."""
+"""Defines the dialogs that ask before something changes: Enter accepts, Escape cancels; hold and
+STOP work below them.
+"""
 
 from __future__ import annotations
 
@@ -22,18 +23,20 @@ if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
 Result = TypeVar("Result")
-# rows of the border, and of alarms and keys that stay in sight
+# Rows of a dialog's border and of the alarms and keys that remain visible around it.
 DIALOG_FRAME_ROWS = 7
 
 
 class Dialog(ModalScreen[Result], Generic[Result]):
-    """Asks in a box in the middle; hold and stop have priority over it.
+    """Asks in a box in the middle of the screen; hold and STOP have priority over it.
 
-    Textual calls `on_button_pressed` of every class in a dialog's line, so a kind of dialog only
-    handles its own.
+    Textual calls `on_button_pressed` of every base class of a dialog, so each kind of dialog
+    handles its own buttons only.
     """
 
+    # No button has the focus: Enter must never press the button that happens to have it.
     AUTO_FOCUS = ""
+    # Below 28 rows the style sheet leaves out margins.
     VERTICAL_BREAKPOINTS = [(0, "-few"), (28, "-enough")]
     BINDINGS: ClassVar = [
         Binding("escape", "cancel", show=False),
@@ -47,7 +50,7 @@ class Dialog(ModalScreen[Result], Generic[Result]):
         self.heading, self.text = title, text
 
     def compose(self) -> ComposeResult:
-        """Lay out title, body and buttons."""
+        """Yield title, body and buttons."""
         with Vertical(classes="dialog"):
             yield Static(self.heading, classes="dialog-title", markup=False)
             with VerticalScroll(classes="dialog-body", can_focus=False):
@@ -58,7 +61,7 @@ class Dialog(ModalScreen[Result], Generic[Result]):
                 yield from self.compose_buttons()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Give the middle part the rows that are left: title and keys stay in sight at any
+        """Limit the body to the rows that title and buttons leave, so that both stay visible at any
         height."""
         for box in self.query(".dialog-body"):
             around = sum(
@@ -68,19 +71,20 @@ class Dialog(ModalScreen[Result], Generic[Result]):
             box.styles.max_height = max(1, event.size.height - around - DIALOG_FRAME_ROWS)
 
     def compose_body(self) -> ComposeResult:
-        """Widgets between text and buttons."""
+        """Yield the widgets between text and buttons."""
         yield from ()
 
     def compose_buttons(self) -> ComposeResult:
-        """The dialog's buttons."""
+        """Yield the dialog's buttons."""
         yield Button(f"{_('Enter')}  {self.describe_yes()}", id="yes", classes="dialog-button")
         yield Button(f"Esc  {_('cancel')}", id="cancel", classes="dialog-button")
 
     def describe_yes(self) -> str:
-        """Word of the yes button."""
+        """Return the word of the yes button."""
         return _("yes")
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
+        # Without this stop the handler of the base class would receive the press again.
         event.stop()
         if event.button.id == "yes":
             self.action_yes()
@@ -97,7 +101,7 @@ class Dialog(ModalScreen[Result], Generic[Result]):
 
 
 class Confirm(Dialog[bool | None]):
-    """Asks for yes or nothing."""
+    """Asks a question that only a yes answers."""
 
     def action_yes(self) -> None:
         """Answer yes."""
@@ -105,13 +109,14 @@ class Confirm(Dialog[bool | None]):
 
 
 class NudgeDialog(Dialog[float | None]):
-    """Asks for a nudge in steps of 5 %; one Enter for all of them."""
+    """Asks for a nudge of the target in steps of 5 %; one Enter confirms the sum of the steps."""
 
     BINDINGS: ClassVar = [
         Binding("plus,equals_sign,kp_plus,up", "step(1)", show=False),
         Binding("minus,kp_minus,down", "step(-1)", show=False),
         Binding("0,kp_0", "zero", show=False),
     ]
+    # A nudge of more than 30 % suggests a wrong rate, which has a dialog of its own.
     STEP_PERCENT, LIMIT_PERCENT = 5, 30
 
     def __init__(self, now_percent: float, first: int) -> None:
@@ -120,7 +125,8 @@ class NudgeDialog(Dialog[float | None]):
         )
         self.before = now_percent
         self.percent = now_percent
-        # a number was started, which is not how it is changed: its 0 is no 0
+        # True after a typed digit. Numbers are not accepted here, so a 0 that follows must not
+        # clear the nudge.
         self._typing = False
         self.action_step(first)
 
@@ -128,7 +134,8 @@ class NudgeDialog(Dialog[float | None]):
         yield Static(self._format_nudge(), classes="dialog-value", id="nudge-value", markup=False)
 
     def on_key(self, event: events.Key) -> None:
-        """Refuse digits, in words: the 0 of a typed `10` must not take the nudge away."""
+        """Refuse digits with an explanation, because the 0 of a typed `10` must not clear the
+        nudge."""
         digit = event.character or event.key.removeprefix("kp_")
         if len(digit) == 1 and digit.isdecimal() and (digit != "0" or self._typing):
             event.stop()
@@ -154,6 +161,7 @@ class NudgeDialog(Dialog[float | None]):
         self._show_nudge()
 
     def _show_nudge(self, wrong: str = "") -> None:
+        # Textual calls the first step from the constructor, before any widget exists.
         if self.is_mounted:
             shown = self.query_one("#nudge-value", Static)
             shown.update(f"{self._format_nudge()}\n! {wrong}" if wrong else self._format_nudge())
@@ -165,11 +173,11 @@ class NudgeDialog(Dialog[float | None]):
 
 
 class ChoiceDialog(Dialog[str | None]):
-    """Asks for one of a list.
+    """Asks for one entry of a list.
 
-    Digits mark a line, two typed one after the other are one number; so do arrows and clicks. Only
-    Enter takes. A number that no line has is reported, and Enter takes nothing until a line is
-    marked again.
+    Digits, arrows and clicks mark an entry; two digits typed in quick succession form one number.
+    Only Enter accepts. A number without an entry is reported, and Enter accepts nothing until an
+    entry is marked again.
     """
 
     BINDINGS: ClassVar = [
@@ -184,7 +192,17 @@ class ChoiceDialog(Dialog[str | None]):
     def __init__(
         self, title: str, choices: Sequence[Choice], now: str, text: str = "", at: int | None = None
     ) -> None:
-        """at: the line that is marked at first, -1: none; without it the one in force."""
+        """Create the dialog.
+
+        Parameters
+        ----------
+        choices
+            Entries of the list.
+        now
+            Value in force, which the list points out.
+        at
+            Index of the entry that is marked first; -1 marks none, None marks the value in force.
+        """
         super().__init__(title, text)
         self.choices = tuple(choices)
         self.now = now
@@ -199,8 +217,9 @@ class ChoiceDialog(Dialog[str | None]):
         self._show_mark()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Let the list scroll by itself in the rows that the text leaves."""
+        """Limit the list to the rows that the text leaves; the list scrolls by itself."""
         super().on_resize(event)
+        # The heights are known only after Textual's layout.
         self.call_after_refresh(self._fit_list)
 
     def _fit_list(self) -> None:
@@ -210,6 +229,7 @@ class ChoiceDialog(Dialog[str | None]):
                 one.outer_size.height + one.styles.margin.height
                 for one in self.query(".dialog-text")
             )
+            # Three rows keep the neighbours of the marked entry visible.
             self.query_one(ChoiceList).styles.max_height = max(
                 3, int(rows.value if rows else 0) - said
             )
@@ -227,17 +247,18 @@ class ChoiceDialog(Dialog[str | None]):
         self._show_mark()
 
     def action_move(self, by: int) -> None:
-        """Move the mark, round the ends."""
+        """Move the mark by a number of entries; beyond an end it continues at the other end."""
         self._mark_line(
             (max(-1, self.at + by) if self.at < 0 else self.at + by) % len(self.choices)
         )
 
     def action_go(self, by: int) -> None:
-        """Move the mark, as far as the ends."""
+        """Move the mark by a number of entries, at most to an end of the list."""
         self._mark_line(max(0, min(len(self.choices) - 1, self.at + by)))
 
     def on_key(self, event: events.Key) -> None:
-        """Mark the line of a typed number."""
+        """Mark the entry whose number is typed."""
+        # Keys of the numeric keypad have no character in the kitty protocol.
         digit = (
             event.key.removeprefix("kp_") if event.key.startswith("kp_") else event.character or ""
         )
@@ -246,6 +267,7 @@ class ChoiceDialog(Dialog[str | None]):
         event.stop()
         now_s = cast("TopdressApp", self.app).clock()
         before = self._typed if now_s - self._typed_s < TYPING_PAUSE_S else ""
+        # `int` converts digits of other scripts, which `isdecimal` admits.
         typed = (before + str(int(digit))).lstrip("0")
         if not typed:
             return
@@ -257,23 +279,23 @@ class ChoiceDialog(Dialog[str | None]):
             self._show_mark()
 
     def on_picked(self, event: Picked) -> None:
-        """Mark the clicked line."""
+        """Mark the clicked entry."""
         self._mark_line(event.index)
 
     def on_choice_list_wheeled(self, event: ChoiceList.Wheeled) -> None:
-        """Move the mark with the wheel."""
+        """Move the mark with the mouse wheel."""
         self.action_go(event.lines)
 
     def action_yes(self) -> None:
-        """Take the marked line; one that cannot be taken now says why, and the question stays."""
+        """Answer with the marked entry. An impossible entry shows its reason, and the dialog stays
+        open."""
         self._typed = ""
         if self.at >= 0 and not self._wrong and not self.choices[self.at].why:
             self.dismiss(self.choices[self.at].value)
 
 
 class TextDialog(Dialog[bool | None]):
-    """Shows lines of text, scrolled where they are many; Escape, Enter or a click on the last line
-    closes."""
+    """Shows text in a scrollable box; Escape, Enter or the last line closes it."""
 
     AUTO_FOCUS = "#text-scroll"
 

@@ -1,5 +1,6 @@
-"""What does not move on a map: the field's outline and the planned rates, as the job's files
-have them."""
+"""Defines the static parts of a map: the field's outline and the planned rates from the job's
+files.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ M2_PER_HA = 10_000.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlannedRates:
-    """Holds planned rates, kg/ha: rate_kg_ha[row, column], row 0 in the south, column 0 in the
-    west; NaN: none planned."""
+    """Holds planned rates, kg/ha, as `rate_kg_ha[row, column]`. Row 0 is in the south, column 0 in
+    the west; NaN means that nothing is planned."""
 
     west_m: float
     south_m: float
@@ -27,7 +28,7 @@ class PlannedRates:
 
     @property
     def box(self) -> Box:
-        """Ends of the raster."""
+        """Bounding box of the raster."""
         rows, columns = self.rate_kg_ha.shape
         return Box(
             self.west_m,
@@ -37,7 +38,7 @@ class PlannedRates:
         )
 
     def find_rate(self, east_m: float, north_m: float) -> float | None:
-        """The planned rate at a place; None where none is planned."""
+        """Return the planned rate at a position, kg/ha; None where nothing is planned."""
         column, row = (
             int((east_m - self.west_m) // self.cell_m),
             int((north_m - self.south_m) // self.cell_m),
@@ -46,14 +47,18 @@ class PlannedRates:
         if not (0 <= column < columns and 0 <= row < rows):
             return None
         rate = float(self.rate_kg_ha[row, column])
+        # Only NaN differs from itself.
         return None if rate != rate else rate
 
     def sample_pixels(self, pixels: PixelGrid) -> Rates:
-        """The rates at the middles of pixels (rows from the north, columns)."""
+        """Return the rates at the centres of pixels, kg/ha; shape (rows from the north,
+        columns)."""
         rows, columns = self.rate_kg_ha.shape
         east, north = pixels.list_middles()
         column = np.floor((east - self.west_m) / self.cell_m).astype(np.int64)
         row = np.floor((north - self.south_m) / self.cell_m).astype(np.int64)
+        # Clipped indices keep the lookup inside the raster; pixels outside become NaN in the next
+        # step.
         seen = self.rate_kg_ha[np.ix_(np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1))]
         seen[(row < 0) | (row >= rows), :] = np.nan
         seen[:, (column < 0) | (column >= columns)] = np.nan
@@ -61,7 +66,7 @@ class PlannedRates:
 
     @property
     def rate_ends(self) -> tuple[float, float] | None:
-        """Lowest and highest planned rate."""
+        """Lowest and highest planned rate, kg/ha."""
         known = self.rate_kg_ha[np.isfinite(self.rate_kg_ha)]
         return (float(known.min()), float(known.max())) if known.size else None
 
@@ -73,11 +78,19 @@ class PlannedRates:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FieldPicture:
-    """Holds the parts of a map that do not move.
+    """Holds the parts of a map that do not change during a job.
 
-    title: of the field. rings_m: outlines and holes, east and north. width_m: that the outlets
-    cover. sections: the right ends of those that have valves, as shares of the width; none: it is
-    one whole.
+    Attributes
+    ----------
+    title
+        Name of the field.
+    rings_m
+        Outlines and holes; east and north of each corner, m.
+    width_m
+        Working width of the outlets, m.
+    sections
+        Right ends of the sections with valves, as shares of the width; empty means one undivided
+        width.
     """
 
     title: str = ""
@@ -89,7 +102,7 @@ class FieldPicture:
 
     @property
     def box(self) -> Box | None:
-        """Ends of the outline, else of the plan."""
+        """Bounding box of the outline, else of the plan."""
         places = [place for ring in self.rings_m for place in ring]
         if not places:
             return None if self.planned is None else self.planned.box

@@ -1,5 +1,5 @@
-"""Which field and job, asked at the start: what was worked lately first, one key for all as it
-is."""
+"""Asks at the start for field and job, most recent first; one key accepts the last set
+unchanged."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
     from topdress.console.app.pages.job.service import JobOffer, JobService, RecentSet
 
-# states in which nothing is lost by another start
+# States in which a restart of the machine loses nothing.
 CHANGEABLE_STATES = (None, "off")
 
 
 def ask_first_question(app: TopdressApp, service: JobService) -> None:
-    """Ask for the job when there is something to choose from. The machine is there meanwhile, off:
-    nothing waits for an answer."""
+    """Ask for the job if there are recent jobs. Meanwhile the machine is connected and off, so
+    nothing depends on the answer."""
 
     def show_choices(found: tuple[RecentSet, ...]) -> None:
+        # The operator may have opened a dialog or switched the machine on while the files were
+        # read.
         frame = app.arrival.frame
         if (
             found
@@ -45,15 +47,17 @@ def ask_first_question(app: TopdressApp, service: JobService) -> None:
                 lambda number: restart_worker(app, service, found[int(number)]),
             )
 
-    app.read_for_page(lambda: service.list_recent(), show_choices)  # made in the thread
+    # The lambda looks the method up in the thread, where the service imports its modules.
+    app.read_for_page(lambda: service.list_recent(), show_choices)
 
 
 def restart_worker(app: TopdressApp, service: JobService, files: RecentSet) -> None:
-    """End the machine that runs and start it anew with these files, unless it works."""
+    """Restart the machine with a set of files, unless it works."""
 
     def begin_if_idle() -> None:
         frame = app.arrival.frame
         if frame is not None and not app.gone and frame.row.state not in CHANGEABLE_STATES:
+            # A choice that is not used now must not take effect at a later start.
             service.drop_choices()
             app.show_notice(
                 _("the machine works: stop it first, then choose again to start with it")
@@ -71,7 +75,7 @@ def restart_worker(app: TopdressApp, service: JobService, files: RecentSet) -> N
 
 
 def _start_with_choice(app: TopdressApp, service: JobService, left: JobOffer | None) -> None:
-    """Start, asking first about a job that was left on the chosen field."""
+    """Start the machine; ask first if a job on the chosen field was interrupted."""
 
     def take_choice(how: str | None) -> None:
         if how is None:
@@ -88,6 +92,7 @@ def _start_with_choice(app: TopdressApp, service: JobService, left: JobOffer | N
 
 
 def _describe_recent(one: RecentSet, app: TopdressApp) -> str:
+    """Return three lines about a recent job: time and field, job and area done, machine."""
     day = one.began_utc[:10]
     since = (
         f"{day} {format_local_time(one.began_utc, app.utc_offset_s)[:5]}"
@@ -108,7 +113,7 @@ def _describe_recent(one: RecentSet, app: TopdressApp) -> str:
 
 
 def start_from_any_page(app: TopdressApp) -> None:
-    """Ask before START where the numbers of the machine are not in sight."""
+    """Ask before START on a page that does not show the machine's numbers."""
     app.ask_yes_no(
         _("Start to work?"),
         _("The machine begins to spread as soon as it moves."),

@@ -1,8 +1,8 @@
-"""A guidance line from A to B: how far the machine is off the nearest of its parallels. It
-shows; it does not steer. Pure.
+"""Calculates how far the machine is off the nearest parallel of a guidance line from A to B. The
+line is shown; nothing steers. Pure.
 
-Places are east and north, m, of the plane on which the frames tell them. The parallels lie a
-working width apart.
+Positions are east and north, m, in the plane of the frames. The parallels are one working width
+apart.
 """
 
 from __future__ import annotations
@@ -13,18 +13,27 @@ from typing import NamedTuple
 
 from topdress.console.app.camera import MapCamera
 
-# from A to B: below it the noise of a fix turns the line by degrees
+# Shortest distance from A to B, m: below it the noise of a fix rotates the line by degrees.
 LEAST_LENGTH_M = 10.0
-DRAWN_BEYOND_M = 10_000.0  # so far the line is drawn beyond its ends
-# driven the other way round, left and right change sides
+# Distance to which the line is drawn beyond its ends, m.
+DRAWN_BEYOND_M = 10_000.0
+# Beyond this difference of heading the machine drives from B to A, where left and right are
+# exchanged.
 TURNED_DEG = 90.0
 
 Place = tuple[float, float]
 
 
 class TrackOffset(NamedTuple):
-    """Holds the distance from a track. right_m: how far the machine is to the right of the nearest
-    track, as it drives; number: of that track, to the right of A to B positive."""
+    """Holds the offset from a track.
+
+    Attributes
+    ----------
+    right_m
+        Distance to the right of the nearest track, m, seen in driving direction.
+    number
+        Number of the track; tracks to the right of the direction A to B are positive.
+    """
 
     right_m: float
     number: int
@@ -32,7 +41,7 @@ class TrackOffset(NamedTuple):
 
 @dataclass(slots=True)
 class GuideLine:
-    """Holds a line. a, b: its ends, None while they are not set."""
+    """Holds a line; its ends `a` and `b` are None until the operator sets them."""
 
     a: Place | None = None
     b: Place | None = None
@@ -44,32 +53,42 @@ class GuideLine:
         return self.a is not None and self.b is not None and self.width_m > 0.0
 
     def set_begin(self, a: Place, width_m: float) -> None:
-        """Set A, and forget B."""
+        """Set A and remove B."""
         self.a, self.b, self.width_m = a, None, width_m
 
     def set_end(self, b: Place) -> bool:
-        """Set B and return true, if it is far enough from A; else false."""
+        """Set B and return True if it is at least `MIN_LINE_LENGTH_M` from A; otherwise return
+        False."""
         if self.a is None or hypot(b[0] - self.a[0], b[1] - self.a[1]) < LEAST_LENGTH_M:
             return False
         self.b = b
         return True
 
     def clear_ends(self) -> None:
-        """Forget the line."""
+        """Remove the line."""
         self.a = self.b = None
 
     @property
     def heading_deg(self) -> float:
-        """Heading from A to B, degrees from north."""
+        """Heading from A to B, degrees clockwise from north."""
         assert self.a is not None and self.b is not None
         return degrees(atan2(self.b[0] - self.a[0], self.b[1] - self.a[1])) % 360.0
 
     def find_offset(self, place: Place, heading_deg: float | None) -> TrackOffset | None:
-        """Distance from the nearest track; None while there is no line."""
+        """Return the offset from the nearest track; None without a line.
+
+        Parameters
+        ----------
+        place
+            East and north of the machine, m.
+        heading_deg
+            Heading of the machine; None assumes the direction from A to B.
+        """
         if self.a is None or self.b is None or self.width_m <= 0.0:
             return None
         east, north = self.b[0] - self.a[0], self.b[1] - self.a[1]
         long_m = hypot(east, north)
+        # The cross product divided by the length is the distance to the right of the line.
         right_m = ((place[0] - self.a[0]) * north - (place[1] - self.a[1]) * east) / long_m
         number = round(right_m / self.width_m)
         off_m = right_m - number * self.width_m
@@ -81,7 +100,7 @@ class GuideLine:
         return TrackOffset(off_m, number)
 
     def list_drawn_lines(self, camera: MapCamera) -> tuple[tuple[Place, ...], ...]:
-        """The line through A and B over the ground in sight, for a map."""
+        """Return the line through A and B across the visible ground, for a map."""
         if self.a is None or self.b is None:
             return ()
         east, north = self.b[0] - self.a[0], self.b[1] - self.a[1]

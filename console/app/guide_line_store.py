@@ -1,8 +1,8 @@
-"""The A-B line and a boundary that is being driven, as records of a file next to the log: a
-console that dies, or is closed, leaves them to the next one. Pure.
+"""Converts the A-B line and a boundary in progress to records of a file next to the log, so that
+the next console continues with them. Pure.
 
-A record is a line of JSON. The file only grows: what was said last holds, and a line that was
-cut off counts for nothing.
+A record is a line of JSON. The file only grows: the last record of a kind is valid, and a truncated
+line is ignored.
 """
 
 from __future__ import annotations
@@ -16,12 +16,22 @@ from topdress.console.app.guide_line import GuideLine, Place
 
 
 class KeptLines(NamedTuple):
-    """Holds the lines of a log.
+    """Holds the stored lines of a log.
 
-    drive None: no boundary is being driven. way: of the drive, east and north, m, as the map draws
-    it. until_s: the log's time of its last record. changed: the line was set or taken away here.
-    of_day: when the job began, by its log, whose line this is on the same field; "": of this job
-    itself.
+    Attributes
+    ----------
+    guide
+        A-B line.
+    drive
+        Boundary in progress; None without a boundary drive.
+    way
+        Way of the drive for the map; east and north, m.
+    until_s
+        Log time of the last record of the drive, s.
+    changed
+        True if the line was set or removed in this log.
+    of_day
+        Start of the earlier job on this field from which the line comes; "" for a line of this job.
     """
 
     guide: GuideLine
@@ -33,7 +43,7 @@ class KeptLines(NamedTuple):
 
 
 def make_line_record(guide: GuideLine) -> str:
-    """A record of the line as it is now, also of one that was taken away."""
+    """Return a record of the present line; a removed line is recorded too."""
     return json.dumps(
         {
             "guide": None
@@ -44,19 +54,19 @@ def make_line_record(guide: GuideLine) -> str:
 
 
 def make_drive_record(drive: BoundaryDrive | None, time_s: float) -> str:
-    """A record of a drive that begins; None: it has ended, kept or cancelled."""
+    """Return a record of a drive that begins; None records the end of the drive."""
     return json.dumps(
         {"drive": None if drive is None else {"right_m": drive.right_m, "time_s": time_s}}
     )
 
 
 def make_corner_record(corner: Corner, place: Place, time_s: float) -> str:
-    """A record of a corner of the drive."""
+    """Return a record of a corner of the drive."""
     return json.dumps({"corner": corner, "place_m": place, "time_s": time_s})
 
 
 def read_kept_lines(records: Iterable[str]) -> KeptLines:
-    """The lines after these records; damaged records are left out."""
+    """Return the lines that result from records; damaged records are ignored."""
     kept = KeptLines(GuideLine())
     for record in records:
         try:
@@ -67,7 +77,8 @@ def read_kept_lines(records: Iterable[str]) -> KeptLines:
 
 
 def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
-    """Raises ValueError, TypeError, KeyError."""
+    """Apply one record to the lines. Raises ValueError, TypeError or KeyError for a damaged
+    record."""
     if "guide" in said:
         line = said["guide"]
         guide = (
@@ -91,6 +102,7 @@ def _apply_record(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
             float(drive["time_s"]),
             kept.changed,
         )
+    # A corner without a drive belongs to a drive whose first record is damaged.
     if kept.drive is None:
         return kept
     corner, place, time_s = (

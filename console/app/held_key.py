@@ -1,35 +1,39 @@
-"""A key or a mouse button that must stay down while the shaft turns. Pure: times come in, down
-or up comes out.
+"""Decides whether a key or mouse button is held down, which is the condition for a turning shaft.
+Pure: times are arguments.
 
-A terminal tells no release of a key, only its repeats: the first press arms, the second within
-a second means that the key is held (repeats begin after 0.25 to 0.7 s and then come 10 to 30
-times a second), and a gap means that it was let go. A stray press therefore turns nothing.
+A terminal reports no release of a key, only repeats. The first press arms. A second press within a
+second means that the key is held: repeats begin after 0.25 to 0.7 s and then come 10 to 30 times a
+second. A gap means a release. A single accidental press therefore turns nothing.
 """
 
 from __future__ import annotations
 
-FIRST_REPEAT_S = 1.0  # longest delay before a terminal's first repeat
-REPEAT_GAP_S = 0.25  # slowest usual repeat: 0.092 s
+# Longest delay before a terminal's first repeat, s.
+FIRST_REPEAT_S = 1.0
+# A longer gap between repeats, s, counts as a release; the slowest usual repeat period is 0.092 s.
+REPEAT_GAP_S = 0.25
 
 
 class HeldKey:
-    """Decides whether a key is held. `note_key` at every press or repeat, `note_mouse` at every
-    change of the button, `is_down` at any time."""
+    """Decides whether a key is held. Call `note_key` at every press or repeat and `note_mouse` at
+    every change of the button."""
 
     def __init__(self) -> None:
         self._first_s: float | None = None
-        self._last_s: float | None = None  # of a key that is held
+        # Time of the newest repeat while the key is held, s.
+        self._last_s: float | None = None
         self._mouse = False
-        # ended by a refusal: nothing counts until the key was let go
+        # Time of the newest repeat after a refusal; presses are ignored until a gap shows that the
+        # key was released.
         self._blocked_s: float | None = None
 
     @property
     def is_armed(self) -> bool:
-        """Whether it was pressed once: the next press runs."""
+        """Whether the key was pressed once, so that the next press runs the shaft."""
         return self._first_s is not None and self._last_s is None
 
     def note_key(self, now_s: float) -> None:
-        """Note a press or repeat."""
+        """Record a press or repeat."""
         if self._blocked_s is not None:
             if now_s - self._blocked_s <= REPEAT_GAP_S:
                 self._blocked_s = now_s
@@ -45,21 +49,21 @@ class HeldKey:
             self._first_s, self._last_s = now_s, None
 
     def note_mouse(self, down: bool) -> None:
-        """Note the state of the mouse button."""
+        """Record the state of the mouse button."""
         self._mouse = down
 
     def release_all(self) -> None:
-        """Forget all presses: another page, the lock."""
+        """Forget all presses, after a change of page or a lock of the keys."""
         self._first_s = self._last_s = None
         self._mouse = False
 
     def block_repeats(self, now_s: float) -> None:
-        """Let go, and do not begin again by the repeats of a key that is still down."""
+        """Release, and ignore the repeats of a key that is still down."""
         self._blocked_s = now_s if self._last_s is not None else None
         self.release_all()
 
     def is_down(self, now_s: float) -> bool:
-        """Whether key or button is held."""
+        """Whether the key or the button is held at this time."""
         if self._last_s is not None and now_s - self._last_s > REPEAT_GAP_S:
             self._first_s = self._last_s = None
         if (

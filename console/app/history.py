@@ -1,4 +1,4 @@
-"""What the plots and the map remember, bounded in memory however long the day is."""
+"""Stores the history that plots and map show, with memory bounded for a day of any length."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from topdress.console.app.series import LogSeries, SeriesPyramid
 from topdress.console.app.view import find_applied_kg_ha
 from topdress.console.frame import Frame
 
+# Time span of the trend on the Run page, s.
 TREND_SPAN_S = 120.0
+# More points than a wide terminal has columns, for a trend of two minutes at the worker's rate.
 TREND_POINTS = 2_000
+# Frames entered per call: the screen must respond while a long log is read.
 MOST_FRAMES_AT_ONCE = 10_000
 
 
 class TrendPoint(NamedTuple):
-    """Holds rates of one time. target, applied: kg/ha, None = not known."""
+    """Holds target and applied rate at one time, kg/ha; None means unknown."""
 
     time_s: float
     target_kg_ha: float | None
@@ -26,12 +29,13 @@ class TrendPoint(NamedTuple):
 
 
 def make_point(frame: Frame) -> TrendPoint:
-    """The point of a frame."""
+    """Return the trend point of a frame."""
     return TrendPoint(frame.row.time_s, frame.row.target_rate_kg_ha, find_applied_kg_ha(frame.row))
 
 
 class LiveHistory:
-    """Grows frame by frame, live. A log that begins anew (time runs back) empties it."""
+    """Grows frame by frame while the machine runs. A log that begins anew (time decreases) clears
+    it."""
 
     def __init__(self) -> None:
         self.points: deque[TrendPoint] = deque(maxlen=TREND_POINTS)
@@ -52,13 +56,18 @@ class LiveHistory:
             self.worked.add_spots((spot,))
 
     def add_earlier_ground(self, places: Iterable[tuple[float, float, float, float]]) -> None:
-        """Add ground worked before the first frame: east m, north m, heading degrees, kg/ha, as it
-        was driven."""
+        """Add ground that was worked before the first frame.
+
+        Parameters
+        ----------
+        places
+            East m, north m, heading degrees and applied kg/ha, in driving order.
+        """
         unknown = float("nan")
         self.worked.add_earlier_spots([Spot(*place, unknown, unknown) for place in places])
 
     def list_recent_points(self, span_s: float = TREND_SPAN_S) -> tuple[TrendPoint, ...]:
-        """Points of the last seconds."""
+        """Return the points of the last `span_s` seconds."""
         if not self.points:
             return ()
         first_s = self.points[-1].time_s - span_s
@@ -66,7 +75,7 @@ class LiveHistory:
 
 
 class LogHistory:
-    """Holds the history of a log: the worked ground up to any of its frames, and its series."""
+    """Holds the history of a log: worked ground up to any frame, and the series of all frames."""
 
     def __init__(self, frames: Sequence[Frame]) -> None:
         self.frames = frames
@@ -75,8 +84,21 @@ class LogHistory:
         self._entered = 0
 
     def enter_up_to(self, last: int, most: int = MOST_FRAMES_AT_ONCE) -> bool:
-        """Enter frames 0 ... last (in) into `worked`, at most so many at once, so that the screen
-        never stands; true when all are entered. Back in the log the ground is entered anew."""
+        """Enter frames up to `last` (included) into `worked`, in parts so that the screen responds.
+
+        Parameters
+        ----------
+        last
+            Index of the last frame to enter. A smaller index than before clears the ground and
+            starts anew.
+        most
+            Number of frames per call.
+
+        Returns
+        -------
+        bool
+            True when all frames are entered.
+        """
         if last + 1 < self._entered:
             self.worked.clear_ground()
             self._entered = 0
@@ -88,6 +110,6 @@ class LogHistory:
 
 
 def sample_points(frames: Sequence[Frame], first: int, last: int) -> tuple[TrendPoint, ...]:
-    """Points of frames first ... last (both in), thinned to what a trend can show."""
+    """Return points of frames `first` to `last` (both included), thinned to `MAX_TREND_POINTS`."""
     step = max(1, (last - first + 1) // TREND_POINTS)
     return tuple(make_point(frame) for frame in islice(frames, first, last + 1, step))

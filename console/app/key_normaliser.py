@@ -1,8 +1,9 @@
-"""Which key is meant by one that was pressed: Caps Lock, Shift, a full-width input method and
-other layouts do not keep an operator from STOP, nor from any other letter.
+"""Determines which key an operator meant: Caps Lock, Shift, full-width input and other layouts must
+not prevent STOP or any other letter.
 
 Terminals send Shift and a letter as the capital ("X"), with the kitty keyboard protocol also as
-"shift+x"; Caps Lock as the capital; Shift+F12 as "shift+f12" or, on older ones, as "f24".
+"shift+x". They send Caps Lock as the capital, and Shift+F12 as "shift+f12" or, on older terminals,
+as "f24".
 """
 
 from __future__ import annotations
@@ -10,34 +11,42 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Set
 
-# whatever the keymap says, also where a text field has the focus
+# This key stops the machine whatever the keymap contains, even where a text field has the focus.
 ALWAYS_STOP = "f12"
-# as the arrow keys are shown
+# The key bar prints arrow keys as < and >, so these characters act as arrows.
 _SAME_KEYS = {
     "less_than_sign": "left",
     "greater_than_sign": "right",
-    # ctrl+@: Ctrl+Space
+    # Terminals send Ctrl+Space as ctrl+@.
     "f24": "f12",
     "ideographic_space": "space",
     "no_break_space": "space",
     "@": "space",
 }
-# Letters on the key of X: Russian and Ukrainian, Serbian and Macedonian, Greek, Hebrew, Arabic,
-# Georgian, Thai, Korean, Japanese kana, Bopomofo; and the Cyrillic and Greek letters that look
-# like X.
+# Letters on the key of X in other layouts: Russian and Ukrainian, Serbian and Macedonian, Greek,
+# Hebrew, Arabic, Georgian, Thai, Korean, Japanese kana, Bopomofo. The Cyrillic and Greek letters
+# that resemble X are included.
 _ON_THE_KEY_OF_X = frozenset("чџχסءხปㅌさㄌх")
 
 
 def normalise_key(key: str, bound: Set[str], urgent: Set[str]) -> str:
-    """The key that is meant by a pressed one.
+    """Return the key that the operator meant.
 
-    key: as Textual names it. bound: keys that have an action here. urgent: those of hold and STOP,
-    which are taken with any modifier and, for X, from other layouts.
+    Parameters
+    ----------
+    key
+        Key as Textual names it.
+    bound
+        Keys that have an action on this screen.
+    urgent
+        Keys of hold and STOP, which are accepted with any modifier and, for X, from other layouts.
     """
     *held, last = key.split("+")
     last = _SAME_KEYS.get(last, last) if last != "@" or held else last
+    # STOP precedes the keymap: no binding can take its key.
     if last == ALWAYS_STOP:
         return last
+    # A key that has its own action keeps it: a capital may differ from the small letter.
     if key in bound:
         return key
     if last in ("left", "right") and "+".join((*held, last)) in bound:
@@ -54,7 +63,8 @@ def normalise_key(key: str, bound: Set[str], urgent: Set[str]) -> str:
 
 
 def _narrow_letter(letter: str) -> str:
-    """A full-width letter or digit as the plain one; a superscript two is no 2."""
+    """Return the plain letter for a full-width letter or digit; superscript digits are left
+    unchanged."""
     return (
         unicodedata.normalize("NFKC", letter)
         if unicodedata.decomposition(letter).startswith("<wide>")

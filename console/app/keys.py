@@ -1,4 +1,4 @@
-"""Keys of every page and what they do."""
+"""Defines the actions that every page offers, with their functions."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 def hold_machine(app: TopdressApp) -> None:
-    """Hold the machine, or pause the log that is played."""
+    """Hold the machine, or pause a log that is replayed without a machine."""
     if app.source is None and app.replay_page.job is not None:
         app.replay_page.player.toggle_playing()
         app.replay_page.refresh_all_next_tick()
@@ -59,8 +59,9 @@ def hold_machine(app: TopdressApp) -> None:
 
 
 def acknowledge_alarms(app: TopdressApp) -> None:
-    """Acknowledge all alarms that stand on the screen; none of those that came since."""
+    """Acknowledge the alarms on the screen; alarms that arrived later stay unacknowledged."""
     frame = app.arrival.frame
+    # Acknowledging by id excludes an alarm that the operator has not seen.
     for alarm in frame.alarms if frame else ():
         if alarm.severity is Severity.RED and not alarm.acknowledged:
             app.give_order(Do.ACKNOWLEDGE, alarm.id)
@@ -73,7 +74,7 @@ def show_help(app: TopdressApp) -> None:
 
 
 def show_alarm_list(app: TopdressApp) -> None:
-    """Show the alarms of the run, or of the log that is played."""
+    """Show the alarms of the run, or of the log that is replayed."""
     if isinstance(app.screen, AlarmList):
         return
     replayed = app.page.where == REPLAY and app.replay_page.job is not None
@@ -93,7 +94,7 @@ def toggle_lock(app: TopdressApp) -> None:
 
 
 def choose_next_theme(app: TopdressApp) -> None:
-    """Choose the next theme."""
+    """Switch to the next theme."""
     app.theme = themes.find_next_theme(app.theme)
     app.page.redraw_all()
 
@@ -104,7 +105,7 @@ def show_palette(app: TopdressApp) -> None:
 
 
 def begin_tour(app: TopdressApp) -> None:
-    """Begin the tour, on the simulated machine only."""
+    """Begin the guided tour, which runs on the simulated machine only."""
     frame = app.arrival.frame
     if frame is None or not frame.simulated or app.gone:
         app.show_notice(
@@ -116,7 +117,7 @@ def begin_tour(app: TopdressApp) -> None:
 
 
 def skip_tour_step(app: TopdressApp) -> None:
-    """Go to the tour's next step."""
+    """Skip to the tour's next step."""
     if app.tour is not None:
         app.tour.skip_step()
         app.show_changes()
@@ -129,7 +130,7 @@ def end_tour(app: TopdressApp) -> None:
 
 
 def choose_next_units(app: TopdressApp) -> None:
-    """Choose the next units, asked while working."""
+    """Switch to the next system of units, after a question while the machine works."""
 
     def change_units() -> None:
         names = list(UNITS)
@@ -140,7 +141,7 @@ def choose_next_units(app: TopdressApp) -> None:
 
 
 def choose_next_language(app: TopdressApp) -> None:
-    """Choose the next language, asked while working."""
+    """Switch to the next language, after a question while the machine works."""
 
     def change_language() -> None:
         codes = list_languages()
@@ -163,7 +164,7 @@ def _ask_while_working(app: TopdressApp, question: str, change: Callable[[], Non
 
 
 def ask_for_page(app: TopdressApp) -> None:
-    """Ask for the page to turn to."""
+    """Ask which page to open."""
     choices = [
         Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})")
         for one in app.page_actions
@@ -174,17 +175,18 @@ def ask_for_page(app: TopdressApp) -> None:
 
 
 def show_page_menu(app: TopdressApp) -> None:
-    """Show the page's menu: actions without a letter of their own, for a letter means one thing on
-    all pages."""
+    """Show the page's menu of actions without a letter key. A letter has the same meaning on all
+    pages, so letters are scarce."""
     choices = [Choice(one.id, _(one.label), app.explain_not_now(one)) for one in app.list_menu()]
     app.ask_question(
         ChoiceDialog(_("What else this page does"), choices, ""),
+        # The action runs after the dialog has closed, because an action may open a dialog itself.
         lambda name: app.call_later(app.action_do, name),
     )
 
 
 def show_jump_letters(app: TopdressApp) -> None:
-    """Show letters over what can be clicked on the screen as it is, a dialog included."""
+    """Show letters over everything clickable on the screen, also in a dialog."""
     if isinstance(app.screen, JumpScreen):
         return
     places = find_click_places(app.screen)
@@ -197,6 +199,7 @@ def show_jump_letters(app: TopdressApp) -> None:
 def ask_to_undo(app: TopdressApp) -> None:
     """Undo the newest change, after a question."""
     change = app.undo.newest
+    # The action's `why` has excluded an empty stack before this function runs.
     assert change is not None, "said by why_no_undo"
 
     def undo_newest() -> None:
@@ -213,7 +216,8 @@ def ask_to_undo(app: TopdressApp) -> None:
 
 
 def copy_screen_text(app: TopdressApp) -> None:
-    """Copy text by the terminal's own clipboard (OSC 52), which works through ssh too."""
+    """Copy text through the terminal's own clipboard (escape sequence OSC 52), which also works
+    over ssh."""
     frame, screen = app.arrival.frame, app.screen
     text = (
         screen.get_selected_text()
@@ -226,7 +230,7 @@ def copy_screen_text(app: TopdressApp) -> None:
 
 
 def leave_console(app: TopdressApp) -> None:
-    """Leave the console, after a question while the machine works."""
+    """Close the console, after a question while the machine works."""
     frame = app.arrival.frame
     if app.gone or app.source is None or (frame is not None and frame.row.state != "working"):
         app.exit()
@@ -236,6 +240,7 @@ def leave_console(app: TopdressApp) -> None:
 
 
 ACTIONS = (
+    # Hold and STOP work in every state and while the keys are locked.
     Action(
         "hold",
         "space",
@@ -258,6 +263,8 @@ ACTIONS = (
         locked=True,
         priority=True,
     ),
+    # Acknowledging is locked with the other keys: a locked console must not silence an alarm by
+    # accident.
     Action(
         "acknowledge",
         "a",
@@ -363,6 +370,7 @@ ACTIONS = (
         lambda app: app.turn_to_page(SETTINGS),
         locked=True,
     ),
+    # Some terminals use F-keys themselves; this list replaces them.
     Action(
         "pages",
         "tab",
@@ -373,6 +381,7 @@ ACTIONS = (
         bar=10,
         locked=True,
     ),
+    # A question protects START here, because the page may not show the machine's numbers.
     Action(
         "start_anywhere",
         "ctrl+s",
@@ -479,6 +488,8 @@ ACTIONS = (
         N_("The list of alarms, the text of a dialog, or the path of the log."),
         copy_screen_text,
     ),
+    # Ctrl+C is what an operator of terminals tries first, so it asks like Ctrl+Q instead of ending
+    # the program.
     Action(
         "quit",
         "ctrl+q,ctrl+c",

@@ -1,4 +1,4 @@
-"""What a map can be coloured by, and from where to where its colours go."""
+"""Defines the quantities that colour a map, and the range of each colour scale."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from topdress.console.scale import (
 
 
 class MapLayer(StrEnum):
-    """Lists the numbers by which a map can be coloured."""
+    """Lists the quantities that can colour a map."""
 
     APPLIED = "applied"
     TARGET = "target"
@@ -36,6 +36,7 @@ LAYER_LABELS = {
     MapLayer.NDVI: N_("NDVI"),
     MapLayer.PASSES: N_("passes"),
 }
+# Kinds of `WorkedGround` that a layer needs (0 applied, 1 target, 2 NDVI, 3 passes).
 LAYER_KINDS = {
     MapLayer.APPLIED: (0,),
     MapLayer.TARGET: (1,),
@@ -43,15 +44,26 @@ LAYER_KINDS = {
     MapLayer.NDVI: (2,),
     MapLayer.PASSES: (3,),
 }  # of Worked
-PASSES_ENDS = (1.0, 2.0)  # covered once; twice or more: overlap
-# bare soil to a closed canopy, as the heads tell them
+# One pass is full coverage; two or more passes are overlap.
+PASSES_ENDS = (1.0, 2.0)
+# NDVI of bare soil and of a closed canopy, as the sensor heads report it.
 NDVI_ENDS = (0.2, 0.9)
+# Layers in kg/ha, which share one colour scale.
 RATE_LAYERS = frozenset({MapLayer.APPLIED, MapLayer.TARGET})
 
 
 class LayerScale(NamedTuple):
-    """Holds a colour scale. low, high: of the colours, in the unit inside; per_si and decimals: how
-    they are shown."""
+    """Holds a colour scale.
+
+    Attributes
+    ----------
+    low, high
+        Ends of the scale, in internal units.
+    per_si
+        Factor from internal to displayed units.
+    decimals
+        Decimals of displayed values.
+    """
 
     layer: MapLayer
     low: float
@@ -61,14 +73,15 @@ class LayerScale(NamedTuple):
     unit: str
 
     def format_value(self, value: float | None) -> str:
-        """A value as shown, without its unit."""
+        """Return a value in displayed units, without the name of the unit."""
         if value is None:
             return "--"
         sign = "+" if self.layer is MapLayer.ERROR and value > 0.0 else ""
+        # Adding 0.0 turns a rounded -0.0 into 0.0.
         return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
 
     def find_colour(self, share: float) -> Rgb:
-        """The colour at a share of the scale."""
+        """Return the colour at a share (0 to 1) of the scale."""
         return {MapLayer.ERROR: find_error_colour, MapLayer.PASSES: find_passes_colour}.get(
             self.layer, find_rate_colour
         )(share)
@@ -82,12 +95,25 @@ def find_colour_scale(
     laid: tuple[float, float] | None = None,
     most_kg_ha: float | None = None,
 ) -> LayerScale:
-    """The scale of a layer. Applied and target share one scale, which also covers the plan, and the
-    rates of a laid file.
+    """Return the colour scale of a layer. Applied and target share a scale, which also covers the
+    plan and an overlaid file.
 
-    most_kg_ha: of the job that runs. Its scale then stands from the first metre to the last, by the
-    plan, else by this limit: a colour that meant 200 kg/ha in the morning means 200 kg/ha in the
-    evening. None: by what was worked so far.
+    Parameters
+    ----------
+    layer
+        Quantity that colours the map.
+    worked
+        Ground worked so far.
+    picture
+        Static parts of the map with the plan, or None.
+    units
+        Units of displayed values.
+    laid
+        Lowest and highest rate of an overlaid file, kg/ha.
+    most_kg_ha
+        Rate limit of the running job, kg/ha. With it the scale is constant during the job, so that
+        a colour means the same rate in the morning and in the evening. None: the scale covers the
+        ground worked so far.
     """
     if layer is MapLayer.ERROR:
         return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
@@ -112,6 +138,6 @@ def find_colour_scale(
 
 
 def find_next_layer(layer: MapLayer) -> MapLayer:
-    """The layer after this one."""
+    """Return the layer after this layer, in the order of the menu."""
     layers = tuple(MapLayer)
     return layers[(layers.index(layer) + 1) % len(layers)]

@@ -1,5 +1,6 @@
-"""The map as numbers: which palette entry every pixel has, and which two of them a cell of the
-terminal shows. Pure; MapInk turns it into colours."""
+"""Calculates the palette entry of every map pixel, and the two entries that each terminal cell
+shows. Pure; `MapInk` converts entries to colours.
+"""
 
 from __future__ import annotations
 
@@ -18,21 +19,31 @@ from topdress.console.app.overlay_file import LaidView
 from topdress.console.app.view import RATE_FLOOR_KG_HA
 from topdress.console.scale import COLOUR_STEPS
 
-Image = npt.NDArray[np.uint8]  # (rows, columns), from the north-west
-Codes = npt.NDArray[np.int32]  # (rows, columns) of the terminal
+# Palette entries; shape (rows, columns) from the north-west.
+Image = npt.NDArray[np.uint8]
+# Contents of terminal cells; shape (rows, columns).
+Codes = npt.NDArray[np.int32]
 Values = npt.NDArray[np.float32]
+# Bits of braille dots as an array, for lines over the map.
 _BITS = np.array(CELL_BITS, dtype=np.uint8)
 
+# Palette entries: empty ground, ground passed without application, then a block of colour steps for
+# each kind of ground.
 EMPTY, PASSAGE = 0, 1
-DONE_ENTRY = 2  # DONE + step: worked ground
-PLAN_ENTRY = DONE_ENTRY + COLOUR_STEPS  # PLAN + step: planned ground
-LAID_ENTRY = PLAN_ENTRY + COLOUR_STEPS  # LAID + step: ground of a laid file
-# GLOW + step: worked ground of the pass behind the machine
+# First entry of worked ground.
+DONE_ENTRY = 2
+# First entry of planned ground.
+PLAN_ENTRY = DONE_ENTRY + COLOUR_STEPS
+# First entry of ground from an overlaid file.
+LAID_ENTRY = PLAN_ENTRY + COLOUR_STEPS
+# First entry of worked ground on the trail behind the machine.
 GLOW_ENTRY = LAID_ENTRY + COLOUR_STEPS
 ENTRY_COUNT = GLOW_ENTRY + COLOUR_STEPS
-# of a pixel's height, that a cell under it has at most
+# Largest side of a cell, as a share of the pixel: below 1, every pixel contains the centre of a
+# cell.
 MOST_CELL_SHARE = 0.75
-STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0  # a pass: so long, and so straight
+# A pass counts as straight if its last 8 m deviate by at most 10 degrees from the heading.
+STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0
 
 
 class GroundPixels(NamedTuple):
@@ -42,27 +53,31 @@ class GroundPixels(NamedTuple):
     pixels: PixelGrid
 
     def calc_means(self, layer: MapLayer) -> Values:
-        """Means of a layer over each pixel."""
+        """Return the mean of a layer over each pixel; NaN where unknown."""
         return self.calc_means_and_passage(layer)[0]
 
     def calc_means_and_passage(self, layer: MapLayer) -> tuple[Values, npt.NDArray[np.bool_]]:
-        """Means over each pixel, NaN where nothing is known; and whether the outlets' middle went
-        there."""
+        """Return the mean of a layer over each pixel, and whether the middle of the outlets passed
+        the pixel."""
         kinds = LAYER_KINDS[layer]
         planes = self.sum_planes(*kinds, *(CELL_KINDS + kind for kind in kinds), 2 * CELL_KINDS)
+        # Pixels without entries divide 0 by 0 and become NaN, which means unknown.
         with np.errstate(invalid="ignore", divide="ignore"):
             means = planes[: len(kinds)] / planes[len(kinds) : -1]
         if layer is MapLayer.ERROR:
+            # The floor prevents a huge relative error where the target is almost zero.
             means = (means[:1] - means[1:]) / np.maximum(means[1:], np.float32(RATE_FLOOR_KG_HA))
         return means[0], planes[-1] > 0.0
 
     def sum_planes(self, *which: int) -> Window:
-        """Planes summed over every pixel (planes, rows from the north, columns)."""
+        """Return planes summed over every pixel; shape (planes, rows from the north, columns)."""
         pixels, worked = self.pixels, self.worked
         seen = np.zeros((len(which), pixels.rows, pixels.columns), dtype=np.float32)
         if worked.box is None:
             return seen
         cell = worked.choose_cell_m(MOST_CELL_SHARE * pixels.metres)
+        # Only the part of the picture that overlaps the worked ground is read: a far zoom costs no
+        # more than the field.
         (west, south, east, north), far_m = worked.box, worked.reach_m + cell
         left, top = pixels.find_pixel(west - far_m, north + far_m)
         right, bottom = pixels.find_pixel(east + far_m, south - far_m)
@@ -82,7 +97,9 @@ class GroundPixels(NamedTuple):
                 cell, columns.first, rows.first, columns.cells, rows.cells, which
             )
             seen[:, top:bottom, left:right] = columns.gather_pixels(
-                rows.gather_pixels(planes, 1), 2
+                rows.gather_pixels(planes, 1),
+                2,
+                # Cells count rows from the south, pixels from the north.
             )[:, ::-1, :]
         return seen
 
@@ -95,10 +112,22 @@ def make_image(
     plan: bool = True,
     laid: LaidView | None = None,
 ) -> Image:
-    """The palette entries of all pixels.
+    """Return the palette entries of all pixels.
 
-    plan: planned rates lie under the worked ground (rate layers only). A laid file lies over the
-    plan and under the worked ground.
+    Parameters
+    ----------
+    worked
+        Ground worked so far.
+    picture
+        Static parts of the map, or None.
+    scale
+        Colour scale of the layer.
+    pixels
+        Grid of the picture.
+    plan
+        True: planned rates lie below the worked ground (rate layers only).
+    laid
+        Overlaid file, drawn above the plan and below the worked ground.
     """
     seen = np.full((pixels.rows, pixels.columns), EMPTY, dtype=np.uint8)
     if picture is not None and picture.planned is not None and plan and scale.layer in RATE_LAYERS:
@@ -111,6 +140,7 @@ def make_image(
             laid.scale,
             LAID_ENTRY,
         )
+    # Worked ground comes last, because it covers plan and overlay.
     values, passed = GroundPixels(worked, pixels).calc_means_and_passage(scale.layer)
     seen[passed] = PASSAGE
     nothing = _is_passage_only(values, scale)
@@ -120,7 +150,9 @@ def make_image(
 
 
 def mark_trail(seen: Image, worked: WorkedGround, pixels: PixelGrid) -> None:
-    """Draw the worked ground that the trail covers in its own entries."""
+    """Draw the worked ground of the trail in the entries of the trail."""
+    # Cells larger than a pixel are compared as cells, so that the trail has the shape of the ground
+    # below.
     cells_m = np.maximum((pixels.pixel_width_m, pixels.metres), worked.cells_m[0])
     east, north = (
         np.floor(middles / cell_m).astype(np.int64)
@@ -138,14 +170,15 @@ def mark_trail(seen: Image, worked: WorkedGround, pixels: PixelGrid) -> None:
     near = seen[rows, columns]
     near[
         covered[np.ix_(north[rows] - south, east[columns] - west)]
+        # Only worked pixels change: planned and empty ground beside the trail keeps its colour.
         & (near >= DONE_ENTRY)
         & (near < PLAN_ENTRY)
     ] += GLOW_ENTRY - DONE_ENTRY
 
 
 def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...]:
-    """The line of each pass next to the machine's own, where it drives straight, on which nothing
-    was spread yet."""
+    """Return the lines of the neighbouring passes on which nothing was spread, while the machine
+    drives straight."""
     if not worked.trail:
         return ()
     here = worked.trail[-1]
@@ -160,6 +193,8 @@ def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...
     if begin is None:
         return ()
     east, north = here.east_m - begin.east_m, here.north_m - begin.north_m
+    # The direction over the last metres must agree with the heading: on a headland no neighbouring
+    # pass exists.
     turned_deg = degrees(atan2(east, north)) - here.heading_deg
     if not abs((turned_deg + 180.0) % 360.0 - 180.0) <= STRAIGHT_DEG:
         return ()
@@ -167,6 +202,7 @@ def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...
     east, north = east / long_m, north / long_m
     far_m, half_m = (pixels.columns + pixels.rows) * pixels.metres, 0.5 * worked.cells_m[0]
     found = []
+    # One working width to the left and to the right.
     for aside_m in (-worked.width_m, worked.width_m):
         middle = begin.east_m + aside_m * north, begin.north_m - aside_m * east
         spread = GroundPixels(
@@ -183,8 +219,8 @@ def find_next_passes(worked: WorkedGround, pixels: PixelGrid) -> tuple[Ring, ...
 
 
 def rasterise_lines(lines: Iterable[Ring], pixels: PixelGrid) -> Image:
-    """Lines from corner to corner, as the bits of braille: of each cell of the terminal, two pixels
-    high. A dot is half a pixel."""
+    """Return polylines as braille bits of terminal cells, which are two pixels high; a dot is half
+    a pixel."""
     dots = np.zeros((pixels.rows // 2, pixels.columns), dtype=np.uint8)
     for line in lines:
         places = np.array(line, dtype=np.float64)
@@ -192,6 +228,8 @@ def rasterise_lines(lines: Iterable[Ring], pixels: PixelGrid) -> Image:
         row = 2.0 * (pixels.north_m - places[:, 1]) / pixels.metres
         for begin, end in _find_visible_edges(column, row, pixels):
             c0, c1, r0, r1 = column[begin], column[end], row[begin], row[end]
+            # The limit of 20,000 samples bounds the cost of an edge that is far longer than the
+            # picture.
             share = np.linspace(0.0, 1.0, int(min(20_000.0, max(abs(c1 - c0), abs(r1 - r0)))) + 2)
             c = np.floor(c0 + share * (c1 - c0)).astype(np.int64)
             r = np.floor(r0 + share * (r1 - r0)).astype(np.int64)
@@ -201,21 +239,30 @@ def rasterise_lines(lines: Iterable[Ring], pixels: PixelGrid) -> Image:
     return dots
 
 
+# Bits of a palette entry within a cell code.
 PAIR_BITS = 8  # of an entry in a code
 
 
 class TwoColourCells(NamedTuple):
-    """Holds the cells of the terminal, 2 x 2 pixels each. codes: which pixels, bit 0 the
-    north-western, have the higher entry x 2^16 + that entry x 2^8 + the lower one; behind: the
-    ground behind a line."""
+    """Holds terminal cells of 2 x 2 pixels.
+
+    Attributes
+    ----------
+    codes
+        Bits of the pixels with the higher entry (bit 0 is the north-western pixel) x 2^16, plus the
+        higher entry x 2^8, plus the lower entry.
+    behind
+        Entry of the ground behind a line.
+    """
 
     codes: Codes
     behind: Image
 
 
 def choose_two_colours(seen: Image) -> TwoColourCells:
-    """Cells of two colours: the four entries are split where they lie farthest apart."""
+    """Reduce every cell to two colours by splitting its four entries at the largest gap."""
     quarters = seen[0::2, 0::2], seen[0::2, 1::2], seen[1::2, 0::2], seen[1::2, 1::2]
+    # A sorting network of five comparisons sorts the four entries of all cells at once.
     (low, high), (other_low, other_high) = (
         (np.minimum(a, b), np.maximum(a, b)) for a, b in (quarters[:2], quarters[2:])
     )
@@ -224,7 +271,7 @@ def choose_two_colours(seen: Image) -> TwoColourCells:
     third, fourth = np.maximum(inner, other_inner), np.maximum(high, other_high)
     gap = np.maximum(np.maximum(second - first, third - second), fourth - third)
     one_below, one_above = second - first == gap, fourth - third == gap
-    # the highest of the lower ones
+    # Highest entry of the lower group.
     below = np.where(one_below, first, np.where(one_above, third, second))
     codes = np.zeros(first.shape, dtype=np.int32)
     for k, quarter in enumerate(quarters):
@@ -235,19 +282,29 @@ def choose_two_colours(seen: Image) -> TwoColourCells:
 
 
 def _is_passage_only(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
-    """Where rates are those of a passage without application."""
+    """Return where the values are rates of a passage without application."""
     return np.asarray(values < NOTHING_KG_HA) & (scale.layer in RATE_LAYERS)
 
 
 def _colour_pixels(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
+    """Write the palette entries of known values into the image."""
     known = np.isfinite(values)
     share = np.clip((values[known] - scale.low) / (scale.high - scale.low), 0.0, 1.0)
     seen[known] = first + np.rint(share * (COLOUR_STEPS - 1)).astype(np.uint8)
 
 
 class _PixelAxis(NamedTuple):
-    """Maps a row of pixels to cells. The cells (first, how many) under it; starts: the first cell
-    of each pixel, or, where pixels are smaller than cells, the one cell in which a pixel lies."""
+    """Maps pixels along one axis to cells.
+
+    Attributes
+    ----------
+    first, cells
+        First cell below the pixels, and number of cells.
+    starts
+        First cell of each pixel; for pixels smaller than a cell, the cell that contains the pixel.
+    summed
+        True if a pixel sums several cells.
+    """
 
     first: int
     cells: int
@@ -256,19 +313,21 @@ class _PixelAxis(NamedTuple):
 
     @classmethod
     def make_axis(cls, begin_m: float, metres: float, pixels: int, cell_m: float) -> _PixelAxis:
-        """The axis of pixels that begin at `begin_m`."""
+        """Return the axis of a number of pixels that begin at `begin_m`."""
         if metres < cell_m:
             cells = np.floor((begin_m + (np.arange(pixels) + 0.5) * metres) / cell_m).astype(
                 np.int64
             )
             return cls(int(cells[0]), int(cells[-1] - cells[0]) + 1, cells - cells[0], False)
+        # The tolerance of 1e-6 cells assigns a cell exactly on the border to one pixel only.
         starts = np.ceil((begin_m + np.arange(pixels + 1) * metres) / cell_m - 0.5 - 1e-6).astype(
             np.int64
         )
         return cls(int(starts[0]), int(starts[-1] - starts[0]), starts[:-1] - starts[0], True)
 
     def gather_pixels(self, planes: Window, axis: int) -> Window:
-        """Planes summed or taken at the pixels."""
+        """Return planes resampled to pixels along an axis."""
+        # Pixels and cells coincide, so no copy is needed.
         if self.cells == len(self.starts):
             return planes
         if self.summed:
@@ -279,7 +338,7 @@ class _PixelAxis(NamedTuple):
 def _find_visible_edges(
     column: npt.NDArray[np.float64], row: npt.NDArray[np.float64], pixels: PixelGrid
 ) -> Iterable[tuple[int, int]]:
-    """Edges whose box touches the picture, as pairs of corners."""
+    """Return the edges whose bounding box touches the picture, as pairs of corner indices."""
     low_c, high_c = np.minimum(column[:-1], column[1:]), np.maximum(column[:-1], column[1:])
     low_r, high_r = np.minimum(row[:-1], row[1:]), np.maximum(row[:-1], row[1:])
     near = np.flatnonzero(

@@ -1,5 +1,6 @@
-"""One drawing for every map: what a page, a preview or a list shows of it are cells of the
-terminal, 2 x 2 pixels each in two colours, with lines over them as braille, half a pixel thin."""
+"""Draws every map: pages, previews and lists show terminal cells of 2 x 2 pixels in two colours,
+with braille lines of half a pixel above them.
+"""
 
 from __future__ import annotations
 
@@ -36,28 +37,51 @@ from topdress.console.app.terminal import has_few_colours
 from topdress.console.app.units import METRIC, Units
 from topdress.console.scale import COLOUR_STEPS, Rgb
 
+# Arrows for north, east, south and west: a cell has no room for finer headings.
 _MACHINE_SIGNS = "▴▸▾◂"
-# by which of a cell's quarters have the first colour: bit 0 the north-western
+# Block character by the bits of the quarters in the first colour; bit 0 is the north-western
+# quarter.
 _QUADRANTS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
+# Length of the line ahead of the machine, in pixels.
 _AHEAD_PIXELS = 4
 _ENTRY_MASK = (1 << PAIR_BITS) - 1
+# Codes of machine and cross lie above all codes of ground.
 _MACHINE, _CROSS = 1 << 20, (1 << 20) + len(_MACHINE_SIGNS)  # above all codes of ground
-# of line k: + k x 2^16 + its dots x 2^8 + the entry behind it
+# Code of a line: this base, plus the kind of line x 2^16, plus its dots x 2^8, plus the entry
+# behind the line.
 _LINE_CODE = 1 << 21
-# where colours are few: the outline; guidance, driven, ahead; the next pass
+# Characters of the lines on terminals with few colours: outline; guidance, boundary and way ahead;
+# next pass.
 _LINE_SIGNS = "#*."
-# of the outline's colour: the next pass is fainter
+# The next pass has this share of the outline's colour, because it is a suggestion only.
 _NEXT_PASS_SHARE = 0.55
-_GLOW_SHARE = 0.78  # of its own colour, the rest is the machine's
-PLANNED_SHARE = 0.38  # planned ground is fainter than worked
-LAID_SHARE = 0.62  # a laid file stands between the two
-# where colours are few
+# Share of the layer's colour on the trail; the rest is the machine's colour.
+_GLOW_SHARE = 0.78
+# Share of the layer's colour on planned ground, which must look fainter than worked ground.
+PLANNED_SHARE = 0.38
+# Share of the layer's colour in an overlaid file: between planned and worked ground.
+LAID_SHARE = 0.62
+# Characters of the levels on terminals with few colours, from low to high.
 LEVELS_DONE, LEVELS_PLAN, LEVELS_ERROR, LEVELS_LAID = "░▒▓█", "1234", "Ll.hH", "abcd"
 
 
 class MapView(NamedTuple):
-    """Holds what a map shows. version: of `worked`. place: outlets now, m; heading: degrees from
-    north, clockwise. cross: a marked place."""
+    """Holds everything that a map shows.
+
+    Attributes
+    ----------
+    version
+        Version of `worked` at this moment: `worked` itself changes in place, so comparing views
+        needs the number.
+    place
+        Position of the outlets, east and north, m.
+    heading_deg
+        Heading in degrees clockwise from north.
+    cross
+        Marked position, m.
+    stale
+        True if the position is outdated.
+    """
 
     worked: WorkedGround
     version: int
@@ -70,25 +94,37 @@ class MapView(NamedTuple):
     cross: tuple[float, float] | None = None
     stale: bool = False
     laid: LaidView | None = None
-    # the guidance line, a boundary that is being driven
+    # Guidance line and boundary in progress.
     lines: tuple[tuple[tuple[float, float], ...], ...] = ()
 
 
-@lru_cache(maxsize=4)  # a field stands still, as a rule
+# A field does not move, so few outlines are drawn again and again.
+@lru_cache(maxsize=4)
 def make_outline_dots(picture: FieldPicture | None, pixels: PixelGrid) -> Image:
-    """The field's outline as dots of braille."""
+    """Return the field's outline as braille dots."""
     return rasterise_lines(
         [(*ring, ring[0]) for ring in picture.rings_m] if picture is not None else (), pixels
     )
 
 
 def make_cell_codes(view: MapView, pixels: PixelGrid) -> Codes:
-    """Every cell's content, in numbers that MapInk draws. pixels: two of them a cell."""
+    """Return every cell's content as a number that `MapInk` draws.
+
+    Parameters
+    ----------
+    view
+        Contents of the map.
+    pixels
+        Grid with two pixels per terminal cell.
+    """
     width, height = pixels.columns, pixels.rows // 2
+    # Two pixels across a cell show details of half a cell.
     fine = pixels.halve_pixels()
     seen = make_image(view.worked, view.picture, view.scale, fine, view.plan, view.laid)
     mark_trail(seen, view.worked, fine)
     found, behind = choose_two_colours(seen)
+    # Later lines cover earlier lines: guidance matters more than the outline, the outline more than
+    # the next pass.
     for kind, dots in (
         (2, rasterise_lines(find_next_passes(view.worked, pixels), pixels)),
         (0, make_outline_dots(view.picture, pixels)),
@@ -101,6 +137,7 @@ def make_cell_codes(view: MapView, pixels: PixelGrid) -> Codes:
             + (dots[at].astype(np.int32) << PAIR_BITS)
             + behind[at]
         )
+    # The machine comes last, so that nothing hides it.
     for place, code in (
         (view.cross, _CROSS),
         (view.place, _MACHINE + round((view.heading_deg or 0.0) / 90) % 4),
@@ -112,6 +149,7 @@ def make_cell_codes(view: MapView, pixels: PixelGrid) -> Codes:
 
 
 def _list_way_ahead(view: MapView) -> tuple[Ring, ...]:
+    """Return the short line ahead of the machine that shows its heading."""
     if view.place is None or view.heading_deg is None:
         return ()
     far_m, angle = _AHEAD_PIXELS * view.camera.metres, radians(view.heading_deg)
@@ -119,7 +157,7 @@ def _list_way_ahead(view: MapView) -> tuple[Ring, ...]:
 
 
 class MapCell(NamedTuple):
-    """Holds one cell of a map. None: the colour of the ground below."""
+    """Holds one cell of a map; a colour of None means the background."""
 
     text: str
     fore: Rgb | None = None
@@ -127,8 +165,21 @@ class MapCell(NamedTuple):
 
 
 class MapInk:
-    """Holds the colours of a map on a widget, by its theme. laid: the scale of a laid file.
-    planned_share: of its colour, that planned ground has; the rest is background."""
+    """Holds the colours of a map on a widget, from the widget's theme.
+
+    Parameters
+    ----------
+    on
+        Widget that shows the map.
+    scale
+        Colour scale of the layer.
+    laid
+        Colour scale of the overlaid file.
+    stale
+        True: the machine is drawn in the colour of outdated values.
+    planned_share
+        Share of the layer's colour on planned ground; the rest is background.
+    """
 
     def __init__(
         self,
@@ -152,6 +203,7 @@ class MapInk:
             [one.find_colour(step / (COLOUR_STEPS - 1)) for step in range(COLOUR_STEPS)]
             for one in (scale, laid or scale)
         )
+        # The order of the palette is that of the `*_ENTRY` constants of `map_image`.
         self._palette = (
             self.ground,
             passage,
@@ -164,7 +216,7 @@ class MapInk:
         self._mark, self._machine = (bare, machine), (bare, old if stale else machine)
 
     def draw_cell(self, code: int) -> MapCell:
-        """The cell of a code."""
+        """Return the cell of a code of `make_cell_codes`."""
         first, second = code >> PAIR_BITS & _ENTRY_MASK, code & _ENTRY_MASK
         kind = code >> 2 * PAIR_BITS & 0xF
         if code >= _LINE_CODE:
@@ -183,6 +235,7 @@ class MapInk:
                 if code == _CROSS
                 else MapCell(_MACHINE_SIGNS[code - _MACHINE], *self._machine)
             )
+        # A terminal with few colours shows one character per cell, so the emptier entry yields.
         if self._few:
             return MapCell(self._find_plain_sign(second if kind == 0 or second != EMPTY else first))
         if kind == 0:
@@ -194,12 +247,14 @@ class MapInk:
         return MapCell(_QUADRANTS[kind], self._palette[first], self._find_entry_colour(second))
 
     def _find_entry_colour(self, entry: int) -> Rgb | None:
+        """Return the colour of an entry; empty ground has the background's."""
         return None if entry == EMPTY else self._palette[entry]
 
     def _find_plain_sign(self, entry: int) -> str:
-        """A character for a palette entry, where there are few colours."""
+        """Return a character for a palette entry on a terminal with few colours."""
         if entry in (EMPTY, PASSAGE):
             return {EMPTY: " ", PASSAGE: ":"}[entry]
+        # The trail has the characters of worked ground.
         entry -= GLOW_ENTRY - DONE_ENTRY if entry >= GLOW_ENTRY else 0
         first, levels = next(
             (first, levels)
@@ -214,19 +269,26 @@ class MapInk:
         return levels[(entry - first) * len(levels) // COLOUR_STEPS]
 
 
+# Ground of maps without a machine.
 _NO_GROUND = WorkedGround()
 
 
 def find_planned_scale(picture: FieldPicture | None, units: Units) -> LayerScale:
-    """The scale of the plan, where nothing is spread yet."""
+    """Return the colour scale of a plan before anything is spread."""
     return find_colour_scale(MapLayer.APPLIED, _NO_GROUND, picture, units)
 
 
 def draw_small_map(
     on: Widget, picture: FieldPicture | None, columns: int, rows: int
 ) -> list[list[tuple[str, str]]]:
-    """Rows of (character, style) of a field without a machine, whole, for questions and lists: its
-    outline, and the plan in full colours."""
+    """Draw a whole field without a machine, for questions and lists: outline and plan in full
+    colours.
+
+    Returns
+    -------
+    list
+        Rows of (character, Rich style).
+    """
     if picture is None or picture.box is None:
         return []
     scale = find_planned_scale(picture, METRIC)
@@ -253,7 +315,7 @@ def draw_small_map(
 
 
 def mix_colours(rgb: Rgb, ground: Rgb, share: float) -> Rgb:
-    """A colour of which `share` is seen over the background."""
+    """Return a colour of which `share` is visible over the background."""
     red, green, blue = (
         round(share * a + (1 - share) * b) for a, b in zip(rgb, ground, strict=True)
     )
@@ -261,7 +323,7 @@ def mix_colours(rgb: Rgb, ground: Rgb, share: float) -> Rgb:
 
 
 def find_rgb(colour: Color | None, otherwise: Rgb) -> Rgb:
-    """The colour as RGB, else `otherwise`."""
+    """Return a colour as RGB, or `otherwise` for None."""
     if colour is None:
         return otherwise
     red, green, blue = colour.get_truecolor()

@@ -1,4 +1,4 @@
-"""A line of text is asked for: a file's name, a path."""
+"""Defines the dialog that asks for a line of text, such as a file name or path."""
 
 from __future__ import annotations
 
@@ -14,10 +14,18 @@ from topdress.console.locale import _
 
 
 class NameDialog(Dialog[str | None]):
-    """Asks for a line of text. wrong: the fault of a text in one line, or "" when it will do.
-    Ctrl+Space (hold) and F12 (stop) work as ever."""
+    """Asks for a line of text. Ctrl+Space (hold) and F12 (STOP) still work.
+
+    Parameters
+    ----------
+    begin
+        Text in the field at first.
+    wrong
+        Returns the fault of a text in one line, "" for a valid text.
+    """
 
     AUTO_FOCUS = "#name-input"
+    # The priority lets Escape close the dialog although the text field has the focus.
     BINDINGS: ClassVar = [Binding("escape", "cancel", show=False, priority=True)]
 
     def __init__(
@@ -25,11 +33,17 @@ class NameDialog(Dialog[str | None]):
     ) -> None:
         super().__init__(title, text)
         self.begin, self.wrong = begin, wrong
-        self._up = False  # the field has the focus, or had it
+        # True once the text field has received the focus.
+        self._up = False
 
     def take_early_key(self, event: events.Key) -> bool:
-        """Take a character that is typed before the field is up as part of the name, not as hold or
-        a letter's action; false for F12 and Ctrl+Space."""
+        """Take a character that is typed before the field has the focus as part of the name.
+
+        Returns
+        -------
+        bool
+            False for keys that are no text, such as F12 and Ctrl+Space.
+        """
         if self._up or event.key == "escape" or not (event.is_printable or event.key == "enter"):
             return False
         self.begin += event.character if event.is_printable and event.character else ""
@@ -49,6 +63,7 @@ class NameDialog(Dialog[str | None]):
     def on_mount(self) -> None:
         self.query_one("#name-wrong", Static).display = False
         field = self.query_one("#name-input", Input)
+        # The value is set here again, because early keys have extended it since `compose_body`.
         field.value, field.cursor_position, self._up = self.begin, len(self.begin), True
         self.set_focus(field)
 
@@ -58,7 +73,7 @@ class NameDialog(Dialog[str | None]):
         self.action_yes()
 
     def action_yes(self) -> None:
-        """Answer with the text, if nothing is wrong with it."""
+        """Answer with the text if it has no fault."""
         typed = self.query_one("#name-input", Input).value.strip()
         wrong = self.wrong(typed)
         if typed and not wrong:

@@ -1,5 +1,6 @@
-"""A number is asked for: the one field of this console that takes one, by keys, by the pad or
-pasted."""
+"""Defines the only field of the console that accepts a number: by keys, from the pad on the screen,
+or pasted.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +21,35 @@ from topdress.console.locale import _
 
 
 class NumberDialog(Dialog[float | None]):
-    """Asks for a number, shown as it is typed; the key that takes it shows the number that was
-    read.
+    """Asks for a number and shows it while it is typed; the key that confirms shows the number that
+    was read.
 
-    Nothing typed is dropped: a text that is no number, or lies outside the range, is refused in
-    words. low, high, typed (the text at first; the first key replaces it): as shown; the answer is
-    `to_si` of the number. The letter that asked for the number is no part of it while nothing else
-    is typed: a key that stays down. full: a key, its word and a number, as shown, that the key puts
-    there. doubt: an objection to a number in SI, in words, "" where there is none; then it is asked
-    once more.
+    Nothing typed is dropped silently: text that is no number or lies outside the range is refused
+    in words.
+
+    Parameters
+    ----------
+    unit
+        Displayed unit.
+    low, high
+        Range in displayed units.
+    to_si
+        Converts the displayed number to the answer.
+    typed
+        Initial text; the first key replaces it.
+    full
+        Key, its word, and the number in displayed units that the key enters.
+    doubt
+        Returns an objection to a number in SI units, or "". An objection is confirmed in a second
+        question.
+
+    Notes
+    -----
+    The letter key that opened the dialog is ignored while nothing else is typed, because a key that
+    stays down repeats.
     """
 
+    # Layout of a telephone would have 1 at the top; this is the layout of a numeric keypad.
     PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
 
     def __init__(
@@ -54,7 +73,7 @@ class NumberDialog(Dialog[float | None]):
 
     @property
     def reading(self) -> TypedReading:
-        """The number that is read."""
+        """Number that was read from the text, with its fault."""
         return read_in_range(self.typed, self.low, self.high, self.unit)
 
     def compose_body(self) -> ComposeResult:
@@ -73,7 +92,7 @@ class NumberDialog(Dialog[float | None]):
         yield from super().compose_buttons()
 
     def _fill_full(self) -> None:
-        """Enter the full number as if it were typed: it is still read, allowed and asked like any
+        """Enter the full number as if it were typed; range and objection apply to it as to any
         other number."""
         if self.full is not None:
             self.typed, self._fresh = format_number(self.full[2]), True
@@ -97,21 +116,27 @@ class NumberDialog(Dialog[float | None]):
         return f"{self.typed or '_'} {self.unit}     {allowed}"
 
     def type_key(self, key: str) -> None:
-        """Take a key: a character, "back" or "C"."""
+        """Process a key: a character, "back" or "C"."""
         if key == "C":
             self.typed = ""
         elif key == "back":
             self.typed = self.typed[:-1]
         else:
             before = "" if self._fresh else self.typed
-            # one more than any number has: so it is refused
+            # One character more than any number has is kept, so that a text that is too long is
+            # refused instead of cut.
             self.typed = (before + key)[: MOST_CHARACTERS + 1]
         self._fresh = False
         self._show_typed(asked=False)
 
     def _show_typed(self, asked: bool) -> None:
-        """Show text and fault. asked: the number is wanted now, so one that is incomplete is wrong
-        too."""
+        """Show text and fault.
+
+        Parameters
+        ----------
+        asked
+            True if the operator confirmed: then an incomplete number is a fault too.
+        """
         reading = self.reading
         wrong = reading.why if asked or (self.typed and not reading.half) else ""
         self.query_one("#number-value", Static).update(self._format_typed())
@@ -121,15 +146,17 @@ class NumberDialog(Dialog[float | None]):
         said.display = bool(wrong)
         take = self.query_one("#yes", Button)
         take.label = f"{_('Enter')}  {self.describe_yes()}"
-        take.refresh(layout=True)  # as wide as it says
+        # The button's width follows its new label.
+        take.refresh(layout=True)
 
     def on_key(self, event: events.Key) -> None:
-        """Type the key, if it belongs to a number."""
+        """Type the key if it can belong to a number."""
         named = {"backspace": "back", "delete": "C", "kp_decimal": ".", "kp_separator": ","}.get(
             event.key, ""
         )
         number_key = event.key.removeprefix("kp_") if event.key.startswith("kp_") else ""
         key = named or (number_key if number_key.isdecimal() else event.character or "")
+        # Full-width letters come from East Asian input methods.
         if key in ("c", "C", "ｃ", "Ｃ"):
             key = "C"
         if (
@@ -145,10 +172,10 @@ class NumberDialog(Dialog[float | None]):
             and key.isalpha()
             and event.key.lower() == getattr(self.app, "asked_by", "")
         ):
-            # the letter that asks for the number, still held down
+            # A letter key that opened the dialog and is still down.
             event.stop()
             return
-        # ' jumps to a button
+        # The apostrophe is the key of the jump letters, which reach the buttons.
         if key and key != "'" and (named or (key.isprintable() and len(key) == 1)):
             event.stop()
             self.type_key(key)
@@ -157,6 +184,8 @@ class NumberDialog(Dialog[float | None]):
         """Type the pasted characters."""
         event.stop()
         for character in event.text.strip():
+            # Control characters become blanks, which the reader refuses, so that they are visible
+            # as a fault.
             self.type_key(character if character.isprintable() else " ")
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
@@ -169,7 +198,7 @@ class NumberDialog(Dialog[float | None]):
             self.type_key(event.button.name)
 
     def action_yes(self) -> None:
-        """Answer with the number, if nothing is wrong with it."""
+        """Answer with the number if it has no fault; an objection is asked first."""
         value = self.reading.value
         if value is None:
             self._show_typed(asked=True)

@@ -1,4 +1,4 @@
-"""An order in words, as it was given or as it is offered. Pure."""
+"""Words an order, either as given or as offered. Pure."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from topdress.console.locale import N_, _
 from topdress.control.agronomy.strips import parse_strip
 from topdress.control.orders import Do
 
+# Orders are keyed by their names on the wire, which a frame of another version may extend.
 ORDER_NAMES: dict[str, str] = {
     Do.READY: N_("READY"),
     Do.START: N_("START"),
@@ -41,7 +42,17 @@ STRIP_NAMES = {"nrich": N_("N-rich strip"), "check": N_("farmer check")}
 
 
 def format_order(do: str, value: str | float | bool | None, units: Units) -> str:
-    """An order in words. value: as the order has it, or as a frame has it, in text."""
+    """Return an order in words.
+
+    Parameters
+    ----------
+    do
+        Name of the order; an unknown name of another version is returned unchanged.
+    value
+        Value as in the order, or as text in a frame.
+    units
+        Units of the numbers in the text.
+    """
     word = _(ORDER_NAMES[do]) if do in ORDER_NAMES else do
     strip = parse_strip(value) if do == Do.STRIP else None
     if strip is not None:
@@ -55,9 +66,11 @@ def format_order(do: str, value: str | float | bool | None, units: Units) -> str
 
 
 def _format_order_value(do: str, value: str, units: Units) -> str:
-    """The value in words; START and CALIBRATE have the button's, which is nobody's concern."""
+    """Return the value in words. START and CALIBRATE return "", because their value is the button's
+    id."""
     if do in (Do.START, Do.CALIBRATE, Do.MARK, Do.STRIP):
         return ""
+    # A frame transports booleans as text.
     if value in ("True", "False"):
         return _("on") if value == "True" else _("off")
     if do == Do.STRATEGY:
@@ -75,6 +88,7 @@ def _format_order_value(do: str, value: str, units: Units) -> str:
         Do.CALIBRATE_SHAFT: "r/min",
         Do.CALIBRATE_OPENING: "mm",
     }
+    # An order of another version has an unknown unit, so the bare number is shown.
     unit = (
         shown.get(Do(do), Unit(plain.get(Do(do), ""), 1.0, 1))
         if do in ORDER_NAMES

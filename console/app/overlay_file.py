@@ -1,5 +1,6 @@
-"""A file of another day, laid on the map under the work: what was applied there, or what was
-harvested."""
+"""Holds a file of another day that is overlaid on the map below the work: applied rates or
+harvest.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +12,13 @@ from topdress.console.app.coverage_raster import WorkedGround
 from topdress.console.app.layers import RATE_LAYERS, LayerScale, MapLayer
 from topdress.console.scale import round_calm_ends
 
-# of a harvest's range: its scale ends at a round tenth
+# The harvest's scale ends at a round tenth of its range.
 _SCALE_PARTS = 10
 
 
 class HarvestColumn(NamedTuple):
-    """Describes the harvest that a file without rates has, in its own unit; `WorkedGround` holds it
-    in the place of NDVI."""
+    """Describes the harvest in a file without rates, in the file's own unit; `WorkedGround` stores
+    it in the plane of NDVI."""
 
     label: str
     unit: str
@@ -25,8 +26,15 @@ class HarvestColumn(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LaidFile:
-    """Holds a laid file. has: layers that the map's colours can show. apart_m: from the job's field
-    or the machine; 0: there."""
+    """Holds an overlaid file.
+
+    Attributes
+    ----------
+    has
+        Layers that the map's colours can show.
+    apart_m
+        Distance from the job's field or the machine, m; 0 where they overlap.
+    """
 
     name: str
     worked: WorkedGround
@@ -36,14 +44,15 @@ class LaidFile:
 
     @property
     def rate_ends(self) -> tuple[float, float] | None:
-        """Lowest and highest rate."""
+        """Lowest and highest rate, kg/ha; None for a harvest."""
         return self.worked.rate_ends if self.has & RATE_LAYERS else None
 
     def find_scale(self, shown: LayerScale) -> LayerScale | None:
-        """The scale by which it is drawn where the map is coloured by `shown`; None: the file has
-        no such numbers."""
+        """Return the colour scale for drawing the file while the map shows another scale; None if
+        the file lacks the quantity."""
         if self.harvest is not None:
             low, high = self.worked.ndvi_ends or (0.0, 1.0)
+            # The lower limit of 1e-3 keeps the logarithm finite for a constant harvest.
             step = 10.0 ** floor(log10(max(high - low, abs(high), 1e-3) / _SCALE_PARTS))
             low, high = round_calm_ends((low, high), step, 2 * step)
             return LayerScale(
@@ -53,7 +62,7 @@ class LaidFile:
 
 
 class LaidView(NamedTuple):
-    """Holds a laid file as a map draws it."""
+    """Holds an overlaid file with the scale by which the map draws it."""
 
     worked: WorkedGround
     scale: LayerScale

@@ -1,4 +1,6 @@
-"""The last gate before the screen: no text, wherever it came from, steers the terminal."""
+"""Removes terminal control characters from every line before it is drawn, whatever the source of
+its text.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +11,12 @@ from topdress.drivers.plain_text import remove_steering
 
 
 class PlainLines(LineFilter):
-    """Filters every line that is drawn. The signs that it removes have no width, so that no line
-    becomes shorter."""
+    """Filters every line that is drawn. The removed characters have no width, so no line becomes
+    shorter."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """Remove signs that steer the terminal."""
+        """Remove characters that control the terminal."""
+        # Nearly every line is clean, so it is returned without a copy.
         if all(segment.control or segment.text.isprintable() for segment in segments):
             return segments
         return [

@@ -1,5 +1,6 @@
-"""Others at the same machine, in words: who is attached, who comes and goes, who ordered what.
-Pure."""
+"""Words the presence of other consoles at the machine: who is attached, comes, leaves or gave an
+order. Pure.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +17,31 @@ from topdress.control.orders import State
 
 
 class CompanyView(NamedTuple):
-    """Holds the row on the others. order: the latest that another gave, or that this console gave
-    while it has company. others: who they are."""
+    """Holds the row about other consoles. `order` is the latest order, by another console, or by
+    this console while others are attached; `others` names them."""
 
     order: str
     others: str
 
 
 def list_others(frame: Frame, own: str) -> tuple[Attached, ...]:
-    """All attached consoles but the one of this name."""
+    """Return all attached consoles except this console."""
     return tuple(one for one in frame.attached if one.name != own)
 
 
 def make_company_view(frame: Frame | None, own: str, utc_offset_s: float) -> CompanyView | None:
-    """The row under the alarms; None: this console is alone, and gave the latest order itself."""
+    """Return the row below the alarms; None while this console is alone and gave the latest order
+    itself.
+
+    Parameters
+    ----------
+    frame
+        Newest frame, or None.
+    own
+        Name of this console.
+    utc_offset_s
+        Local time minus UTC, s.
+    """
     if frame is None:
         return None
     rest = list_others(frame, own)
@@ -45,12 +57,12 @@ def make_company_view(frame: Frame | None, own: str, utc_offset_s: float) -> Com
 
 
 def format_short_name(one: Attached) -> str:
-    """A name, and what of it the others should know."""
+    """Return the name of a console, marked if it cannot give orders."""
     return one.name if one.orders else _("{name} (looks only)").format(name=one.name)
 
 
 def describe_kind(one: Attached) -> str:
-    """Kind and rights of a console, and whether the machine goes on because of it."""
+    """Return kind and rights of a console, and whether it keeps the machine working."""
     kind = _("tablet") if one.tablet else _("console")
     if not one.orders:
         return _("{kind}, looks only").format(kind=kind)
@@ -62,12 +74,13 @@ def describe_kind(one: Attached) -> str:
 
 
 def describe_ordered(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
-    """An order with its console and time."""
+    """Return an order with its console and time of day."""
     back_s = max(0.0, frame.row.time_s - one.time_s)
     when = format_local_time(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(
         duration=format_duration(back_s)
     )
     return _("{order} by {name}, {when}").format(
+        # Orders are worded in SI units for all consoles, whose units may differ.
         order=format_order(one.do, one.value, METRIC),
         name=_("this console") if one.name == own else one.name,
         when=when,
@@ -75,7 +88,7 @@ def describe_ordered(one: Ordered, frame: Frame, own: str, utc_offset_s: float) 
 
 
 def describe_news(before: Frame, now: Frame, own: str) -> str:
-    """The others' actions since, in one line; empty: none."""
+    """Return what other consoles did between two frames, in one line; "" for nothing."""
     was, here = ({one.name: one for one in list_others(frame, own)} for frame in (before, now))
     lines = [
         _("{name} has joined ({kind})").format(name=one.name, kind=describe_kind(one))
@@ -102,7 +115,7 @@ def describe_news(before: Frame, now: Frame, own: str) -> str:
 
 
 def _describe_consequence(one: Attached, now: Frame) -> str:
-    """The consequence for a machine at work."""
+    """Return the consequence of a lost console for a working machine."""
     if not one.keeps or now.row.state != State.WORKING:
         return ""
     keep = [other.name for other in now.attached if other.keeps and other.name != one.name]
@@ -112,8 +125,9 @@ def _describe_consequence(one: Attached, now: Frame) -> str:
 
 
 def describe_leaving(frame: Frame, own: str, keeps_working: bool) -> str:
-    """The consequence for a machine at work when this console is left."""
-    if not frame.attached:  # a worker that does not tell who is attached
+    """Return the consequence for a working machine if this console is closed."""
+    # A worker of an older version sends the number of consoles only.
+    if not frame.attached:
         if frame.consoles - keeps_working > 0:
             return _(
                 "The machine works, and goes on: another console is open and keeps it working."
@@ -139,7 +153,7 @@ def describe_leaving(frame: Frame, own: str, keeps_working: bool) -> str:
 
 
 def describe_everyone(frame: Frame, own: str, utc_offset_s: float) -> str:
-    """Everybody, and the latest orders, for a dialog."""
+    """Return all consoles and the latest orders, for a dialog."""
     lines = [
         f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {describe_kind(one)}"
         for one in frame.attached
@@ -149,7 +163,7 @@ def describe_everyone(frame: Frame, own: str, utc_offset_s: float) -> str:
 
 
 def describe_arrival(frame: Frame, own: str, utc_offset_s: float) -> Sequence[str]:
-    """For a console that has just attached: whom it found there, and the last order."""
+    """Return the consoles that a newly attached console finds, and the latest order."""
     rest = list_others(frame, own)
     found = (
         [

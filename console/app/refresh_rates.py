@@ -1,21 +1,25 @@
-"""How often each kind of panel is looked at: numbers 5 Hz, plots 2 Hz, maps 1 Hz, on an
-injected clock."""
+"""Decides how often each kind of panel is refreshed: numbers 5 Hz, plots 2 Hz, maps 1 Hz, on an
+injected clock.
+"""
 
 from __future__ import annotations
 
+# Default periods, s: drawing a map costs most, and its contents change least.
 NUMBERS_S, PLOTS_S, MAPS_S = 0.2, 0.5, 1.0
 
 
 class RefreshTimer:
-    """Decides when a panel is refreshed: `is_due` is true at most once in `every_s`, and at once
-    the first time or after `hurry_up`."""
+    """Decides when a panel is refreshed: `is_due` is True at most once in `every_s`, and at once on
+    the first call or after `make_due`."""
 
     def __init__(self, every_s: float) -> None:
         self.every_s = every_s
         self.last_s: float | None = None
 
     def is_due(self, now_s: float) -> bool:
-        """Whether a refresh is due at `now_s`, s."""
+        """Return whether a refresh is due at `now_s`, s."""
+        # The tolerance of 1 ms accepts a timer that fires slightly early; a clock that runs
+        # backwards is due at once.
         if self.last_s is not None and 0.0 <= now_s - self.last_s < self.every_s - 1e-3:
             return False
         self.last_s = now_s

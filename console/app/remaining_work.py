@@ -1,5 +1,6 @@
-"""What a job still takes: area, product, way and time, from what is left of its field and its
-plan. Pure."""
+"""Estimates the remaining area, product, distance and time of a job from its field and plan.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +11,12 @@ from topdress.console.app.units import M2_PER_HA, Units
 from topdress.console.app.view import format_duration
 from topdress.console.frame import Frame
 
-LEAST_WORKED_S = 30.0  # before, nobody can tell how fast the work goes
+# Before this working time, s, the pace of the work is unknown.
+LEAST_WORKED_S = 30.0
 
 
 class RemainingWork(NamedTuple):
-    """Holds the work left of a job. None: not known, for the job has no field, or has hardly
-    started."""
+    """Holds the remaining work. None means unknown: the job has no field, or has hardly started."""
 
     area_ha: float | None = None
     product_kg: float | None = None
@@ -23,7 +24,7 @@ class RemainingWork(NamedTuple):
     time_s: float | None = None
 
     def format_remaining(self, units: Units) -> str:
-        """Time, mass and way in one line."""
+        """Return time, mass and distance in one line."""
         if self.area_ha is None and self.product_kg is None:
             return "--"
         time = "--" if self.time_s is None else format_duration(self.time_s)
@@ -34,13 +35,16 @@ class RemainingWork(NamedTuple):
 
 
 def estimate_remaining(frame: Frame | None, picture: FieldPicture | None) -> RemainingWork:
-    """Work left: the plan's product where there is one, else the mean so far on the rest; time at
-    the pace so far."""
+    """Estimate the remaining work.
+
+    The product follows the plan, else the mean rate so far; the time follows the pace so far.
+    """
     if frame is None or picture is None:
         return RemainingWork()
     planned = picture.planned
     field_ha = picture.area_ha
     left_ha = None if field_ha is None else max(0.0, field_ha - frame.area_ha)
+    # The first square metre gives no mean rate yet.
     worked = frame.area_ha > 1.0 / M2_PER_HA
     left_kg = None
     if planned is not None:
@@ -51,6 +55,7 @@ def estimate_remaining(frame: Frame | None, picture: FieldPicture | None) -> Rem
     worked_s = frame.totals.worked_s if frame.totals is not None else 0.0
     time_s = None
     if left_ha is not None and worked and worked_s >= LEAST_WORKED_S:
+        # Time on hold belongs to the pace: refills and turns will occur again.
         held_s = frame.tally.held_s if frame.tally is not None else 0.0
         time_s = left_ha * (worked_s + held_s) / frame.area_ha
     return RemainingWork(left_ha, left_kg, way_m, time_s)

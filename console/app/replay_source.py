@@ -1,5 +1,4 @@
-"""A log's frames on a clock of their own: play, pause, seek, step, 0.1x to 1000x. Orders are
-refused."""
+"""Plays the frames of a log on a clock of its own: play, pause, seek, step, 0.1x to 1000x."""
 
 from __future__ import annotations
 
@@ -10,15 +9,25 @@ from collections.abc import Callable, Sequence
 from topdress.console.frame import Frame
 from topdress.control.orders import Answer, Order
 
+# Limits of the speed, as a multiple of real time.
 SLOWEST, FASTEST = 0.1, 1000.0
 PLAY_SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
 class ReplaySource:
-    """A FrameSource over recorded frames, in order of row.time_s. `clock` gives s, as
-    time.monotonic does.
+    """Plays recorded frames in the order of row.time_s.
 
-    Raises ValueError for a log without rows.
+    Parameters
+    ----------
+    frames
+        Frames of the log.
+    clock
+        Returns s, as `time.monotonic`.
+
+    Raises
+    ------
+    ValueError
+        The log has no rows.
     """
 
     def __init__(self, frames: Sequence[Frame], clock: Callable[[], float]) -> None:
@@ -32,13 +41,14 @@ class ReplaySource:
         self._since_s = clock()
 
     def _take_frames(self, frames: Sequence[Frame]) -> None:
+        """Adopt frames and their times."""
         self.frames = tuple(frames)
         self._times = [frame.row.time_s for frame in self.frames]
         self.start_s, self.end_s = self._times[0], self._times[-1]
 
     def replace_frames(self, frames: Sequence[Frame]) -> None:
-        """Take other frames (a what-if), at the place and speed that are played now. Raises
-        ValueError when empty."""
+        """Replace the frames by recomputed frames; position and speed stay. Raises ValueError for
+        empty frames."""
         if not frames:
             raise ValueError("replay: the recomputed log has no rows")
         at_s = self.at_s
@@ -47,44 +57,46 @@ class ReplaySource:
 
     @property
     def at_s(self) -> float:
-        """Place in the log, s of its own time."""
+        """Position in the log, s of the log's time."""
         if not self.playing:
             return self._log_s
         return min(self.end_s, self._log_s + (self._clock() - self._since_s) * self.speed)
 
     @property
     def frame_index(self) -> int:
-        """Index of the frame in force at the place: the last one not later."""
+        """Index of the frame in force at the position: the last frame that is not later."""
+        # The tolerance includes a frame exactly at the position despite rounding.
         return max(0, bisect_right(self._times, self.at_s + 1e-9) - 1)
 
     @property
     def newest(self) -> Frame:
-        """The frame in force."""
+        """Frame in force."""
         return self.frames[self.frame_index]
 
     @property
     def frame_age_s(self) -> float:
-        """Age of the newest frame in the log's time: more than its step only in a gap."""
+        """Age of the newest frame in the log's time, s; it exceeds the period of the rows only in a
+        gap."""
         return max(0.0, self.at_s - self._times[self.frame_index])
 
     @property
     def is_at_end(self) -> bool:
-        """Whether the end is reached."""
+        """Whether the end of the log is reached."""
         return self.at_s >= self.end_s
 
     def find_first_index(self, time_s: float) -> int:
-        """First frame at or after a time of the log."""
+        """Return the index of the first frame at or after a time of the log."""
         return min(bisect_right(self._times, time_s - 1e-9), len(self.frames) - 1)
 
     def play_on(self) -> None:
-        """Go on; from the start again when the end was reached."""
+        """Start playing; from the start of the log if its end was reached."""
         if self.is_at_end:
             self._log_s = self.start_s
         self._since_s = self._clock()
         self.playing = True
 
     def pause_here(self) -> None:
-        """Stop at the present place."""
+        """Stop playing at the present position."""
         self._log_s = self.at_s
         self.playing = False
 
@@ -96,7 +108,7 @@ class ReplaySource:
             self.play_on()
 
     def seek_time(self, time_s: float) -> None:
-        """Go to a time of the log, clamped to it."""
+        """Seek a time of the log, limited to the log."""
         self._log_s = max(self.start_s, min(self.end_s, time_s))
         self._since_s = self._clock()
 
@@ -107,18 +119,20 @@ class ReplaySource:
         self.seek_time(self._times[index])
 
     def set_speed(self, speed: float) -> None:
-        """Set the speed, times faster than life, clamped to 0.1 ... 1000."""
+        """Set the speed as a multiple of real time, limited to 0.1 to 1000."""
+        # The position must be fixed before the speed changes, because it is the elapsed time times
+        # the speed.
         self.seek_time(self.at_s)
         self.speed = max(SLOWEST, min(FASTEST, speed))
 
     def change_speed(self, steps: int) -> None:
-        """Go up or down the speeds 0.1, 0.2, 0.5, 1, 2, 5, ... 1000."""
+        """Move up or down the list of speeds."""
         at = max(0, bisect_right(PLAY_SPEEDS, self.speed) - 1)
         self.set_speed(PLAY_SPEEDS[max(0, min(len(PLAY_SPEEDS) - 1, at + steps))])
 
     def seek_next_alarm(self) -> bool:
-        """Go to the next frame with an alarm that the one before has not; false where there is
-        none."""
+        """Seek the next frame with an alarm that the frame before lacks, and return True; return
+        False without such a frame."""
         for index in range(self.frame_index + 1, len(self.frames)):
             before = {alarm.id for alarm in self.frames[index - 1].alarms}
             if any(alarm.id not in before for alarm in self.frames[index].alarms):
@@ -128,9 +142,9 @@ class ReplaySource:
         return False
 
     async def run(self) -> None:
-        """Wait for ever: a log is never gone."""
+        """Wait for ever: a log has no connection that could end."""
         await asyncio.Event().wait()
 
     async def order(self, order: Order) -> Answer:
-        """Refuse: a log takes no orders."""
+        """Refuse every order, because a log executes none."""
         return Answer(False, "replay")

@@ -1,5 +1,6 @@
-"""Lowest, highest and mean of a channel over spans of time: live in a pyramid of bounded size,
-or from a whole log."""
+"""Calculates lowest, highest and mean values of a channel over time spans: live in a pyramid of
+bounded size, or from a whole log.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +14,24 @@ from topdress.console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
 
-WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)  # of a bucket, from level to level
-# buckets of each level: 7 min, 34 min, 2.3 h, 9 h, 36 h
+# Widths of a bucket, s, from level to level; each level reaches about four times as far back.
+WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)
+# Buckets that each level keeps: 7 min, 34 min, 2.3 h, 9 h, 36 h.
 KEPT_BUCKETS = 2_048
 
 
 class TrendStretch(NamedTuple):
-    """Holds buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where
-    nothing was known; counts: of known values."""
+    """Holds buckets in order of time.
+
+    Attributes
+    ----------
+    time_s
+        Time of a bucket's first row, s.
+    low, high, mean
+        Values; NaN where nothing was known.
+    counts
+        Number of known values.
+    """
 
     time_s: Floats
     low: Floats
@@ -30,7 +41,7 @@ class TrendStretch(NamedTuple):
 
 
 class SpanSums(NamedTuple):
-    """Holds figures over a span; NaN where nothing was known."""
+    """Holds lowest, mean and highest value of a span; NaN where nothing was known."""
 
     low: float
     mean: float
@@ -38,22 +49,23 @@ class SpanSums(NamedTuple):
 
 
 class TrendSeries(Protocol):
-    """Gives what a trend is drawn from. Times are s of the run."""
+    """Provides the data of a trend. Times are s of the run."""
 
     @property
     def start_s(self) -> float | None:
-        """First time that is still held; None: nothing yet."""
+        """Earliest stored time; None before the first row."""
 
     @property
     def end_s(self) -> float | None: ...
 
     def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
-        """The channel from one time to another in about `buckets` or more pieces, as far as they
-        are held."""
+        """Return a channel between two times in about `buckets` pieces or more, as far as it is
+        stored."""
 
 
 def summarise_stretch(stretch: TrendStretch) -> SpanSums:
-    """Lowest, mean and highest of a stretch; the mean is of all rows, not of the buckets."""
+    """Return lowest, mean and highest value of a stretch. The mean weights all rows equally, not
+    the buckets."""
     known = stretch.counts > 0
     if not known.any():
         return SpanSums(np.nan, np.nan, np.nan)
@@ -66,39 +78,46 @@ def summarise_stretch(stretch: TrendStretch) -> SpanSums:
 
 
 class _ChannelRow(NamedTuple):
-    """Holds a row of all channels, made once for all levels: (value, minus value) and (value or 0,
-    1 where known)."""
+    """Holds a row of all channels, calculated once for all levels: (value, negated value), and
+    (value or 0, 1 where known)."""
 
     extremes: Floats
     totals: Floats
 
 
 class _BucketLevel:
-    """Holds buckets of one width for all channels; the oldest are dropped when twice `kept` are
-    there.
+    """Holds buckets of one width for all channels; the oldest half is dropped when twice `kept`
+    buckets exist.
 
-    extremes[bucket]: lowest value and lowest negated value; totals[bucket]: sum and count.
+    `extremes[bucket]` has lowest value and lowest negated value; `totals[bucket]` has sum and
+    count.
     """
 
     def __init__(self, width_s: float, kept: int) -> None:
         self.width_s, self.kept = width_s, kept
         self.size, self.number = 0, -1
+        # Twice the kept buckets: moving memory once per `kept` buckets is cheaper than a ring whose
+        # reads need two parts.
         self.time_s: Floats = np.zeros(2 * kept)
         self.extremes: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
         self.totals: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
 
     def add_row(self, time_s: float, row: _ChannelRow) -> None:
-        """Add a row."""
+        """Add a row to its bucket."""
+        # The tolerance assigns a row exactly on the border to the later bucket despite rounding.
         number = int(time_s / self.width_s + 1e-6)
         if number != self.number or self.size == 0:
             self._begin_bucket(number, time_s)
             self.extremes[self.size - 1], self.totals[self.size - 1] = row
             return
         extremes, totals = self.extremes[self.size - 1], self.totals[self.size - 1]
+        # `fmin` ignores NaN, unlike `minimum`; a negated value makes the same call yield the
+        # maximum.
         np.fmin(extremes, row.extremes, out=extremes)
         np.add(totals, row.totals, out=totals)
 
     def _begin_bucket(self, number: int, time_s: float) -> None:
+        """Begin a bucket; a full level first drops its older half."""
         if self.size == 2 * self.kept:
             for array in (self.time_s, self.extremes, self.totals):
                 array[: self.kept] = array[self.kept :]
@@ -108,10 +127,11 @@ class _BucketLevel:
 
     @property
     def first_time_s(self) -> float:
-        """Time of the oldest bucket."""
+        """Time of the oldest bucket, s."""
         return float(self.time_s[0])
 
     def find_stretch(self, column: int, from_s: float, to_s: float) -> TrendStretch:
+        """Return a channel's buckets between two times."""
         times = self.time_s[: self.size]
         begin = max(0, int(np.searchsorted(times, from_s - self.width_s, side="right")))
         end = int(np.searchsorted(times, to_s, side="right"))
@@ -122,21 +142,22 @@ class _BucketLevel:
 
 
 class SeriesPyramid:
-    """A TrendSeries that grows row by row. Each level has wider buckets and reaches further back;
-    the memory never grows."""
+    """Grows row by row as a `TrendSeries`. Each level has wider buckets and reaches further back;
+    its memory is constant."""
 
     def __init__(self, widths_s: Sequence[float] = WIDTHS_S, kept: int = KEPT_BUCKETS) -> None:
         self.widths_s, self.kept = tuple(widths_s), kept
         self.clear_levels()
 
     def clear_levels(self) -> None:
-        """Forget all rows."""
+        """Remove all rows."""
         self._levels = [_BucketLevel(width, self.kept) for width in self.widths_s]
         self._started_s: float | None = None
         self._end_s: float | None = None
 
     @property
     def start_s(self) -> float | None:
+        """Earliest stored time of the coarsest level, s; None before the first row."""
         return (
             None if self._started_s is None else max(self._started_s, self._levels[-1].first_time_s)
         )
@@ -155,7 +176,7 @@ class SeriesPyramid:
         )
 
     def add_frame(self, frame: Frame) -> None:
-        """Add a row; rows come in order of time."""
+        """Add a row; rows arrive in order of time."""
         values = np.array(list_values(frame.row))
         known = np.isfinite(values)
         time_s = frame.row.time_s
@@ -169,8 +190,8 @@ class SeriesPyramid:
             self._started_s = time_s
 
     def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
-        """The stretch from the coarsest level that gives as many buckets and reaches back far
-        enough, else from the one that does."""
+        """Return a stretch from the coarsest level that has enough buckets and reaches far enough
+        back; else from the finest level that reaches far enough."""
         started = self._started_s or 0.0
         reach = [
             level for level in self._levels if level.first_time_s <= max(from_s, started)
@@ -180,8 +201,7 @@ class SeriesPyramid:
 
 
 class LogSeries:
-    """A TrendSeries over all frames of a log; a channel's values are taken out when they are first
-    needed."""
+    """Provides the series of all frames of a log; a channel's values are extracted on first use."""
 
     def __init__(self, frames: Sequence[Frame]) -> None:
         self._frames = frames
@@ -197,6 +217,7 @@ class LogSeries:
         return float(self._times[-1]) if len(self._times) else None
 
     def find_stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
+        """Return a stretch of the log in buckets of equal width."""
         values = self._values.get(channel)
         if values is None:
             values = self._values[channel] = np.array(
@@ -212,7 +233,7 @@ class LogSeries:
 
 
 def _gather_buckets(times: Floats, values: Floats, from_s: float, width_s: float) -> TrendStretch:
-    """Rows, in order of time, gathered in buckets of one width; empty buckets are left out."""
+    """Collect rows in buckets of one width; empty buckets are omitted."""
     if not len(times):
         return TrendStretch(*(np.zeros(0),) * 5)
     number = np.floor((times - from_s) / max(width_s, 1e-9) + 1e-6)

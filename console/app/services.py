@@ -1,5 +1,6 @@
-"""What screens can have done that needs files or long work. The command line gives it; None:
-not offered here."""
+"""Declares the files and long work that screens need. The command line supplies them; None means
+that a service is not available.
+"""
 
 from __future__ import annotations
 
@@ -24,27 +25,32 @@ Service = TypeVar("Service")
 
 
 class _LateService:
+    """Makes a service on first use, once, from any thread."""
+
     def __init__(self, make: Callable[[], object]) -> None:
         self._made, self._lock = cache(make), Lock()
 
     def make_or_find(self) -> object:
+        # Two threads may ask at the same time, and `cache` alone would make the service twice.
+        """Return the service, made on first use."""
         with self._lock:
             return self._made()
 
     def __getattr__(self, name: str) -> Any:
+        """Forward to the service itself."""
         return getattr(self.make_or_find(), name)
 
 
 def make_late(make: Callable[[], Service]) -> Service:
-    """A service that is made, with the imports that it needs, when it is first used: the first
-    picture does without."""
+    """Return a service that is made with its imports on first use, because the first picture does
+    not need it."""
     return cast(Service, _LateService(make))
 
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Holds the services of the screens. Each field belongs to one screen. Its errors are one-line
-    ValueErrors; long work runs in a thread and asks `cancelled` between steps."""
+    """Holds the services of the screens, one field per screen. Errors are one-line ValueErrors;
+    long work runs in a thread and checks `cancelled` between steps."""
 
     calibrate: CalibrateService | None = None
 
@@ -52,7 +58,7 @@ class Services:
 
     job: JobService | None = None
 
-    # outline and planned rates of a frame's job
+    # Returns outline and planned rates of a frame's job.
     field: Callable[[Frame], FieldPicture | None] | None = None
 
     diagnosis: DiagnosisService | None = None
@@ -61,24 +67,25 @@ class Services:
 
     layers: LayerFiles | None = None
 
-    earlier: Callable[[str], EarlierRun | None] | None = None  # before this console looked
+    # Returns what the log contains from before this console's first frame.
+    earlier: Callable[[str], EarlierRun | None] | None = None
 
-    # the limits of the run that writes a log
+    # Returns the limits of the run that writes a log.
     at_work: Callable[[str], RunningLimits | None] | None = None
 
-    # of the Map page: the A-B line, a boundary that is being driven
+    # Stores the A-B line and a boundary in progress for the Map page.
     lines: LineFiles | None = None
 
-    # of the log at a path, so far; returns at once
+    # Returns the deviation of the log at a path from its model so far; returns at once.
     model_check: Callable[[str], Departure | None] | None = None
-    # a sentence for the start: what this console does without
+    # Sentence for the start: what this console lacks.
     missing: str = ""
 
-    # begins a command that plays a sound; why it did not, empty: it did
+    # Starts a command that plays a sound, and returns why it failed, or "".
     play: Callable[[str], str] | None = None
 
     def make_late_services(self) -> None:
-        """Make those that are late, in a thread: each imports much."""
+        """Make the late services in a thread, because each imports much."""
         for one in fields(self):
             if isinstance(found := getattr(self, one.name), _LateService):
                 found.make_or_find()

@@ -1,4 +1,4 @@
-"""The user's settings on the console: what of them is wrong for it, and how they take effect."""
+"""Checks the user's settings for the console and applies them."""
 
 from __future__ import annotations
 
@@ -21,9 +21,12 @@ from topdress.drivers.files.settings_theme import ThemeData
 if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
-RESERVED_KEYS = frozenset({"escape", "enter", "tab", "shift+tab"})  # dialogs need them
+# Keys that dialogs need.
+RESERVED_KEYS = frozenset({"escape", "enter", "tab", "shift+tab"})
+# A capital letter, or Textual's name of a key with its modifiers.
 _KEY_PATTERN = re.compile(r"[A-Z]|[a-z0-9_]+(\+[a-z0-9_]+)*")
 
+# Maps colours of a theme file to the variables of the style sheets.
 _THEME_VARIABLES = {
     "red": "alarm-red",
     "on-red": "on-alarm-red",
@@ -36,11 +39,12 @@ _THEME_VARIABLES = {
     "muted": "muted",
     "target": "target",
 }
+# Colours of a theme file that Textual itself has as fields.
 _THEME_FIELDS = ("background", "surface", "panel", "foreground", "primary")
 
 
 def find_keymap_fault(keymap: Mapping[str, str]) -> str:
-    """The first fault of a keymap, one line; empty where there is none."""
+    """Return the first fault of a keymap in one line; "" for a valid keymap."""
     for name, keys in keymap.items():
         action = actions.BY_ID.get(name)
         if action is None:
@@ -58,10 +62,11 @@ def find_keymap_fault(keymap: Mapping[str, str]) -> str:
 
 
 def find_key_clash(keymap: Mapping[str, str]) -> str:
-    """Two actions of one screen on one key, named in one line; empty where there are none."""
+    """Return one line about two actions of one screen on the same key; "" without a clash."""
     for one, other in combinations(actions.ACTIONS, 2):
         if one.where == other.where or ANYWHERE in (one.where, other.where):
             both = set(actions.find_keys(one, keymap)) & set(actions.find_keys(other, keymap))
+            # Two built-in keys cannot clash, so only changed keys are reported.
             if both and (one.id in keymap or other.id in keymap):
                 return _("key {key}: both {one} and {other}").format(
                     key=min(both), one=_(one.label), other=_(other.label)
@@ -70,7 +75,7 @@ def find_key_clash(keymap: Mapping[str, str]) -> str:
 
 
 def make_theme(data: ThemeData) -> Theme:
-    """A theme as Textual wants it: one of ours, with other colours."""
+    """Convert a theme file to a Textual theme: one of the built-in themes with other colours."""
     like = {theme.name: theme for theme in themes.THEMES}[data.like]
     own = {name: data.colours.get(name, getattr(like, name)) for name in _THEME_FIELDS}
     variables = dict(like.variables)
@@ -94,8 +99,8 @@ def make_theme(data: ThemeData) -> Theme:
 
 
 def apply_settings(app: TopdressApp, settings: Settings) -> str:
-    """Make the settings take effect now. Returns those that cannot be used, one line; empty where
-    all can."""
+    """Apply the settings now. Returns one line about settings that cannot be used; "" where all
+    can."""
     trouble = find_keymap_fault(settings.keymap)
     app.units = UNITS[settings.units]
     use_language(find_preferred_language() if settings.language == "auto" else settings.language)
@@ -106,6 +111,7 @@ def apply_settings(app: TopdressApp, settings: Settings) -> str:
         trouble = trouble or _("key theme: value {name}: allowed {known}").format(
             name=settings.theme, known=known
         )
+    # A faulty keymap is ignored as a whole: half of it might leave STOP without a key.
     app.use_keymap({} if trouble and find_keymap_fault(settings.keymap) else settings.keymap)
     app.sound = settings.sound
     app.sounds = {
@@ -122,7 +128,7 @@ def apply_settings(app: TopdressApp, settings: Settings) -> str:
 
 
 def set_rate_limits(app: TopdressApp, own: ManualRate | None) -> None:
-    """Set the range of a manual rate: the crop's, and within it the settings' own."""
+    """Set the range of a manual rate: the crop's, narrowed by the settings."""
     low, high = app.crop_limits_kg_ha
     if own is not None:
         low, high = min(max(low, own.low_kg_ha), high), min(high, own.high_kg_ha)

@@ -1,4 +1,6 @@
-"""Where frames come from and orders go to. The screens know nothing else of the machine."""
+"""Declares the source of frames and the receiver of orders, which is everything that screens know
+of the machine.
+"""
 
 from __future__ import annotations
 
@@ -9,37 +11,39 @@ from topdress.control.orders import Answer, Order
 
 
 class FrameSource(Protocol):
-    """Gives frames and takes orders: a control worker's link, a replayed log, or a test's
-    stand-in."""
+    """Provides frames and executes orders: the link to a control worker, or a substitute in
+    tests."""
 
     @property
     def newest(self) -> Frame | None:
-        """The last frame that arrived; None before the first."""
+        """Newest frame; None before the first frame."""
 
     async def run_connection(self) -> None:
-        """Keeps `newest` new. Raises `console.link.WorkerGone` when the other end is gone."""
+        """Update `newest` until the connection ends. Raises `console.link.WorkerGone` when the
+        other end is lost."""
 
     async def send_order(self, order: Order) -> Answer:
-        """Sends one order and waits for its answer. Raises `console.link.WorkerGone`."""
+        """Send an order and return its answer. Raises `console.link.WorkerGone`."""
 
     async def send_device_order(self, name: str, do: DeviceDo) -> Answer:
-        """Asks something of one device, by its name in the frame. Raises
+        """Send a request for one device, by its name in the frame. Raises
         `console.link.WorkerGone`."""
 
     async def send_lag_test_order(self, begin: bool) -> Answer:
-        """Begins or ends the lag test, which measures while the state is calibrating. Raises as
-        `order`."""
+        """Begin or end the lag test, which measures while the state is calibrating. Raises as
+        `send_order`."""
 
 
 class FrameArrival:
-    """Holds the newest frame and its arrival."""
+    """Holds the newest frame and the time of its arrival."""
 
     def __init__(self) -> None:
         self.frame: Frame | None = None
         self._at_s = 0.0
 
     def take_frame(self, frame: Frame | None, now_s: float) -> bool:
-        """Take the newest frame; true when it is another than before."""
+        """Take the newest frame; return True if it differs from the former frame."""
+        # A worker that was restarted counts from 0 again, so the time of the frame is compared too.
         if frame is None or (
             self.frame is not None and frame.seq == self.frame.seq and frame.at_s == self.frame.at_s
         ):
@@ -48,5 +52,5 @@ class FrameArrival:
         return True
 
     def calc_age_s(self, now_s: float) -> float:
-        """Age of the frame shown, s; 0 before the first frame."""
+        """Return the age of the frame, s; 0 before the first frame."""
         return 0.0 if self.frame is None else max(0.0, now_s - self._at_s)

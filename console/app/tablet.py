@@ -1,8 +1,8 @@
-"""The console in a browser's tab: it attaches to the worker that runs and only looks, until the
-tablet's key is typed.
+"""Runs the console in a browser tab: it attaches to the running worker and is view-only until the
+tablet's key is entered.
 
-Two doors: what changes something is refused here in words, and the link is opened without the
-worker's token, so that the worker refuses what slips through.
+Two barriers protect the machine. This module refuses actions that change something. The link has no
+token of the worker, so the worker refuses whatever this module misses.
 """
 
 from __future__ import annotations
@@ -34,28 +34,32 @@ from topdress.console.app.source import FrameSource
 from topdress.console.app.widgets.key_bar import URGENT_ACTIONS
 from topdress.console.locale import N_, _
 
-# pages that write files, closed while the tab only looks
+# Pages that write files; a view-only tab cannot open them.
 WRITING_PAGES = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})
-# pages whose own actions change nothing but the view
+# Pages whose own actions change the view only.
 VIEW_ONLY_PAGES = frozenset({MAP, TRENDS, REPLAY})
+# Actions of every page that change the view only.
 VIEW_ONLY_ACTIONS = frozenset(
     {"help", "theme", "units", "language", "palette", "quit", "alarm_list", "menu"}
 )
-WAIT_S, MOST_WAIT_S = 1.0, 10.0  # after a wrong key; twice as long each time
-RETRY_S = 0.2  # after a wait, until it is over on every clock
+# Wait after a wrong key, s; it doubles with each wrong key up to the limit.
+WAIT_S, MOST_WAIT_S = 1.0, 10.0
+# Margin after a wait, s, for clocks that differ slightly.
+RETRY_S = 0.2
 
 NONE_RUNS = N_("The console on the machine is not running: start it there, then join here.")
 
-LinkMaker = Callable[[bool], Awaitable[FrameSource]]  # True: with the worker's token
+# True opens the link with the worker's token.
+LinkMaker = Callable[[bool], Awaitable[FrameSource]]
 
 
 class KeyWaits(Protocol):
-    """Keeps the waits after wrong keys: seconds, and until when on the clock. One for all tabs of
-    an address."""
+    """Stores the waits after wrong keys: duration, s, and end on the clock. All tabs of an address
+    share one store."""
 
     def take_lock(self) -> AbstractContextManager[KeyWaits | None]:
-        """Hold the waits for this tab alone while a key is judged; None: another tab has them just
-        now."""
+        """Lock the waits for this tab while a key is checked; None means that another tab has the
+        lock."""
         ...
 
     def read_wait(self) -> tuple[float, float]: ...
@@ -63,7 +67,7 @@ class KeyWaits(Protocol):
 
 
 class OwnKeyWaits:
-    """Keeps the waits of one tab by itself."""
+    """Stores the waits of a single tab."""
 
     def __init__(self) -> None:
         self._announced = 0.0, float("-inf")
@@ -79,43 +83,45 @@ class OwnKeyWaits:
 
 
 class TabletKey:
-    """Judges the tablet's key. text None: no key opens anything.
+    """Checks the tablet's key. A text of None means that no key opens the machine.
 
-    A key that comes too soon is judged when the wait that it found is over, whatever else is typed
-    at other tabs meanwhile: so no wrong keys of others keep the right one out for longer than
-    `MOST_WAIT_S`.
+    A key that comes too soon is checked when the wait that it found is over, whatever other tabs
+    enter meanwhile. Wrong keys elsewhere therefore delay the right key by at most `MAX_KEY_WAIT_S`.
     """
 
     def __init__(
         self, text: str | None, clock: Callable[[], float], waits: KeyWaits | None = None
     ) -> None:
         self._text, self._clock, self._waits = text, clock, waits or OwnKeyWaits()
-        self._judged_s: float | None = None  # of the key that was typed too soon
+        # Time at which a key that came too soon is checked.
+        self._judged_s: float | None = None
 
     @property
     def wait_left_s(self) -> float | None:
-        """Seconds until the typed key is judged; None: nothing waits."""
+        """Seconds until the entered key is checked; None without a wait."""
         return None if self._judged_s is None else max(0.0, self._judged_s - self._clock())
 
     @property
     def is_set(self) -> bool:
-        """Whether there is a key."""
+        """Whether a key exists."""
         return self._text is not None
 
     def find_fault(self, typed: str) -> str:
-        """Why this does not open the machine, in one line; empty where it does."""
+        """Return why an entered key does not open the machine, in one line; "" if it does."""
         if self._text is None:
             return _("There is no key: this server was started for viewing only.")
         with self._waits.take_lock() as waits:
-            if waits is None:  # another tab's is judged just now
+            # Another tab's key is being checked at this moment.
+            if waits is None:
                 self._judged_s = self._clock()
                 return _("The last key was wrong: wait {seconds} s.").format(seconds=1)
             return self._judge_key(typed, self._text, waits)
 
     def _judge_key(self, typed: str, text: str, waits: KeyWaits) -> str:
+        """Check a key under the lock."""
         now_s = self._clock()
         wait_s, until_s = waits.read_wait()
-        # more was reported by the clock of another day
+        # A longer wait was stored by a clock that has been changed since.
         if self._judged_s is None and until_s - now_s <= MOST_WAIT_S:
             self._judged_s = until_s
         if self._judged_s is not None and self._judged_s > now_s:
@@ -123,6 +129,7 @@ class TabletKey:
                 seconds=int(self._judged_s - now_s) + 1
             )
         self._judged_s = None
+        # The comparison takes constant time, so its duration reveals nothing about the key.
         if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
             waits.write_wait(0.0, now_s)
             return ""
@@ -132,7 +139,7 @@ class TabletKey:
 
 
 class KeyDialog(NameDialog):
-    """Asks for the key, hidden. A key that has to wait is tried again by itself."""
+    """Asks for the key, hidden. A key that has to wait is tried again automatically."""
 
     def __init__(self, title: str, text: str, key: TabletKey) -> None:
         super().__init__(title, "", text, key.find_fault)
@@ -140,7 +147,7 @@ class KeyDialog(NameDialog):
         self._again: Timer | None = None
 
     def on_input_changed(self) -> None:
-        """Stop the retry: the new text is tried when it is entered, no sooner."""
+        """Stop the automatic retry, because the text has changed."""
         if self._again is not None:
             self._again.stop()
             self._again = None
@@ -158,8 +165,15 @@ class KeyDialog(NameDialog):
 
 
 class TabletApp(TopdressApp):
-    """Shows the console in a tab. link_to: a link to the worker that runs; its errors are one line
-    (OSError, RuntimeError). key: see `TabletKey`."""
+    """Shows the console in a tab.
+
+    Parameters
+    ----------
+    link_to
+        Opens a link to the running worker; errors (OSError, RuntimeError) have one line.
+    key
+        Key of the tablet, see `TabletKey`.
+    """
 
     BINDINGS: ClassVar = [Binding("asterisk", "tab_key", show=False)]
     keeps_working: ClassVar[bool] = False
@@ -174,10 +188,11 @@ class TabletApp(TopdressApp):
         self.add_class("-touch")
 
     async def _attach_tab(self) -> FrameSource:
+        """Attach to the running worker, with the token once the tab may operate."""
         return await self._link_to(not self.looking)
 
     def on_mount(self) -> None:
-        """After the parent's, which Textual calls by itself."""
+        """Report that no machine runs. Textual also calls the base class's `on_mount`."""
         if self.source is None:
             self.call_after_refresh(self._note_gone, _(NONE_RUNS))
 
@@ -185,16 +200,18 @@ class TabletApp(TopdressApp):
         return (_("VIEW ONLY"),) if self.looking else (_("TABLET"),)
 
     async def action_do(self, name: str) -> None:
-        """Do an action, if this tab may."""
+        """Perform an action if this tab is permitted to."""
         if self.looking and name in URGENT_ACTIONS:
-            self.show_notice(self.explain_no_stop())  # no question while the machine runs
+            # A question would cover the screen while the machine runs.
+            self.show_notice(self.explain_no_stop())
         elif self.looking and not self.is_allowed(actions.BY_ID[name]):
             self.refuse_action()
         else:
             await super().action_do(name)
 
     def list_offered_actions(self, where: str) -> tuple[Action, ...]:
-        """The actions; a tab that only looks shows nothing that it would refuse, STOP above all."""
+        """Return the actions; a view-only tab offers none that it would refuse, above all not
+        STOP."""
         shown = super().list_offered_actions(where)
         return (
             tuple(action for action in shown if self.is_allowed(action)) if self.looking else shown
@@ -204,7 +221,7 @@ class TabletApp(TopdressApp):
         return _("hold and STOP: at the machine") if self.looking else super().explain_no_stop()
 
     def is_allowed(self, action: Action) -> bool:
-        """Whether a tab that only looks may do this."""
+        """Return whether a view-only tab may perform this action."""
         if action.where == ANYWHERE:
             page = action.id.removesuffix("_screen")
             return (
@@ -219,14 +236,14 @@ class TabletApp(TopdressApp):
             super().turn_to_page(where)
 
     def refuse_action(self) -> None:
-        """Report that nothing is changed from here; ask for the key, where there is one."""
+        """Report that this tab changes nothing; ask for the key if a key exists."""
         if self.key.is_set:
             self.action_tab_key()
         else:
             self.show_notice(_("view only: hold, stop and all else are at the machine's console"))
 
     def action_tab_key(self) -> None:
-        """Ask for the key, which turns a tab that looks into one that operates."""
+        """Ask for the key, which lets a view-only tab operate the machine."""
         if not self.looking:
             self.show_notice(_("this tab operates the machine"))
         elif not self.key.is_set:
@@ -246,7 +263,7 @@ class TabletApp(TopdressApp):
             )
 
     def _begin_operating(self, typed: str | None) -> None:
-        """Operate: the dialog is only left with a right key."""
+        """Operate the machine; the dialog closes with a right key only."""
         if typed is not None:
             self.looking = False
             self.page.refresh_all_next_tick()

@@ -1,4 +1,4 @@
-"""What the terminal at hand can show, and whether it still does."""
+"""Determines the colours that the terminal can show, and whether it still accepts output."""
 
 from __future__ import annotations
 
@@ -10,23 +10,30 @@ from collections.abc import Callable
 
 from textual.app import App
 
-# a terminal that takes nothing for that long stands: no terminal that draws takes so long
+# A terminal that accepts nothing for this time, s, has stopped; drawing never takes so long.
 STALLED_S = 0.5
 
 
 def has_few_colours(app: App[object]) -> bool:
-    """Whether colours cannot carry a scale: NO_COLOR, or a terminal of 16 colours or none."""
+    """Return whether colours cannot represent a scale: NO_COLOR is set, or the terminal has at most
+    16 colours."""
     return app.no_color or (
         not app.is_headless and app.console.color_system in (None, "standard", "windows")
     )
 
 
 class TerminalPulse:
-    """Checks whether the terminal takes what is drawn.
+    """Checks whether the terminal accepts output.
 
-    A terminal that stands (its line is cut, its program stopped, Ctrl-S pressed) shows an old
-    screen, and keys on it may lead nowhere: the console on it no longer says that it lives. handle:
-    of the output; None: none that could stand.
+    A stopped terminal (line cut, program stopped, Ctrl-S pressed) shows an old screen, and its keys
+    may have no effect. The console then no longer reports that it lives.
+
+    Parameters
+    ----------
+    handle
+        File handle of the output; None means an output that cannot stop.
+    clock
+        Returns s, as `time.monotonic`.
     """
 
     def __init__(self, handle: int | None, clock: Callable[[], float] = time.monotonic) -> None:
@@ -34,16 +41,18 @@ class TerminalPulse:
         self._taken_s = clock()
 
     def __call__(self) -> bool:
-        """Whether it takes output. Ask often: it is judged by how long nothing was taken."""
+        """Return whether the terminal accepts output. Frequent calls are needed, because the time
+        without acceptance decides."""
         now_s = self._clock()
+        # A select with zero timeout never blocks.
         if self._handle is None or select.select([], [self._handle], [], 0.0)[1]:
             self._taken_s = now_s
         return now_s - self._taken_s <= STALLED_S
 
 
 def find_terminal() -> int | None:
-    """The handle that Textual draws on: stderr, where that is a terminal; on Windows it cannot be
-    asked."""
+    """Return the handle on which Textual draws: stderr, if it is a terminal. Windows has no select
+    for terminals, so None is returned there."""
     if os.name != "posix" or sys.__stderr__ is None or not sys.__stderr__.isatty():
         return None
     return sys.__stderr__.fileno()

@@ -1,4 +1,4 @@
-"""A console ends with its terminal: hung up, closed, or no longer to be written to."""
+"""Ends a console with its terminal: hung up, closed, or no longer writable."""
 
 from __future__ import annotations
 
@@ -11,26 +11,28 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-# A console whose terminal is gone has that long to end by itself. It may be in the middle of a
-# write that never returns, or wait for a thread that starts a machine.
+# Time for a console without terminal to end by itself, s. The console may be in a write that never
+# returns, or wait for a thread that starts a machine.
 GRACE_S = 1.0
-# of `topdress --help`: cancelled
+# Exit code for a cancelled program, as listed in `topdress --help`.
 EXIT_CANCELLED = 130
-# what Textual reads, and what it draws on
+# Handles that Textual reads (stdin) and draws on (stderr).
 TERMINAL_HANDLES = (0, 2)
-# what Textual calls the thread that writes on the terminal
+# Textual's name of the thread that writes to the terminal.
 WRITER_THREAD = "textual-output"
-# Kitty's keys off, mouse off, alternate screen off, cursor on, focus reports off.
+# Escape sequences: Kitty keyboard off, mouse off, bracketed paste off, line wrap on, alternate
+# screen off, cursor on, focus reports off.
 PLAIN_TERMINAL = b"\x1b[<u\x1b[?1000l\x1b[?1003l\x1b[?2004l\x1b[?7h\x1b[?1049l\x1b[?25h\x1b[?1004l"
-RESTORE_TIMEOUT_S = 0.2  # a terminal that takes nothing is not waited for
+# Longest wait for a terminal that accepts no output, s.
+RESTORE_TIMEOUT_S = 0.2
 
 
 class TerminalWatch:
     """Waits for the end of a terminal in a thread of its own.
 
-    Textual's input thread reads the end of file over and over, its output thread dies of a
-    write that fails, and neither says so. The hang-up's signal does not come where another
-    program, such as `make`, leads the terminal's session.
+    Textual's input thread reads the end of file repeatedly, its output thread dies of a failed
+    write, and neither reports it. The signal of a hang-up does not arrive where another program,
+    such as `make`, leads the terminal's session.
     """
 
     def __init__(
@@ -40,10 +42,23 @@ class TerminalWatch:
         grace_s: float = GRACE_S,
         end: Callable[[int], object] = os._exit,
     ) -> None:
-        """leave: asks the program to end by itself, from the watch's thread. handles: of the
-        terminal. end: ends the process where it did not leave within `grace_s`."""
+        """Create the watch.
+
+        Parameters
+        ----------
+        leave
+            Asks the program to end by itself; called from the watch's thread.
+        handles
+            Handles of the terminal.
+        grace_s
+            Time for the program to end by itself, s.
+        end
+            Ends the process after `grace_s`.
+        """
         self._leave, self._handles, self._grace_s, self._end = leave, handles, grace_s, end
         self._attributes = _read_attributes(handles[0])
+        # A pipe wakes the poll from any thread and from a signal handler, where locks are
+        # forbidden.
         self._woken, self._wake = os.pipe()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run_watch, name="terminal-watch", daemon=True)
@@ -54,7 +69,7 @@ class TerminalWatch:
         self._thread.start()
 
     def stop_watch(self) -> None:
-        """End the thread: the program has ended by itself."""
+        """End the thread, because the program has ended by itself."""
         self._over.set()
         self.hang_up()
         self._thread.join()
@@ -62,13 +77,15 @@ class TerminalWatch:
         os.close(self._wake)
 
     def hang_up(self) -> None:
-        """Act as if the terminal were gone. From any thread, and from a signal's handler."""
+        """Act as if the terminal were gone; callable from any thread and from a signal handler."""
         os.write(self._wake, b"x")
 
     def _run_watch(self) -> None:
+        """Wait for the end of the terminal, then ask the program to leave, and end it after the
+        grace time."""
         ends = select.poll()
         for handle in self._handles:
-            # poll reports hang-up and error whatever is asked for
+            # `poll` reports hang-up and error for any mask, so the mask is empty.
             ends.register(handle, 0)
         ends.register(self._woken, select.POLLIN)
         while not any(self._is_terminal_end(ends, *event) for event in ends.poll()):
@@ -82,31 +99,34 @@ class TerminalWatch:
             self._end(EXIT_CANCELLED)
 
     def _is_terminal_end(self, ends: select.poll, handle: int, events: int) -> bool:
-        """Whether this is a hang-up, an error or a wake-up. A handle that this system cannot watch
-        (terminals of older macOS) is left to the signals."""
+        """Return whether an event is a hang-up, an error or a wake-up. A handle that the system
+        cannot poll (terminals of older macOS) is left to the signals."""
         if handle == self._woken or events & (select.POLLHUP | select.POLLERR):
             return True
         ends.unregister(handle)
         return False
 
     def _restore_terminal(self) -> None:
-        """Restore what Textual was not able to put back."""
+        """Restore the modes of the terminal that Textual was unable to restore."""
         import termios
 
         if self._attributes is not None:
             with contextlib.suppress(termios.error, OSError):
                 termios.tcsetattr(self._handles[0], termios.TCSANOW, self._attributes)
+        # A thread writes, because a write to a stopped terminal would block for ever.
         writes = threading.Thread(target=self._write_plain_modes, daemon=True)
         writes.start()
         writes.join(RESTORE_TIMEOUT_S)
 
     def _write_plain_modes(self) -> None:
+        """Write the sequences that return the terminal to its plain modes."""
         if os.isatty(self._handles[-1]):
             with contextlib.suppress(OSError):
                 os.write(self._handles[-1], PLAIN_TERMINAL)
 
 
 def _read_attributes(handle: int) -> list[Any] | None:
+    """Return the modes of the terminal before Textual changes them; None if it is no terminal."""
     import termios
 
     try:
@@ -120,11 +140,10 @@ def leave_with_terminal(
     leave: Callable[[], object],
     watch_of: Callable[[Callable[[], object]], TerminalWatch] = TerminalWatch,
 ) -> Iterator[Callable[[], bool]]:
-    """Run the block on this terminal, and leave when the terminal is hung up or cannot be written
-    to, or when SIGHUP or SIGTERM ask for it. Yields whether that was so.
+    """Run the block on this terminal, and leave when the terminal is hung up or unwritable, or
+    after SIGHUP or SIGTERM. Yields a function that returns whether that happened.
 
-    A hang-up that the caller ignores (nohup) stays ignored. On Windows the system ends a console
-    with its window.
+    A hang-up that the caller ignores (nohup) stays ignored. Windows ends a console with its window.
     """
     if sys.platform == "win32":
         yield lambda: False
@@ -137,6 +156,7 @@ def leave_with_terminal(
     said_before = threading.excepthook
 
     def note_thread_death(what: threading.ExceptHookArgs) -> None:
+        # An output thread that dies means that the terminal cannot be written to.
         if what.thread is not None and what.thread.name == WRITER_THREAD:
             watch.hang_up()
         else:
@@ -150,7 +170,7 @@ def leave_with_terminal(
         threading.excepthook = said_before
         for one, handler in before.items():
             signal.signal(one, handler)
-        # What is left to do at the end may wait for a thread: after a hang-up the watch stays,
-        # and ends the process when the grace is over.
+        # Work at the end may wait for a thread. After a hang-up the watch therefore continues, and
+        # ends the process after the grace time.
         if not watch.is_gone:
             watch.stop_watch()

@@ -1,9 +1,9 @@
-"""Day, night and high contrast. Next to Textual's own names each theme says what target,
-applied, alarms and states are.
+"""Defines the themes day, night and high contrast, with colours for target, applied, alarms and
+states besides Textual's own names.
 
-Alarms are orange (red severity) and blue (amber severity): the pair that colour-blind eyes keep
-apart. STOP is red, work is green, what is chosen is yellow: none of them looks like an alarm.
-All pairs stay apart in 16 colours too (a test holds them).
+Alarms are orange (severity red) and blue (severity amber), the pair that colour-blind people
+distinguish. STOP is red, work is green, a selection is yellow: none resembles an alarm. All pairs
+also differ in 16 colours, which a test checks.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ def _make_own_theme(
     stop: tuple[str, str],
     select: tuple[str, str],
 ) -> Theme:
+    """Return a Textual theme with the variables that the style sheets use. Pairs are (background,
+    text)."""
     variables = {
         "stale": stale,
         "muted": muted,
@@ -73,6 +75,7 @@ def _make_own_theme(
     )
 
 
+# White and black are readable in sunlight.
 DAY = _make_own_theme(
     "day",
     dark=False,
@@ -100,6 +103,7 @@ DAY = _make_own_theme(
     select=("#ffe27a", "#000000"),
 )
 
+# Muted colours preserve the operator's night vision.
 NIGHT = _make_own_theme(
     "night",
     dark=True,
@@ -127,6 +131,7 @@ NIGHT = _make_own_theme(
     select=("#c9b25a", "#000000"),
 )
 
+# Pure colours suit displays of low contrast and operators with impaired sight.
 CONTRAST = _make_own_theme(
     "contrast",
     dark=True,
@@ -159,7 +164,7 @@ THEME_NAMES = tuple(theme.name for theme in THEMES)
 
 
 def find_next_theme(name: str) -> str:
-    """The next theme on the one key."""
+    """Return the name of the next theme; all themes share one key."""
     return (
         THEME_NAMES[(THEME_NAMES.index(name) + 1) % len(THEME_NAMES)]
         if name in THEME_NAMES

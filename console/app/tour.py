@@ -1,4 +1,6 @@
-"""The guided tour: eight steps on the simulated machine, each done by doing it; about a minute."""
+"""Defines the guided tour: eight steps on the simulated machine, each finished by performing it;
+about a minute.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +11,15 @@ from topdress.console.app.action import MAP
 from topdress.console.frame import Frame
 from topdress.console.locale import N_
 
+# From this rate, kg/ha, fertilizer counts as flowing.
 FLOWING_KG_HA = 1.0
-READING_S = 8.0  # long enough to read what a step only shows
+# Time to read a step that needs no action, s.
+READING_S = 8.0
 
 
 class TourSeen(NamedTuple):
-    """Holds the input of a step. began: the frame with which the step began; lasted_s: since
-    then."""
+    """Holds the input of a step. `began` is the frame at which the step began; `lasted_s` is the
+    time since then."""
 
     frame: Frame
     began: Frame
@@ -29,7 +33,7 @@ class TourSeen(NamedTuple):
 
 
 class TourStep(NamedTuple):
-    """Holds a step: its text and when it is done."""
+    """Holds the text of a step and the condition that finishes it."""
 
     text: str
     done: Callable[[TourSeen], bool]
@@ -38,6 +42,7 @@ class TourStep(NamedTuple):
 TOUR_STEPS = (
     TourStep(
         N_("This machine is simulated: nothing moves outside. Press R to make it ready."),
+        # A user who is already ahead does not have to go back.
         lambda seen: seen.state in ("ready", "working", "held"),
     ),
     TourStep(
@@ -75,7 +80,7 @@ TOUR_STEPS = (
 
 
 class Tour:
-    """Chooses the step that is shown. It gives no order: the keys pressed are the operator's."""
+    """Selects the step to show. The tour gives no order: the operator presses the keys."""
 
     steps = TOUR_STEPS
 
@@ -85,17 +90,17 @@ class Tour:
 
     @property
     def is_over(self) -> bool:
-        """Whether all steps are done."""
+        """Whether all steps are finished."""
         return self.index >= len(self.steps)
 
     @property
     def text(self) -> str:
-        """The request of the present step, untranslated; empty when the tour is over."""
+        """Text of the present step, untranslated; "" after the last step."""
         return "" if self.is_over else self.steps[self.index].text
 
     def follow_frame(self, frame: Frame | None, where: str, now_s: float) -> None:
-        """Take a frame, some times a second; go on when the step is done. where: the page that is
-        open."""
+        """Process a frame, a few times a second, and proceed when the step is finished. `where` is
+        the open page."""
         if frame is None or self.is_over:
             return
         if self._began is None:
@@ -105,7 +110,7 @@ class Tour:
             self.skip_step()
 
     def skip_step(self) -> None:
-        """Go to the next step, whether this one was done or not."""
+        """Proceed to the next step, whether the present step is finished or not."""
         if not self.is_over:
             self.index += 1
             self._began = None

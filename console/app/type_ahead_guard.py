@@ -1,14 +1,16 @@
-"""What is typed for a question that was never asked goes nowhere.
+"""Swallows keys that were typed for a question that was refused.
 
-An operator presses the key of a dialog and goes on typing the value without looking. Where the
-dialog was refused, the page has these keys: a digit would be lost, Enter would begin something,
-a letter of a name would act. So they are swallowed until nothing was typed for a while. Hold
-and STOP are never among them.
+An operator presses the key of a dialog and continues to type the value without looking. Where the
+dialog was refused, the page would receive these keys: a digit would be lost, Enter would begin
+something, a letter of a name would act. They are swallowed until nothing was typed for a while.
+Hold and STOP always work.
 """
 
 from __future__ import annotations
 
+# A longer pause, s, means that the operator has looked at the screen.
 TYPING_PAUSE_S = 2.0
+# Keys that belong to a number.
 _NUMBER_KEYS = frozenset(
     {
         "full_stop",
@@ -24,19 +26,21 @@ _NUMBER_KEYS = frozenset(
 )
 
 
-UNREAD_S = 0.7  # a question that has stood for less was not read
+# A question that was visible for less than this, s, was not read.
+UNREAD_S = 0.7
 
 
 class HeldEnter:
-    """Detects an Enter that is held down, or struck twice: it answers one question and not the next
-    one that opens under it."""
+    """Detects an Enter that is held down or pressed twice: it answers one question and must not
+    answer the next question."""
 
     def __init__(self) -> None:
         self._screen: object = None
         self._last_s = float("-inf")
 
     def is_repeat(self, screen: object, now_s: float) -> bool:
-        """Whether it is still the Enter of the screen before. screen: that gets this Enter."""
+        """Return whether this Enter still belongs to the former screen; `screen` would receive
+        it."""
         soon, self._last_s = now_s - self._last_s < UNREAD_S, now_s
         if soon and screen is not self._screen and self._screen is not None:
             return True
@@ -52,13 +56,13 @@ class TypeAheadGuard:
         self._until_s = float("-inf")
 
     def note_refusal(self, kind: str, now_s: float) -> None:
-        """Note a refused question. kind: what would have been typed, "number" or "text"; "":
-        nothing."""
+        """Record a refused question; `kind` is the expected input: "number", "text", or "" for
+        none."""
         self._kind, self._until_s = kind, now_s + TYPING_PAUSE_S
 
     def is_swallowed(self, key: str, now_s: float) -> bool:
-        """Whether a key is swallowed. key: as Textual names it. Any other key ends it, for then
-        something else is meant."""
+        """Return whether a key is swallowed. Any other key ends the guard, because then the
+        operator means something else."""
         if not self._kind or now_s >= self._until_s:
             return False
         typed = (

@@ -1,7 +1,8 @@
-"""A number as an operator types it: comma and point alike, and nothing else is guessed at. Pure.
+"""Reads a number that an operator types: comma and point are equal, and nothing else is guessed.
+Pure.
 
-What stands there is read as a whole, or refused in words. A key that was dropped would leave
-another number behind: `12,5` without its comma is 125, `1e3` without its letter 13.
+The text is read as a whole or refused in words. Dropping a character would change the number:
+`12,5` without its comma is 125, `1e3` without its letter is 13.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from typing import NamedTuple
 from topdress.console.app.units import Unit
 from topdress.console.locale import _
 
-# no number of this console has more; what is typed beyond is refused, not cut
+# No number of this console is longer. A longer text is refused, not cut.
 MOST_CHARACTERS = 24
 # Full-width comma and point; the Chinese full stop, wide and narrow, which the key of the point
-# gives under a Chinese input method; the Arabic decimal sign. Then minus, en and figure dash,
-# full-width and small hyphen.
+# yields under a Chinese input method; the Arabic decimal sign. Then minus sign, en dash, figure
+# dash, full-width hyphen and small hyphen.
 _SAME_SIGNS = {
     "\uff0c": ",",
     "\uff0e": ".",
@@ -32,8 +33,17 @@ _SAME_SIGNS = {
 
 
 class TypedReading(NamedTuple):
-    """Holds the number read. value: in the unit shown, None while there is none. why: the fault, in
-    words, "" where there is none. half: more keys may still make a number of it."""
+    """Holds the number that was read.
+
+    Attributes
+    ----------
+    value
+        Number in the displayed unit; None for a fault.
+    why
+        Fault in words, or "".
+    half
+        True if more characters may complete the number.
+    """
 
     value: float | None
     why: str = ""
@@ -41,7 +51,7 @@ class TypedReading(NamedTuple):
 
 
 def read_number(text: str) -> TypedReading:
-    """The number in a field, in whatever script its digits are."""
+    """Read the number of a field, with digits of any script."""
     plain = _normalise_signs(text)
     if not plain:
         return TypedReading(None, _("Type a number."), half=True)
@@ -57,6 +67,7 @@ def read_number(text: str) -> TypedReading:
     if len(signs) > 1:
         return TypedReading(None, _explain_many_signs(plain, signs))
     whole, sign, rest = digits.partition(signs[0]) if signs else (digits, "", "")
+    # `float` would accept "5." and ".5", which an operator may not have finished.
     if not whole or (sign and not rest):
         return TypedReading(
             None,
@@ -71,8 +82,10 @@ def read_number(text: str) -> TypedReading:
 
 
 def read_in_range(text: str, low: float, high: float, unit: str) -> TypedReading:
-    """The number as `read_number`, within low ... high, both as shown in `unit`. Where a sign could
-    separate thousands as well, and both readings are allowed, neither is taken."""
+    """Read a number within low to high, in displayed units.
+
+    Where a sign may separate thousands and both readings are in the range, the text is refused.
+    """
     reading = read_number(text)
     if reading.value is None:
         return reading
@@ -100,32 +113,33 @@ def read_in_range(text: str, low: float, high: float, unit: str) -> TypedReading
         refused.format(
             number=format_number(reading.value), unit=unit, low=f"{low:g}", high=f"{high:g}"
         ),
+        # A number that is too small may become larger with the next digit.
         half=reading.value < low,
     )
 
 
 def format_number(value: float) -> str:
-    """A typed number again, without trailing zeros and never as 1e+06."""
+    """Return a number without trailing zeros and without an exponent."""
     return f"{value:.10f}".rstrip("0").rstrip(".") if abs(value) < 1e15 else f"{value:.0f}"
 
 
 def format_with_unit(unit: Unit, value_si: float) -> str:
-    """A taken number with its unit, to as many decimals as were typed."""
+    """Return a number with its unit, with the decimals that were typed."""
     return f"{format_number(round(value_si * unit.per_si, 6))} {unit.name}"
 
 
 def round_inwards(unit: Unit, low_si: float, high_si: float, decimals: int) -> tuple[float, float]:
-    """A range as shown, rounded inwards: what it allows is allowed in SI too."""
+    """Return a range in displayed units, rounded inwards, so that every displayed value is allowed
+    in SI too."""
     step = 10.0**decimals
     low, high = low_si * unit.per_si * step, high_si * unit.per_si * step
-    # of the product itself: 0.1 * 10 is no less than 1
+    # Tolerance for the rounding error of the product: 0.1 * 10 must not be less than 1.
     slack = 1e-9 * max(1.0, abs(low), abs(high))
     return -(-(low - slack) // 1) / step + 0.0, ((high + slack) // 1) / step
 
 
 def _normalise_signs(text: str) -> str:
-    """ASCII digits, signs and minus in place of those of other scripts; the rest as it was
-    typed."""
+    """Replace digits, signs and minus of other scripts by ASCII; other characters stay."""
     return "".join(
         str(unicodedata.decimal(one)) if one.isdecimal() else _SAME_SIGNS.get(one, one)
         for one in text.strip()
@@ -133,6 +147,7 @@ def _normalise_signs(text: str) -> str:
 
 
 def _explain_wrong_sign(plain: str, wrong: str) -> str:
+    """Return why a character does not belong to a number."""
     if wrong.isspace():
         return _("{typed}: a blank stands within the number.").format(typed=plain)
     return _(
@@ -141,6 +156,7 @@ def _explain_wrong_sign(plain: str, wrong: str) -> str:
 
 
 def _explain_many_signs(plain: str, signs: list[str]) -> str:
+    """Return why several decimal signs are refused."""
     if len(set(signs)) > 1:
         return _("{typed} can be read in two ways: type it without a sign for thousands.").format(
             typed=plain
@@ -151,8 +167,8 @@ def _explain_many_signs(plain: str, signs: list[str]) -> str:
 
 
 def _read_as_thousands(plain: str) -> float | None:
-    """The number `1,250` or `1.250` where its sign separates thousands: one to three digits, not 0
-    at first, then just three."""
+    """Read `1,250` or `1.250` as thousands: one to three digits without a leading 0, then exactly
+    three; None otherwise."""
     whole, _sign, rest = plain.replace(",", ".").partition(".")
     if len(rest) == 3 and 1 <= len(whole) <= 3 and whole.isdigit() and not whole.startswith("0"):
         return float(whole + rest)

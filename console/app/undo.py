@@ -1,5 +1,6 @@
-"""What was changed last and can be taken back: one key, asked once. Which order takes another
-back stands here for all of them; where none does, why."""
+"""Records changes that can be undone, with one key and one question. A table declares which order
+reverses each order, or why none does.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +16,10 @@ from topdress.console.locale import _
 from topdress.control.agronomy.strips import StripValue, parse_strip
 from topdress.control.orders import Do, Order, TargetSource
 
+# Changes that stay undoable; an operator remembers few.
 MOST_CHANGES = 20
-# Orders that change nothing that could be as before, each with the reason.
+# Orders that change nothing reversible, each with the reason. A test requires every order in one of
+# the two tables.
 WHY_NOT_UNDOABLE = MappingProxyType(
     {
         Do.READY: "a state: HOLD and STOP leave it",
@@ -36,8 +39,8 @@ WHY_NOT_UNDOABLE = MappingProxyType(
 
 
 class Undoable(NamedTuple):
-    """Holds a change. what: in words, as it would be again: "strategy opening first". back: undoes
-    it. orders: that undo it."""
+    """Holds a change. `what` words the state after undoing ("strategy opening first"), `back`
+    undoes the change, `orders` are the reversing orders."""
 
     what: str
     back: Callable[[], None]
@@ -45,7 +48,7 @@ class Undoable(NamedTuple):
 
 
 class UndoStack:
-    """Holds the changes, the newest first; those of another run are forgotten with it."""
+    """Holds the changes, newest last. Changes of another run are removed with the run."""
 
     def __init__(self) -> None:
         self._changes: list[Undoable] = []
@@ -56,21 +59,21 @@ class UndoStack:
 
     @property
     def newest(self) -> Undoable | None:
-        """The newest change."""
+        """Newest change, or None."""
         return self._changes[-1] if self._changes else None
 
     def take_newest(self) -> Undoable | None:
-        """Take the newest change off."""
+        """Remove the newest change and return it."""
         return self._changes.pop() if self._changes else None
 
     def forget_changes(self) -> None:
-        """Forget all changes."""
+        """Remove all changes."""
         self._changes.clear()
 
 
 def reverse_orders(orders: Sequence[Order], before: Frame | None) -> tuple[Order, ...]:
-    """Orders that undo these, the last of them first, by the frame before they were given; () where
-    there are none, or where all is as it was."""
+    """Return the orders that reverse orders, last first, from the frame before them; () where
+    nothing needs reversing."""
     found = (
         []
         if before is None
@@ -81,11 +84,12 @@ def reverse_orders(orders: Sequence[Order], before: Frame | None) -> tuple[Order
             for one in _REVERSERS[order.do](before, order)
         ]
     )
+    # An order that equals the given order would change nothing.
     return tuple(one for one in found if one not in orders)
 
 
 def describe_undo(orders: Sequence[Order], units: Units) -> str:
-    """The change in words, as it would be again."""
+    """Return the state after undoing, in words."""
     return ", ".join(
         _("without the refill of {mass}").format(
             mass=format_with_unit(units.mass, float(one.value or 0.0))
@@ -97,8 +101,8 @@ def describe_undo(orders: Sequence[Order], units: Units) -> str:
 
 
 def find_ordered_source(frame: Frame | None) -> str:
-    """The source of the target as ordered; "" where it is not known. With a worker that does not
-    report it: by its row, where the index map stands in for the canopy's heads."""
+    """Return the ordered target source; "" where unknown. A worker of an older version reports it
+    in its row only, where the index map replaces the canopy heads."""
     if frame is None:
         return ""
     now = frame.ordered_source or frame.row.target_source or ""
@@ -106,11 +110,12 @@ def find_ordered_source(frame: Frame | None) -> str:
 
 
 def _make_known_order(do: Do, value: str | float | bool | None) -> tuple[Order, ...]:
+    """Return the order with a value, or () for an unknown value."""
     return () if value is None or value == "" else (Order(do, value),)
 
 
 def _reverse_section_order(frame: Frame, order: Order) -> tuple[Order, ...]:
-    """Orders for those of the named sections that are otherwise now: closed by hand, or not."""
+    """Return the orders that restore the state of the named sections."""
     number = str(order.value).partition(" ")[0]
     return tuple(
         Order(Do.SECTION, f"{k} {'off' if one.why == 'hand' else 'auto'}")
@@ -120,6 +125,7 @@ def _reverse_section_order(frame: Frame, order: Order) -> tuple[Order, ...]:
 
 
 def _reverse_strip_order(frame: Frame, order: Order) -> tuple[Order, ...]:
+    """Return the order that restores the former value of a strip."""
     strip = parse_strip(order.value)
     return (
         ()

@@ -1,57 +1,72 @@
-"""The one place where SI becomes what people read: km/h and kg/ha, or mph and lb/ac."""
+"""Converts SI values to displayed units: km/h and kg/ha, or mph and lb/ac. No other module does
+so.
+"""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+# 1 ha = 10,000 m2.
 M2_PER_HA = 10_000.0
-# 10 km; half a mile: 2640 ft is a number nobody pictures
+# Distance from which the long unit is used, m: 10 km, or half a mile because nobody pictures 2640
+# ft.
 FAR_WAY_M = {"metric": 10_000.0, "imperial": 0.5 * 1609.344}
 
 
 class Unit(NamedTuple):
-    """Converts to a unit that people read: shown = SI value x per_si."""
+    """Converts to a displayed unit: displayed value = SI value x per_si."""
 
     name: str
     per_si: float
     decimals: int
 
     def format_value(self, value: float | None, none: str = "--") -> str:
-        """The number alone, in this unit; `none` when it is not known."""
+        """Return the number alone in this unit; `none` for an unknown value."""
         if value is None:
             return none
-        shown = round(value * self.per_si, self.decimals) + 0.0  # + 0.0: no "-0.0"
+        # Adding 0.0 turns a rounded -0.0 into 0.0.
+        shown = round(value * self.per_si, self.decimals) + 0.0
         return f"{shown:.{self.decimals}f}"
 
     def format_with_name(self, value: float | None) -> str:
-        """The number with the unit's name."""
+        """Return the number with the unit's name."""
         return f"{self.format_value(value)} {self.name}"
 
     def convert_to_si(self, shown: float) -> float:
-        """The SI value of a shown number."""
+        """Return the SI value of a displayed number."""
         return shown / self.per_si
 
 
 class Units(NamedTuple):
-    """Holds every unit shown. Rates are kg/ha inside, areas ha, the rest SI with mm and r/min as in
-    the log."""
+    """Holds every displayed unit. Internally rates are kg/ha and areas ha; other values are SI,
+    with mm and r/min as in the log."""
 
     id: str
-    speed: Unit  # m/s
-    rate: Unit  # kg/ha
-    mass: Unit  # kg
-    area: Unit  # ha
-    distance: Unit  # m
+    # Internal unit: m/s.
+    speed: Unit
+    # Internal unit: kg/ha.
+    rate: Unit
+    # Internal unit: kg.
+    mass: Unit
+    # Internal unit: ha.
+    area: Unit
+    # Internal unit: m.
+    distance: Unit
     fine_distance: Unit
-    opening: Unit  # mm
-    shaft: Unit  # r/min
-    time: Unit  # s
-    voltage: Unit  # V
-    far: Unit  # m, of a way that is long
+    # Internal unit: mm.
+    opening: Unit
+    # Internal unit: r/min.
+    shaft: Unit
+    # Internal unit: s.
+    time: Unit
+    # Internal unit: V.
+    voltage: Unit
+    # Internal unit: m, for long distances.
+    far: Unit
 
     def choose_way_unit(self, metres: float | None) -> Unit:
-        """The unit of a way or a distance over ground: feet up to half a mile, then miles; metres
-        up to 10 km."""
+        """Return the unit of a distance over ground: metres up to 10 km, feet up to half a mile,
+        above that km or miles."""
         return (
             self.far if metres is not None and abs(metres) >= FAR_WAY_M[self.id] else self.distance
         )
@@ -72,8 +87,8 @@ METRIC = Units(
     Unit("km", 0.001, 1),
 )
 
-# 1 lb = 0.45359237 kg, 1 ac = 4046.8564224 m2, 1 ft = 0.3048 m, 1 mile = 1609.344 m
-# (international yard and pound)
+# Exact by the international yard and pound agreement: 1 lb = 0.45359237 kg, 1 ac = 4046.8564224 m2,
+# 1 ft = 0.3048 m, 1 mile = 1609.344 m.
 IMPERIAL = Units(
     "imperial",
     Unit("mph", 3600 / 1609.344, 1),
@@ -89,4 +104,5 @@ IMPERIAL = Units(
     Unit("mi", 1 / 1609.344, 2),
 )
 
+# The ids are values of the settings file.
 UNITS = {units.id: units for units in (METRIC, IMPERIAL)}

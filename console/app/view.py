@@ -1,8 +1,8 @@
-"""What the panels show, as frozen values: a frame and its age in, texts and shares out. Pure,
-and all in one language.
+"""Converts a frame and its age to the texts and shares that panels show, as frozen values. Pure, in
+one language.
 
-A panel compares its view with the last one and is drawn again only when they differ, so every
-number here is already rounded to what is shown.
+A panel is drawn again only when its view differs from the last view, so every number here is
+already rounded to the displayed digits.
 """
 
 from __future__ import annotations
@@ -19,21 +19,26 @@ from topdress.control.orders import Alarm, Severity
 from topdress.control.safety import ALARMS
 from topdress.control.safety.limits import SafetyLimits
 
-STALE_S = 1.0  # older than this is greyed
-# rate errors are relative to the target, but never to less than this
+# Older values, s, are displayed in grey.
+STALE_S = 1.0
+# Rate errors are relative to the target, but at least to this rate: near zero any error would be
+# huge.
 RATE_FLOOR_KG_HA = 50.0
+# Rate errors beyond these shares are amber or red on the screen.
 ERROR_AMBER = 0.10
 ERROR_RED = 0.20
 LAG_NOTE = "lag_out_of_range"
-# Of the ground ahead, and of the flow that is owed: reported while working only, else nothing
-# is owed.
+# Prefixes of notes about the ground ahead and the required flow. They are shown while working only,
+# because otherwise no flow is required.
 WORK_NOTES = ("already_spread", "on_headland", "zero_", "limited_")
-ERROR_SPAN = 0.30  # the error bar's end
+# Share at the ends of the error bar.
+ERROR_SPAN = 0.30
+# A shaft below this speed, r/min, counts as standing; the same limit as in safety.
 STANDS_RPM = SafetyLimits().shaft_stands_rpm
 
 
 class ShownText(NamedTuple):
-    """Holds a text, and whether it is too old to be trusted."""
+    """Holds a text, and whether its value is stale."""
 
     text: str
     stale: bool = False
@@ -42,14 +47,18 @@ class ShownText(NamedTuple):
 class StatusView(NamedTuple):
     """Holds the status line."""
 
-    state: str  # id
+    # Id of the state.
+    state: str
     symbol: str
     word: str
     strategy: str
     source: str
-    lead: str  # stands before all else: REPLAY
-    marks: tuple[str, ...]  # SIMULATED, LOCKED, ...
-    silent: str  # "NO DATA 3 s", or empty
+    # Word before everything else, such as REPLAY.
+    lead: str
+    # Words such as SIMULATED or LOCKED.
+    marks: tuple[str, ...]
+    # Text such as "NO DATA 3 s", or "".
+    silent: str
     clock: str
     elapsed: str
 
@@ -65,23 +74,25 @@ class AlarmLine(NamedTuple):
     text: str
     place: str
     todo: str
-    # time of day of its beginning, where that is known
+    # Time of day of its beginning, where known.
     since: str
     lasted: str
-    # its cause is away since, in words; empty: the cause is there
+    # Since when its cause has ended, in words; "" while the cause exists.
     gone: str = ""
 
 
 class AlarmsView(NamedTuple):
-    """Holds the alarms, or the text where there is none."""
+    """Holds the alarms, or the text that replaces them."""
 
     lines: tuple[AlarmLine, ...]
-    calm: str  # what stands there where there is no alarm
-    # id of the alarm that made the machine faulty; empty: no fault
+    # Text without alarms.
+    calm: str
+    # Id of the alarm that caused the state FAULT; "" without a fault.
     fault: str = ""
-    # `calm` is not: somebody has to do something, or nothing is known
+    # True if `calm` demands an action, or if nothing is known.
     urgent: bool = False
-    about: tuple[str, ...] = ()  # what works on what, behind `calm`
+    # Names of machine, crop, job and log, shown after `calm`.
+    about: tuple[str, ...] = ()
 
 
 class RatesView(NamedTuple):
@@ -92,9 +103,11 @@ class RatesView(NamedTuple):
     unit: str
     nudge: str
     error: ShownText
-    error_share: float | None  # of ERROR_SPAN, -1 ... 1
-    level: str  # "", amber, red
-    # why the machine gives another rate than wanted, most telling first
+    # Error as a share of the bar, -1 to 1.
+    error_share: float | None
+    # "", amber or red.
+    level: str
+    # Reasons why the rate differs from the wanted rate, most important first.
     notes: tuple[str, ...] = ()
 
 
@@ -106,7 +119,8 @@ class TileView(NamedTuple):
     value: ShownText
     below: str
     level: str = ""
-    below_short: str = ""  # where there is no room for it
+    # Shorter form of `below` for a narrow tile.
+    below_short: str = ""
 
 
 class HeadView(NamedTuple):
@@ -145,16 +159,19 @@ class RunView(NamedTuple):
 
 
 def find_rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
-    """(applied - target) / max(target, 50 kg/ha): as the alarm `rate off`, but against the target
-    as it stands."""
+    """Return the relative rate error (applied - target) / max(target, 50 kg/ha); None if a rate is
+    unknown. The alarm "rate off" uses the same formula with a delayed target."""
     if target_kg_ha is None or applied_kg_ha is None:
         return None
     return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, RATE_FLOOR_KG_HA)
 
 
 def find_applied_kg_ha(row: LogRow) -> float | None:
-    """Rate that leaves the outlets, kg/ha: 0 where the machine does not work and its shaft reads no
-    more than the noise of a standing one. A shaft that is not read may turn."""
+    """Return the rate that leaves the outlets, kg/ha.
+
+    The rate is 0 where the machine does not work and the shaft speed is within the noise of a
+    standing shaft. A shaft without a reading may turn.
+    """
     stands = row.shaft_rpm is not None and abs(row.shaft_rpm) < STANDS_RPM
     if row.applied_rate_kg_ha is not None and stands and row.state not in (None, "working"):
         return 0.0
@@ -162,13 +179,13 @@ def find_applied_kg_ha(row: LogRow) -> float | None:
 
 
 def format_signed_percent(percent: float) -> str:
-    """A share as -3 %, 0 %, +12 %."""
+    """Return a percentage in the form -3 %, 0 %, +12 %."""
     whole = round(percent)
     return f"{whole:+d} %" if whole else "0 %"
 
 
 def format_duration(seconds: float) -> str:
-    """A duration, s, as 1:02:03 or 02:03."""
+    """Return a duration (s) in the form 1:02:03 or 02:03."""
     whole = int(max(0.0, seconds))
     minutes, rest = divmod(whole, 60)
     hours, minutes = divmod(minutes, 60)
@@ -176,10 +193,11 @@ def format_duration(seconds: float) -> str:
 
 
 def format_local_time(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:
-    """Local time of day of an ISO 8601 time, `back_s` earlier; empty where it is not known."""
+    """Return the local time of day of an ISO 8601 time minus `back_s`; "" where unknown."""
     if not utc:
         return ""
     try:
+        # `fromisoformat` of Python 3.10 does not accept a final Z.
         moment = datetime.fromisoformat(utc.replace("Z", "+00:00")) + timedelta(
             seconds=offset_s - back_s
         )
@@ -195,10 +213,20 @@ def make_run_view(
     utc_offset_s: float = 0.0,
     marks: tuple[str, ...] = (),
 ) -> RunView:
-    """Everything that the Run screen's panels show.
+    """Return everything that the panels of the Run screen show.
 
-    frame: newest frame, or None before the first. age_s: s since it arrived. utc_offset_s: local
-    time minus UTC. marks: words that the screen adds to the status line.
+    Parameters
+    ----------
+    frame
+        Newest frame, or None before the first frame.
+    age_s
+        Time since the frame arrived, s.
+    units
+        Units of displayed values.
+    utc_offset_s
+        Local time minus UTC, s.
+    marks
+        Words that the screen adds to the status line.
     """
     if frame is None:
         return _make_empty_view(units, marks)
@@ -214,6 +242,7 @@ def make_run_view(
 
 
 def _make_empty_view(units: Units, marks: tuple[str, ...]) -> RunView:
+    """Return the view before the first frame."""
     blank = ShownText("--", True)
     status = StatusView(
         "", " ", _("NO DATA"), "", "", "", marks, _("waiting for the first values"), "", ""
@@ -232,6 +261,7 @@ def _make_empty_view(units: Units, marks: tuple[str, ...]) -> RunView:
 def _make_status_view(
     frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, ...]
 ) -> StatusView:
+    """Return the status line of a frame."""
     row = frame.row
     state = row.state or ""
     own = ((_("SIMULATED"),) if frame.simulated else ()) + tuple(
@@ -239,6 +269,7 @@ def _make_status_view(
     )
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
     word = words.name_state(row.state, frame.why_state)
+    # A state that may be outdated must not look like the present state.
     word = _("was {state}").format(state=word) if silent else word
     return StatusView(
         state,
@@ -257,8 +288,11 @@ def _make_status_view(
 def make_alarms_view(
     frame: Frame, utc_offset_s: float, units: Units, old: bool = False
 ) -> AlarmsView:
-    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order (worst
-    first). old: the frame is: that it has no alarm says nothing."""
+    """Return the alarms: red before amber, unacknowledged before acknowledged, else in the order of
+    safety (worst first).
+
+    A stale frame without alarms proves nothing, so `old` changes the text.
+    """
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
@@ -282,7 +316,7 @@ def make_alarms_view(
         )
     fault = frame.why_state or "fault" if frame.row.state == "fault" else ""
     calm = _("no values: alarms are not known") if old else _("no alarms")
-    # its alarm has gone: what is next, then what it was
+    # The alarm of the fault has ended: the text names the next step, then the former alarm.
     if fault and not old:
         was = words.describe_alarm(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
         calm = (
@@ -293,9 +327,8 @@ def make_alarms_view(
 
 
 def hide_lost_machine(view: RunView, key: str) -> RunView:
-    """The view without a control worker: the machine may still spread, or stand, or alarm. Its last
-    alarms are those of a machine that is not known any more: they stay in the list of alarms. key:
-    connects."""
+    """Replace the alarms of a view whose control worker is lost. The machine may still spread,
+    stand or alarm; the last alarms stay in the list of alarms. `key` connects."""
     calm = _(
         "No connection to the machine: its state and alarms are not known. STOP is the "
         "hard-wired one; {key} connects."
@@ -304,7 +337,7 @@ def hide_lost_machine(view: RunView, key: str) -> RunView:
 
 
 def hide_no_machine(view: RunView, key: str) -> RunView:
-    """The view where nothing is connected: no first value comes by waiting for it. key:
+    """Replace the alarms of a view without any machine, because waiting brings no values. `key`
     connects."""
     status = view.status._replace(silent=_("no machine is connected"))
     calm = _("{key} connects a machine.").format(key=key)
@@ -312,6 +345,7 @@ def hide_no_machine(view: RunView, key: str) -> RunView:
 
 
 def _format_cause_gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
+    """Return since when the cause of an alarm has ended; "" while it exists."""
     if alarm.gone_s is None:
         return ""
     ago_s = max(0.0, frame.at_s - alarm.gone_s)
@@ -322,8 +356,9 @@ def _format_cause_gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
 
 
 def _make_rates_view(frame: Frame, old: bool, units: Units) -> RatesView:
+    """Return target, applied rate and error of a frame."""
     row = frame.row
-    # None: a foreign log; held or off, nothing is owed
+    # A foreign log has no state (None). On hold or off no flow is required, so there is no error.
     at_work = row.state in (None, "working")
     error = find_rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if at_work else None
     level = ""
@@ -343,8 +378,8 @@ def _make_rates_view(frame: Frame, old: bool, units: Units) -> RatesView:
 
 
 def explain_rate(frame: Frame) -> tuple[str, ...]:
-    """Why nothing flows while working, else why the rate is not the wanted one; in words, none
-    where all is plain."""
+    """Return the reasons why nothing flows while working, else why the rate differs from the wanted
+    rate; () without a reason."""
     row, at_work = frame.row, frame.row.state in (None, "working")
     notes = [
         note
@@ -359,6 +394,7 @@ def explain_rate(frame: Frame) -> tuple[str, ...]:
 
 
 def _list_tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
+    """Return label and unit of each tile."""
     return (
         (_("speed"), units.speed.name),
         (_("shaft"), units.shaft.name),
@@ -368,8 +404,10 @@ def _list_tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
 
 
 def _make_tiles(frame: Frame, old: bool, units: Units) -> tuple[TileView, ...]:
+    """Return the tiles of a frame."""
     row = frame.row
     board_old = old or _is_device_old(frame, "board")
+    # The controller's own speed comes first, because it determines the rate.
     speed_mps = row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps
     usable = frame.usable_speed_mps
     fast = usable is not None and speed_mps is not None and speed_mps > usable
@@ -413,10 +451,12 @@ def _make_tiles(frame: Frame, old: bool, units: Units) -> tuple[TileView, ...]:
 
 
 def _format_set_value(value: str) -> str:
+    """Return the text of a set-point."""
     return _("set {value}").format(value=value)
 
 
 def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
+    """Return the canopy heads of a frame, by NDRE if any head reports it."""
     row = frame.row
     old = old or _is_device_old(frame, "heads")
     by_red_edge = any(getattr(row, name) is not None for name in (*NDRE_COLUMNS, "ndre"))
@@ -431,6 +471,7 @@ def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
         )
         for n, value in enumerate(readings, 1)
     )
+    # Heads that the fusion dropped do not count as good.
     good = sum(head.share is not None and not head.dropped for head in heads)
     return HeadsView(
         ShownText("--" if fused is None else f"{fused:.2f}", old),
@@ -440,8 +481,10 @@ def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
 
 
 def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...]:
+    """Return the items beside the tiles: GNSS, look-ahead, trim, area, mass."""
     row = frame.row
     old = age_s > STALE_S
+    # In a stale frame the age would stand still, so the frame's own age is added.
     gnss_age_s = None if frame.gnss_age_s is None else frame.gnss_age_s + (age_s if old else 0.0)
     gnss_old = old or gnss_age_s is None or gnss_age_s > STALE_S
     fix = words.name_fix(row.fix_quality)
@@ -485,8 +528,8 @@ def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...
 
 
 def list_point_items(frame: Frame, old: bool, units: Units) -> tuple[ItemView, ...]:
-    """Doses given and missed, and the threshold as learned (more: dosed earlier); nothing where not
-    in point mode."""
+    """Return doses given and missed and the learned threshold (a larger threshold doses earlier);
+    () outside point mode."""
     t = frame.totals
     if frame.threshold_m is None or t is None or t.doses is None:
         return ()
@@ -508,6 +551,7 @@ def list_point_items(frame: Frame, old: bool, units: Units) -> tuple[ItemView, .
 
 
 def _is_device_old(frame: Frame, name: str) -> bool:
+    """Return whether a device of the frame is silent."""
     return any(
         device.name == name and (device.age_s is None or device.age_s > STALE_S)
         for device in frame.devices

@@ -1,5 +1,4 @@
-"""Words for what frames carry as ids: states, strategies, sources, fixes, alarms, answers.
-Translated when asked."""
+"""Translates the ids in frames to words: states, strategies, sources, fixes, alarms, answers."""
 
 from __future__ import annotations
 
@@ -11,6 +10,7 @@ from topdress.console.locale import N_, _
 from topdress.control.orders import Alarm, Severity, Strategy
 from topdress.control.safety import ALARMS, REFUSALS, read_refusal
 
+# Names are translated on use, because the language may change while the console runs.
 STATE_NAMES = {
     "off": N_("OFF"),
     "ready": N_("READY"),
@@ -28,7 +28,8 @@ STATE_SYMBOLS = {
     "fault": "✖",
 }
 
-STRATEGY_NAMES = {one.value: one.value.replace("_", " ") for one in Strategy}  # `opening first`
+# The words are those of the ids, such as `opening first`.
+STRATEGY_NAMES = {one.value: one.value.replace("_", " ") for one in Strategy}
 SOURCE_NAMES = {
     "canopy": N_("from canopy"),
     "map": N_("from map"),
@@ -40,6 +41,7 @@ SOURCE_NAMES = {
     "index_map": N_("index map"),
     "external": N_("other display"),
 }
+# Keys are the fix qualities of NMEA's GGA sentence.
 FIX_NAMES = {
     0: N_("no fix"),
     1: N_("GNSS"),
@@ -52,6 +54,7 @@ FIX_NAMES = {
 SEVERITY_NAMES = {Severity.RED: N_("ALARM"), Severity.AMBER: N_("CAUTION")}
 SEVERITY_SYMBOLS = {Severity.RED: "✖", Severity.AMBER: "!"}
 
+# Notes of the control loop and interlocks of safety.
 NOTE_NAMES = {
     "limited_lowest": N_("machine's lowest"),
     "limited_highest": N_("machine's highest"),
@@ -94,6 +97,7 @@ ALLOWANCE_NAMES = {
     "no_wheel": N_("NO WHEEL OK"),
 }
 
+# `REFUSALS` has the texts of safety's refusals; these are the refusals of other rooms.
 ANSWER_TEXTS: Mapping[str, str] = dict(REFUSALS) | {
     "no_lag_rig": N_("No signal from the lag rig."),
     "no_such_device": N_("There is no device {device}."),
@@ -118,6 +122,7 @@ ANSWER_TEXTS: Mapping[str, str] = dict(REFUSALS) | {
 }
 
 
+# Reasons why a section is closed.
 SECTION_NAMES = {
     "outside": N_("outside"),
     "headland": N_("headland"),
@@ -129,24 +134,24 @@ SECTION_NAMES = {
 
 
 def name_state(state: str | None, why: str = "") -> str:
-    """A state in words."""
+    """Return the word of a state."""
     return _(STATE_NAMES.get(state or "", state or "")) or (
         _("RECORDS ONLY") if why == "record_only" else _("NO STATE")
     )
 
 
 def name_strategy(strategy: str | None) -> str:
-    """A strategy in words."""
+    """Return the word of a strategy."""
     return _(STRATEGY_NAMES.get(strategy or "", strategy or ""))
 
 
 def name_source(source: str | None) -> str:
-    """A source of the target in words."""
+    """Return the word of a target source."""
     return _(SOURCE_NAMES.get(source or "", source or ""))
 
 
 def name_fix(fix_quality: int | None) -> str:
-    """A quality of a fix in words."""
+    """Return the word of a fix quality."""
     return _("no GNSS") if fix_quality is None else _(FIX_NAMES.get(fix_quality, N_("no fix")))
 
 
@@ -159,8 +164,8 @@ class AlarmWords(NamedTuple):
 
 
 def describe_alarm(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
-    """Text, remedy and place of an alarm, its details filled in; the id where the alarm is not
-    known here."""
+    """Return text, remedy and place of an alarm with its details; only the id for an unknown alarm
+    of another version."""
     kind = ALARMS.get(alarm.id)
     if kind is None:
         return AlarmWords(alarm.id, "", "")
@@ -173,8 +178,15 @@ def describe_alarm(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
 
 
 def describe_refusal(why: str, alarms: Iterable[Alarm] = ()) -> str:
-    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` splits
-    them. alarms: the live ones, one of which it may name."""
+    """Word a refusal.
+
+    Parameters
+    ----------
+    why
+        Id with details, as `control.safety.read_refusal` parses it.
+    alarms
+        Standing alarms, one of which the refusal may name.
+    """
     if not why:
         return _("not accepted")
     name, _mark, _rest = why.partition(";")
@@ -197,16 +209,16 @@ def describe_refusal(why: str, alarms: Iterable[Alarm] = ()) -> str:
 
 
 def name_note(note: str) -> str:
-    """A note of the loop or an interlock in a word or two; the id where it is not known here."""
+    """Return the words of a note of the loop or of an interlock; the id for an unknown note."""
     return _(NOTE_NAMES.get(note, note))
 
 
 def _fill_values(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:
-    """The translated text with its values; one that is missing is `--`, never its name in braces
-    nor an error.
+    """Return the translated text with its values; a missing value becomes `--`, never an error or a
+    name in braces.
 
-    Where the text names a value in SI ("{speed_mps} m/s"), number and unit are the shown ones
-    instead.
+    Where the text has a value in SI ("{speed_mps} m/s"), number and unit are replaced by displayed
+    ones.
     """
     said = _(text)
     for key, value in details.items():
@@ -216,6 +228,7 @@ def _fill_values(text: str, details: Mapping[str, str | float], units: Units = M
     shown = {
         key: f"{value:g}" if isinstance(value, float) else value for key, value in details.items()
     }
+    # A faulty text of a translation must not stop the alarm.
     try:
         return said.format_map(_KnownValues(shown))
     except (KeyError, IndexError, ValueError):
@@ -223,12 +236,14 @@ def _fill_values(text: str, details: Mapping[str, str | float], units: Units = M
 
 
 class _KnownValues(dict[str, "str | float"]):
+    """Returns `--` for a missing value."""
+
     def __missing__(self, name: str) -> str:
         return "--"
 
 
 def _list_measures(units: Units) -> tuple[tuple[str, str, Unit], ...]:
-    """Ending of a detail's name, its unit inside, and how it is shown."""
+    """Return the ending of a detail's name, its internal unit, and its displayed unit."""
     kilograms = units.mass._replace(decimals=1)
     return (
         ("_mps", "m/s", units.speed),

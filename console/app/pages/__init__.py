@@ -1,19 +1,19 @@
-"""A folder for each page: its screen, its keys with what they do, its words, its own widgets
-and styles.
+"""Each page has a folder with its screen, its keys and their functions, its words, its widgets and
+its styles.
 
 Files:
 
-- `all`: All pages of the console, by the word that their actions carry
-- `calibrate`: The Calibrate page
-- `devices`: The Devices page
-- `diagnosis`: The Diagnosis page
-- `job`: The Job page
-- `log_page`: A page that shows the machine at work, or a log in its place
-- `map`: The Map page
-- `page`: What every screen has: state and alarms above, pages and keys below
-- `panel_page`: What Run and Replay share
-- `replay`: The Replay page
-- `run`: The Run page
-- `settings`: The Settings page
-- `trends`: The Trends page
+- `all`: Maps the name of a page to the page; a page is imported and built on first use
+- `calibrate`: The Calibrate page guides through five calibrations of the machine
+- `devices`: The Devices page shows every device, its last lines and its state
+- `diagnosis`: The Diagnosis page finds faults of the machine in its logs and adopts corrections
+- `job`: The Job page shows the checks before work, the job's files, totals, strips and refills
+- `log_page`: Shows the machine at work, or a log in its place; Run
+- `map`: The Map page shows the field with applied rates, plan, overlaid files and the machine
+- `page`: Defines the parts that every screen has
+- `panel_page`: Defines the panels that Run and Replay share
+- `replay`: The Replay page plays a log, as recorded or recomputed with another strategy
+- `run`: The Run page shows the machine at work and sends orders to it
+- `settings`: The Settings page shows and changes the user's settings
+- `trends`: The Trends page plots channels of the run or a log over time
 """

@@ -1,5 +1,4 @@
-"""All pages of the console, by the word that their actions carry; each is imported and made
-when first wanted."""
+"""Maps the name of a page to the page; a page is imported and built on first use."""
 
 from __future__ import annotations
 
@@ -22,6 +21,7 @@ from topdress.console.app.pages.page import Page
 from topdress.console.app.pages.replay.service import ReplayJob
 from topdress.console.app.services import Services
 
+# Class names as text, because importing all pages at the start would delay the first picture.
 SCREEN_CLASSES = {
     RUN: "RunScreen",
     MAP: "MapScreen",
@@ -36,12 +36,18 @@ SCREEN_CLASSES = {
 
 
 class Pages(Mapping[str, Page]):
-    """Maps words to pages, one of each. begin: is called with every page that is made. They are
-    composed when they are first turned to."""
+    """Maps names to pages, one of each. Textual composes a page when it is first opened.
+
+    Parameters
+    ----------
+    begin
+        Receives every page that was built.
+    """
 
     def __init__(
         self, replay: ReplayJob | None, services: Services, begin: Callable[[str, Page], None]
     ) -> None:
+        # Arguments of the pages whose constructor has any.
         self._needs: dict[str, tuple[object, ...]] = {
             CALIBRATE: (services.calibrate,),
             REPLAY: (replay,),
@@ -67,5 +73,6 @@ class Pages(Mapping[str, Page]):
 
     @staticmethod
     def import_page(where: str) -> ModuleType:
-        """Import a page's modules, without making it: in a thread, for a disk may take its time."""
+        """Import a page's modules without building the page; this may run in a thread, because a
+        disk may be slow."""
         return import_module(f"topdress.console.app.pages.{where}.page")

@@ -1,4 +1,4 @@
-"""A page that shows the machine at work, or a log in its place."""
+"""Shows the machine at work, or a log in its place; Run, Map and Trends share this base class."""
 
 from __future__ import annotations
 
@@ -17,35 +17,36 @@ from topdress.console.app.view import STALE_S, RunView, make_alarms_view
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
+# Contents of a map before the first frame.
 EMPTY_GROUND = WorkedGround()
 EMPTY_SCALE = LayerScale(MapLayer.APPLIED, 0.0, 100.0, 1.0, 0, "")
 EMPTY_MAP = MapView(EMPTY_GROUND, 0, None, EMPTY_SCALE, MapCamera(0.0, 0.0, 1.0), None, None)
 
 
 class LogPage(Page):
-    """Shows a machine or a log. Alarms of a machine that works meanwhile come before the log's, and
-    are marked as its own."""
+    """Shows a machine or a log. Alarms of a working machine precede those of the log and are marked
+    as the machine's."""
 
-    # a log in the machine's place, where both can be shown
+    # True if a page that can show both shows the log.
     wants_log = False
 
     def find_replayed(self) -> ReplayJob | None:
-        """The log to show; None: the machine."""
+        """Return the log to show, or None for the machine."""
         return None
 
     def explain_no_turn(self) -> str:
-        """Why only the machine, or only a log, can be shown."""
+        """Return why only the machine, or only a log, can be shown."""
         if self.app.replay_page.job is None:
             return _("no log is open: F7, J opens one")
         return _("no machine is connected") if self.app.source is None else ""
 
     def toggle_log(self) -> None:
-        """Turn from the machine to the log of the replay, or back."""
+        """Switch between the machine and the replayed log."""
         self.wants_log = not self.wants_log
         self.numbers.hurry_up()
 
     def find_log_history(self) -> LogHistory:
-        """History of the log of the replay."""
+        """Return the history of the replayed log."""
         return self.app.replay_page.find_history()
 
     def find_frame(self, now_s: float) -> tuple[Frame | None, float]:
@@ -63,6 +64,7 @@ class LogPage(Page):
             return view
         view = view._replace(status=view.status._replace(lead=_("REPLAY")))
         if live is not None and live.alarms:
+            # An alarm of the machine must stay visible while the operator reads an old log.
             shown = make_alarms_view(live, self.app.utc_offset_s, self.app.units)
             lines = tuple(
                 line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines
@@ -71,7 +73,8 @@ class LogPage(Page):
         return view
 
     def list_status_marks(self) -> tuple[str, ...]:
-        """Marks, with the machine's state wherever the page shows something else, or nothing."""
+        """Return the marks of the status line, with the machine's state while the page shows
+        something else."""
         live = self.app.arrival.frame
         other = live is not None and self.find_frame(self.app.clock())[0] is not live
         if live is None or not other:
@@ -82,7 +85,7 @@ class LogPage(Page):
         )
 
     def list_trend_points(self) -> tuple[TrendPoint, ...]:
-        """Points of the trend of target and applied rate."""
+        """Return the points of the trend of target and applied rate."""
         job = self.find_replayed()
         if job is None:
             return self.app.history.list_recent_points()
@@ -92,7 +95,7 @@ class LogPage(Page):
         )
 
     def find_series(self) -> TrendSeries:
-        """Series of the machine or the log."""
+        """Return the series of the machine or the log."""
         return (
             self.app.history.series
             if self.find_replayed() is None
@@ -100,7 +103,8 @@ class LogPage(Page):
         )
 
     def find_worked_ground(self) -> WorkedGround:
-        """The worked ground so far. Of a log that is far ahead it is entered over some looks."""
+        """Return the worked ground so far. A log is entered in parts over several refreshes, so
+        that the screen responds."""
         job = self.find_replayed()
         if job is None:
             return self.app.history.worked
@@ -110,7 +114,7 @@ class LogPage(Page):
         return history.worked
 
     def find_ground(self, frame: Frame | None) -> tuple[WorkedGround, FieldPicture | None]:
-        """Worked ground and field, the outlets' width taken from the field's machine."""
+        """Return worked ground and field; the field's machine determines width and sections."""
         picture, worked = self.app.fields.find_picture(frame), self.find_worked_ground()
         if picture is not None:
             worked.width_m, worked.sections = picture.width_m, picture.sections
@@ -124,8 +128,9 @@ class LogPage(Page):
         camera: MapCamera,
         laid: LaidFile | None = None,
     ) -> MapView:
-        """A map's view of a frame, and of a file that is laid on it."""
+        """Return a map's view of a frame, and of an overlaid file."""
         worked, picture = self.find_ground(frame)
+        # A live map has a constant scale; a log is scaled by its own rates.
         most_kg_ha = self.app.crop_limits_kg_ha[1] if self.find_replayed() is None else None
         scale = find_colour_scale(
             layer,
@@ -150,7 +155,7 @@ class LogPage(Page):
         )
 
     def find_whole_box(self, frame: Frame | None) -> Box | None:
-        """Ends of field, worked ground and machine."""
+        """Return the box round field, worked ground and machine."""
         worked, picture = self.find_ground(frame)
         place = (
             Box(*frame.place_m, *frame.place_m)

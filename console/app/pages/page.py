@@ -1,5 +1,6 @@
-"""What every screen has: state and alarms above, pages and keys below, and how often it is
-looked at."""
+"""Defines the parts that every screen has: state and alarms at the top, pages and keys at the
+bottom, refresh timers.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +41,8 @@ from topdress.console.locale import _
 
 
 class NoticeRows(Panel[str]):
-    """Shows over the last rows of a page, above the keys, a notice for which the row next to them
-    is too short."""
+    """Shows a notice over the last rows of a page where the row beside hold and STOP is too short
+    for it."""
 
     def draw_rows(self, view: str, width: int, height: int) -> list[Content]:
         return [
@@ -50,7 +51,7 @@ class NoticeRows(Panel[str]):
         ]
 
     def show_notice(self, text: str, room: int, width: int) -> None:
-        """Show a notice. room: cells of the row next to hold and STOP, which is enough for most."""
+        """Show a notice; `room` is the number of cells beside hold and STOP."""
         long = text if cell_len(text) + 1 > room else ""
         self.display = bool(long)
         if long:
@@ -59,8 +60,8 @@ class NoticeRows(Panel[str]):
 
 
 class CompanyBar(Panel[CompanyView | None]):
-    """Shows a row under the alarms while somebody else is at the machine too: the latest order and
-    its console, then who is there. A click lists everybody."""
+    """Shows a row below the alarms while other consoles are at the machine: the latest order and
+    its console, then the consoles. A click lists everybody."""
 
     def draw_rows(self, view: CompanyView | None, width: int, height: int) -> list[Content]:
         if view is None:
@@ -73,7 +74,7 @@ class CompanyBar(Panel[CompanyView | None]):
         ]
 
     async def on_click(self, event: events.Click) -> None:
-        """List everybody."""
+        """List everybody at this machine."""
         event.stop()
         await self.run_action("app.company")
 
@@ -81,30 +82,37 @@ class CompanyBar(Panel[CompanyView | None]):
 if TYPE_CHECKING:
     from topdress.console.app.app import TopdressApp
 
+# Size below which a page has no room: the size of a classic terminal.
 LEAST_COLUMNS, LEAST_ROWS = 80, 24
-# on a narrow and high screen these stand under the numbers
+# On a narrow and high screen, such as an upright tablet, these pages appear below the numbers.
 PORTRAIT_COLUMNS, PORTRAIT = 60, (RUN, MAP, JOB)
-# from here on numerals and state are drawn twice as large
+# From this size, numerals and state are drawn twice as large.
 HUGE_COLUMNS, HUGE_ROWS = 150, 46
+# Heights from which the style sheets show more panels.
 MIDDLE_ROWS, TALL_ROWS = 28, 36
+# Rows of the alarms, normally and at most.
 ALARM_ROWS, MOST_ALARM_ROWS = 3, 7
-# at low and middle height, as their style sheets have it
+# Rows of the alarms at low and at middle height; the style sheets of these pages have the same
+# numbers.
 LOW_ALARM_ROWS = {REPLAY: (1, 2), DIAGNOSIS: (2, 2)}
-LOST_AGE_S = 1.1  # old enough to be greyed
+# Age at which values are grey, s; values of a lost worker count as this old at once.
+LOST_AGE_S = 1.1
 
 
 class Page(Screen[None]):
-    """Shows a screen reached by a key of its own.
+    """Shows a screen that has a key of its own.
 
-    A subclass gives `where`, `compose_body` and its content; its keys stand next to it in
-    `keys.py`. Below 80 x 24 state, alarms, the machine's numbers and keys are left; on a narrow
-    screen with the height, a tablet on end, Run, Map and Job too.
+    A subclass defines `where`, `compose_body` and its content; its keys are in `keys.py` beside it.
+    Below 80 x 24 only state, alarms, the machine's numbers and keys remain. On a narrow screen of
+    sufficient height, Run, Map and Job appear too.
     """
 
     AUTO_FOCUS = ""
-    # else Textual moves the focus
+    # Without this binding Textual would use Tab to move the focus.
     BINDINGS: ClassVar = [Binding("tab", "app.do('pages')", id="pages", show=False)]
     where: ClassVar[str] = ANYWHERE
+    # Textual sets these classes by size; the style sheets of the pages decide by them what is
+    # visible.
     HORIZONTAL_BREAKPOINTS = [(0, "-tiny-columns"), (LEAST_COLUMNS, "-narrow"), (100, "-wide")]
     VERTICAL_BREAKPOINTS = [(0, "-tiny-rows"), (LEAST_ROWS, "-low"), (28, "-middle"), (36, "-tall")]
 
@@ -120,7 +128,7 @@ class Page(Screen[None]):
         )
 
     def compose(self) -> ComposeResult:
-        """Lay out the page."""
+        """Yield the panels of the page."""
         view = self.make_view_at(self.app.clock())
         yield StatusLine(view.status, id="status")
         yield AlarmBar(view.alarms, id="alarms")
@@ -129,21 +137,23 @@ class Page(Screen[None]):
         yield from self.compose_extra()
         with Horizontal(id="body"):
             yield from self.compose_body()
+        # The small panel replaces the body on a screen below 80 x 24; the style sheet shows one of
+        # both.
         yield SmallPanel(SmallView(view.rates, view.tiles, ""), id="small")
         yield PageBar(PagesView((), ""), id="pages")
         yield KeyBar(KeysView((), False, ""), id="keys")
         yield NoticeRows("", id="notice")
 
     def compose_extra(self) -> ComposeResult:
-        """Panels between the alarms and the body."""
+        """Yield the panels between alarms and body."""
         yield from ()
 
     def compose_body(self) -> ComposeResult:
-        """Panels between alarms and keys."""
+        """Yield the panels between alarms and keys."""
         yield from ()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Set the classes of size."""
+        """Set the classes for sizes that Textual's breakpoints cannot express."""
         width, height = event.size
         self.set_class(width >= HUGE_COLUMNS and height >= HUGE_ROWS, "-huge")
         self.set_class(
@@ -155,12 +165,12 @@ class Page(Screen[None]):
         self.refresh_all_next_tick()
 
     def perform_action(self, action: Action) -> None:
-        """Do one of the page's own actions, seen at once. A subclass decides what comes before."""
+        """Perform an action of the page and show its result at once. Subclasses add conditions."""
         action.do(self)
         self.app.show_changes()
 
     def gather_frame(self, frame: Frame) -> None:
-        """Take a new frame; called also while another page is shown."""
+        """Process a new frame; called also while another page is open."""
 
     def refresh_all_next_tick(self) -> None:
         """Refresh everything with the next tick."""
@@ -168,45 +178,48 @@ class Page(Screen[None]):
             pace.hurry_up()
 
     def redraw_all(self) -> None:
-        """Draw anew after another language or theme: views may be equal and yet look different."""
+        """Draw again after a change of language or theme: equal views may look different."""
         self.refresh_all_next_tick()
         for drawn in self.query(DrawnWidget):
             drawn.refresh()
 
     def show_due(self, now_s: float) -> None:
-        """Show what is due; called often. A subclass adds its own panels."""
+        """Show what is due. Called often; subclasses add their panels."""
         if self.numbers.is_due(now_s):
             self.show_numbers(self.make_view_at(now_s))
 
     def make_view_at(self, now_s: float) -> RunView:
-        """The view at this time: a page never shows less, or other, than the one before it, also
-        not while it is made."""
+        """Return the view at this time, also for a page that is being composed, so that no page
+        shows less than the page before."""
         frame, age_s = self.find_frame(now_s)
         view = self.make_view(frame, age_s)
+        # Without a source ever, no machine is known: numbers would be misleading.
         if frame is None and self.app.source is None and self.where != REPLAY:
             return hide_no_machine(view, self.app.find_shown_key("stop"))
         return hide_lost_machine(view, self.app.find_shown_key("stop")) if self.app.gone else view
 
     def find_frame(self, now_s: float) -> tuple[Frame | None, float]:
-        """The frame to show, and its age, s. Without a worker the last values are old at once."""
+        """Return the frame to show and its age, s. Without a worker the last values count as old at
+        once."""
         age_s = self.app.arrival.calc_age_s(now_s)
         return self.app.arrival.frame, max(age_s, LOST_AGE_S) if self.app.gone else age_s
 
     def make_view(self, frame: Frame | None, age_s: float) -> RunView:
-        """The view of a frame."""
+        """Return the view of a frame."""
         return make_run_view(
             frame, age_s, self.app.units, self.app.utc_offset_s, self.list_status_marks()
         )
 
     def show_numbers(self, view: RunView) -> None:
-        """Show state, alarms, keys; a subclass adds its numbers."""
+        """Show state, alarms and keys; a subclass adds its numbers."""
         self.query_one("#status", StatusLine).show_view(view.status)
         self.query_one("#alarms", AlarmBar).show_view(view.alarms)
-        # else it hides what is at fault: the board
+        # On a low screen the full text of a fault would cover the panel of the device at fault.
         in_full = self.where == RUN or self.size.height >= TALL_ROWS
         self.set_class(bool(view.alarms.fault and view.alarms.lines) and in_full, "-fault")
         self._fit_alarm_rows(view.alarms)
         small = self.query_one("#small", SmallPanel)
+        # A hidden panel needs no view.
         if small.display:
             page = (
                 ""
@@ -237,8 +250,8 @@ class Page(Screen[None]):
         self.show_keys()
 
     def _fit_alarm_rows(self, shown: AlarmsView) -> None:
-        """Give the alarms more rows than the style sheet's where the worst alarm needs them to be
-        read to its end."""
+        """Give the alarms more rows than the style sheet where the worst alarm needs them to be
+        read completely."""
         bar = self.query_one("#alarms", AlarmBar)
         low, middle = LOW_ALARM_ROWS.get(self.where, (ALARM_ROWS, ALARM_ROWS))
         rows = self.size.height
@@ -251,11 +264,12 @@ class Page(Screen[None]):
         height = (
             min(need, MOST_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
         )
+        # Setting an equal height would trigger a layout of the whole page.
         if bar.styles.inline.height != (None if height is None else Scalar.from_number(height)):
             bar.styles.height = height
 
     def show_tour(self) -> None:
-        """Show the guided tour's rows, while there is one."""
+        """Show the rows of the guided tour while it runs."""
         bar, tour = self.query_one("#tour", TourBar), self.app.tour
         bar.display = tour is not None
         if tour is not None:
@@ -263,7 +277,7 @@ class Page(Screen[None]):
             bar.show_view(TourView(tour.index + 1, len(tour.steps), _(tour.text)))
 
     def show_keys(self) -> None:
-        """Show the key bar."""
+        """Show the key bar, with keys grey whose action is impossible now."""
         offered = self.app.list_offered_actions(self.where)
         off = frozenset(
             action.id for action in offered if action.bar and self.app.explain_not_now(action)
@@ -276,7 +290,7 @@ class Page(Screen[None]):
         self.query_one("#pages", PageBar).show_view(PagesView(self.app.page_actions, self.where))
 
     def list_status_marks(self) -> tuple[str, ...]:
-        """Words that stand in the status line until they are untrue."""
+        """Return words for the status line that stay while they are true."""
         gone = (_("NO CONNECTION"),) if self.app.gone else ()
         own = (*gone, *self.app.list_status_marks())
         return (*own, _("LOCKED")) if self.app.locked else own

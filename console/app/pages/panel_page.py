@@ -1,4 +1,4 @@
-"""What Run and Replay share: the panels and where they stand at each size."""
+"""Defines the panels that Run and Replay share, and their positions at each screen size."""
 
 from __future__ import annotations
 
@@ -36,28 +36,30 @@ from topdress.console.locale import _
 
 
 class MapTitle(Panel[str]):
-    """Shows the name of the rate's unit."""
+    """Shows the quantity of the map with its unit."""
 
     def draw_rows(self, view: str, width: int, height: int) -> list[Content]:
         return [make_line((f" {_('map')} ", "bold"), (f"{_('applied')} {view}", "$muted"))]
 
     async def on_click(self, event: events.Click) -> None:
-        """Turn to the map."""
+        """Open the Map page."""
         event.stop()
         await self.run_action("app.do('map_screen')")
 
 
-# of a pixel: a larger field is not shown whole, the map follows the machine
+# Largest pixel, m, at which a field is shown whole; in a larger field the map follows the machine.
 COARSEST_PIXEL_M = 3.0
-LONGEST_STEP_S = 2.5  # a longer time without a row is a gap
-# without a new frame: as often as a machine that stands tells one
+# A longer time without a row is a gap, s.
+LONGEST_STEP_S = 2.5
+# Period of a refresh without a new frame, s; a standing machine sends frames at the same period.
 REDRAW_PERIOD_S = 0.5
-GRAPH_POINTS = 60  # of the small graph under a tile
+# Points of the small graph below a tile.
+GRAPH_POINTS = 60
 
 
 class PanelScreen(LogPage):
-    """Shows the panels. Trends are dropped below 36 rows, then the map below 100 columns. cursor_s:
-    where the trend is read, s of the run."""
+    """Shows the panels. Trends are dropped below 36 rows, then the map below 100 columns.
+    `cursor_s` is the time at which the trend is read, s of the run."""
 
     cursor_s: float | None = None
 
@@ -83,8 +85,10 @@ class PanelScreen(LogPage):
             yield Items(view.items, id="items-side")
 
     def show_due(self, now_s: float) -> None:
-        """Show what is due. Between two frames next to nothing changes; all changes are drawn at
-        once, for each drawing costs."""
+        """Show what is due. Between two frames hardly anything changes; all changes are drawn
+        together, because each drawing costs time."""
+        # The age of values changes without frames too, so a refresh follows after
+        # `REDRAW_PERIOD_S`.
         frame, age_s = self.find_frame(now_s)
         looked_s, hurried = self.numbers.last_s, None in (self.plots.last_s, self.maps.last_s)
         soon = (
@@ -104,6 +108,7 @@ class PanelScreen(LogPage):
     # ---------------------------------------------------------------------
 
     def _show_trend(self, frame: Frame | None, stale: bool) -> None:
+        """Show the trend and the small graphs below the tiles."""
         if self.query_one("#trend").display:
             points = self.list_trend_points()
             self.query_one("#trend", Trend).show_view(
@@ -131,12 +136,13 @@ class PanelScreen(LogPage):
     def _read_cursor(
         self, points: tuple[TrendPoint, ...], frame: Frame | None
     ) -> CursorReading | None:
-        """The values in force at the cursor, which is dropped where its time leaves the trend."""
+        """Return the values at the cursor. The cursor is removed when its time leaves the trend."""
         if self.cursor_s is None or not points or frame is None:
             return None
         if not points[-1].time_s - TREND_SPAN_S <= self.cursor_s <= points[-1].time_s:
             self.cursor_s = None
             return None
+        # The last point before the cursor was in force at that time, unless a gap lies between.
         before = [
             point
             for point in points
@@ -155,8 +161,7 @@ class PanelScreen(LogPage):
         )
 
     def move_cursor(self, cells: int) -> None:
-        """Move the cursor by so many cells of the trend; the first step takes it to the newest
-        value."""
+        """Move the cursor by cells of the trend; the first step sets it to the newest value."""
         points = self.list_trend_points()
         if points:
             end_s = points[-1].time_s
@@ -169,34 +174,36 @@ class PanelScreen(LogPage):
             )
 
     def drop_cursor(self) -> None:
-        """Drop the cursor."""
+        """Remove the cursor."""
         self._set_cursor(None)
 
     def explain_no_cursor(self) -> str:
-        """Why the trend cannot be read; empty where it can."""
+        """Return why the trend cannot be read; "" where it can."""
         if not (self.is_mounted and self.query_one("#trend").display):
             return _("the trend is not shown: 36 rows or more show it; F4 shows it at any size")
         return "" if self.list_trend_points() else _("no values yet")
 
     def _set_cursor(self, time_s: float | None) -> None:
+        """Set or remove the cursor and refresh the plots."""
         self.cursor_s = time_s
         self.plots.hurry_up()
         self.show_due(self.app.clock())
 
     def on_trend_pointed(self, event: Trend.Pointed) -> None:
-        """Set the cursor."""
+        """Set the cursor at the clicked time."""
         points = self.list_trend_points()
         if points and not self.app.locked:
             self._set_cursor(points[-1].time_s - (1.0 - min(1.0, event.share)) * TREND_SPAN_S)
 
     def on_trend_left(self, event: Trend.Left) -> None:
-        """Drop the cursor."""
+        """Remove the cursor."""
         self.drop_cursor()
 
     # --- the map
     # ----------------------------------------------------------------------------------------------
 
     def _show_map(self, frame: Frame | None, age_s: float) -> None:
+        """Show the map with its legend."""
         units, field_map = self.app.units, self.query_one("#map", FieldMap)
         width, height = field_map.content_size
         camera = self._choose_camera(frame, field_map.view.camera, width, 2 * height)
@@ -215,7 +222,8 @@ class PanelScreen(LogPage):
     def _choose_camera(
         self, frame: Frame | None, before: MapCamera, columns: int, rows: int
     ) -> MapCamera:
-        """Everything at once where that can be read, else the ground round the machine."""
+        """Return the camera of the whole field where its pixels are small enough, else of the
+        ground around the machine."""
         whole = fit_box(self.find_whole_box(frame), columns, rows)
         if whole.metres <= COARSEST_PIXEL_M or frame is None or frame.place_m is None:
             return whole

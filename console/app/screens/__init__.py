@@ -1,9 +1,9 @@
-"""One module a screen.
+"""Screens that cover a page: alarms, help, jump letters, lost worker.
 
 Files:
 
-- `alarm_list`: All alarms of the run: first, last, how often, acknowledged when, and what to do
-- `help`: F1: what every key does, and what the signs mean
-- `jump`: Letters over whatever can be clicked; typing them clicks it
-- `worker_lost_screen`: The control worker is gone
+- `alarm_list`: Shows all alarms of the run
+- `help`: Shows the keys of a screen, a glossary and the meaning of signs (F1)
+- `jump`: Shows letters over everything clickable; typing a letter clicks
+- `worker_lost_screen`: Shows at once and in large letters that the control worker is lost
 """

@@ -1,4 +1,4 @@
-"""All alarms of the run: first, last, how often, acknowledged when, and what to do."""
+"""Shows all alarms of the run: first and last occurrence, number, acknowledgement, remedy."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class AlarmList(ModalScreen[None]):
 
     @property
     def text(self) -> str:
-        """The lines as text, to be copied."""
+        """Lines as plain text, for copying."""
         return self._format_entries().plain
 
     def compose(self) -> ComposeResult:
-        """Lay out the list."""
+        """Yield the list."""
         with VerticalScroll(id="alarm-scroll", classes="dialog wide"):
             yield Static(self.heading, classes="dialog-title", markup=False)
             yield Static(
@@ -44,10 +44,12 @@ class AlarmList(ModalScreen[None]):
             yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
 
     def _format_entries(self) -> Content:
+        """Return the lines of the alarms, with the style of each state."""
         parts: list[TextPart] = []
         for entry in self.entries:
             name = "red" if entry.severity is Severity.RED else "amber"
             style = (
+                # A standing alarm without a cause is inverted: it waits for acknowledgement only.
                 "bold $background on $foreground"
                 if entry.gone
                 else (f"bold $on-alarm-{name} on $alarm-{name}" if entry.stands else "bold")

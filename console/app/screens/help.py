@@ -1,5 +1,6 @@
-"""F1: what every key does, and what the signs mean; a word typed after / leaves the lines that
-hold it."""
+"""Shows the keys of a screen, a glossary and the meaning of signs (F1). A word typed after /
+selects the lines that contain it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from topdress.console.app.action import Action
 from topdress.console.app.widgets.panel import TextPart, fit_width
 from topdress.console.locale import N_, _
 
-# Words of the pages that no bag and no tractor has; a line each.
+# Terms of the pages that are unknown from bags and tractors, one line each.
 GLOSSARY_LINES = (
     N_(
         "look-ahead: a change of the rate is ordered before its place, by as far as "
@@ -56,7 +57,7 @@ class HelpScreen(ModalScreen[None]):
         self.shown = shown
 
     def compose(self) -> ComposeResult:
-        """Lay out the help."""
+        """Yield the help."""
         with VerticalScroll(id="help-scroll", classes="dialog wide"):
             yield Static(_("Keys of this screen"), classes="dialog-title", markup=False)
             yield Input(
@@ -86,19 +87,19 @@ class HelpScreen(ModalScreen[None]):
             yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
 
     def action_search(self) -> None:
-        """Type a word to search."""
+        """Move the focus to the search field."""
         self.query_one("#help-search", Input).focus()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Show the lines with the typed words."""
+        """Show the lines that contain the typed words."""
         self.query_one("#help-keys", Static).update(self._format_key_lines(event.value))
 
     def on_input_submitted(self) -> None:
-        """End the typing: letters are keys again, the lines stay."""
+        """End the search: letters are keys again, and the selected lines stay."""
         self.query_one("#help-scroll").focus()
 
     def _format_key_lines(self, wanted: str = "") -> Content:
-        """The lines that hold every wanted word, in key, name or description."""
+        """Return the lines that contain every wanted word in key, name or description."""
         words = wanted.lower().split()
         shown = [
             action
@@ -110,6 +111,7 @@ class HelpScreen(ModalScreen[None]):
         ]
         if not shown:
             return Content(_("no key does this on this page"))
+        # The width of all actions, so that columns do not jump during a search.
         width = max(cell_len(_(action.label)) for action in self.shown) + 3
         parts: list[TextPart] = []
         for action in shown:

@@ -1,5 +1,6 @@
-"""Letters over whatever can be clicked; typing them clicks it. Hold and STOP work meanwhile and
-are never covered."""
+"""Shows letters over everything clickable; typing a letter clicks. Hold and STOP work meanwhile and
+are never covered.
+"""
 
 from __future__ import annotations
 
@@ -18,30 +19,36 @@ from topdress.console.app.action import ANYWHERE, CALIBRATE, DEVICES, RUN
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import Panel
 
-# their letters begin, stop or change something out there
+# Pages whose letter keys start, stop or change something on the machine.
 PAGES_THAT_ACT = (ANYWHERE, RUN, DEVICES, CALIBRATE)
 
 
 def choose_label_letters(bound: Mapping[str, Set[str]]) -> str:
-    """Letters and digits for labels: none that has an action on the machine, whatever page is open,
-    so that one too many does nothing there. bound: keys that have an action, by page."""
+    """Return the letters and digits for labels: those without an action on any page of the machine,
+    so that one letter too many does nothing.
+
+    Parameters
+    ----------
+    bound
+        Keys with an action, by page.
+    """
     taken = frozenset[str]().union(*(bound[where] for where in PAGES_THAT_ACT))
     return "".join(one for one in string.ascii_lowercase + string.digits if one not in taken)
 
 
 def make_labels(count: int, of: str) -> tuple[str, ...]:
-    """As many labels as there can be of `count`, all of one length, so that none begins another."""
+    """Return up to `count` labels of equal length, so that no label begins another."""
     if not of:
         return ()
     length = 1
+    # Three characters suffice for any screen, and nobody types more.
     while len(of) ** length < count and length < 3:
         length += 1
     return tuple("".join(one) for one in islice(product(of, repeat=length), count))
 
 
 class ClickPlace(NamedTuple):
-    """Holds a place to click. widget: what is clicked. at: cell of the widget. seen: cell of the
-    screen."""
+    """Holds a clickable position: widget, cell in the widget, cell on the screen."""
 
     widget: Widget
     at: Offset
@@ -49,7 +56,7 @@ class ClickPlace(NamedTuple):
 
 
 def find_click_places(screen: Screen[object]) -> tuple[ClickPlace, ...]:
-    """Places in sight that can be clicked, from the top left to the bottom right."""
+    """Return the visible clickable positions, from top left to bottom right."""
     found = (
         ClickPlace(widget, at, widget.content_region.offset + at)
         for widget, at in _iterate_clickable(screen)
@@ -61,6 +68,7 @@ def find_click_places(screen: Screen[object]) -> tuple[ClickPlace, ...]:
 
 
 def _iterate_clickable(screen: Screen[object]) -> Iterator[tuple[Widget, Offset]]:
+    """Yield buttons, text fields, and the clickable cells of panels."""
     for widget in screen.query(Widget):
         if isinstance(widget, Button | Input):
             yield widget, Offset(0, 0)
@@ -70,11 +78,12 @@ def _iterate_clickable(screen: Screen[object]) -> Iterator[tuple[Widget, Offset]
 
 
 def _is_on_top(screen: Screen[object], place: ClickPlace) -> bool:
+    """Return whether the widget is visible at this position and not covered by another widget."""
     return bool(place.widget.region.area) and screen.get_widget_at(*place.seen)[0] is place.widget
 
 
 def click_place(place: ClickPlace) -> None:
-    """Act as a click there would."""
+    """Perform the action of a click at a position."""
     if isinstance(place.widget, Button):
         place.widget.press()
     elif isinstance(place.widget, Input):
@@ -98,7 +107,7 @@ def click_place(place: ClickPlace) -> None:
 
 
 class JumpScreen(ModalScreen[ClickPlace | None]):
-    """Shows letters; any key that begins no label ends it."""
+    """Shows the letters; a key that begins no label closes the screen."""
 
     def __init__(self, places: tuple[ClickPlace, ...], labels: tuple[str, ...]) -> None:
         super().__init__()
@@ -106,14 +115,14 @@ class JumpScreen(ModalScreen[ClickPlace | None]):
         self.typed = ""
 
     def compose(self) -> ComposeResult:
-        """Lay out the labels."""
+        """Yield the labels."""
         for label, place in self.labelled.items():
             shown = Static(label.upper(), classes="jump-label", markup=False, name=label)
             shown.styles.offset = place.seen
             yield shown
 
     def on_key(self, event: events.Key) -> None:
-        """Click the place whose label was typed."""
+        """Click the position whose label was typed."""
         event.stop()
         event.prevent_default()
         self.typed += (event.character or event.key).lower()
@@ -122,10 +131,11 @@ class JumpScreen(ModalScreen[ClickPlace | None]):
         elif not any(label.startswith(self.typed) for label in self.labelled):
             self.dismiss(None)
         else:
+            # After the first character only matching labels remain visible.
             for shown in self.query(Static):
                 shown.display = bool(shown.name and shown.name.startswith(self.typed))
 
     def on_click(self, event: events.Click) -> None:
-        """End it."""
+        """Close the screen."""
         event.stop()
         self.dismiss(None)

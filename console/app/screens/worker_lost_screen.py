@@ -1,4 +1,4 @@
-"""The control worker is gone: said at once and big, with what to do."""
+"""Shows at once and in large letters that the control worker is lost, and how to proceed."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from topdress.console.locale import _
 
 
 class WorkerLostScreen(ChoiceDialog):
-    """Asks what to do. Dismissed with "start", "attach", or None: go on looking at the last values.
-    No line is marked at first: Enter alone does nothing here."""
+    """Asks how to proceed. The answer is "start", "attach", or None to stay with the last values.
+    No entry is marked at first, so a typed-ahead Enter does nothing."""
 
     def __init__(self, why: str, can_start: bool, can_attach: bool) -> None:
         offered = (

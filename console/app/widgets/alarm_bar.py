@@ -1,4 +1,4 @@
-"""The alarms: word, symbol, text, place, first time, what to do. A click acknowledges."""
+"""Shows the alarms: word, symbol, text, place, first time, remedy. A click acknowledges."""
 
 from __future__ import annotations
 
@@ -17,13 +17,16 @@ from topdress.console.app.widgets.panel import (
 from topdress.console.locale import _
 from topdress.control.orders import Severity
 
-LEAST_FAULT_ROWS = 7  # rows: from here on a fault is written out
+# From this number of rows a fault is shown in full.
+LEAST_FAULT_ROWS = 7
 
 
 def _choose_styles(alarm: AlarmLine) -> tuple[str, str]:
-    """Styles of the word, and of the rest of the row. The whole row is in colour only while
-    somebody still has to look; the word alone stays so while the cause is there, and is black where
-    it is gone."""
+    """Return the styles of the word and of the rest of the row.
+
+    The whole row is coloured while somebody must act. After acknowledging only the word is coloured
+    while the cause exists; without a cause the word is inverted.
+    """
     name = "red" if alarm.severity is Severity.RED else "amber"
     colour = f"$on-alarm-{name} on $alarm-{name}"
     if alarm.gone:
@@ -32,13 +35,13 @@ def _choose_styles(alarm: AlarmLine) -> tuple[str, str]:
 
 
 def _count_cells(parts: list[tuple[str, str]]) -> int:
+    """Return the number of cells of parts."""
     return sum(cell_len(text) for text, _style in parts)
 
 
 class AlarmBar(Panel[AlarmsView]):
-    """Shows the alarms. The worst is written out (text; remedy), the next ones follow as far as
-    there is room for all of a row. A fault has a form of its own where the page gives it the
-    rows."""
+    """Shows the alarms. The worst alarm is shown in full (text, remedy); the next alarms follow as
+    far as whole rows have room. A fault has its own form where the page provides the rows."""
 
     def draw_rows(self, view: AlarmsView, width: int, height: int) -> list[Content]:
         if not view.lines:
@@ -52,7 +55,7 @@ class AlarmBar(Panel[AlarmsView]):
         return _draw_alarms(view.lines, width, height)
 
     def _draw_fault(self, view: AlarmsView, width: int, height: int) -> list[Content]:
-        """The fault, its place and time, and the remedy, step by step; the other alarms below."""
+        """Return the fault with place, time and remedy step by step, and the other alarms below."""
         alarm = next((one for one in view.lines if one.id == view.fault), view.lines[0])
         colour = "$on-alarm-red on $alarm-red"
 
@@ -92,13 +95,13 @@ class AlarmBar(Panel[AlarmsView]):
         return ((0, 0),) if self.view.lines else ()
 
     async def on_click(self, event: events.Click) -> None:
-        """Acknowledge."""
+        """Acknowledge the alarms."""
         event.stop()
         await self.run_action("app.do('acknowledge')")
 
 
 def count_rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
-    """Rows in which the worst alarm is written out; with the others counted behind it."""
+    """Return the number of rows that show the worst alarm in full, and the count of the others."""
     if not view.lines:
         return len(_wrap_calm(view, width))
     first = view.lines[0]
@@ -106,7 +109,7 @@ def count_rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
 
 
 def _wrap_calm(view: AlarmsView, width: int) -> list[str]:
-    """Lays out calm parts without breaking one across rows; urgent ones wrap."""
+    """Lay out calm parts without breaking a part across rows; an urgent text wraps."""
     if view.urgent:
         return wrap_text(view.calm, max(10, width - 6))
     rows: list[str] = []
@@ -119,12 +122,13 @@ def _wrap_calm(view: AlarmsView, width: int) -> list[str]:
 
 
 def _draw_alarms(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
-    """The worst alarm written out, the next ones as far as there is room for whole rows; the rest
-    is counted."""
+    """Return the worst alarm in full and the next alarms as far as whole rows have room; the
+    remaining alarms are counted."""
     rows = _draw_written_out(alarms[0], width, height > 1)[: max(1, height)]
     for index, alarm in enumerate(alarms[1:], 1):
         left, room = len(alarms) - index, height - len(rows)
         text = _draw_written_out(alarm, width, False)
+        # The row of the count is reserved while more alarms follow.
         if len(text) + (left > 1) <= room:
             rows += text
             continue
@@ -150,8 +154,8 @@ def _draw_alarms(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list
 
 
 def _draw_one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
-    """Word, text and time in one row, the last only where there is room; None where even the text
-    has none."""
+    """Return word, text and time in one row, the time only where it fits; None if even the text
+    does not fit."""
     word, style = _choose_styles(alarm)
     left = [(f" {alarm.symbol} {alarm.word} ", word), (f" {_format_with_place(alarm)} ", style)]
     rest = [(more, "bold reverse")] if more else []
@@ -163,7 +167,8 @@ def _draw_one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
 
 
 def _draw_written_out(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
-    """As many rows as the text takes, then those of the remedy, with who has to look at the end."""
+    """Return the full text of an alarm, then its remedy with the note about acknowledging at the
+    end."""
     word, style = _choose_styles(alarm)
     bold = style if style.startswith("bold") else f"bold {style}"
     first = _draw_one_row(alarm, width, "")
@@ -191,11 +196,12 @@ def _draw_written_out(alarm: AlarmLine, width: int, todo: bool) -> list[Content]
 
 
 def _format_with_place(alarm: AlarmLine) -> str:
+    """Return the text with its place."""
     return f"{alarm.place}: {alarm.text}" if alarm.place else alarm.text
 
 
 def _format_since(alarm: AlarmLine) -> str:
-    """A time of day where it is known, else for how long."""
+    """Return the time of day of the beginning, else the duration."""
     return (
         f"{alarm.since} ({alarm.lasted})"
         if alarm.since
@@ -204,7 +210,7 @@ def _format_since(alarm: AlarmLine) -> str:
 
 
 def _list_time_forms(alarm: AlarmLine) -> tuple[str, ...]:
-    """Since when it stands, or since when its cause is gone; the fullest form first."""
+    """Return since when the alarm exists, or since when its cause has ended; fullest form first."""
     seen = f"{_('acknowledged')}  " if alarm.acknowledged else ""
     if alarm.gone:
         return f"{seen}{alarm.gone}", alarm.gone
@@ -217,7 +223,8 @@ def _list_time_forms(alarm: AlarmLine) -> tuple[str, ...]:
 
 
 def _format_acknowledging(alarm: AlarmLine) -> str:
-    """Whether somebody must acknowledge, or has; amber alarms need nobody."""
+    """Return whether the alarm must be or was acknowledged; "" for amber alarms, which need no
+    acknowledgement."""
     if alarm.severity is not Severity.RED:
         return ""
     return _("acknowledged") if alarm.acknowledged else _("A: acknowledge")

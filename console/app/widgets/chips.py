@@ -1,5 +1,6 @@
-"""What can be done now, as keys with words over one or more rows: a click does it, one kind
-runs while it is held."""
+"""Shows possible actions as keys with words over one or more rows. A click performs an action; one
+kind runs while it is held.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +14,19 @@ from topdress.console.app.widgets.panel import Panel, TextPart, make_line
 
 
 class Chip(NamedTuple):
-    """Holds one key with its word. action: its id. on: can be done now. lead: the next thing to do.
-    held: runs while the mouse button is down."""
+    """Holds one key with its word.
+
+    Attributes
+    ----------
+    action
+        Id of the action.
+    on
+        True if the action is possible now.
+    lead
+        True for the next action to take.
+    held
+        True if the action runs while the mouse button is down.
+    """
 
     action: str
     key: str
@@ -25,8 +37,8 @@ class Chip(NamedTuple):
 
 
 def place_chips(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, int], ...]:
-    """Each chip with its row, its first cell and its width; a chip that does not fit begins the
-    next row."""
+    """Return each chip with row, first cell and width; a chip that does not fit begins the next
+    row."""
     found, row, start = [], 0, 0
     for chip in chips:
         cells = cell_len(format_chip(chip))
@@ -38,26 +50,31 @@ def place_chips(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, i
 
 
 def format_chip(chip: Chip) -> str:
-    """The chip as ` Y make ready `, `>Y make ready ` where it is next, `(Y make ready)` where it is
-    not possible now."""
+    """Return the text of a chip: ` Y make ready `, `>Y make ready ` for the next action, `(Y make
+    ready)` for an impossible action."""
+    # The state has a sign besides its colour, for terminals with few colours and for colour-blind
+    # operators.
     first, last = ("(", ")") if not chip.on else (">", " ") if chip.lead else (" ", " ")
     return f"{first}{chip.key} {chip.label}{last}"
 
 
+# Rows of a large chip: a blank row above and below the word.
 LARGE_ROWS = 3
 
 
 def _choose_chip_style(chip: Chip) -> str:
+    """Return the style of a chip."""
     if not chip.on:
         return "$stale on $keybar"
     return "bold $background on $primary" if chip.lead else "$on-keybar on $keybar"
 
 
 class Chips(Panel[tuple[Chip, ...]]):
-    """Shows chips; a click does the action."""
+    """Shows chips; a click performs the action."""
 
     class Held(Message):
-        """The mouse button went down on a chip that runs while held, or came up, or left it."""
+        """Reports that the mouse button went down on a held chip, was released, or left the
+        chip."""
 
         def __init__(self, action: str, down: bool) -> None:
             super().__init__()
@@ -73,11 +90,12 @@ class Chips(Panel[tuple[Chip, ...]]):
         classes: str | None = None,
         large: bool = False,
     ) -> None:
-        """large: all in one row, three rows high where there is the height."""
+        """Create the chips; `large` places them in one row, three rows high where possible."""
         super().__init__(view, id=id, classes=classes)
         self.large = large
 
     def _is_tall(self, height: int) -> bool:
+        """Return whether chips are drawn large."""
         return self.large and height >= LARGE_ROWS
 
     def draw_rows(self, view: tuple[Chip, ...], width: int, height: int) -> list[Content]:
@@ -91,6 +109,7 @@ class Chips(Panel[tuple[Chip, ...]]):
 
     @staticmethod
     def _draw_large(view: tuple[Chip, ...], width: int) -> list[Content]:
+        """Return the three rows of large chips."""
         blank: list[TextPart] = []
         words: list[TextPart] = []
         for chip, row, _start, cells in place_chips(view, width):
@@ -100,7 +119,7 @@ class Chips(Panel[tuple[Chip, ...]]):
         return [make_line(*blank), make_line(*words), make_line(*blank)]
 
     def find_chip(self, x: int, y: int) -> Chip | None:
-        """The chip at a cell."""
+        """Return the chip at a cell, or None."""
         y = 0 if self._is_tall(self.content_size.height) else y
         return next(
             (
@@ -112,7 +131,7 @@ class Chips(Panel[tuple[Chip, ...]]):
         )
 
     def list_click_places(self) -> tuple[tuple[int, int], ...]:
-        """Cells of chips, but for those that run only while they are held down."""
+        """Return the cells of the chips except held chips: the jump letters click only briefly."""
         return tuple(
             (start, row)
             for chip, row, start, _cells in place_chips(self.view, self.content_size.width)
@@ -120,7 +139,7 @@ class Chips(Panel[tuple[Chip, ...]]):
         )
 
     async def on_click(self, event: events.Click) -> None:
-        """Do the chip's action."""
+        """Perform the chip's action."""
         event.stop()
         chip = self.find_chip(event.x, event.y)
         if chip is not None and not chip.held:
@@ -132,6 +151,8 @@ class Chips(Panel[tuple[Chip, ...]]):
         if chip is not None and chip.held:
             event.stop()
             self._held = chip.action
+            # With the capture, a release outside the widget still arrives; otherwise the shaft
+            # would go on turning.
             self.capture_mouse()
             self.post_message(self.Held(chip.action, True))
 
@@ -150,6 +171,7 @@ class Chips(Panel[tuple[Chip, ...]]):
         self._release_chip()
 
     def _release_chip(self) -> None:
+        """Report the end of the held chip once."""
         if self._held:
             held, self._held = self._held, ""
             self.release_mouse()

@@ -1,5 +1,6 @@
-"""One list for all questions: numbered lines, as many as there is room for around the marked
-one, a bar and a count where there are more. A click marks."""
+"""Draws the list of all questions: numbered entries around the marked entry, and a bar with a count
+where more exist. A click marks.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +24,24 @@ from topdress.console.app.widgets.panel import (
 )
 from topdress.console.locale import _
 
-# columns and rows of a field's picture, and blanks between it and a label
+# Columns and rows of a field's picture, and blanks between picture and label.
 THUMB, THUMB_GAP = (9, 4), 2
 
 
 class Choice(NamedTuple):
-    """Holds one line. why: why it cannot be taken now, and how it could be; empty where it can. A
-    label may have several lines. picture: drawn next to it, small."""
+    """Holds one entry.
+
+    Attributes
+    ----------
+    value
+        Answer of the dialog.
+    label
+        Text of one or more lines.
+    why
+        Reason why the entry is impossible now, with a remedy; "" where it is possible.
+    picture
+        Field drawn beside the label.
+    """
 
     value: str
     label: str
@@ -38,7 +50,7 @@ class Choice(NamedTuple):
 
 
 class _ChoiceRow(NamedTuple):
-    """Holds one row. choice: its number. drawn: a row of its picture, between head and text."""
+    """Holds one row; `choice` is the index of its entry, `drawn` a row of its picture."""
 
     choice: int
     head: str
@@ -47,8 +59,17 @@ class _ChoiceRow(NamedTuple):
 
 
 class ChoicesView(NamedTuple):
-    """Holds a list. at: which is marked, -1: none yet. now: the value in force. wrong: the typed
-    text that is no number of a line."""
+    """Holds a list.
+
+    Attributes
+    ----------
+    at
+        Index of the marked entry; -1 means none.
+    now
+        Value in force.
+    wrong
+        Typed number that no entry has.
+    """
 
     choices: tuple[Choice, ...]
     at: int
@@ -57,19 +78,22 @@ class ChoicesView(NamedTuple):
 
 
 class ChoiceList(PickList[ChoicesView]):
-    """Shows the list; lines that cannot be taken are muted."""
+    """Shows the list; impossible entries are muted."""
 
     def __init__(self, view: ChoicesView, *, id: str | None = None) -> None:
         super().__init__(view, id=id)
+        # Pictures are drawn once per theme, because drawing costs more than scrolling.
         self._thumbs: dict[object, list[list[tuple[str, str]]]] = {}
 
     class Wheeled(Message):
+        """Reports a turn of the mouse wheel by lines."""
+
         def __init__(self, lines: int) -> None:
             super().__init__()
             self.lines = lines
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """Rows of the whole list."""
+        """Return the number of rows of the whole list."""
         return len(self._make_rows(self.view, width)) + bool(self.view.wrong)
 
     def draw_rows(self, view: ChoicesView, width: int, height: int) -> list[Content]:
@@ -90,6 +114,8 @@ class ChoiceList(PickList[ChoicesView]):
                 make_line(
                     (head, style),
                     *(
+                        # The mark colours the row, except cells of the picture that have a
+                        # background.
                         (cell, style if not own or (on_mark and " on " not in own) else own)
                         for cell, own in drawn
                     ),
@@ -119,7 +145,7 @@ class ChoiceList(PickList[ChoicesView]):
         return shown
 
     def _make_rows(self, view: ChoicesView, width: int) -> list[_ChoiceRow]:
-        """Every row of the whole list."""
+        """Return every row of the whole list."""
         digits = len(str(len(view.choices)))
         indent = 4 + digits
         blank: list[tuple[str, str]] = []
@@ -145,6 +171,7 @@ class ChoiceList(PickList[ChoicesView]):
         return found
 
     def _draw_thumb(self, picture: FieldPicture | None) -> list[list[tuple[str, str]]]:
+        """Return the rows of a field's picture, from the cache."""
         key = picture, self.app.theme
         if key not in self._thumbs:
             self._thumbs[key] = draw_small_map(self, picture, *THUMB)
@@ -153,8 +180,8 @@ class ChoiceList(PickList[ChoicesView]):
     def _find_window(
         self, view: ChoicesView, width: int, height: int
     ) -> tuple[list[_ChoiceRow], int, int]:
-        """All rows, the first that is shown, and how many are: the marked one is among them with
-        all its lines."""
+        """Return all rows, the first visible row and the number of visible rows, such that the
+        marked entry is visible with all its lines."""
         rows = self._make_rows(view, width)
         room = height if len(rows) + bool(view.wrong) <= height else height - 1
         marked = [row for row, (index, *_rest) in enumerate(rows) if index == max(0, view.at)]
@@ -162,7 +189,7 @@ class ChoiceList(PickList[ChoicesView]):
         return rows, max(0, min(middle - room // 2, len(rows) - room)), room
 
     def list_row_items(self) -> Sequence[int | None]:
-        """Number of the line of each row."""
+        """Return the index of the entry of each visible row."""
         rows, first, room = self._find_window(self.view, *self.content_size)
         return [row.choice for row in rows[first : first + room]]
 
@@ -178,7 +205,7 @@ class ChoiceList(PickList[ChoicesView]):
 
 
 def _draw_scroll_bar(first: int, room: int, count: int) -> tuple[str, ...]:
-    """A scroll bar of `room` cells: which part of `count` rows is shown."""
+    """Return a scroll bar of `room` cells for the visible part of `count` rows."""
     length = max(1, room * room // count)
     top = round((room - length) * first / max(1, count - room))
     return tuple("█" if top <= row < top + length else "│" for row in range(room))

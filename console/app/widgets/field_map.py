@@ -1,4 +1,4 @@
-"""A map that is alive. Only rows that changed are drawn again."""
+"""Shows a map that changes continuously; only changed rows are drawn again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from topdress.console.locale import _
 
 
 class FieldMap(Canvas[MapView]):
-    """Shows a map that is alive."""
+    """Shows a map that changes continuously."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
 
@@ -28,12 +28,13 @@ class FieldMap(Canvas[MapView]):
         self._codes: Codes | None = None
         self._drawn: list[Strip] = []
         self._ink: MapInk
+        # A segment is made once per code: most cells repeat.
         self._segments: dict[int, Segment] = {}
         self._dressed_for: object = None
         self.rows_drawn = 0
 
     def make_grid(self) -> PixelGrid:
-        """The ground that is seen at the widget's size."""
+        """Return the visible ground at the widget's size."""
         width, height = self.content_size
         return self.view.camera.make_grid(width, 2 * height)
 
@@ -47,7 +48,7 @@ class FieldMap(Canvas[MapView]):
         return self._drawn
 
     def _update_strips(self, width: int, height: int) -> list[int]:
-        """Make strips of the rows whose codes are other than before; returns their numbers."""
+        """Make the strips of changed rows and return their indices."""
         self._update_ink()
         found = make_cell_codes(self.view, self.make_grid())
         old = self._codes
@@ -55,6 +56,7 @@ class FieldMap(Canvas[MapView]):
         changed = (
             list(range(height))
             if fresh or old is None
+            # Comparing codes is far cheaper than making segments for every cell.
             else np.flatnonzero((found != old).any(axis=1)).tolist()
         )
         if fresh:
@@ -76,6 +78,7 @@ class FieldMap(Canvas[MapView]):
         return changed
 
     def _make_strip(self, row: npt.NDArray[np.int32], width: int) -> Strip:
+        """Return a row as segments; equal neighbours share a segment."""
         begins = np.concatenate(([0], np.flatnonzero(np.diff(row)) + 1, [width]))
         segments = []
         for begin, end in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True):
@@ -89,7 +92,7 @@ class FieldMap(Canvas[MapView]):
         return Strip(segments, width)
 
     def _update_ink(self) -> None:
-        """Forget segments that were made for other colours."""
+        """Drop the cached segments when the colours have changed."""
         laid = self.view.laid.scale if self.view.laid is not None else None
         wanted = (
             self.view.scale.layer,
@@ -105,6 +108,7 @@ class FieldMap(Canvas[MapView]):
             self._ink = MapInk(self, self.view.scale, laid, self.view.stale)
 
     def _make_segment(self, code: int) -> Segment:
+        """Return the segment of a code."""
         text, fore, back = self._ink.draw_cell(code)
         return Segment(
             text,

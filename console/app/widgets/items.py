@@ -1,4 +1,4 @@
-"""Labels and values: one column where there is room, else two to a row."""
+"""Shows labels and values: in one column where there is room, else two per row."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from textual.content import Content
 from topdress.console.app.view import ItemView
 from topdress.console.app.widgets.panel import Panel, TextPart, choose_fullest, fit_width, make_line
 
-PART_GAP = "  "  # between the parts of a value
+# Blanks between the parts of a value.
+PART_GAP = "  "
 
 
 class Items(Panel[tuple[ItemView, ...]]):
@@ -16,6 +17,7 @@ class Items(Panel[tuple[ItemView, ...]]):
     def draw_rows(self, view: tuple[ItemView, ...], width: int, height: int) -> list[Content]:
         columns = 1 if len(view) <= height else 2
         each = width // columns
+        # The negated floor division rounds up.
         count = -(-len(view) // columns)
         label_widths = [
             max((cell_len(item.label) for item in view[first : first + count]), default=0) + 2
@@ -43,8 +45,8 @@ class Items(Panel[tuple[ItemView, ...]]):
 
 
 def _draw_item(item: ItemView, width: int, label_width: int, more: int) -> list[list[TextPart]]:
-    """Rows of label and value. A value that has no room moves together, then its parts take rows of
-    their own, `more` at most."""
+    """Return the rows of label and value. A long value first loses the wide gaps; then its parts
+    take rows of their own, at most `more`."""
     style = "$stale" if item.value.stale else "bold"
     room = width - label_width - 1
     text = choose_fullest((item.value.text, item.value.text.replace(PART_GAP, " ")), room)

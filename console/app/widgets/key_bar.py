@@ -1,5 +1,6 @@
-"""The bottom row: keys and what they do, clickable; for some seconds, what was just refused or
-done."""
+"""Shows the bottom row: clickable keys with their words; for some seconds, a notice about a refusal
+or result.
+"""
 
 from __future__ import annotations
 
@@ -19,23 +20,25 @@ class KeysView(NamedTuple):
     actions: tuple[Action, ...]
     locked: bool
     notice: str
-    why_none: str = ""  # why hold and STOP are not among the actions
-    off: frozenset[str] = frozenset()  # ids of actions that cannot be done now
+    # Reason why hold and STOP are not among the actions.
+    why_none: str = ""
+    # Ids of actions that are impossible now.
+    off: frozenset[str] = frozenset()
 
 
-# in their places also next to a notice and under a dialog
+# These actions stay in place beside a notice and under a dialog.
 URGENT_ACTIONS = ("hold", "stop")
-# with the last two everything else can be reached by mouse at any width
+# The last two actions make everything else reachable by mouse at any width.
 ALWAYS_SHOWN = (*URGENT_ACTIONS, "pages", "palette")
 
 
 def place_actions(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
-    """Actions that fit, the important ones first, each with its first cell and its width."""
+    """Return the actions that fit, most important first, with first cell and width of each."""
     ordered = sorted((a for a in actions if a.bar), key=lambda a: a.bar)
     cells = {action.id: cell_len(f" {action.shown} {_(action.label)} ") for action in ordered}
     always = [name for name in ALWAYS_SHOWN if name in cells]
     while len(always) > len(URGENT_ACTIONS) and sum(cells[name] for name in always) > width:
-        # the palette leads to the pages too
+        # The palette also leads to the pages, so the key of the pages is dropped first.
         always.remove(always[-2] if always[-1] == "palette" else always[-1])
     room = width - sum(cells[name] for name in always)
     placed, start = [], 0
@@ -51,6 +54,7 @@ def place_actions(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action
 
 
 def _format_why_none(view: KeysView) -> str:
+    """Return the text that replaces hold and STOP."""
     return f" {view.why_none}  " if view.why_none else ""
 
 
@@ -73,7 +77,7 @@ class KeyBar(Panel[KeysView]):
                 key = word = "bold $on-stop on $stop"
             parts += [(f"{first}{action.shown} ", key), (f"{_(action.label)}{last}", word)]
         left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))
-        # else it has rows of its own above
+        # A longer notice has rows of its own above this row.
         said = view.notice and cell_len(view.notice) < left
         rest = (
             (fit_width(f" {view.notice}", left), "bold reverse")
@@ -81,13 +85,14 @@ class KeyBar(Panel[KeysView]):
             else (" " * left, "on $keybar")
         )
         air = make_line(*((" " * cell_len(text), style) for text, style in (*parts, rest)))
-        # a finger is wider than a row of letters
+        # On a tablet the bar is higher than its text, because a finger is wider than a row of
+        # letters.
         return [*[air] * (height - 1), make_line(*parts, rest)]
 
     @staticmethod
     def _place_keys(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:
-        """Next to a notice only hold and STOP, where they always are: first. The reason for their
-        absence comes first too."""
+        """Return the placed keys. Beside a notice only hold and STOP remain, at their usual
+        positions. The reason for their absence also comes first."""
         if view.notice:
             return tuple(
                 one for one in place_actions(view.actions, width) if one[0].id in URGENT_ACTIONS
@@ -104,21 +109,21 @@ class KeyBar(Panel[KeysView]):
         )
 
     def count_notice_cells(self, actions: tuple[Action, ...]) -> int:
-        """Cells next to hold and STOP."""
+        """Return the number of cells beside hold and STOP."""
         width = self.content_size.width
         urgent = [one for one in place_actions(actions, width) if one[0].id in URGENT_ACTIONS]
         return width - sum(cells for _action, _start, cells in urgent)
 
     def find_action(self, x: int) -> str:
-        """The action at a column of the content; "" where there is none."""
+        """Return the id of the action at a column of the content, or ""."""
         for action, start, cells in self._place_keys(self.view, self.content_size.width):
             if start <= x < start + cells:
                 return action.id
         return ""
 
     def list_click_places(self) -> tuple[tuple[int, int], ...]:
-        """All actions but hold and STOP, which have their keys at any time and are never
-        covered."""
+        """Return the cells of all actions except hold and STOP, whose keys always work and are
+        never covered."""
         return tuple(
             (start, 0)
             for action, start, _cells in self._place_keys(self.view, self.content_size.width)
@@ -126,7 +131,7 @@ class KeyBar(Panel[KeysView]):
         )
 
     async def on_click(self, event: events.Click) -> None:
-        """Do the action."""
+        """Perform the clicked action."""
         event.stop()
         name = self.find_action(event.x)
         if name:

@@ -1,4 +1,4 @@
-"""One row under a map: what its colours mean, and how long a stretch of it is."""
+"""Shows the meaning of a map's colours and a scale bar in one row."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ from topdress.console.app.units import Unit
 from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.locale import _
 
+# Length of the scale bar, in cells; a cell is one pixel wide.
 _BAR_CELLS = 6
+# Limits of the width of the colour ramp, in cells.
 _LEAST_CELLS, _MOST_CELLS = 6, 32
 
 
 class LegendView(NamedTuple):
-    """Holds the legend. metres: of a pixel; distance: unit of the scale bar; planned: planned
-    ground is seen too."""
+    """Holds the legend. `metres` is the size of a pixel, `distance` the unit of the scale bar;
+    `planned` is True if planned ground is visible."""
 
     scale: LayerScale
     metres: float
@@ -39,8 +41,8 @@ class LegendView(NamedTuple):
 def draw_colour_ramp(
     on: Widget, scale: LayerScale, cells: int, levels: str, share: float = 1.0
 ) -> list[tuple[str, Style]]:
-    """The colours of a scale; characters where there are too few. share: of them over the
-    background of `on`."""
+    """Return the colours of a scale, or characters on a terminal with few colours. `share` is the
+    share of the colour over the background of `on`."""
     base = on.rich_style
     if has_few_colours(on.app):
         return [(levels, base)]
@@ -69,6 +71,7 @@ class MapLegend(Canvas[LegendView]):
         if has_few_colours(self.app):
             planned = f" {LEVELS_PLAN} {_('planned')}" if planned else ""
         room = width - _BAR_CELLS - 2 - sum(cell_len(text) for text in (low, high, bar))
+        # Unit and remark are dropped before the ramp becomes too short.
         unit = unit if cell_len(unit) + _LEAST_CELLS <= room else ""
         room -= cell_len(unit)
         planned = planned if cell_len(planned) + _LEAST_CELLS <= room else ""

@@ -1,5 +1,6 @@
-"""The base of all panels: one frozen view in, rows out, and only those rows are drawn that look
-other than before."""
+"""Defines the base class of all panels: it receives a frozen view and draws only those rows that
+have changed.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +23,14 @@ View = TypeVar("View")
 Row = TypeVar("Row")
 Key = TypeVar("Key")
 TextPart = str | tuple[str, str]
-# Where a text may be broken: between words, and between any two Chinese characters; but no row
-# begins with these.
+# Positions at which a text may break: between words, and between any two Chinese characters.
 _TEXT_PIECES = re.compile(r"[ \t]+|[⺀-鿿　-〿＀-￯]|[^\s⺀-鿿　-〿＀-￯]+")
+# Chinese typography forbids these characters at the beginning of a row.
 _NOT_FIRST = "，。；：、！？）」』】》"
 
 
 class Picked(Message):
-    """Reports a click on a line of a list."""
+    """Reports a click on an entry of a list."""
 
     def __init__(self, index: int) -> None:
         super().__init__()
@@ -37,8 +38,10 @@ class Picked(Message):
 
 
 class DrawnWidget(Widget, Generic[View, Row]):
-    """Shows `view` in rows; `redraws` counts how often there was another one to show."""
+    """Shows `view` in rows; `redraws` counts the different views."""
 
+    # Selection by mouse would conflict with clicks; keys have their own actions, so no panel takes
+    # the focus.
     ALLOW_SELECT = False
     can_focus = False
     DEFAULT_CLASSES = "panel"
@@ -51,7 +54,8 @@ class DrawnWidget(Widget, Generic[View, Row]):
         self._drawn_for: object = None
 
     def show_view(self, view: View) -> None:
-        """Take a new view; only rows of the screen that look other than before are touched."""
+        """Show a new view; only screen rows that look different are updated."""
+        # Equal views in another language have other texts.
         if (view, find_language_code()) == (self.view, self._language):
             return
         self.view, self._language = view, find_language_code()
@@ -64,13 +68,13 @@ class DrawnWidget(Widget, Generic[View, Row]):
     def refresh(
         self, *regions: Region, repaint: bool = True, layout: bool = False, recompose: bool = False
     ) -> Self:
-        """Draw anew."""
+        """Draw again; without regions all cached rows are dropped."""
         if not regions:
             self._drawn_for = None
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
 
     def find_drawn_rows(self) -> Sequence[Row]:
-        """The rows to be seen, made once for a view, a size and a theme."""
+        """Return the rows to show, drawn once per view, size and theme."""
         if self._drawn_for is None or self._drawn_for != self._make_cache_key():
             width, height = self.content_size
             self._drawn, self._drawn_for = (
@@ -80,12 +84,11 @@ class DrawnWidget(Widget, Generic[View, Row]):
         return self._drawn
 
     def draw_rows(self, view: View, width: int, height: int) -> Sequence[Row]:
-        """The rows: of a panel each of exactly or less than `width` cells, of a canvas all `width`
-        cells wide."""
+        """Return the rows: of a panel at most `width` cells, of a canvas exactly `width` cells."""
         raise NotImplementedError
 
     def _find_changed_rows(self) -> list[int]:
-        """Numbers of the rows that the view has changed."""
+        """Return the indices of the rows that the new view has changed."""
         before, self._drawn_for = self._drawn, None
         return [
             row
@@ -98,22 +101,23 @@ class DrawnWidget(Widget, Generic[View, Row]):
         ]
 
     def _make_cache_key(self) -> object:
+        """Return the key of the cached rows: size and theme."""
         return self.content_size, self.app.theme
 
 
 class Panel(DrawnWidget[View, Content]):
-    """Shows rows of text in styles by name."""
+    """Shows rows of text with named styles."""
 
     def list_click_places(self) -> tuple[tuple[int, int], ...]:
-        """Column and row of each thing that can be clicked, as it is drawn now."""
+        """Return column and row of each clickable cell, as drawn now."""
         return ((0, 0),) if hasattr(self, "on_click") else ()
 
     def render(self) -> Content:
-        """All rows."""
+        """Return all rows."""
         return Content("\n").join(self.find_drawn_rows())
 
     def render_line(self, y: int) -> Strip:
-        """One row: Textual's own would lay out all rows anew for one that has changed."""
+        """Return one row. Textual's own method would lay out all rows again for one changed row."""
         rows = self.find_drawn_rows()
         laid = (
             Visual.to_strips(self, rows[y], self.size.width, 1, self.visual_style)
@@ -124,11 +128,10 @@ class Panel(DrawnWidget[View, Content]):
 
 
 class PickList(Panel[View]):
-    """Shows rows that stand for things: a click on one posts Picked with the number of its
-    thing."""
+    """Shows rows that represent items; a click on a row posts `Picked` with the item's index."""
 
     def list_row_items(self) -> Sequence[int | None]:
-        """The number of each row's thing; None: a heading."""
+        """Return the index of each row's item; None marks a heading."""
         raise NotImplementedError
 
     def list_click_places(self) -> tuple[tuple[int, int], ...]:
@@ -136,7 +139,7 @@ class PickList(Panel[View]):
         return tuple((0, things.index(one)) for one in dict.fromkeys(things) if one is not None)
 
     def on_click(self, event: events.Click) -> None:
-        """Post the clicked thing."""
+        """Post the clicked item."""
         event.stop()
         things = self.list_row_items()
         if 0 <= event.y < len(things) and (picked := things[event.y]) is not None:
@@ -144,16 +147,20 @@ class PickList(Panel[View]):
 
 
 def make_line(*parts: TextPart) -> Content:
-    """One row of texts and (text, style) pairs; empty texts may be given."""
+    """Return one row of texts and (text, style) pairs; empty texts are allowed."""
     return Content.assemble(*parts)
 
 
 def make_solid_parts(text: str, colour: str, off: str = "") -> list[TextPart]:
-    """Parts of a drawing of blocks in one colour; full blocks also get it as background, so that no
-    seams show.
+    """Return the parts of a drawing of blocks in one colour. Full blocks also have the colour as
+    background, so that no seams are visible.
 
-    colour, off: theme variables of the blocks and of the gaps between them, e.g. "$target",
-    "$track".
+    Parameters
+    ----------
+    text
+        Blocks and gaps.
+    colour, off
+        Theme variables of blocks and gaps, e.g. "$target", "$track".
     """
     back = f" on {off}" if off else ""
     return [
@@ -165,7 +172,7 @@ def make_solid_parts(text: str, colour: str, off: str = "") -> list[TextPart]:
 def place_in_row(
     texts: Iterable[tuple[Key, str]], start: int = 0
 ) -> tuple[tuple[Key, str, int], ...]:
-    """Things in a row one after the other, each with its text and its first cell."""
+    """Return keys in a row one after the other, each with its text and first cell."""
     found = []
     for what, text in texts:
         found.append((what, text, start))
@@ -174,12 +181,13 @@ def place_in_row(
 
 
 def find_at_cell(row: Iterable[tuple[Key, str, int]], x: int) -> Key | None:
-    """The thing of a row at this cell."""
+    """Return the key at a cell of a row, or None."""
     return next((what for what, text, start in row if start <= x < start + cell_len(text)), None)
 
 
 def fit_width(text: str, width: int) -> str:
-    """Exactly `width` cells: cut, or filled with spaces. A text that is cut ends in two points."""
+    """Return exactly `width` cells of a text: filled with spaces, or cut and ended with two
+    points."""
     if width <= 0:
         return ""
     if cell_len(text) <= width:
@@ -190,7 +198,8 @@ def fit_width(text: str, width: int) -> str:
 
 
 def choose_fullest(forms: Iterable[str], width: int) -> str:
-    """The first of the forms, the fullest one first, that has room; the last where none has."""
+    """Return the first form that fits into `width`, else the last form; forms are ordered from long
+    to short."""
     form = ""
     for form in forms:
         if cell_len(form) <= width:
@@ -199,7 +208,7 @@ def choose_fullest(forms: Iterable[str], width: int) -> str:
 
 
 def align_right(text: str, width: int) -> str:
-    """Exactly `width` cells, flush right."""
+    """Return exactly `width` cells with the text aligned right."""
     return (
         " " * max(0, width - cell_len(text)) + text
         if cell_len(text) <= width
@@ -208,8 +217,8 @@ def align_right(text: str, width: int) -> str:
 
 
 def spread_parts(left: list[TextPart], end: list[TextPart], width: int) -> Content:
-    """One row with parts at its left and right ends; parts that do not fit are cut at the left
-    parts' end."""
+    """Return one row with parts at its left and right end; parts that do not fit are cut at the end
+    of the left parts."""
 
     def count_part_cells(parts: list[TextPart]) -> int:
         return sum(cell_len(part if isinstance(part, str) else part[0]) for part in parts)
@@ -227,7 +236,7 @@ def spread_parts(left: list[TextPart], end: list[TextPart], width: int) -> Conte
 
 
 def wrap_text(text: str, width: int) -> list[str]:
-    """Rows of `text`, each at most `width` cells; a word that is longer is cut. No row begins with
+    """Return the rows of a text of at most `width` cells; a longer word is cut. No row begins with
     a full stop."""
     if width < 2:
         return []
@@ -237,6 +246,7 @@ def wrap_text(text: str, width: int) -> list[str]:
         if cell_len("".join(row) + piece.rstrip()) <= width:
             row.append(piece)
             continue
+        # The character before a full stop moves to the next row together with it.
         carried = [row.pop()] if piece in _NOT_FIRST and len(row) > 1 else []
         *whole, rest = chop_cells("".join(carried) + piece.strip(), width) or [""]
         rows += [*([one] for one in whole), [rest]]

@@ -1,4 +1,6 @@
-"""Target and applied rate, the largest things on the screen, and the bar of their difference."""
+"""Shows target and applied rate, the largest numbers on the screen, and the bar of their
+difference.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ from topdress.console.locale import _
 
 
 class SmallView(NamedTuple):
-    """Holds the numbers of a small terminal. page: which one is open, where it shows something else
-    than these numbers."""
+    """Holds the numbers of a small terminal; `page` names the open page where it differs from these
+    numbers."""
 
     rates: RatesView
     tiles: tuple[TileView, ...]
@@ -31,14 +33,14 @@ class SmallView(NamedTuple):
     page: str = ""
 
 
-# The machine's numbers where the terminal is too small for a page: rates first, the rest as far
-# as there is room.
+# The panel shows the machine's numbers where the terminal is too small for a page: rates first,
+# then the rest as far as it fits.
 class SmallPanel(Panel[SmallView]):
-    """Shows the rates first, the rest as far as there is room."""
+    """Shows the rates first, then the rest as far as it fits."""
 
     def draw_rows(self, view: SmallView, width: int, height: int) -> list[Content]:
-        """The rows; a page that is not seen says at the top that it is open, and what would show
-        it."""
+        """Return the rows. A page that does not fit is named at the top, with the size that would
+        show it."""
         if view.page:
             said = make_line((fit_width(f" {view.page}: {view.hint}", width), "bold reverse"))
             return [said, *self.draw_rows(view._replace(page="", hint=""), width, height - 1)]
@@ -117,10 +119,10 @@ class SmallPanel(Panel[SmallView]):
         return [*rows, make_line((fit_width(f" {view.hint}", width), "$muted"))]
 
 
-# Target and applied rate, to be read from the seat, where a page shows something else: stacked,
-# or in a strip.
+# The panel shows target and applied rate, readable from the seat, on pages with other contents:
+# stacked, or side by side.
 class SeatRates(Panel[RatesView]):
-    """Shows the rates in a strip of 4 rows, or 12 rows where there is the height."""
+    """Shows the rates in a strip of 4 rows, or in 12 rows where the height allows."""
 
     def draw_rows(self, view: RatesView, width: int, height: int) -> list[Content]:
         stacked = height >= 2 * (1 + ROWS_AT_SCALE[2])
@@ -161,7 +163,8 @@ _LEVEL_MARKS = {"": " ", "amber": "!", "red": "✖"}
 
 
 def list_shorter_notes(notes: Sequence[str]) -> tuple[str, ...]:
-    """All reasons; then without the last ones, which are counted."""
+    """Return all reasons in one text; then the texts without the last reasons, which are
+    counted."""
     return tuple(
         ", ".join(notes[:kept]) + (f"  +{len(notes) - kept}" if kept < len(notes) else "")
         for kept in range(len(notes), 0, -1)
@@ -169,8 +172,8 @@ def list_shorter_notes(notes: Sequence[str]) -> tuple[str, ...]:
 
 
 class RatesPanel(Panel[RatesView]):
-    """Shows labels, numerals as large as the room allows (7 rows in all at 5 rows each), the error
-    bar."""
+    """Shows labels, numerals as large as the room allows (7 rows in all with numerals of 5 rows),
+    and the error bar."""
 
     def draw_rows(self, view: RatesView, width: int, height: int) -> list[Content]:
         half = width // 2
@@ -179,7 +182,8 @@ class RatesPanel(Panel[RatesView]):
         used = cell_len(label) + cell_len(view.unit) + 2 + cell_len(nudge)
         room = width - half - cell_len(f" {_('applied')} {view.unit}  ")
         note = f" {', '.join(view.notes)} " if view.notes else ""
-        low = cell_len(note) > room  # a row of its own then
+        # A reason that does not fit beside the labels needs a row of its own.
+        low = cell_len(note) > room
         note = "" if low else note
         rows = [
             make_line(
@@ -218,8 +222,8 @@ class RatesPanel(Panel[RatesView]):
 
     @staticmethod
     def _draw_note(view: RatesView, width: int, error: bool = False) -> Content:
-        """The reason for another rate, in a row of its own; with `error` in the place of the bar,
-        whose value stays."""
+        """Return the reason for a different rate in a row of its own; with `error` it replaces the
+        bar and includes the bar's value."""
         end = f"  {_('error')} {view.error.text} " if error and view.error.text != "--" else ""
         note = choose_fullest(
             (f" {note} " for note in list_shorter_notes(view.notes)), width - cell_len(end)
@@ -233,9 +237,10 @@ class RatesPanel(Panel[RatesView]):
 
     @staticmethod
     def _draw_error_bar(view: RatesView, width: int) -> Content:
-        """The bar `error  -30 % [      |###     ] +30 %   +12 % !`: filled from the middle, sign
-        and size in one look."""
+        """Return the bar `error  -30 % [      |###     ] +30 %   +12 % !`, filled from the centre,
+        so that sign and size are visible together."""
         style = "$stale" if view.error.stale else _LEVEL_COLOURS[view.level]
+        # A stale error must not alarm.
         chip = (
             f"bold $on-alarm-{view.level} on $alarm-{view.level}"
             if view.level and not view.error.stale

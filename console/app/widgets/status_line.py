@@ -1,4 +1,4 @@
-"""The top row: state, strategy, source of the target, marks, time."""
+"""Shows the top row: state, strategy, source of the target, marks, time."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from topdress.console.app.widgets.panel import (
 from topdress.console.locale import _
 
 
-# Rows under the alarms: what the guided tour asks for, and how to skip or end it. The last row
-# is clickable.
+# The rows below the alarms show the request of the guided tour, and how to skip or end the tour.
+# The last row is clickable.
 class TourView(NamedTuple):
     """Holds a step of the tour."""
 
@@ -34,13 +34,13 @@ class TourView(NamedTuple):
 
 
 def place_tour_keys(width: int) -> tuple[tuple[str, str, int], ...]:
-    """The keys that can be clicked: action id, text, first cell."""
+    """Return the clickable keys: action id, text, first cell."""
     texts = ("tour_next", f" ^N {_('next')} "), ("tour_end", f" ^E {_('end the tour')} ")
     return place_in_row(texts, width - sum(cell_len(text) for _action, text in texts))
 
 
 def count_tour_rows(text: str, width: int) -> int:
-    """Rows that the bar needs."""
+    """Return the number of rows that the bar needs."""
     return max(1, len(wrap_text(text, width - 2))) + 1
 
 
@@ -72,7 +72,7 @@ class TourBar(Panel[TourView | None]):
         )
 
     async def on_click(self, event: events.Click) -> None:
-        """Skip or end the tour."""
+        """Skip a step, or end the tour."""
         event.stop()
         action = (
             find_at_cell(place_tour_keys(self.content_size.width), event.x)
@@ -83,9 +83,9 @@ class TourBar(Panel[TourView | None]):
             await self.run_action(f"app.do('{action}')")
 
 
-# The row of pages with their F-keys, clickable; the one that is open stands out.
+# The row lists the pages with their F-keys, clickable; the open page is inverted.
 class PagesView(NamedTuple):
-    """Holds the pages. actions: those that open a page; where: the page that is open."""
+    """Holds the pages: actions that open a page, and the open page."""
 
     actions: tuple[Action, ...]
     where: str
@@ -102,7 +102,7 @@ class PageBar(Panel[PagesView]):
         return [make_line(*parts)]
 
     def _place_pages(self, width: int) -> tuple[tuple[str, str, int], ...]:
-        """Ids of the actions that fit."""
+        """Return id, text and first cell of the pages that fit."""
         row = place_in_row(
             (action.id, f" {action.shown} {_(action.label)} ") for action in self.view.actions
         )
@@ -114,13 +114,14 @@ class PageBar(Panel[PagesView]):
         )
 
     async def on_click(self, event: events.Click) -> None:
-        """Turn to the page."""
+        """Open the clicked page."""
         event.stop()
         name = find_at_cell(self._place_pages(self.content_size.width), event.x)
         if name is not None:
             await self.run_action(f"app.do('{name}')")
 
 
+# Parts that are dropped in this order where the row is too short; state and marks always stay.
 SHORTENINGS: tuple[Callable[[StatusView], StatusView], ...] = (
     lambda view: view._replace(elapsed=""),
     lambda view: view._replace(clock=""),
@@ -130,7 +131,7 @@ SHORTENINGS: tuple[Callable[[StatusView], StatusView], ...] = (
 
 
 def fit_status(view: StatusView, width: int) -> StatusView:
-    """The parts that have room next to state and marks: whole words are dropped, none is cut."""
+    """Return the parts that fit beside state and marks: whole words are dropped, none is cut."""
     for without in SHORTENINGS:
         if _count_status_cells(view) <= width:
             break
@@ -139,7 +140,7 @@ def fit_status(view: StatusView, width: int) -> StatusView:
 
 
 def _count_status_cells(view: StatusView) -> int:
-    """Cells of one row, blanks between its parts included."""
+    """Return the cells of the row, including blanks between its parts."""
     chips = (view.lead, f"{view.symbol} {view.word}", view.silent, *view.marks)
     time = "  ".join(text for text in (view.elapsed, view.clock) if text)
     return (
@@ -150,8 +151,8 @@ def _count_status_cells(view: StatusView) -> int:
 
 
 class StatusLine(Panel[StatusView]):
-    """Shows one row; three where the page gives it so many: the state is read from outside the
-    cab."""
+    """Shows one row, or three where the page provides them: then the state is readable from outside
+    the cab."""
 
     def draw_rows(self, view: StatusView, width: int, height: int) -> list[Content]:
         state = view.state if view.state else "off"
@@ -175,6 +176,7 @@ class StatusLine(Panel[StatusView]):
         end += [(f"{time} ", "bold" if not view.silent else "$stale")] if time else []
         if height < 3:
             return [spread_parts(left, end, width)]
+        # Letters with gaps look larger; Chinese characters already have the width of two cells.
         word = "  ".join(view.word) if view.word.isascii() else view.word
         chip_text = f"     {view.symbol}   {word}     "
         blank = " " * cell_len(chip_text)

@@ -1,4 +1,6 @@
-"""Speed, shaft, opening, hopper: a label, numerals of 3 rows, and what was commanded or is left."""
+"""Shows speed, shaft, opening and hopper: a label, numerals of 3 rows, and the set-point or the
+remaining distance.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +28,14 @@ from topdress.console.locale import _
 
 
 def draw_share_bar(share: float, width: int) -> tuple[str, str]:
-    """The filled and the empty part of a bar of `width` cells: half as high as its row, so that
-    bars stay apart."""
+    """Return the filled and the empty part of a bar of `width` cells. The bar is half as high as
+    its row, so that neighbouring bars stay separate."""
     full = round(max(0.0, min(1.0, share)) * width)
     return "▄" * full, "▁" * (width - full)
 
 
-# The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision
-# used.
+# The panel shows the NDVI heads as small bars, marks dropped heads, and gives the fused value that
+# the decision used.
 class HeadsPanel(Panel[HeadsView]):
     """Shows a heading and three rows of two heads."""
 
@@ -61,6 +63,7 @@ class HeadsPanel(Panel[HeadsView]):
 
     @staticmethod
     def _draw_head(head: HeadView, width: int, stale: bool) -> list[TextPart]:
+        """Return the parts of one head."""
         room = width - 11
         if head.dropped:
             word = f" ✖ {_('dropped')} "
@@ -81,18 +84,19 @@ class HeadsPanel(Panel[HeadsView]):
         ]
 
 
-# How the values of the tiles ran over the last minutes: a small graph under each tile, where
-# the terminal is large. of the tiles, in their order
+# Small graphs below the tiles show the last minutes on a large terminal; these are the channels of
+# the tiles, in their order.
 GRAPH_CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")
-# of the largest value: less than that is shown as a flat line, not as a mountain
+# Smallest range of a graph as a share of its largest value: noise is drawn as a flat line, not as a
+# mountain.
 LEAST_RANGE_SHARE = 0.05
 
-# (share of the time, share of the height); None breaks the line
+# Points (share of the time, share of the height); None interrupts the line.
 GraphPoints = tuple[tuple[float, float | None], ...]
 
 
 class GraphsView(NamedTuple):
-    """Holds the graphs under the tiles."""
+    """Holds the graphs below the tiles."""
 
     graphs: tuple[GraphPoints, ...]
     stale: bool = False
@@ -101,7 +105,7 @@ class GraphsView(NamedTuple):
 def make_graph(
     times_s: Sequence[float], values: Sequence[float], from_s: float, span_s: float
 ) -> GraphPoints:
-    """Values, NaN where unknown, on a scale of their own."""
+    """Return the points of values (NaN where unknown) on a scale of their own."""
     known = [value for value in values if value == value]
     if not known:
         return ()
@@ -145,7 +149,7 @@ class TileGraphs(Canvas[GraphsView]):
 
 
 class TilesPanel(Panel[tuple[TileView, ...]]):
-    """Shows all tiles side by side at equal width: 5 rows, 7 where the numerals have the room."""
+    """Shows all tiles side by side with equal width: 5 rows, or 7 where the numerals fit."""
 
     def draw_rows(self, view: tuple[TileView, ...], width: int, height: int) -> list[Content]:
         each = width // max(1, len(view))
@@ -167,8 +171,8 @@ class TilesPanel(Panel[tuple[TileView, ...]]):
 
 
 def _draw_large_number(text: str, scale: int, width: int) -> tuple[str, ...]:
-    """Large numerals; plain ones in the middle row where they have no room: a number that is cut is
-    another number."""
+    """Return large numerals. Where they do not fit, plain digits appear in the middle row, because
+    a truncated number is another number."""
     drawn = draw_digits(text, scale)
     if len(drawn[0]) <= width:
         return drawn

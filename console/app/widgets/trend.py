@@ -1,5 +1,6 @@
-"""Target and applied rate over the last two minutes, in braille: 2 x 4 dots a cell. A click
-reads a time off."""
+"""Plots target and applied rate over the last two minutes in braille, 2 x 4 dots per cell. A click
+reads the values at a time.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +21,13 @@ from topdress.console.app.widgets.panel import align_right
 from topdress.console.locale import _
 from topdress.console.scale import round_calm_ends
 
+# Columns for the numbers of the vertical axis.
 _AXIS_CELLS = 6
 
 
 class CursorReading(NamedTuple):
-    """Holds the reading of the cursor: its time of the run, s, and in words; the values that were
-    in force then."""
+    """Holds the reading at the cursor: time of the run (s), time in words, and the values in force
+    at that time."""
 
     time_s: float
     time: str
@@ -44,7 +46,7 @@ class TrendView(NamedTuple):
 
 
 def count_plot_columns(width: int) -> int:
-    """Cells of the plot itself."""
+    """Return the number of cells of the plot itself."""
     return width - _AXIS_CELLS - 1
 
 
@@ -63,14 +65,14 @@ class Trend(Canvas[TrendView]):
     }
 
     class Pointed(Message):
-        """The plot was clicked at this share of its span."""
+        """Reports a click on the plot, at a share of its span."""
 
         def __init__(self, share: float) -> None:
             super().__init__()
             self.share = share
 
     class Left(Message):
-        """The title was clicked: the cursor goes."""
+        """Reports a click on the title, which removes the cursor."""
 
     def on_click(self, event: events.Click) -> None:
         """Report where the plot was clicked."""
@@ -91,6 +93,7 @@ class Trend(Canvas[TrendView]):
         band_style = self.find_style("trend--stale-band" if view.stale else "trend--band")
         on_band = target_style + Style(bgcolor=band_style.bgcolor)
         unit = view.unit
+        # Round ends that change rarely keep the curves calm while new values arrive.
         low, high = round_calm_ends(
             v * unit.per_si for p in view.points for v in p[1:] if v is not None
         )
@@ -165,8 +168,8 @@ class Trend(Canvas[TrendView]):
         target_style: Style,
         applied_style: Style,
     ) -> Iterator[Segment]:
-        """Cells of one row. Those that the target passes are tinted, and solid where the applied
-        rate, in dots, does not lie over it: both can be separated without colour too."""
+        """Yield the cells of one row. Cells of the target are tinted, and solid where no dot of the
+        applied rate covers them, so that both curves differ without colour too."""
         tinted = applied_style + Style(bgcolor=target_style.bgcolor)
         for column in range(columns):
             target, applied = targets.get((column, row), 0), applieds.get((column, row), 0)
@@ -180,7 +183,8 @@ class Trend(Canvas[TrendView]):
 
 
 def _draw_solid_half(dots: int) -> str:
-    """The half of a cell in which these dots lie; both halves of one that they pass through."""
+    """Return the half block of a cell that contains these dots, or a full block if both halves
+    contain dots."""
     upper, lower = (
         dots & sum(left | right for left, right in half) for half in (CELL_BITS[:2], CELL_BITS[2:])
     )
@@ -188,5 +192,5 @@ def _draw_solid_half(dots: int) -> str:
 
 
 def _format_after_name(value: str | None) -> str:
-    """A value behind its name; nothing where none is read."""
+    """Return a value after its name; "" without a reading."""
     return "" if value is None else f" {value}"

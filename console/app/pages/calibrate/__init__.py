@@ -1,19 +1,19 @@
-"""The Calibrate page.
+"""The Calibrate page guides through five calibrations of the machine.
 
 Files:
 
-- `calibration`: What each calibration of the Calibrate screen is made of
-- `catch`: The catch test: settle, then catch and weigh, at three settings or more
-- `catch_calibration`: The catch test on the screen
-- `curve`: Measured points, the line fitted through them
-- `effort_calibration`: The reference of effort on the screen
-- `guide`: A guided sequence: what is done, what is to be done now, what comes after
-- `heads_calibration`: The heads check on the screen
-- `keys`: Keys of the Calibrate page and what they do; most are for the calibration that is open
-- `lag_calibration`: The lag test on the screen
-- `page`: The Calibrate screen: five guided sequences
-- `progress_rows`: Rows of a measurement under way
-- `service`: What the Calibrate screen can have computed and saved
-- `wheel`: The wheel's circumference by GNSS: a straight drive of 100 m or more
-- `wheel_calibration`: The wheel's circumference on the screen
+- `calibration`: Defines the base classes of the calibrations on the Calibrate screen
+- `catch`: Records a catch test: settle, then catch and weigh, at three settings or more
+- `catch_calibration`: Guides through the catch test on the screen
+- `curve`: Plots measured points, the fitted line
+- `effort_calibration`: Guides through the reference of effort
+- `guide`: Draws a guided sequence: steps done, the step to do now, later steps
+- `heads_calibration`: Guides through the heads check
+- `keys`: Defines the keys of the Calibrate page; most belong to the calibration that is open
+- `lag_calibration`: Guides through the lag test
+- `page`: Shows the Calibrate screen with five guided sequences
+- `progress_rows`: Draws the rows of a measurement in progress
+- `service`: Declares the computations and files that the Calibrate screen needs
+- `wheel`: Records a straight drive of 100 m or more by GNSS and by the wheel
+- `wheel_calibration`: Guides through the wheel's calibration
 """

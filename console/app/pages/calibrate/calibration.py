@@ -1,4 +1,4 @@
-"""What each calibration of the Calibrate screen is made of."""
+"""Defines the base classes of the calibrations on the Calibrate screen."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from topdress.control.orders import Order
 if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
+# Words for the parameters that a calibration estimates, by their names in the machine file.
 ESTIMATE_NAMES = {
     "grams_per_rev_mm": N_("flow"),
     "zero_offset": N_("at zero opening"),
@@ -37,6 +38,7 @@ ESTIMATE_NAMES = {
     "gate_viscous": N_("gate, with its speed"),
     "gate_viscous_back": N_("gate backwards, with its speed"),
 }
+# Units as `control` names them, in the words of the screen.
 UNIT_NAMES = {
     "g/rev/mm": N_("g per turn and mm"),
     "g/rev": N_("g per turn"),
@@ -51,7 +53,7 @@ AXIS_NAMES = {
 
 
 class FrameSeen(NamedTuple):
-    """Holds the newest frame, its age in s, and the console's clock."""
+    """Holds the newest frame, its age in s, and the console's clock in s."""
 
     frame: Frame | None
     age_s: float
@@ -59,17 +61,17 @@ class FrameSeen(NamedTuple):
 
     @property
     def state(self) -> str:
-        """State of the machine."""
+        """State of the machine, "" where unknown."""
         return (self.frame.row.state or "") if self.frame else ""
 
     @property
     def is_calibrating(self) -> bool:
-        """Whether a calibrating run goes on."""
+        """Whether a calibration run is in progress."""
         return self.state == "calibrating"
 
     @property
     def is_ready(self) -> bool:
-        """Whether the machine is ready or calibrates."""
+        """Whether the machine is ready or calibrating."""
         return self.state in ("ready", "calibrating")
 
 
@@ -77,11 +79,18 @@ KeyAction = Callable[[FrameSeen], object]
 
 
 class Calibration:
-    """Guides through a list of steps: the text of each, which is next, and the result.
+    """Guides through the steps of a calibration: text of each step, step to do now, result.
 
-    kind: as its machine files are named. name, heading: untranslated. holds: has a run that goes on
-    while a key is held. deeds: the functions of its keys, by action; a key without one belongs to
-    another calibration.
+    Attributes
+    ----------
+    kind
+        Word in the names of the machine files that it saves.
+    name, heading
+        Untranslated words for the screen.
+    holds
+        True if the calibration has a run that lasts while a key is held.
+    deeds
+        Functions of the keys, by action. A key without function belongs to another calibration.
     """
 
     kind = name = heading = ""
@@ -93,22 +102,22 @@ class Calibration:
         self.saved = ""
 
     def take_frame(self, seen: FrameSeen) -> None:
-        """Take a new frame."""
+        """Process a new frame."""
 
     def list_set_points(self) -> Sequence[Order]:
-        """Orders for shaft and gate at the beginning of a held run."""
+        """Return the orders for shaft and gate at the beginning of a held run."""
         return ()
 
     def list_steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
-        """The steps of the guide."""
+        """Return the steps of the guide."""
         raise NotImplementedError
 
     def find_step(self, seen: FrameSeen) -> int:
-        """Index of the step to be done now."""
+        """Return the index of the step to do now."""
         raise NotImplementedError
 
     def make_guide(self, seen: FrameSeen, said: str) -> GuideView:
-        """The guide as it is shown."""
+        """Return the guide for the screen."""
         return GuideView(
             _(self.heading),
             self.list_steps(seen),
@@ -118,36 +127,37 @@ class Calibration:
         )
 
     def explain_standstill(self, seen: FrameSeen, said: str) -> str:
-        """Why it does not go on, in words; said: a refusal."""
+        """Return why the calibration does not proceed, in words; `said` is the worker's refusal."""
         return "" if seen.frame is not None else _("No machine is connected.")
 
     def list_progress_rows(self, seen: FrameSeen) -> tuple[ProgressRow, ...]:
-        """Rows of the measurement under way."""
+        """Return the rows of the measurement in progress."""
         return ()
 
     def make_curve(self) -> CurveView | None:
-        """The measured curve; None without one."""
+        """Return the measured curve, or None without a curve."""
         return None
 
     def list_chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
-        """The keys that can be pressed now."""
+        """Return the keys of this calibration, with those that can be pressed now."""
         raise NotImplementedError
 
     def take_result(self, fitted: Calibrated) -> None:
-        """Take a new result, which is not saved yet."""
+        """Adopt a new result, which is not saved yet."""
         self.fitted, self.saved = fitted, ""
 
     def forget_result(self) -> None:
-        """Forget the result, which no longer belongs to the measurement."""
+        """Drop the result, because it no longer belongs to the measurement."""
         self.fitted, self.saved = None, ""
 
     def describe_result(self) -> tuple[str, ...]:
-        """The result in words."""
+        """Return the result in words."""
         if self.fitted is None:
             return ()
         rows = [format_estimate(one) for one in self.fitted.estimates]
         if self.fitted.scatter:
             rows.append(_("scatter {scatter}").format(scatter=self.fitted.scatter))
+        # A range of (0, 0) means that the result has no range of shaft speed.
         if self.fitted.range != (0.0, 0.0):
             low, high = self.fitted.range
             rows.append(
@@ -159,7 +169,7 @@ class Calibration:
         return tuple(rows)
 
     def make_save_chip(self) -> Chip:
-        """The key that saves."""
+        """Return the key that saves the result."""
         on = self.fitted is not None and not self.saved and not self.page.busy
         return Chip("cal_save", "E", _("save as new"), on, lead=on)
 
@@ -170,8 +180,10 @@ class HeldRun(Calibration):
     holds = True
 
     def explain_standstill(self, seen: FrameSeen, said: str) -> str:
-        """Why a held run does not go: a refusal, or an interlock that keeps the shaft still."""
+        """Return why a held run does not proceed: a refusal, or an interlock that stops the
+        shaft."""
         if said:
+            # A refusal is newer than the frame, so it comes first.
             return said
         frame = seen.frame
         if frame is None:
@@ -188,13 +200,13 @@ class HeldRun(Calibration):
 
 
 def shorten_path(path: str) -> str:
-    """The path with the home folder as ~."""
+    """Return a path with the home folder written as ~."""
     home = os.path.expanduser("~")
     return "~" + path.removeprefix(home) if path.startswith(home + os.sep) else path
 
 
 def format_estimate(one: Estimate) -> str:
-    """An estimate as `flow 5.51 (5.48 to 5.54) g per turn and mm`."""
+    """Return an estimate in the form `flow 5.51 (5.48 to 5.54) g per turn and mm`."""
     name, unit = _(ESTIMATE_NAMES[one.name]), _(UNIT_NAMES.get(one.unit, one.unit))
     if one.value is None or one.low is None or one.high is None:
         return _("{name}: not shown by this test").format(name=name)
@@ -207,7 +219,7 @@ def format_estimate(one: Estimate) -> str:
 def make_curve(
     fitted: Calibrated | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str
 ) -> CurveView:
-    """The measured points, with the fitted line where there is one."""
+    """Return the measured points, with the fitted line where a result exists."""
     if fitted is None:
         return CurveView(_(AXIS_NAMES[x_name]), _(AXIS_NAMES[y_name]), points)
     return CurveView(

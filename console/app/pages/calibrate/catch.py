@@ -1,8 +1,8 @@
-"""The catch test: settle, then catch and weigh, at three settings or more. Counts seconds and
-revolutions from frames.
+"""Records a catch test: settle, then catch and weigh, at three settings or more. Time and
+revolutions are counted from frames.
 
-Sampling five times a second, a start or a stop of the shaft is counted to 0.02 revolutions (the
-corner of a ramp of 200 r/min per s); thirty revolutions are counted to 0.1 %.
+At five samples a second, a start or stop of the shaft (a ramp of 200 r/min per s) is counted to
+0.02 revolutions; thirty revolutions are counted to 0.1 %.
 """
 
 from __future__ import annotations
@@ -12,31 +12,43 @@ from collections.abc import Callable
 from statistics import fmean
 from typing import Literal, NamedTuple
 
-# below this the shaft stands: the lag paper starts its clock here
+# The shaft stands below this speed, r/min; the paper on the lag starts its clock at the same
+# threshold.
 TURNING_RPM = 2.0
-# flutes and tubes are full and the gate stands still after that
+# After this time, s, flutes and tubes are full and the gate is at rest.
 SETTLING_S = 5.0
-ADVISED_WEIGH_S = 30.0  # advised
-LEAST_REVOLUTIONS = 3.0  # fewer revolutions make no point
+# Advised duration of a catch, s; the bar on the screen is full after this time.
+ADVISED_WEIGH_S = 30.0
+# A catch of fewer revolutions is too inaccurate for a point.
+LEAST_REVOLUTIONS = 3.0
+# A line through fewer points has no measure of its scatter.
 LEAST_CATCHES = 3
-# frames farther apart: nothing is counted between them
+# Nothing is counted between two frames that are further apart than this, s: frames were lost.
 LONGEST_STEP_S = 1.0
-RESTING_READINGS = 15  # of the hopper scale, five a second
-# four s.d. (0.15 kg) of one reading of a hopper scale: it says that much wrong of a catch
+# Readings averaged from the resting hopper scale, at five a second.
+RESTING_READINGS = 15
+# Largest error of a caught mass by the hopper scale, kg: four standard deviations (0.15 kg each) of
+# one reading.
 SCALE_ERROR_KG = 0.6
-# and its gain a few percent: farther off than this, one of the two is wrong
+# The gain of a hopper scale is accurate to a few percent; a larger relative difference means that
+# one of the two masses is wrong.
 SCALE_ERROR_SHARE = 0.25
-# products differ by less in grams a turn; a lost decimal sign makes 10 at least
+# Products differ by less than this factor in grams per revolution; a missing decimal point gives at
+# least 10.
 MODEL_FACTOR = 3.0
 
 CatchPhase = Literal["settle", "weigh"]
 
 
 class CatchPoint(NamedTuple):
-    """Holds one weighed catch, all outlets together.
+    """Holds one weighed catch of all outlets together.
 
-    shaft_rpm, opening_mm: means over the revolutions, so that ramps hardly count; duration_s: such
-    that shaft_rpm x duration_s are the revolutions.
+    Attributes
+    ----------
+    shaft_rpm, opening_mm
+        Means weighted by revolutions, so that ramps hardly count.
+    duration_s
+        Time such that shaft_rpm x duration_s / 60 is the number of revolutions, s.
     """
 
     shaft_rpm: float
@@ -51,21 +63,21 @@ class CatchPoint(NamedTuple):
 
     @property
     def grams_per_revolution(self) -> float:
-        """Mass of a revolution, g."""
+        """Mass per revolution, g."""
         return 1000.0 * self.mass_kg / self.revolutions
 
 
 class ShaftTurns(NamedTuple):
-    """Holds the shaft's turns in one phase."""
+    """Holds the revolutions of the shaft in one phase."""
 
     seconds: float = 0.0
     revolutions: float = 0.0
-    # shaft speed and opening, summed over revolutions
+    # Shaft speed and opening, each summed with the revolutions as weights.
     shaft_rpm_rev: float = 0.0
     opening_mm_rev: float = 0.0
 
     def add_interval(self, dt_s: float, shaft_rpm: float, opening_mm: float) -> ShaftTurns:
-        """The turns with an interval more. shaft_rpm, opening_mm: means over dt_s."""
+        """Return the counts after another interval, with the mean speed and opening over dt_s."""
         turned = shaft_rpm * dt_s / 60.0
         return ShaftTurns(
             self.seconds + dt_s,
@@ -82,7 +94,7 @@ class _CatchSample(NamedTuple):
 
 
 class CatchRun:
-    """Records settings, runs and weighed catches so far."""
+    """Records the setting, the run in progress and the catches weighed so far."""
 
     def __init__(self, shaft_rpm: float, opening_mm: float) -> None:
         self.shaft_rpm, self.opening_mm = shaft_rpm, opening_mm
@@ -96,8 +108,8 @@ class CatchRun:
     def change_setting(
         self, shaft_rpm: float | None = None, opening_mm: float | None = None
     ) -> None:
-        """Take another setting, which has to settle first; a catch that is not weighed is
-        forgotten."""
+        """Change the setting, which has to settle first; a catch that was not weighed is
+        dropped."""
         shaft_rpm = self.shaft_rpm if shaft_rpm is None else shaft_rpm
         opening_mm = self.opening_mm if opening_mm is None else opening_mm
         if (shaft_rpm, opening_mm) != (self.shaft_rpm, self.opening_mm):
@@ -105,32 +117,38 @@ class CatchRun:
             self.settle_again()
 
     def settle_again(self) -> None:
-        """Settle anew; the points stay."""
+        """Begin to settle again; weighed points remain."""
         self.phase, self.turned, self._before_kg = "settle", ShaftTurns(), None
 
     @property
     def can_weigh(self) -> bool:
-        """Whether enough is caught to be weighed."""
+        """Whether the catch has enough revolutions to be weighed."""
         return self.phase == "weigh" and self.turned.revolutions >= LEAST_REVOLUTIONS
 
     @property
     def scale_loss_kg(self) -> float | None:
-        """Loss of the hopper scale in the catch, kg: a hint along with the weighed mass, with the
-        scale's own noise."""
+        """Mass that the hopper scale lost during the catch, kg, including the scale's noise; None
+        while the scale is not at rest."""
+        # A third of the readings is enough for a mean of less noise than the mass in doubt.
         if self._before_kg is None or len(self._resting_kg) < RESTING_READINGS // 3:
             return None
         return self._before_kg - fmean(self._resting_kg)
 
     def is_against_scale(self, mass_kg: float) -> bool:
-        """Whether the hopper scale lost quite another mass than this."""
+        """Return whether the hopper scale contradicts this mass."""
         says = self.scale_loss_kg
         return says is not None and abs(mass_kg - says) > max(
             SCALE_ERROR_KG, SCALE_ERROR_SHARE * max(says, mass_kg)
         )
 
     def predict_kg(self, of: Callable[[float, float, float], float]) -> float:
-        """Mass that the model expects for the turns of this catch, kg. of:
-        `CalibrateService.expected_kg`."""
+        """Return the mass that the model expects for the revolutions of this catch, kg.
+
+        Parameters
+        ----------
+        of
+            `CalibrateService.expected_kg`.
+        """
         turned = self.turned
         return of(
             turned.shaft_rpm_rev / turned.revolutions,
@@ -139,8 +157,7 @@ class CatchRun:
         )
 
     def add_weighed(self, mass_kg: float) -> None:
-        """Make a point of the caught mass; the same setting may be caught again without
-        settling."""
+        """Add a point with the caught mass. The next catch at this setting needs no settling."""
         turned = self.turned
         shaft_rpm = turned.shaft_rpm_rev / turned.revolutions
         self.points.append(
@@ -154,12 +171,13 @@ class CatchRun:
         self.turned, self._before_kg = ShaftTurns(), None
 
     def undo_point(self) -> None:
-        """Drop the last point."""
+        """Remove the last point."""
         if self.points:
             self.points.pop()
 
     def pause_counting(self) -> None:
-        """Stop counting: the machine does other things, so its turns are no catch."""
+        """Stop counting, because the machine does something else and its revolutions belong to no
+        catch."""
         self._last = None
         self._resting_kg.clear()
 
@@ -171,7 +189,17 @@ class CatchRun:
         hopper_kg: float | None,
         running: bool,
     ) -> None:
-        """Count a frame. running: a run is going on; the shaft is counted until it stands again."""
+        """Count a frame.
+
+        Parameters
+        ----------
+        time_s
+            Time of the frame, s.
+        shaft_rpm, opening_mm, hopper_kg
+            Measurements; None where unknown.
+        running
+            True while the key is held. The shaft counts until it stands again.
+        """
         now = (
             None
             if shaft_rpm is None
@@ -182,6 +210,8 @@ class CatchRun:
         last, self._last = self._last, now
         turning = now is not None and now.shaft_rpm > TURNING_RPM
         if turning or running:
+            # The scale is valid only at rest, so the mass before the catch is the mean up to the
+            # first revolution.
             if self.turned.revolutions == 0.0 and self._resting_kg:
                 self._before_kg = fmean(self._resting_kg)
             self._resting_kg.clear()
@@ -189,6 +219,7 @@ class CatchRun:
             self._resting_kg.append(hopper_kg)
         if last is None or now is None or not 0.0 < now.time_s - last.time_s <= LONGEST_STEP_S:
             return
+        # The trapezoidal mean counts ramps correctly between two frames.
         mean_rpm = 0.5 * (max(0.0, now.shaft_rpm) + max(0.0, last.shaft_rpm))
         if mean_rpm > TURNING_RPM:
             mean_mm = 0.5 * (now.opening_mm + last.opening_mm)

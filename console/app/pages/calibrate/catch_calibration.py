@@ -1,5 +1,6 @@
-"""The catch test on the screen: settle, catch, weigh, at three settings or more; then flow per
-turn."""
+"""Guides through the catch test on the screen: settle, catch, weigh, at three settings or more;
+then fit the flow per revolution.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +38,11 @@ from topdress.control.orders import Do, Order
 if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
-SPEED_STEP_RPM = 1.0  # closer settings are one setting
+# Settings closer than this, r/min, count as one setting.
+SPEED_STEP_RPM = 1.0
+# Openings closer than this, mm, count as one setting.
 OPENING_STEP_MM = 0.5
-# let go of, a run is over at once, and the shaft stands a little later
+# A released run ends at once, but the shaft still turns while it slows down in state "ready".
 BENCH_STATES = ("calibrating", "ready")
 
 
@@ -52,6 +55,7 @@ class CatchCalibration(HeldRun):
         super().__init__(
             page,
             {
+                # A change of setting during a run would mix two settings in one catch.
                 "cal_shaft": self._refuse_while_turning(self._ask_shaft_rpm),
                 "cal_opening": self._refuse_while_turning(self._ask_opening_mm),
                 "cal_weigh": self._refuse_while_turning(self._ask_weighed_mass),
@@ -81,6 +85,8 @@ class CatchCalibration(HeldRun):
             )
 
     def list_set_points(self) -> Sequence[Order]:
+        # The gate moves before the shaft turns, so that the first material already flows through
+        # the new opening.
         return (
             Order(Do.CALIBRATE_OPENING, self.test.opening_mm),
             Order(Do.CALIBRATE_SHAFT, self.test.shaft_rpm),
@@ -198,6 +204,7 @@ class CatchCalibration(HeldRun):
         points = self.test.points
         speeds = [one.shaft_rpm for one in points]
         openings = [one.opening_mm for one in points]
+        # The curve is drawn over the quantity that was varied.
         by_speed = bool(points) and (
             max(openings) - min(openings) < OPENING_STEP_MM
             and max(speeds) - min(speeds) > SPEED_STEP_RPM
@@ -234,7 +241,7 @@ class CatchCalibration(HeldRun):
         )
 
     def _refuse_while_turning(self, do: Callable[[], object]) -> KeyAction:
-        """The action, refused while the shaft turns."""
+        """Return a key's action that refuses to run while the shaft turns."""
 
         def run_if_standing(seen: FrameSeen) -> None:
             if seen.is_calibrating:
@@ -245,6 +252,7 @@ class CatchCalibration(HeldRun):
         return run_if_standing
 
     def _ask_shaft_rpm(self) -> None:
+        """Ask for the shaft speed, r/min."""
         self.page.ask_question(
             NumberDialog(
                 _("Shaft speed"),
@@ -256,16 +264,19 @@ class CatchCalibration(HeldRun):
         )
 
     def _ask_opening_mm(self) -> None:
+        """Ask for the opening, mm."""
         self.page.ask_question(
             NumberDialog(_("Opening"), "mm", *self.page.served.opening_mm),
             lambda opening_mm: self.test.change_setting(opening_mm=opening_mm),
         )
 
     def _undo_point(self) -> None:
+        """Remove the last catch and the result that contains it."""
         self.test.undo_point()
         self.forget_result()
 
     def _ask_weighed_mass(self) -> None:
+        """Ask for the mass that was caught."""
         if not self.test.can_weigh:
             self.page.app.show_notice(_("nothing is caught yet: hold I first"))
             return
@@ -273,6 +284,7 @@ class CatchCalibration(HeldRun):
         text = _("{turns} turns in {seconds} s").format(
             turns=f"{self.test.turned.revolutions:.1f}", seconds=f"{self.test.turned.seconds:.1f}"
         )
+        # Rounding inwards keeps the displayed limits within the range in SI units.
         low, high = round_inwards(unit, 0.001, self.page.served.most_kg, 3)
         self.page.ask_question(
             NumberDialog(
@@ -288,7 +300,8 @@ class CatchCalibration(HeldRun):
         )
 
     def _explain_doubt(self, mass_kg: float) -> str:
-        """The objection to a weighed mass: the hopper scale's; without one, the machine model's."""
+        """Return the objection to a weighed mass: by the hopper scale, or without a scale by the
+        machine model."""
         mass = self.page.app.units.mass._replace(decimals=2)
         if self.test.scale_loss_kg is not None:
             return (
@@ -306,6 +319,8 @@ class CatchCalibration(HeldRun):
         )
 
     def _add_weighed(self, mass_kg: float) -> None:
+        # The operator may have started another run while the dialog was open.
+        """Add a weighed catch and drop the result, which lacks it."""
         if self.test.can_weigh:
             self.test.add_weighed(mass_kg)
             self.forget_result()
@@ -316,6 +331,7 @@ class CatchCalibration(HeldRun):
             )
 
     def _fit_flow_model(self) -> None:
+        """Fit the flow model to the catches, in a thread."""
         service, points = self.page.served, tuple(self.test.points)
         if len(points) < LEAST_CATCHES:
             self.page.app.show_notice(

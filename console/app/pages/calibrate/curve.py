@@ -1,8 +1,7 @@
-"""Measured points, the line fitted through them, and the band in which 90 % of single
-measurements lie.
+"""Plots measured points, the fitted line, and the band that contains 90 % of single measurements.
 
-Told apart by shape, not by colour alone: points are letters o, the line is braille without a
-gap, the band's two edges are braille dots with gaps.
+The parts differ in shape as well as colour: points are the letter o, the line is continuous
+braille, the edges of the band are dotted braille.
 """
 
 from __future__ import annotations
@@ -20,12 +19,22 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import align_right, fit_width
 from topdress.console.locale import _
 
+# Columns for the numbers of the vertical axis.
 _AXIS_CELLS = 8
 
 
 class CurveView(NamedTuple):
-    """Holds a curve. points: (x, y). line: (x, y, low, high), by x. x_name, y_name: quantity and
-    unit, in the language in use."""
+    """Holds a curve.
+
+    Attributes
+    ----------
+    x_name, y_name
+        Quantity and unit, in the language in use.
+    points
+        Measured (x, y).
+    line
+        Fitted (x, y, low, high), in the order of x.
+    """
 
     x_name: str
     y_name: str
@@ -34,7 +43,7 @@ class CurveView(NamedTuple):
 
 
 def round_ends(values: list[float], least: float) -> tuple[float, float]:
-    """Round ends that contain all values with some margin; `least` apart or more."""
+    """Return round ends that contain all values with a margin and differ by at least `least`."""
     low, high = min(values), max(values)
     if high - low < least:
         middle = 0.5 * (low + high)
@@ -56,6 +65,7 @@ class CurvePlot(Canvas[CurveView]):
 
     def draw_rows(self, view: CurveView, width: int, height: int) -> list[Strip]:
         rows, columns = height - 2, width - _AXIS_CELLS - 1
+        # A plot of fewer cells shows nothing readable.
         if rows < 2 or columns < 10:
             return []
         muted, title = self.find_style("curve--muted"), self.find_style("curve--title")
@@ -72,8 +82,10 @@ class CurvePlot(Canvas[CurveView]):
                 ("  ⢀⢀ ", band),
                 (_("90 % lie between"), muted),
             ]
+        # The head must fit: the entry that matters least, the band, is dropped first.
         while sum(cell_len(text) for text, _style in head) > width and len(head) > 3:
-            head = head[:-2]  # the last of what is explained goes first, whole
+            # An entry is dropped with its sign, so that no sign stays unexplained.
+            head = head[:-2]
         strips = [self.make_text_strip(width, *head)]
         ys = [y for _x, y in view.points] + [value for one in view.line for value in one[1:]]
         if not ys:
@@ -98,6 +110,7 @@ class CurvePlot(Canvas[CurveView]):
             place
             for edge in (2, 3)
             for place in _join_places([find_dot(one[0], one[edge]) for one in view.line])
+            # Every second cell only, so that the edges of the band look dotted.
             if place[0] % 4 == 0
         }
         marks = {(x // 2, y // 4) for x, y in (find_dot(*one) for one in view.points)}
@@ -134,7 +147,7 @@ class CurvePlot(Canvas[CurveView]):
 
 
 def _join_places(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
-    """Every dot on straight lines from place to place."""
+    """Return every dot on the straight lines between successive positions."""
     found = set(places)
     for (x0, y0), (x1, y1) in pairwise(places):
         steps = max(abs(x1 - x0), abs(y1 - y0), 1)
@@ -156,6 +169,8 @@ def _draw_cell(
     drawn: Style,
     band: Style,
 ) -> Segment | None:
+    """Return the segment of a cell, or None for an empty cell. A point covers the line, the line
+    covers the band."""
     if (column, row) in marks:
         return Segment("o", point)
     for places, style in ((line, drawn), (edges, band)):
@@ -171,5 +186,6 @@ def _draw_cell(
 
 
 def _format_axis_number(value: float, span: tuple[float, float]) -> str:
+    """Return a number of an axis with decimals that suit the span."""
     decimals = max(0, min(4, 1 - floor(log10(span[1] - span[0]))))
     return f"{value:.{decimals}f}"

@@ -1,5 +1,6 @@
-"""The reference of effort on the screen: what the drives of a sound machine take, from the log
-of this run."""
+"""Guides through the reference of effort: the effort that the drives of a sound machine need, from
+the log of this run.
+"""
 
 from __future__ import annotations
 
@@ -73,6 +74,7 @@ class EffortCalibration(Calibration):
         ), self.make_save_chip()
 
     def _fit_effort(self, seen: FrameSeen) -> None:
+        """Fit the effort of the drives to the log of this run, in a thread."""
         service, path = self.page.served, "" if seen.frame is None else seen.frame.log_path
         if path:
             self.page.compute_in_thread(lambda: service.fit_effort(path), self.take_result)

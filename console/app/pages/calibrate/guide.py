@@ -1,5 +1,6 @@
-"""A guided sequence: what is done, what is to be done now, what comes after; below it what was
-refused or found."""
+"""Draws a guided sequence: steps done, the step to do now, later steps, and below them refusals or
+results.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +12,25 @@ from topdress.console.locale import _
 
 
 class GuideStep(NamedTuple):
-    """Holds a step. title: a few words; text: the instruction, shown while it is the one to do."""
+    """Holds a step: a title of a few words, and the instruction that is shown while the step is
+    due."""
 
     title: str
     text: str
 
 
 class GuideView(NamedTuple):
-    """Holds a guide. now: the step to do. said: why something is not possible now, in words. found:
-    lines of the result."""
+    """Holds a guide.
+
+    Attributes
+    ----------
+    now
+        Index of the step to do.
+    said
+        Reason why something is impossible now, in words.
+    found
+        Lines of the result.
+    """
 
     title: str
     steps: tuple[GuideStep, ...]
@@ -53,7 +64,9 @@ class GuidePanel(Panel[GuideView]):
         rows = [make_line((f" {row}", "bold $primary")) for row in wrap_text(view.title, width - 1)]
         room = height - len(tail) - len(rows)
         rows += self._draw_steps(view.steps, view.now, width, room)
+        # An empty row separates steps and result where there is room.
         rows += [make_line("")] * max(0, min(1, height - len(rows) - len(tail)))
+        # Refusal and result are shown whole; on a low screen the steps lose rows.
         return (
             (rows + tail)
             if len(rows) + len(tail) <= height
@@ -62,8 +75,8 @@ class GuidePanel(Panel[GuideView]):
 
     @staticmethod
     def _draw_steps(steps: tuple[GuideStep, ...], now: int, width: int, room: int) -> list[Content]:
-        """Titles of all steps, the text of the one to do; done ones are dropped first where rows
-        are few."""
+        """Return the titles of all steps, and the text of the step to do. Finished steps are
+        dropped first where rows are scarce."""
         texts = [
             wrap_text(step.text, width - 5) if index == now else []
             for index, step in enumerate(steps)

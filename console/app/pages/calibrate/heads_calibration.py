@@ -1,4 +1,6 @@
-"""The heads check on the screen: six heads against their median for 30 s of driving."""
+"""Guides through the heads check: each sensor head is compared with the median of all heads during
+30 s of driving.
+"""
 
 from __future__ import annotations
 
@@ -23,23 +25,27 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 
-# The heads check: every canopy head against the median of all, over 30 s of driving.
+# Duration of the comparison, s.
 CHECK_DURATION_S = 30.0
-# of the median: published fouling is 2 to 10 %, heads agree to 0.1 % when clean
+# Offset, as a share of the median, beyond which a head counts as fouled. Published fouling is 2 to
+# 10 %; clean heads agree to 0.1 %.
 FOULED_SHARE = 0.04
-# spread (1 s.d.) about the median; a good head has 0.01, the crop itself about as much
+# Standard deviation about the median beyond which a head counts as unsteady; a good head has 0.01,
+# and the crop about as much.
 UNSTEADY_NDVI = 0.05
-# with two heads the median cannot tell which is wrong
+# With two heads the median cannot show which head is wrong.
 LEAST_HEADS = 3
+# A mean of fewer readings has too large a standard error.
 LEAST_SAMPLES = 25
-SILENT_SHARE = 0.5  # of the samples
+# A head with fewer readings than this share of all samples counts as silent.
+SILENT_SHARE = 0.5
 
 HeadVerdict = Literal["", "good", "fouled", "unsteady", "silent"]
 
 
 class HeadFound(NamedTuple):
-    """Holds the findings on one head. offset, spread: NDVI against the median of all; None with too
-    few readings."""
+    """Holds the findings on one head: offset and spread of its NDVI against the median of all
+    heads. None means too few readings."""
 
     number: int
     ndvi: float | None
@@ -49,7 +55,7 @@ class HeadFound(NamedTuple):
 
 
 class HeadsCheck:
-    """Compares each head with the median of all for `CHECK_DURATION_S`."""
+    """Compares each head with the median of all heads for `CHECK_DURATION_S`."""
 
     def __init__(self) -> None:
         self.started_s: float | None = None
@@ -60,30 +66,32 @@ class HeadsCheck:
 
     @property
     def is_running(self) -> bool:
-        """Whether it runs."""
+        """Whether the check is in progress."""
         return self.started_s is not None and self.seconds < CHECK_DURATION_S
 
     @property
     def is_done(self) -> bool:
-        """Whether the time is over."""
+        """Whether the duration has elapsed."""
         return self.started_s is not None and self.seconds >= CHECK_DURATION_S
 
     def start_check(self, time_s: float) -> None:
-        """Start at a time of the run, s."""
+        """Start the check at a time of the run, s."""
         self.started_s, self.seconds = time_s, 0.0
         self._apart, self._medians = [], []
 
     def add_frame(self, time_s: float, ndvi: Sequence[float | None]) -> None:
-        """Add a frame: NDVI of every head, left to right; None: silent."""
+        """Add a frame with the NDVI of every head from left to right; None marks a silent head."""
         self._last = tuple(ndvi)
         if not self.is_running or self.started_s is None:
             return
         self.seconds = max(0.0, time_s - self.started_s)
+        # The number of heads is known only from the frames.
         while len(self._apart) < len(ndvi):
             self._apart.append([])
         known = [value for value in ndvi if value is not None]
         if len(known) < LEAST_HEADS:
             return
+        # The median is insensitive to one or two faulty heads, unlike the mean.
         middle = median(known)
         self._medians.append(middle)
         for apart, value in zip(self._apart, ndvi, strict=False):
@@ -91,10 +99,12 @@ class HeadsCheck:
                 apart.append(value - middle)
 
     def list_heads(self) -> tuple[HeadFound, ...]:
-        """Findings on each head so far; verdicts only once the time is over."""
+        """Return the findings on each head so far; verdicts exist only after the duration has
+        elapsed."""
         return tuple(self._judge_head(index) for index in range(len(self._last)))
 
     def _judge_head(self, index: int) -> HeadFound:
+        """Return the findings on one head."""
         now = self._last[index]
         apart = self._apart[index] if index < len(self._apart) else []
         if len(apart) < 2:
@@ -106,17 +116,21 @@ class HeadsCheck:
         )
 
     def _choose_verdict(self, count: int, offset: float, spread: float) -> HeadVerdict:
+        """Return the verdict on a head with `count` readings."""
         if not self.is_done:
             return ""
         if count < max(LEAST_SAMPLES, SILENT_SHARE * len(self._medians)):
             return "silent"
         if spread > UNSTEADY_NDVI:
             return "unsteady"
+        # Two standard errors of the mean offset are subtracted, so that chance does not make a head
+        # "fouled".
         certain = 2.0 * spread / sqrt(count)
         return "fouled" if abs(offset) - certain > FOULED_SHARE * fmean(self._medians) else "good"
 
 
-BAR_END_NDVI = 0.10  # the bars' ends
+# NDVI at the ends of the bars.
+BAR_END_NDVI = 0.10
 VERDICT_WORDS = {
     "": "",
     "good": N_("good"),
@@ -151,6 +165,7 @@ class HeadsCalibration(Calibration):
         frame = seen.frame
         if frame is not None:
             row = frame.row
+            # A frame of an older worker has no `head_ndvi`; its log row has six heads.
             ndvi = frame.head_ndvi or (
                 row.ndvi_1,
                 row.ndvi_2,
@@ -229,5 +244,6 @@ class HeadsCalibration(Calibration):
         )
 
     def _begin_check(self, seen: FrameSeen) -> None:
+        """Start the check."""
         if seen.frame is not None:
             self.check.start_check(seen.frame.row.time_s)

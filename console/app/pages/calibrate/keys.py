@@ -1,4 +1,4 @@
-"""Keys of the Calibrate page and what they do; most are for the calibration that is open."""
+"""Defines the keys of the Calibrate page; most belong to the calibration that is open."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ if TYPE_CHECKING:
 
 
 def make_page_action(name: str) -> Callable[[CalibrateScreen], None]:
-    """The open calibration's function for this action."""
+    """Return a function that runs the open calibration's function for an action."""
     return lambda page: page.do_action(name)
 
 
 ACTIONS = set_page(
     CALIBRATE,
+    # The shaft may turn only while this key is down, so it has no toggle.
     Action(
         "cal_run",
         "i",
@@ -56,6 +57,7 @@ ACTIONS = set_page(
         lambda page: page.app.give_order(Do.READY),
         needs_machine=True,
     ),
+    # The same keys serve all calibrations: each calibration lists those that it uses as chips.
     Action(
         "cal_shaft",
         "q_1",
@@ -124,6 +126,7 @@ ACTIONS = set_page(
         N_("Computes the machine's numbers from what was measured."),
         make_page_action("cal_fit"),
     ),
+    # A machine file in use must not change under the running job; saving always writes a new file.
     Action(
         "cal_save",
         "e",

@@ -1,5 +1,6 @@
-"""The lag test on the screen: from the rig while the shaft may turn, or from a bench table that
-was measured before."""
+"""Guides through the lag test: from the rig while the shaft may turn, or from a bench table that
+was measured before.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +26,13 @@ from topdress.console.locale import N_, _
 if TYPE_CHECKING:
     from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
+# Name of the rig among the machine's devices.
 RIG_DEVICE = "lag_rig"
+# Value of the choice that asks for a path; no path has this name.
 OTHER_FILE = "other file"
-ENDED_PHASE = "ended"  # by hand, before all was measured
+# Phase of a test that the operator ended before all runs were measured.
+ENDED_PHASE = "ended"
+# Phases after which nothing more is measured.
 FINAL_PHASES = ("done", ENDED_PHASE)
 PHASE_WORDS = {
     "settling": N_("waiting until everything stands still"),
@@ -57,8 +62,7 @@ class LagCalibration(HeldRun):
         self.test: LagTestView | None = None
 
     def take_frame(self, seen: FrameSeen) -> None:
-        """Take a frame; the measured runs stay, also when the test is ended before all are
-        measured."""
+        """Process a frame. Measured runs remain, also if the test ends before all are measured."""
         now = seen.frame.lag_test if seen.frame else None
         if now is not None:
             self.test = now
@@ -67,19 +71,20 @@ class LagCalibration(HeldRun):
 
     @staticmethod
     def has_rig(seen: FrameSeen) -> bool:
-        """Whether the machine has a lag rig."""
+        """Return whether the machine has a lag rig."""
         return seen.frame is not None and any(
             device.name == RIG_DEVICE for device in seen.frame.devices
         )
 
     @property
     def is_measuring(self) -> bool:
-        """Whether the test goes on."""
+        """Whether the test is in progress."""
         return self.test is not None and self.test.phase not in FINAL_PHASES
 
     @property
     def has_enough_runs(self) -> bool:
-        """Whether runs at three speeds are measured."""
+        """Whether runs at three speeds are measured, the least for a line with a measure of its
+        scatter."""
         return self.test is not None and len({run[0] for run in self.test.runs}) >= 3
 
     def find_step(self, seen: FrameSeen) -> int:
@@ -147,6 +152,7 @@ class LagCalibration(HeldRun):
                 CellsRow(
                     (f"{rpm:g}", f"{response_s:.3f}", f"{drop_s:.3f}", f"{response_s + drop_s:.3f}")
                 )
+                # The newest runs matter; the panel has room for six.
                 for rpm, response_s, drop_s in test.runs[-6:]
             ]
         if self.table is not None:
@@ -205,6 +211,7 @@ class LagCalibration(HeldRun):
         )
 
     def _begin_or_end(self, seen: FrameSeen) -> None:
+        """Begin the lag test on the rig, or end the test in progress."""
         if not self.has_rig(seen):
             self.page.app.show_notice(_("no lag rig is in the cab file"))
             return
@@ -215,14 +222,17 @@ class LagCalibration(HeldRun):
             exit_on_error=False,
         )
         if begin:
+            # A test on the rig replaces a table that was chosen before.
             self.table, self.label = None, None
             self.forget_result()
 
     def _ask_for_table(self) -> None:
+        """Ask for a bench table; the list is read in a thread."""
         service = self.page.served
         self.page.compute_in_thread(lambda: tuple(service.lag_tables()), self._show_tables)
 
     def _show_tables(self, tables: tuple[LagTable, ...]) -> None:
+        """Ask which of the tables to use, or for a path where none was found."""
         choices = [
             Choice(table.path, f"{PurePath(table.path).name}  ({table.rows})") for table in tables
         ]
@@ -240,10 +250,12 @@ class LagCalibration(HeldRun):
             open_chosen(OTHER_FILE)
 
     def _open_table(self, path: str) -> None:
+        """Read a table from a path, in a thread."""
         service = self.page.served
         self.page.compute_in_thread(lambda: service.open_lag_table(path), self._take_table)
 
     def _take_table(self, table: LagTable) -> None:
+        """Adopt a table, and ask for its rows if it has several labels."""
         self.table, self.label = table, None
         self.forget_result()
         if table.labels:
@@ -257,10 +269,12 @@ class LagCalibration(HeldRun):
             self._fit_lag_line()
 
     def _take_label(self, label: str) -> None:
+        """Adopt the rows of a label and fit the line."""
         self.label = label
         self._fit_lag_line()
 
     def _fit_lag_line(self) -> None:
+        """Fit the lag line to the chosen table, else to the runs of the rig."""
         service, table, label = self.page.served, self.table, self.label
         path = (
             table.path

@@ -1,5 +1,6 @@
-"""The Calibrate screen: five guided sequences; what turns the shaft turns it only while a key
-or button is held."""
+"""Shows the Calibrate screen with five guided sequences; the shaft turns only while a key or button
+is held.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.orders import Answer, Do, Order
 
-# Runs shaft and gate while a key or button is held: orders out, repeated, and a release the
-# moment it is let go. the control worker stops 0.5 s after the last one
+# Period of repeated orders while a key is held, s. The control worker stops the shaft 0.5 s after
+# the last order, so a dead console cannot leave it turning.
 REPEAT_PERIOD_S = 0.1
 
 GiveOrder = Callable[[Order], Awaitable[Answer]]
@@ -53,18 +54,27 @@ StartTask = Callable[[Awaitable[None]], object]
 
 
 class HeldRunner:
-    """Runs shaft and gate while held. give: sends one order and waits for its answer. start: runs a
-    coroutine in the background."""
+    """Turns shaft and gate while a key or button is held.
+
+    Parameters
+    ----------
+    give
+        Sends one order and waits for its answer.
+    start
+        Runs a coroutine in the background.
+    """
 
     def __init__(self, give: GiveOrder, start: StartTask) -> None:
         self.held = HeldKey()
-        self.said = ""  # why it does not run, in words
+        # Reason why the shaft stands still, in words.
+        self.said = ""
         self._give, self._start = give, start
         self._running = False
+        # Minus one period lets the first order leave at once.
         self._sent_s = -REPEAT_PERIOD_S
 
     def note_key(self, now_s: float) -> None:
-        """Note a press of the key."""
+        """Record a press of the key."""
         self.held.note_key(now_s)
         if self.held.is_armed:
             self.said = _(
@@ -72,17 +82,24 @@ class HeldRunner:
             )
 
     def note_mouse(self, down: bool) -> None:
-        """Note the state of the mouse button."""
+        """Record the state of the mouse button."""
         self.held.note_mouse(down)
 
     def release_all(self, now_s: float, settings: Sequence[Order] = ()) -> None:
-        """Let go, and end the run."""
+        """Release key and button, and end the run."""
         self.held.release_all()
         self.send_due(now_s, settings)
 
     def send_due(self, now_s: float, settings: Sequence[Order]) -> None:
-        """Send the orders that are due; settings: orders for shaft and gate at the beginning of a
-        run."""
+        """Send the orders that are due.
+
+        Parameters
+        ----------
+        now_s
+            Time of the console's clock, s.
+        settings
+            Orders for shaft and gate at the beginning of a run.
+        """
         if not self.held.is_down(now_s):
             if self._running:
                 self._running = False
@@ -90,25 +107,30 @@ class HeldRunner:
         elif not self._running:
             self._running, self._sent_s, self.said = True, now_s, ""
             self._start(self._begin_run(tuple(settings), now_s))
+        # The tolerance of 1 ms accepts a timer that fires slightly early.
         elif now_s - self._sent_s >= REPEAT_PERIOD_S - 1e-3:
             self._sent_s = now_s
             self._start(self._repeat_order(now_s))
 
     async def _begin_run(self, settings: tuple[Order, ...], now_s: float) -> None:
+        # CALIBRATE comes first: safety accepts set-points only in this state.
+        """Send the orders that begin a run; a refusal ends the sequence."""
         for order in (Order(Do.CALIBRATE), *settings):
             if not self._running or not self._is_kept(await self._give(order), now_s):
                 return
 
     async def _repeat_order(self, now_s: float) -> None:
+        """Repeat the order that keeps the run alive."""
         if self._running:
             self._is_kept(await self._give(Order(Do.CALIBRATE)), now_s)
 
     async def _end_run(self) -> None:
+        """Send the order that ends a run."""
         await self._give(Order(Do.RELEASE))
 
     def _is_kept(self, answer: Answer, now_s: float) -> bool:
-        """Whether the run goes on: a refusal ends it; a late answer does not, the worker's own
-        watch decides."""
+        """Return whether the run goes on. A refusal ends the run; a late answer does not, because
+        the worker's own timeout decides."""
         if answer.accepted or answer.why == "no_answer":
             return True
         if self._running:
@@ -119,7 +141,7 @@ class HeldRunner:
         return False
 
 
-# A row of choices, one of them open; a click or the arrows take another.
+# The tabs form one row, of which one entry is open.
 class TabsView(NamedTuple):
     """Holds a row of tabs."""
 
@@ -129,14 +151,15 @@ class TabsView(NamedTuple):
 
 
 class TabsRow(Panel[TabsView]):
-    """Shows the tabs; posts Picked."""
+    """Shows the tabs; a click posts `Picked`."""
 
     def _place_tabs(self) -> tuple[tuple[int, str, int], ...]:
+        """Return index, text and first column of each tab."""
         texts = (
             f"[{name}]" if index == self.view.at else f" {name} "
             for index, name in enumerate(self.view.names)
         )
-        # gaps
+        # One empty column separates two tabs.
         return tuple(
             (index, text, start + index) for index, text, start in place_in_row(enumerate(texts), 1)
         )
@@ -158,8 +181,9 @@ class TabsRow(Panel[TabsView]):
             self.post_message(Picked(index))
 
 
-WATCH_PERIOD_S = 0.05  # how often a held key is looked at
-# by the machine's file
+# Period at which a held key is checked, s.
+WATCH_PERIOD_S = 0.05
+# Actions that need the ranges or the model of the machine's file.
 COMPUTING_ACTIONS = frozenset({"cal_shaft", "cal_opening", "cal_weigh", "cal_table", "cal_fit"})
 T = TypeVar("T")
 
@@ -178,6 +202,7 @@ class CalibrateScreen(Page):
             self._send_order,
             lambda asked: self.run_worker(asked, group="held", exit_on_error=False),
         )
+        # The order is that of the tabs: flow and lag come first, because the dose depends on them.
         self.calibrations: tuple[Calibration, ...] = (
             CatchCalibration(self),
             LagCalibration(self),
@@ -203,39 +228,42 @@ class CalibrateScreen(Page):
             yield Chips((), id="cal-chips")
 
     def on_mount(self) -> None:
-        """Start watching the held key."""
+        """Start the timer that checks the held key."""
         if self.app.live:
             self._watch = self.set_interval(WATCH_PERIOD_S, self.watch_hold)
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration that is open."""
+        """Calibration that is open."""
         return self.calibrations[self.at]
 
     @property
     def served(self) -> CalibrateService:
-        """The service, for actions that need one."""
+        """Service, for actions that need one; `run_calibration_key` has excluded None."""
         assert self.service is not None
         return self.service
 
     def make_frame_seen(self) -> FrameSeen:
-        """The newest frame with its age and the clock."""
+        """Return the newest frame with its age and the clock."""
         now_s = self.app.clock()
         frame, age_s = self.find_frame(now_s)
         return FrameSeen(frame, age_s, now_s)
 
     def watch_hold(self) -> None:
-        """Send and end orders at this pace, however slowly the screen is drawn."""
+        """Send and end held orders, independently of how slowly the screen is drawn."""
+        # A lock of the keys releases a held key too.
         if self.app.locked:
             self.runner.held.release_all()
         self.runner.send_due(self.app.clock(), self.calibration.list_set_points())
 
     def gather_frame(self, frame: Frame) -> None:
         seen = FrameSeen(frame, 0.0, self.app.clock())
+        # Every calibration receives the frame: a heads check continues while another tab is open.
         for calibration in self.calibrations:
             calibration.take_frame(seen)
 
     def show_due(self, now_s: float) -> None:
+        # Held orders come before drawing, which may be slow.
         self.watch_hold()
         super().show_due(now_s)
         if self.plots.is_due(now_s):
@@ -267,7 +295,7 @@ class CalibrateScreen(Page):
     # --------------------------------------------------------------------------------------------
 
     def do_action(self, name: str) -> None:
-        """Do the open calibration's function of a key."""
+        """Run the open calibration's function for a key, or explain why it has none."""
         deed = self.calibration.deeds.get(name)
         if name == "cal_fit" and self.busy:
             self.app.show_notice(self.busy)
@@ -279,7 +307,7 @@ class CalibrateScreen(Page):
             deed(self.make_frame_seen())
 
     def press_hold_key(self) -> None:
-        """Press the key that runs while held."""
+        """Process a press of the key that turns the shaft while it is held."""
         if not self.calibration.holds:
             self.app.show_notice(_("nothing turns in this calibration"))
             return
@@ -298,7 +326,7 @@ class CalibrateScreen(Page):
         self.app.show_changes()
 
     def on_chips_held(self, event: Chips.Held) -> None:
-        """Run while the chip is held."""
+        """Turn the shaft while the chip on the screen is held."""
         if event.down and self.app.locked:
             self.app.show_notice(_("locked: F8 unlocks; hold and stop work"))
             return
@@ -306,21 +334,22 @@ class CalibrateScreen(Page):
         self.watch_hold()
 
     def on_screen_suspend(self) -> None:
-        """Let go, and stop watching."""
+        """Release the key and pause the timer when another page opens."""
         self.runner.release_all(self.app.clock())
         if self._watch is not None:
             self._watch.pause()
 
     def on_screen_resume(self) -> None:
-        """Watch again."""
+        """Resume the timer."""
         if self._watch is not None:
             self._watch.resume()
 
     def on_app_blur(self, event: events.AppBlur) -> None:
-        """Let go: the terminal lost the focus."""
+        """Release the key, because a terminal without the focus reports no keys."""
         self.runner.release_all(self.app.clock())
 
     async def _send_order(self, order: Order) -> Any:
+        """Send an order without a notice; the guide shows a refusal."""
         return await self.app.ask_source(lambda source: source.send_order(order), quiet=True)
 
     # --- for the calibrations
@@ -337,7 +366,8 @@ class CalibrateScreen(Page):
         self.app.ask_question(question, take_answer)
 
     def compute_in_thread(self, what: Callable[[], T], then: Callable[[T], object]) -> None:
-        """Do long work in a thread; Escape forgets it, an error is one line in the key bar."""
+        """Compute in a thread. Escape abandons the work; an error is shown as one line in the key
+        bar."""
 
         def end_work(say: Callable[[Any], object], found: Any) -> None:
             self.busy = ""
@@ -353,7 +383,7 @@ class CalibrateScreen(Page):
         )
 
     def ask_file_name(self) -> None:
-        """Ask for the name of the new machine file, then write it."""
+        """Ask for the name of the new machine file, then write the file."""
         service, fitted, calibration = self.service, self.calibration.fitted, self.calibration
         if service is None or fitted is None or calibration.saved:
             self.app.show_notice(_("nothing new to save: measure and fit first"))
@@ -378,7 +408,7 @@ class CalibrateScreen(Page):
         )
 
     def key_escape(self) -> None:
-        """Cancel the work."""
+        """Cancel the work in progress."""
         if self.busy and self._computing is not None:
             self._computing.cancel()
             self.busy = ""
@@ -386,6 +416,8 @@ class CalibrateScreen(Page):
 
 
 def _explain_wrong_name(name: str) -> str:
+    """Return the fault of a file name, or "". The name must be portable and must not escape the
+    folder."""
     if (
         not name
         or any(not (letter.isalnum() or letter in "-_.") for letter in name)

@@ -1,5 +1,6 @@
-"""Rows of a measurement under way: bars that fill, bars about a middle, a small table, plain
-lines."""
+"""Draws the rows of a measurement in progress: bars that fill, bars about a centre, a small table,
+plain lines.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from topdress.console.app.widgets.panel import (
     wrap_text,
 )
 
-RowLevel = str  # "", stale, amber, red, lead
+# Emphasis of a row: "", stale, amber, red or lead.
+RowLevel = str
 
 _LEVEL_STYLES = {
     "": "bold",
@@ -29,7 +31,7 @@ _LEVEL_STYLES = {
 
 
 class BarRow(NamedTuple):
-    """Holds a bar. share: 0 to 1 of the way."""
+    """Holds a bar that is filled by a share of 0 to 1."""
 
     label: str
     share: float
@@ -38,7 +40,7 @@ class BarRow(NamedTuple):
 
 
 class MiddleRow(NamedTuple):
-    """Holds a bar about a middle. share: -1 to 1 about it; None: not known."""
+    """Holds a bar about a centre, with a share of -1 to 1; None means unknown."""
 
     label: str
     share: float | None
@@ -47,7 +49,7 @@ class MiddleRow(NamedTuple):
 
 
 class LineRow(NamedTuple):
-    """Holds a line."""
+    """Holds a line of label and text."""
 
     label: str
     text: str
@@ -55,7 +57,7 @@ class LineRow(NamedTuple):
 
 
 class CellsRow(NamedTuple):
-    """Holds a row of a table, each cell flush right in the same width."""
+    """Holds a row of a table, with cells of equal width aligned right."""
 
     cells: tuple[str, ...]
     level: RowLevel = ""
@@ -89,7 +91,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
 
     @classmethod
     def _draw_wrapped(cls, row: ProgressRow, labels: int, room: int, width: int) -> list[Content]:
-        """A text that is too long goes on below."""
+        """Return the lines of a row; a text that is too long continues below."""
         if not isinstance(row, LineRow) or cell_len(row.text) + 1 <= width - labels:
             return [cls._draw_row(row, labels, room, width)]
         texts = wrap_text(row.text, width - labels - 1)
@@ -100,6 +102,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
 
     @staticmethod
     def _draw_row(row: ProgressRow, labels: int, room: int, width: int) -> Content:
+        """Return the line of a row."""
         if isinstance(row, CellsRow):
             each = max(3, (width - 1) // max(1, len(row.cells)))
             style = "$muted" if row.heading else _LEVEL_STYLES[row.level]
@@ -116,6 +119,7 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
             full = round(max(0.0, min(1.0, row.share)) * room)
             drawn = [*make_solid_parts("█" * full, colour), ("░" * (room - full), "$muted")]
         else:
+            # An odd number of cells puts the mark exactly in the centre.
             arm = (room - 1) // 2
             share = max(-1.0, min(1.0, row.share or 0.0))
             filled = round(abs(share) * arm)
@@ -131,7 +135,8 @@ class ProgressRows(Panel[tuple[ProgressRow, ...]]):
 
 
 def _drop_oldest_cells(rows: tuple[ProgressRow, ...], height: int) -> list[ProgressRow]:
-    """Rows without the oldest of the table, where there are few: its heading and its end stay."""
+    """Return the rows that fit, without the oldest rows of the table; the table's heading and its
+    newest rows remain."""
     spare = len(rows) - height
     if spare <= 0:
         return list(rows)

@@ -1,5 +1,6 @@
-"""What the Calibrate screen can have computed and saved: given by the command line, made up for
-pictures."""
+"""Declares the computations and files that the Calibrate screen needs; the command line supplies
+them, and pictures use substitutes.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +32,8 @@ EstimateName = Literal[
 
 
 class Estimate(NamedTuple):
-    """Holds a fitted number with its 90 % interval, in `unit`. value None: not shown by this
-    test."""
+    """Holds a fitted number with its 90 % interval in `unit`. A value of None means that this test
+    cannot show the number."""
 
     name: EstimateName
     value: float | None
@@ -43,7 +44,7 @@ class Estimate(NamedTuple):
 
 
 class CurvePoint(NamedTuple):
-    """Holds a place of the fitted line; low, high: between them lie 90 % of single measurements."""
+    """Holds a point of the fitted line; 90 % of single measurements lie between low and high."""
 
     x: float
     y: float
@@ -52,10 +53,20 @@ class CurvePoint(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """Holds the result of a calibration. `source` goes back to `save` as it is.
+    """Holds the result of a calibration.
 
-    kind: catch, lag, wheel, effort. x_name, y_name: words of the axes (untranslated), with units.
-    range: of x, where it holds.
+    Attributes
+    ----------
+    kind
+        catch, lag, wheel or effort.
+    points
+        Measured (x, y).
+    x_name, y_name
+        Untranslated words of the axes, with units.
+    range
+        Range of x in which the result is valid.
+    source
+        Data for `save`, which receives it unchanged.
     """
 
     kind: str
@@ -65,14 +76,14 @@ class Calibrated(NamedTuple):
     x_name: str = ""
     y_name: str = ""
     range: tuple[float, float] = (0.0, 0.0)
-    # 1 s.d. of the points about the line, with its unit
+    # Standard deviation of the points about the line, as text with its unit.
     scatter: str = ""
     source: tuple[Any, ...] = ()
 
 
 class LagTable(NamedTuple):
-    """Describes a bench table that can be fitted. labels: the values of its label column, of which
-    one must be chosen."""
+    """Describes a bench table that can be fitted. Where `labels` (the values of its label column)
+    is not empty, one label must be chosen."""
 
     path: str
     rows: int
@@ -81,13 +92,24 @@ class LagTable(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CalibrateService:
-    """Holds the ranges of the machine in force, and the long work. Errors are one-line ValueErrors
-    or OSErrors.
+    """Holds the ranges of the machine in force, and functions for long work, whose ValueErrors and
+    OSErrors have one line.
 
-    machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set: the
-    machine's own. expected_kg: (mean shaft r/min, mean opening mm, revolutions) -> mass of a catch
-    by the machine's own flow model. save: (result, name of the new file) -> its path; it never
-    overwrites.
+    Attributes
+    ----------
+    machine
+        Name of the machine file from which the calibration starts.
+    shaft_rpm, opening_mm
+        Lowest and highest value.
+    set_shaft_rpm, set_opening_mm
+        The machine's own working point.
+    most_kg
+        Largest mass of a catch, kg.
+    expected_kg
+        Returns the mass of a catch, kg, by the machine's flow model for mean shaft speed (r/min),
+        mean opening (mm) and revolutions.
+    save
+        Writes a result to a new file of this name and returns its path; never overwrites.
     """
 
     machine: str
@@ -103,7 +125,8 @@ class CalibrateService:
     open_lag_table: Callable[[str], LagTable]
     fit_lag: Callable[[str, str | None], Calibrated]
     fit_wheel: Callable[[Sequence[WheelSample]], Calibrated]
-    fit_effort: Callable[[str], Calibrated]  # to the run log at this path
+    # Argument: path of the run log.
+    fit_effort: Callable[[str], Calibrated]
     save: Callable[[Calibrated, str], str]
-    # a free name for a new machine file of this kind of calibration
+    # Returns a free name for a new machine file of this kind of calibration.
     name_for: Callable[[str], str]

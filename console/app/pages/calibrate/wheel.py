@@ -1,5 +1,6 @@
-"""The wheel's circumference by GNSS: a straight drive of 100 m or more, measured by both at
-once."""
+"""Records a straight drive of 100 m or more by GNSS and by the wheel, for the wheel's
+circumference.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +9,15 @@ from typing import NamedTuple
 
 from topdress.control.geodesy import Place, TangentPlane
 
+# Shortest drive, m: over 100 m the noise of two fixes is below 1 %.
 LEAST_DRIVE_M = 100.0
-# farthest aside from the straight line: 100 m with a bend of 1 m are 0.03 % longer
+# Largest offset from the straight line, m: a bend of 1 m lengthens 100 m by 0.03 %.
 STRAIGHT_M = 1.0
-LONGEST_STEP_S = 1.0  # frames farther apart: the drive is not whole
-# by fix quality: RTK fixed, float, differential
+# Frames further apart than this, s, interrupt the drive.
+LONGEST_STEP_S = 1.0
+# Standard deviation of a position by fix quality, m: 4 RTK fixed, 5 RTK float, 2 differential.
 POSITION_SD_M = {4: 0.02, 5: 0.30, 2: 0.60}
+# Standard deviation of a position without correction, m.
 UNKNOWN_FIX_SD_M = 1.5
 
 
@@ -25,12 +29,24 @@ class WheelSample(NamedTuple):
     lon_deg: float
     fix_quality: int
     wheel_speed_mps: float
-    flowing: bool = False  # under load a wheel slips
+    # True while material flows: a wheel slips under load.
+    flowing: bool = False
 
 
 class WheelDrive(NamedTuple):
-    """Describes a drive. gnss_m: straight from first to last place. aside_m: farthest from that
-    line. trouble: an id, empty while good."""
+    """Describes a drive.
+
+    Attributes
+    ----------
+    gnss_m
+        Straight distance from the first to the last position, m.
+    wheel_m
+        Distance by the wheel, m.
+    aside_m
+        Largest offset from the straight line, m.
+    trouble
+        "bent" or "broken"; "" for a good drive.
+    """
 
     gnss_m: float = 0.0
     wheel_m: float = 0.0
@@ -41,24 +57,25 @@ class WheelDrive(NamedTuple):
 
 
 class WheelRun:
-    """Gathers samples while it is `running`; `drive` describes the drive so far."""
+    """Collects samples while it is `running`; `drive` describes the drive so far."""
 
     def __init__(self) -> None:
         self.running = False
         self.drive = WheelDrive()
         self.samples: list[WheelSample] = []
-        self._places: list[Place] = []  # of the samples, on the plane of the first one
+        # Positions of the samples in the plane of the first sample.
+        self._places: list[Place] = []
 
     def start_drive(self) -> None:
-        """Start anew."""
+        """Start a new drive."""
         self.running, self.drive, self.samples, self._places = True, WheelDrive(), [], []
 
     def stop_drive(self) -> None:
-        """Stop gathering."""
+        """Stop collecting."""
         self.running = False
 
     def add_sample(self, sample: WheelSample | None) -> None:
-        """Add a frame's sample; None: wheel or GNSS is not known."""
+        """Add a frame's sample; None means that the wheel or GNSS is silent."""
         if not self.running:
             return
         last = self.samples[-1] if self.samples else None
@@ -67,6 +84,7 @@ class WheelRun:
                 self.drive = self.drive._replace(trouble="broken")
                 self.running = False
             return
+        # The same frame may arrive twice.
         if last is not None and sample.time_s <= last.time_s:
             return
         self.samples.append(sample)
@@ -76,13 +94,16 @@ class WheelRun:
             self.drive = self._extend_drive(self.drive, last, sample)
 
     def _extend_drive(self, before: WheelDrive, last: WheelSample, now: WheelSample) -> WheelDrive:
+        """Return the description of a drive that has one more sample."""
         first = self.samples[0]
         dt_s = now.time_s - last.time_s
         east, north = self._places[-1]
         far = hypot(east, north)
+        # At most 50 positions are checked: a bend shows in every sample of a drive.
         thinned = self._places[:: max(1, len(self._places) // 50)]
         aside = max(abs(e * north - n * east) / far for e, n in thinned) if far > 5.0 else 0.0
         qualities = [one.fix_quality for one in (first, now)]
+        # The worse of the two end positions determines the tolerance.
         worst = max(qualities, key=lambda quality: POSITION_SD_M.get(quality, UNKNOWN_FIX_SD_M))
         wheel_m = before.wheel_m + 0.5 * (last.wheel_speed_mps + now.wheel_speed_mps) * dt_s
         return WheelDrive(
@@ -96,7 +117,7 @@ class WheelRun:
 
     @property
     def is_long_enough(self) -> bool:
-        """Whether the drive gives a circumference."""
+        """Whether the drive is long and straight enough for a circumference."""
         return (
             self.drive.gnss_m >= LEAST_DRIVE_M
             and not self.drive.trouble

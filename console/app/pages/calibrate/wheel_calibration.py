@@ -1,4 +1,4 @@
-"""The wheel's circumference on the screen: drive straight for 100 m or more, then save."""
+"""Guides through the wheel's calibration: drive straight for 100 m or more, then save."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ class WheelCalibration(Calibration):
         if frame is None:
             return
         row = frame.row
+        # A stale position would shorten the drive by GNSS but not by the wheel.
         old = seen.age_s > STALE_S or (frame.gnss_age_s or 0.0) > STALE_S
         known = (
             bool(row.fix_quality)
@@ -138,6 +139,7 @@ class WheelCalibration(Calibration):
         )
 
     def _begin_or_end(self) -> None:
+        """Begin a drive, or end it and compute the circumference."""
         if not self.run.running:
             self.run.start_drive()
             self.forget_result()

@@ -1,10 +1,10 @@
-"""The Devices page.
+"""The Devices page shows every device, its last lines and its state.
 
 Files:
 
-- `device_table`: One row a device: symbol and word, rate, age, accepted, rejected, protocol, port
-- `device_view`: Devices as the Devices screen shows them
-- `keys`: Keys of the Devices page and what they do, all to the device that is picked
-- `page`: The Devices screen: every line of the machine, what it says
-- `rows`: A heading, where it has one, and rows of label and text; a long text is broken, not cut
+- `device_table`: Shows one row per device
+- `device_view`: Words a frame's devices for the Devices screen
+- `keys`: Defines the keys of the Devices page; all act on the picked device
+- `page`: Shows the Devices screen
+- `rows`: Draws an optional heading and rows of label and text
 """

@@ -1,5 +1,6 @@
-"""One row a device: symbol and word, rate, age, accepted, rejected, protocol, port. A click
-picks."""
+"""Shows one row per device: symbol and word, rate, age, accepted, rejected, protocol, port. A click
+picks a device.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from topdress.console.locale import _
 
 
 class ShownDevice(NamedTuple):
-    """Holds one row. level: "", amber, red. Texts as shown."""
+    """Holds one row; texts as displayed. `level` is "", amber or red."""
 
     name: str
     symbol: str
@@ -32,12 +33,13 @@ class ShownDevice(NamedTuple):
     rejected: str
     protocol: str
     port: str
-    marks: str  # captured, being tested
+    # Signs of a raw capture or a test in progress.
+    marks: str
     stale: bool = False
 
 
 class TableView(NamedTuple):
-    """Holds the table."""
+    """Holds the table and the index of the picked device."""
 
     lines: tuple[ShownDevice, ...]
     picked: int
@@ -47,7 +49,8 @@ class DeviceTable(PickList[TableView]):
     """Shows the devices."""
 
     def find_first_shown(self) -> int:
-        """Index of the device in the row below the heading: the picked one is always in sight."""
+        """Return the index of the device in the first row below the heading, such that the picked
+        device is visible."""
         room = max(1, self.content_size.height - 1)
         return max(0, min(self.view.picked - room + 1, len(self.view.lines) - room))
 
@@ -82,11 +85,13 @@ class DeviceTable(PickList[TableView]):
     def _draw_device(
         one: ShownDevice, picked: bool, names: int, states: int, width: int
     ) -> Content:
+        """Return the line of one device."""
         plain = "$stale" if one.stale else ""
         chip = f"bold $on-alarm-{one.level} on $alarm-{one.level}" if one.level else "bold"
         name = "bold $on-select on $select" if picked else "bold"
         used = names + 3 + states + 34
-        # the picked device's protocol and port stand in full below
+        # The details below show protocol and port of the picked device in full, so shortening is
+        # harmless here.
         end = one.port.rpartition("/")[2]
         rest = choose_fullest(
             (

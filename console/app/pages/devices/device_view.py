@@ -1,4 +1,4 @@
-"""Devices as the Devices screen shows them: a frame's device in, texts out. Pure."""
+"""Words a frame's devices for the Devices screen. Pure."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from topdress.console.frame import DeviceView
 from topdress.console.locale import N_, _
 from topdress.control.readings import EffortFinding
 
-LONG_AGE_S = 99.95  # above, an age is shown as minutes
-EFFORT_BAR_CELLS = 20  # cells of the bar of effort
+# Longer ages, s, are displayed in minutes; below, one decimal of a second fits.
+LONG_AGE_S = 99.95
+# Width of the bar of effort, in cells.
+EFFORT_BAR_CELLS = 20
 
+# Words for the reasons of rejection that decoders count.
 REJECTION_NAMES = {
     "garbage": N_("bytes before a frame"),
     "bad_crc": N_("wrong check sum"),
@@ -31,7 +34,7 @@ REJECTION_NAMES = {
 
 
 def describe_state(device: DeviceView) -> tuple[str, str, str]:
-    """Symbol, word and level of a device's state."""
+    """Return symbol, word and level of a device's state."""
     if not device.plugged:
         return "▯", _("DISCONNECTED"), "amber"
     if not device.connected:
@@ -44,14 +47,14 @@ def describe_state(device: DeviceView) -> tuple[str, str, str]:
 
 
 def format_age(age_s: float | None) -> str:
-    """An age, s, in words."""
+    """Return an age (s) in words."""
     if age_s is None:
         return "--"
     return f"{age_s:.1f} s" if age_s < LONG_AGE_S else format_duration(age_s)
 
 
 def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDevice, ...]:
-    """One line a device; all grey where the frame is old."""
+    """Return one row per device; all rows are grey while the frame is stale."""
     old = frame_age_s > STALE_S
     lines = []
     for one in devices:
@@ -64,6 +67,7 @@ def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tupl
             )
             if on
         )
+        # In a stale frame the ages would stand still, so the frame's own age is added.
         age_s = None if one.age_s is None else one.age_s + (frame_age_s if old else 0.0)
         lines.append(
             ShownDevice(
@@ -85,7 +89,7 @@ def make_device_lines(devices: Sequence[DeviceView], frame_age_s: float) -> tupl
 
 
 def make_detail_rows(device: DeviceView, frame_age_s: float) -> RowsView:
-    """Details of the picked device."""
+    """Return the details of the picked device."""
     symbol, word, level = describe_state(device)
     kinds = ", ".join(
         f"{_(REJECTION_NAMES.get(kind, kind))} {count}" for kind, count in device.rejected_kinds
@@ -115,12 +119,13 @@ def make_detail_rows(device: DeviceView, frame_age_s: float) -> RowsView:
 
 
 def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
-    """Effort of the metering drive, and the marks between which it raises no alarm; nothing where
-    no file has them."""
+    """Return the effort of the metering drive and the limits of its alarm; empty where no file has
+    limits."""
     if not says.unit:
         return RowsView("", ())
     text, level = _("stands: not judged"), "stale"
     if says.mean is not None:
+        # A quarter more than the alarm limit keeps the mark of the limit inside the bar.
         full = 1.25 * max(says.high, says.mean)
         cells = [
             min(EFFORT_BAR_CELLS - 1, round(one / full * EFFORT_BAR_CELLS))
@@ -150,6 +155,7 @@ def make_effort_row(says: EffortFinding, frame_age_s: float) -> RowsView:
 
 
 def _describe_test(device: DeviceView) -> str:
+    """Describe what a listening test has found."""
     test = device.test
     assert test is not None
     found = (
@@ -167,7 +173,13 @@ def _describe_test(device: DeviceView) -> str:
 
 
 def make_raw_rows(lines: Sequence[tuple[float, str]]) -> RowsView:
-    """The last lines as they came, newest last. lines: (time since the log began, s, text)."""
+    """Return the last lines as received, newest last.
+
+    Parameters
+    ----------
+    lines
+        Log time (s) and text of each line.
+    """
     return RowsView(
         _("last lines, as seen five times a second"),
         tuple(DeviceRow(format_duration(time_s), text) for time_s, text in lines),

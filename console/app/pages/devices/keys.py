@@ -1,4 +1,4 @@
-"""Keys of the Devices page and what they do, all to the device that is picked."""
+"""Defines the keys of the Devices page; all act on the picked device."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def toggle_capture(page: DevicesScreen) -> None:
-    """Begin or end a capture."""
+    """Begin a capture of raw bytes, or end it."""
     device = page.picked_device
     page.send_device_order(
         device, DeviceDo.END_CAPTURE if device.capture_path else DeviceDo.CAPTURE
@@ -21,7 +21,7 @@ def toggle_capture(page: DevicesScreen) -> None:
 
 
 def toggle_plugged(page: DevicesScreen) -> None:
-    """Connect, or disconnect after a question."""
+    """Connect the device, or disconnect it after a question."""
     device = page.picked_device
     if device.plugged:
         page.app.ask_yes_no(
@@ -51,6 +51,7 @@ ACTIONS = set_page(
         N_("Picks the device below."),
         lambda page: page.move_mark(1),
     ),
+    # A test sends nothing, so it is harmless on a port with an unknown device.
     Action(
         "dev_test",
         "enter",

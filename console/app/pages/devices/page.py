@@ -1,4 +1,4 @@
-"""The Devices screen: every line of the machine, what it says, and what can be done about it."""
+"""Shows the Devices screen: every port of the machine, what it receives, and the actions on it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from topdress.console.frame import DeviceDo, DeviceView, Frame
 from topdress.console.locale import _
 from topdress.control.readings import NO_EFFORT_FINDING
 
+# Raw lines stored per device; more do not fit on a screen.
 MOST_RAW_LINES = 40
 
 
@@ -36,7 +37,9 @@ class DevicesScreen(Page):
 
     def __init__(self) -> None:
         super().__init__()
-        self.picked = ""  # name of the device
+        # Name of the picked device: names stay valid when the list of devices changes, indices do
+        # not.
+        self.picked = ""
         self._raw: dict[str, deque[tuple[float, str]]] = {}
 
     def compose_body(self) -> ComposeResult:
@@ -55,14 +58,14 @@ class DevicesScreen(Page):
 
     @property
     def chosen_device(self) -> DeviceView | None:
-        """The picked device, else the first."""
+        """Picked device, else the first device."""
         devices = self.devices
         return next(
             (one for one in devices if one.name == self.picked), devices[0] if devices else None
         )
 
     def gather_frame(self, frame: Frame) -> None:
-        """Remember the last raw lines of every device."""
+        """Store the last raw lines of every device."""
         for one in frame.devices:
             lines = self._raw.setdefault(one.name, deque(maxlen=MOST_RAW_LINES))
             if one.last_raw and (not lines or lines[-1][1] != one.last_raw):
@@ -81,6 +84,7 @@ class DevicesScreen(Page):
         self.query_one("#device-table", DeviceTable).show_view(
             TableView(make_device_lines(devices, age_s), at)
         )
+        # The table leaves at least 16 rows to details, raw lines and the bars.
         self.query_one("#device-table").styles.height = min(
             len(devices) + 1, max(4, self.size.height - 16)
         )
@@ -98,6 +102,7 @@ class DevicesScreen(Page):
         self.query_one("#device-chips", Chips).show_view(self._list_chips(device))
 
     def _list_chips(self, device: DeviceView | None) -> tuple[Chip, ...]:
+        """Return the keys, with those that can be pressed now."""
         on = device is not None and not self.app.locked
         capturing = device is not None and bool(device.capture_path)
         testing = device is not None and device.test is not None and device.test.running
@@ -138,12 +143,12 @@ class DevicesScreen(Page):
 
     @property
     def picked_device(self) -> DeviceView:
-        """The picked device, for actions that need one."""
+        """Picked device, for actions that need one."""
         assert self.chosen_device is not None
         return self.chosen_device
 
     def send_device_order(self, device: DeviceView, do: DeviceDo) -> None:
-        """Order something of a device."""
+        """Send an order for a device."""
         self.app.run_worker(
             self.app.ask_source(lambda source: source.send_device_order(device.name, do)),
             group="orders",
@@ -151,7 +156,7 @@ class DevicesScreen(Page):
         )
 
     def move_mark(self, by: int) -> None:
-        """Pick another device."""
+        """Pick another device, beyond the ends continuing at the other end."""
         names = [one.name for one in self.devices]
         self.picked = names[(names.index(self.picked_device.name) + by) % len(names)]
 

@@ -1,5 +1,4 @@
-"""A heading, where it has one, and rows of label and text; a long text is broken, not cut,
-while there is room."""
+"""Draws an optional heading and rows of label and text; a long text wraps while there is room."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from topdress.console.app.widgets.panel import Panel, fit_width, make_line, wrap
 
 
 class DeviceRow(NamedTuple):
-    """Holds a label and a text. level: "", stale, amber, red."""
+    """Holds a label and a text; `level` is "", stale, amber or red."""
 
     label: str
     text: str
@@ -42,6 +41,8 @@ class LabelledRows(Panel[RowsView]):
             [make_line((fit_width(f" {view.title}", width), "bold $primary"))] if view.title else []
         )
         for index, row in enumerate(view.rows):
+            # Every later row keeps one line, so only the remaining room is available to a long
+            # text.
             after = len(view.rows) - index - 1
             room = max(1, height - len(found) - after)
             texts = wrap_text(row.text, width - labels - 1) or [""]

@@ -1,16 +1,16 @@
-"""The Diagnosis page.
+"""The Diagnosis page finds faults of the machine in its logs and adopts corrections.
 
 Files:
 
-- `adoption`: What of a diagnosis a machine file takes up with an Enter
-- `causes`: Every cause: what, how big, how sure, what else it could be, what it costs
-- `channel_table`: Channel by channel: how far the machine file is off
-- `keys`: Keys of the Diagnosis page and what they do
-- `page`: The Diagnosis screen: choose data, watch, read the verdict, adopt it
-- `residual_plot`: Measured less predicted along one variable
-- `run_plan`: The run that would tell rivals apart
-- `service`: What the Diagnosis page is given
-- `shown`: The Diagnosis page's views
-- `verdict`: The verdict: one word, one line, what to do; next to it that of the separating run
-- `words`: A diagnosis on its page: which data, what to do by its keys, numbers in the units in use
+- `adoption`: Selects the causes that a machine file adopts with an Enter
+- `causes`: Shows every cause: name, size, probability, alternatives, cost
+- `channel_table`: Shows for each channel the error of the machine file
+- `keys`: Defines the keys of the Diagnosis page and their functions
+- `page`: Shows the Diagnosis screen
+- `residual_plot`: Plots measured minus predicted values over one variable
+- `run_plan`: Shows the plan of the separating run
+- `service`: Declares the data, results and functions that the Diagnosis page receives
+- `shown`: Converts a diagnosis to the views of the page's panels
+- `verdict`: Shows the verdict: one word, one sentence, the next step
+- `words`: Words a diagnosis on its page
 """

@@ -1,5 +1,6 @@
-"""What of a diagnosis a machine file takes up with an Enter, and what only where the operator
-picks it by name."""
+"""Selects the causes that a machine file adopts with an Enter, and those that the operator must
+pick by name.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +11,14 @@ from topdress.console.app.pages.diagnosis.service import AdoptionOffer, Diagnosi
 from topdress.console.reports import diagnosis_wording
 from topdress.control.diagnosis.result import Cause
 
-# undecided causes of which any may be picked together; of more, one at a time
+# Up to this number of undecided causes, any combination may be picked; with more causes only one at
+# a time, because every combination is prepared in advance.
 MOST_COMBINED = 4
 
 
 def list_undecided(found: DiagnosisView) -> tuple[Cause, ...]:
-    """Causes that could be adopted and are not decided: the data cannot separate them from others,
-    or they are only suspected."""
+    """Return the causes that could be adopted but are undecided: the data cannot separate them from
+    others, or they are only suspected."""
     return tuple(
         one
         for one in found.found.causes
@@ -25,18 +27,18 @@ def list_undecided(found: DiagnosisView) -> tuple[Cause, ...]:
 
 
 def list_sure(found: DiagnosisView) -> tuple[str, ...]:
-    """Ids that are adopted with an Enter."""
+    """Return the ids that an Enter adopts."""
     open_ = {one.id for one in list_undecided(found)}
     return tuple(one for one in found.adoptable if one not in open_)
 
 
 def merge_picked(found: DiagnosisView, picked: tuple[str, ...]) -> tuple[str, ...]:
-    """Ids of sure and picked causes, in their order."""
+    """Return the ids of decided and picked causes, in the order of the diagnosis."""
     return tuple(one for one in found.adoptable if one in list_sure(found) or one in picked)
 
 
 def list_selections(found: DiagnosisView) -> Iterator[tuple[str, ...]]:
-    """Every set of ids that the operator can choose: one machine file each."""
+    """Yield every set of ids that the operator can choose; each gives one machine file."""
     names = tuple(dict.fromkeys(one.id for one in list_undecided(found)))
     most = len(names) if len(names) <= MOST_COMBINED else 1
     for picked in chain.from_iterable(combinations(names, count) for count in range(most + 1)):
@@ -46,5 +48,5 @@ def list_selections(found: DiagnosisView) -> Iterator[tuple[str, ...]]:
 
 
 def find_offer(found: DiagnosisView, ids: tuple[str, ...]) -> AdoptionOffer | None:
-    """The machine file that adopts these; None where there is none."""
+    """Return the machine file that adopts these ids, or None."""
     return next((one for one in found.offers if set(one.ids) == set(ids)), None)

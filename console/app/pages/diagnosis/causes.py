@@ -1,5 +1,4 @@
-"""Every cause: what, how big, how sure, what else it could be, what it costs. One of them is
-chosen."""
+"""Shows every cause: name, size, probability, alternatives, cost. One cause is chosen."""
 
 from __future__ import annotations
 
@@ -21,9 +20,9 @@ class CauseLine(NamedTuple):
     rivals: str
     cost: str
     advice: str
-    # low, value, high, as shares of a bar from -1 to 1
+    # Low, value and high as shares of the bar, -1 to 1.
     interval: tuple[float, float, float] | None
-    # title and probability of each that it could be, as equals
+    # Title and probability of each of several causes that the data cannot separate.
     tied: tuple[tuple[str, str], ...] = ()
 
 
@@ -32,16 +31,18 @@ class CausesView(NamedTuple):
 
     causes: tuple[CauseLine, ...]
     at: int
-    # Text in place of the list where no cause was found.
+    # Text that replaces the list if no cause was found.
     calm: tuple[str, ...]
     language: str
 
 
+# Width of the bar of an interval, in cells.
 BAR_CELLS = 24
 
 
 def draw_interval_bar(interval: tuple[float, float, float]) -> str:
-    """-1 ... 1 on BAR_CELLS cells: `|` zero, `=` the interval, `#` the size."""
+    """Draw an interval of -1 to 1 on `INTERVAL_BAR_CELLS` cells: `|` is zero, `=` the interval, `#`
+    the value."""
 
     def find_cell(share: float) -> int:
         return round((share + 1.0) / 2.0 * (BAR_CELLS - 1))
@@ -74,6 +75,7 @@ class CauseList(PickList[CausesView]):
             self._draw_cause(cause, index == view.at, width)
             for index, cause in enumerate(view.causes)
         ]
+        # The chosen cause is shown whole; the others lose rows until all titles fit.
         shown: list[list[Content]] = []
         for index, block in enumerate(blocks):
             left = height - 1 - sum(map(len, shown)) - (len(blocks) - index - 1)
@@ -92,6 +94,7 @@ class CauseList(PickList[CausesView]):
         return rows
 
     def _draw_cause(self, cause: CauseLine, chosen: bool, width: int) -> list[Content]:
+        """Return the lines of one cause."""
         label = (
             max(
                 cell_len(word) for word in (_("size"), _("sure"), _("or else"), _("costs"), _("do"))
@@ -126,6 +129,7 @@ class CauseList(PickList[CausesView]):
                         (f"{sure if not k else '':>6}", ""),
                     )
                 )
+        # The size belongs to the first of the inseparable causes.
         add_row(_("size"), f"{cause.size}   {_('(of the first)')}" if cause.tied else cause.size)
         if cause.interval is not None and width - label >= BAR_CELLS:
             block.append(make_line(" " * label, (draw_interval_bar(cause.interval), "$target")))

@@ -1,5 +1,6 @@
-"""Channel by channel: how far the machine file is off, before and after the causes are in it,
-along with the noise."""
+"""Shows for each channel the error of the machine file, before and after the causes are included,
+and the noise.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from topdress.console.locale import _
 
 
 class ChannelLine(NamedTuple):
-    """Holds one channel. wrong: more than noise is there."""
+    """Holds one channel; `wrong` is True if the error exceeds the noise."""
 
     name: str
     unit: str
@@ -26,7 +27,7 @@ class ChannelsView(NamedTuple):
     """Holds the channels."""
 
     channels: tuple[ChannelLine, ...]
-    # what is said of the data, and what no cause explains
+    # Remarks on the data, and errors that no cause explains.
     left: tuple[str, ...]
     gains: tuple[str, ...]
     language: str
@@ -75,6 +76,7 @@ class ChannelTable(Panel[ChannelsView]):
 
     @staticmethod
     def _format_row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:
+        """Return a row of the table as text, in columns."""
         columns = "".join(align_right(text, 9) for text in (error, after, noise))
         last = align_right(beyond, 14)
         return fit_width(f" {fit_width(name, max(8, width - 43))} {columns}{last}", width)

@@ -1,4 +1,4 @@
-"""Keys of the Diagnosis page and what they do."""
+"""Defines the keys of the Diagnosis page and their functions."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Cause
 
 
+# Value of the choice that asks for a path.
 TYPED_PATH = "typed"
-# two predictions of a log and its pictures, on two cores
+# Expected duration of a comparison on two cores, s: two predictions of a log and their pictures.
+# Progress bars use these durations.
 COMPARE_S = 10.0
-# fetching and unpacking 70 MB
+# Expected duration of an installation, s: download and unpack 70 MB.
 INSTALL_S = 40.0
-# simulating a minute and diagnosing it, on two cores
+# Expected duration of a simulated run on two cores, s per minute of the run, with its diagnosis.
 DRIVE_S_PER_MIN = 1.5
 
 
@@ -46,13 +48,13 @@ def diagnose_chosen(page: DiagnosisScreen) -> None:
 
 
 def install_extra(page: DiagnosisScreen) -> None:
-    """Install the extra diagnosis."""
+    """Install the optional packages of the diagnosis."""
     if not page.installed:
         page.begin_work(_("Installing the diagnosis"), page.served.install_extra, INSTALL_S)
 
 
 def choose_other_data(page: DiagnosisScreen) -> None:
-    """Go back to the list of data."""
+    """Return to the list of data, which is read again."""
     page.show_data_list()
     page.sources = None
 
@@ -77,9 +79,10 @@ def ask_data_path(page: DiagnosisScreen) -> None:
 
 
 def choose_machine(page: DiagnosisScreen) -> None:
-    """Choose the machine file with which data is compared."""
+    """Choose the machine file with which the data is compared."""
     choices = [
         Choice("", _("as the log says")),
+        # The list shows eight files, because a digit chooses an entry.
         *(Choice(name, Path(name).stem) for name in page.machines[:8]),
     ]
 
@@ -95,7 +98,7 @@ def choose_machine(page: DiagnosisScreen) -> None:
 
 
 def show_next_view(page: DiagnosisScreen) -> None:
-    """Show the next view."""
+    """Switch to the next view."""
     views = page.list_views()
     page.see = views[(views.index(page.see) + 1) % len(views)] if page.see in views else views[0]
 
@@ -103,7 +106,8 @@ def show_next_view(page: DiagnosisScreen) -> None:
 def _needs_diagnosis(
     do: Callable[[DiagnosisScreen, DiagnosisView], None],
 ) -> Callable[[DiagnosisScreen], None]:
-    """The action on the diagnosis that is shown; not done before, see `explain_no_diagnosis`."""
+    """Convert a function of the displayed diagnosis to an action; `explain_no_diagnosis` excludes
+    that none is displayed."""
 
     def run_on_shown(page: DiagnosisScreen) -> None:
         assert page.shown is not None
@@ -113,12 +117,12 @@ def _needs_diagnosis(
 
 
 def explain_no_diagnosis(page: DiagnosisScreen) -> str:
-    """Why nothing is done: nothing is diagnosed."""
+    """Return why nothing can be done while nothing is diagnosed."""
     return _("choose data and press Enter first") if page.shown is None else ""
 
 
 def explain_no_drive(page: DiagnosisScreen) -> str:
-    """Why no separating run is driven."""
+    """Return why no separating run can be driven."""
     return explain_no_diagnosis(page) or (
         ""
         if page.shown is not None and page.shown.drives
@@ -128,24 +132,26 @@ def explain_no_drive(page: DiagnosisScreen) -> str:
 
 @_needs_diagnosis
 def ask_to_adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    """Ask which causes are adopted, then write the machine file."""
+    """Ask which causes to adopt, then write the machine file."""
     if not found.adoptable:
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
+    # Modules of the diagnosis are imported on use, because they import SciPy.
     from topdress.console.app.pages.diagnosis.adoption import list_undecided
 
     _ask_next_cause(page, found, list_undecided(found), ())
 
 
+# Answer that adopts none of the rival causes.
 NONE_PICKED = ""
 
 
 def _ask_next_cause(
     page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, ...], picked: tuple[str, ...]
 ) -> None:
-    """Ask about one undecided cause after the other: none is adopted unless the operator picks it
-    by its name."""
+    """Ask about one undecided cause after the other. None is adopted unless the operator picks it
+    by name."""
     if not open_:
         _ask_for_reason(page, found, picked)
         return
@@ -180,7 +186,8 @@ def _ask_next_cause(
 
 
 def _ask_for_reason(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
-    """Ask for the reason of a pick against the data's silence; it is written with it."""
+    """Ask for the reason of a pick that the data does not support; the machine file stores the
+    reason."""
     from topdress.console.app.pages.diagnosis.adoption import merge_picked
     from topdress.console.app.pages.diagnosis.service import Adoption
 
@@ -206,6 +213,7 @@ def _ask_for_reason(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[s
 
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
+    """Show what the new machine file would contain, and write it after a yes."""
     from topdress.console.app.pages.diagnosis import words
     from topdress.console.app.pages.diagnosis.adoption import find_offer, list_undecided
     from topdress.console.reports.diagnosis_wording import find_cause_title
@@ -245,7 +253,7 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
 
 
 def undo_adoption(page: DiagnosisScreen) -> None:
-    """Undo the last change of the machine file that was adopted here, else of the one in
+    """Undo the last change of the machine file that was adopted here, else of the file in
     comparison."""
     machine = page.adopted or page.machine
     page.app.read_for_page(
@@ -255,6 +263,7 @@ def undo_adoption(page: DiagnosisScreen) -> None:
 
 
 def _ask_to_undo(page: DiagnosisScreen, machine: str | None, lines: tuple[str, ...]) -> None:
+    """Show the change that would be undone, and undo it after a yes."""
     if not lines:
         page.app.show_notice(_("no diagnosis changed this machine file: nothing to take back"))
         return
@@ -273,6 +282,7 @@ def _ask_to_undo(page: DiagnosisScreen, machine: str | None, lines: tuple[str, .
 
 def compare_before_after(page: DiagnosisScreen) -> None:
     """Compare the adopted machine file before and after, on a log of another day."""
+    # The log of the diagnosis itself is excluded: on its own data every fit looks better.
     logs = [
         one
         for one in page.sources or ()
@@ -318,7 +328,7 @@ def compare_before_after(page: DiagnosisScreen) -> None:
 
 @_needs_diagnosis
 def write_report(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    """Write the report."""
+    """Write the report as HTML."""
     page.write_file(_("The report"), partial(page.served.export_result, found, "report"))
 
 
@@ -338,7 +348,7 @@ def write_job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 @_needs_diagnosis
 def drive_separating_run(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    """Drive the separating run, after a question."""
+    """Drive the separating run on a simulated machine, after a question."""
     from topdress.console.reports.diagnosis_wording import list_next_steps
 
     text = _(
@@ -363,7 +373,7 @@ def drive_separating_run(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 @_needs_diagnosis
 def show_other_log(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    """Show the next log of several."""
+    """Show the next of several diagnosed logs."""
     page.which, page.cause = (page.which + 1) % len(page.found), 0
 
 

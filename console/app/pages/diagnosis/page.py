@@ -1,5 +1,6 @@
-"""The Diagnosis screen: choose data, watch, read the verdict, adopt it; plan and drive the run
-that tells rivals apart. The work itself is done by a process that the service starts."""
+"""Shows the Diagnosis screen: choose data, follow the work, read the verdict, adopt corrections,
+plan and drive the separating run. A process of the service does the work itself.
+"""
 
 from __future__ import annotations
 
@@ -49,8 +50,8 @@ from topdress.console.app.widgets.panel import (
 from topdress.console.frame import Frame
 from topdress.console.locale import _, find_language_code
 
-# Data to diagnose, newest first: a row a file. A click chooses, a second one on the same row
-# begins.
+# The list has one row per file, newest first. A click marks a file; a second click on the marked
+# row starts the diagnosis.
 HEADING_ROWS = 2
 
 
@@ -59,12 +60,13 @@ class SourcesView(NamedTuple):
 
     sources: tuple[DiagnosisSource, ...]
     at: int
-    looking: bool  # True while the folders are read
+    # True while the folders are being read.
+    looking: bool
     language: str
 
 
 def find_first_row(at: int, count: int, room: int) -> int:
-    """First file shown so that the chosen one is in sight."""
+    """Return the index of the first visible file such that the marked file is visible."""
     return max(0, min(at - room // 2, count - room))
 
 
@@ -106,6 +108,7 @@ class SourceList(PickList[SourcesView]):
     def _format_row(
         changed: str, kind: str, size: str, name: str, width: int, mark: str = " "
     ) -> str:
+        """Return a row of the list as text, in columns."""
         return fit_width(
             f"{mark}{fit_width(changed, 17)} {fit_width(kind, 13)} {align_right(size, 9)}  {name}",
             width,
@@ -117,9 +120,9 @@ class SourceList(PickList[SourcesView]):
         return [*[None] * HEADING_ROWS, *range(first, min(first + room, count))]
 
 
-# How far long work is: stage, bar, share, time left, how to cancel it.
+# The panel shows stage, bar, remaining time, and the key that cancels.
 class WorkView(NamedTuple):
-    """Holds the progress. percent, left_s: rounded to what is shown; left_s None where it takes
+    """Holds the progress, rounded to the displayed digits. `left_s` is None once the work takes
     longer than estimated."""
 
     title: str
@@ -129,7 +132,7 @@ class WorkView(NamedTuple):
 
 
 class WorkBar(Panel[WorkView | None]):
-    """Shows three rows; nothing where the view is None."""
+    """Shows the progress in three rows; a view of None shows nothing."""
 
     def draw_rows(self, view: WorkView | None, width: int, height: int) -> list[Content]:
         if view is None:
@@ -153,36 +156,50 @@ class WorkBar(Panel[WorkView | None]):
         ]
 
 
-# How far long work is and how long it still takes: by how much there is to read at first, by
-# its own pace later.
-START_DURATION_S = 3.0  # imports and reading, whatever the size
-DURATION_S_PER_MB = 0.6  # of a run log, on two cores
-# of the bar, that time alone may fill: it must not stand at its end for minutes
+# The first estimate of the duration comes from the size of the file; later the work's own pace
+# determines the estimate.
+# Duration of imports and reading at any size, s.
+START_DURATION_S = 3.0
+# Duration per MB of a run log on two cores, s.
+DURATION_S_PER_MB = 0.6
+# Share of the bar that elapsed time alone may fill: a full bar must not stand still for minutes.
 MOST_SHARE_BY_TIME = 0.3
-TRUSTED_SHARE = 0.2  # of the work, to tell its pace
+# Share of the work after which its own pace determines the estimate alone.
+TRUSTED_SHARE = 0.2
 
 
 def estimate_duration_s(megabytes: float) -> float:
-    """Duration of a diagnosis, s, before anything is known of this computer's pace."""
+    """Return the expected duration of a diagnosis, s, for this computer of unknown pace."""
     return START_DURATION_S + DURATION_S_PER_MB * megabytes
 
 
 class WorkEstimate:
-    """Estimates progress: the bar moves from the start and never back; the time left is reported
-    from the start, and is never negative."""
+    """Estimates progress: the bar starts at once and never moves back, and the remaining time is
+    never negative."""
 
     def __init__(self, whole_s: float) -> None:
         self._whole_s = max(1.0, whole_s)
         self._shown = 0.0
 
     def estimate_progress(self, gone_s: float, share: float) -> tuple[float, float | None]:
-        """Share of the work to show, and seconds left; None: longer than estimated, and nobody
-        knows how long.
+        """Return the share of the work to display, and the remaining time in s.
 
-        share: as the work itself reports it. Its own pace counts alone once `TRUSTED_SHARE` is
-        done.
+        Parameters
+        ----------
+        gone_s
+            Time since the start, s.
+        share
+            Share of the work done, as the work reports it. Beyond `TRUSTED_WORK_SHARE` its own pace
+            alone determines the estimate.
+
+        Returns
+        -------
+        tuple
+            The remaining time is None once the work takes longer than estimated.
         """
         own_s = gone_s / share if share > 0.0 else self._whole_s
+        # The weight moves gradually from the estimate by size to the estimate by pace, so that the
+        # remaining time does not jump.
         trust = min(1.0, share / TRUSTED_SHARE)
         whole_s = (1.0 - trust) * self._whole_s + trust * own_s
         by_time = min(MOST_SHARE_BY_TIME, gone_s / max(whole_s, 1e-9))
@@ -192,7 +209,7 @@ class WorkEstimate:
 
 
 ViewName = Literal["causes", "channels", "over", "time", "run"]
-# what was found or compared; nothing of what was installed
+# Result of a diagnosis or a comparison; None after an installation.
 WorkResult = DiagnosisView | ComparedShown | None
 LongWork = Callable[[TellProgress, StopSignal], WorkResult]
 ListedData = tuple[tuple[DiagnosisSource, ...], tuple[str, ...], bool]
@@ -202,7 +219,7 @@ DIAGNOSE_ACTION = next(action for action in ACTIONS if action.do is diagnose_cho
 
 
 class DiagnosisScreen(Page):
-    """Shows data, work and diagnosis."""
+    """Shows data, work in progress and diagnosis."""
 
     where: ClassVar[str] = DIAGNOSIS
     BINDINGS: ClassVar = make_bindings(ACTIONS)
@@ -211,26 +228,34 @@ class DiagnosisScreen(Page):
         super().__init__()
         self.add_class("diagnosis")
         self.sources: tuple[DiagnosisSource, ...] | None = None
-        self.at = 0  # chosen file
-        self.machine: str | None = None  # None: the one that the data names
+        # Index of the marked file.
+        self.at = 0
+        # Machine file for the comparison; None means the file that the data names.
+        self.machine: str | None = None
         self.machines: tuple[str, ...] = ()
-        self.adopted = ""  # the machine file that was written here last
-        # the log's, then that of its separating run
+        # Machine file that this page wrote last.
+        self.adopted = ""
+        # Diagnosis of the log, and after it that of its separating run.
         self.found: tuple[DiagnosisView, ...] = ()
-        self.which = 0  # the one that is shown
+        # Index of the displayed diagnosis.
+        self.which = 0
         self.cause = 0
         self.see: ViewName = "causes"
-        self.said = ""  # why the last thing did not go
-        self.installed = True  # what computes a diagnosis
-        self.stop: StopSignal | None = None  # of the work under way
+        # Reason why the last action failed.
+        self.said = ""
+        # True if the packages that compute a diagnosis are installed.
+        self.installed = True
+        # Signal that cancels the work in progress.
+        self.stop: StopSignal | None = None
         self._working: Worker[WorkResult] | None = None
         self._listing: Worker[ListedData] | None = None
-        self._brings_in = False  # a new file will be there
+        # True while an import will add a file to the list.
+        self._brings_in = False
         self._title = ""
         self._started_s = 0.0
         self._share, self._stage = 0.0, ""
         self._expected = WorkEstimate(0.0)
-        # the log that was written when the files were listed
+        # Log that the worker wrote when the files were listed.
         self._listed_for = ""
 
     def compose_body(self) -> ComposeResult:
@@ -253,27 +278,28 @@ class DiagnosisScreen(Page):
 
     @property
     def service(self) -> DiagnosisService | None:
-        """The service, if there is one."""
+        """Service of the page, or None."""
         return self.app.services.diagnosis
 
     @property
     def served(self) -> DiagnosisService:
-        """The service, for actions that need one."""
+        """Service, for actions that need one."""
         assert self.service is not None
         return self.service
 
     @property
     def shown(self) -> DiagnosisView | None:
-        """The diagnosis that is shown."""
+        """Diagnosis that is displayed, or None."""
         return self.found[self.which] if self.found else None
 
     @property
     def is_busy(self) -> bool:
-        """Whether long work goes on."""
+        """Whether long work is in progress."""
         return self._working is not None
 
     def gather_frame(self, frame: Frame) -> None:
-        """List anew when another log is written: another job, whose files belong into the list."""
+        """List the data again when the worker writes another log, because the list must contain the
+        new job's files."""
         if self.sources is not None and frame.log_path != self._listed_for:
             self.sources = None
 
@@ -286,6 +312,7 @@ class DiagnosisScreen(Page):
         if self.sources is None and self._listing is None:
             self._list_data()
         found = self.shown
+        # Style classes show and hide the panels; the style sheet knows the sizes.
         self.set_class(found is None, "-picking")
         self.set_class(len(self.found) > 1, "-two")
         for name in ("causes", "channels", "over", "time", "run"):
@@ -295,6 +322,7 @@ class DiagnosisScreen(Page):
         if not (text or self.installed or self.is_busy):
             text = _("The diagnosis is not installed here (210 MB): Q8 installs it.")
         said.display = bool(text)
+        # An update would redraw the widget although nothing has changed.
         if str(said.content) != f" ! {text}":
             said.update(f" ! {text}")
         work = self.query_one("#dia-work", WorkBar)
@@ -352,7 +380,8 @@ class DiagnosisScreen(Page):
             )
 
     def list_views(self) -> tuple[ViewName, ...]:
-        """The views that one key goes through at this size; the others are shown with it."""
+        """Return the views that one key cycles through at this screen size; the other panels are
+        visible together with them."""
         found = self.shown
         run: tuple[ViewName, ...] = (
             ("run",) if found is not None and found.found.next_run is not None else ()
@@ -364,6 +393,7 @@ class DiagnosisScreen(Page):
         return ("causes", "channels", "over", "time", *run)
 
     def _list_chips(self) -> tuple[Chip, ...]:
+        """Return the keys, with those that can be pressed now."""
         found = self.shown
         if self.is_busy:
             return ()
@@ -416,12 +446,12 @@ class DiagnosisScreen(Page):
         self.show_changes()
 
     def show_changes(self) -> None:
-        """Show at once what has changed."""
+        """Refresh every panel at once, after a change."""
         self.refresh_all_next_tick()
         self.app.show_newest()
 
     def move_mark(self, by: int) -> None:
-        """Move the mark in list or causes."""
+        """Move the mark in the list of data or causes."""
         if self.shown is None:
             self.at = max(0, min(len(self.sources or ()) - 1, self.at + by))
         else:
@@ -432,8 +462,17 @@ class DiagnosisScreen(Page):
         self.found, self.which, self.cause, self.said = (), 0, 0, ""
 
     def write_file(self, what: str, write: Callable[[], str], machine: bool = False) -> None:
-        """Write a file; the path stays on the screen until it is read. machine: then it is asked
-        whether the job takes the file."""
+        """Write a file in a thread and show its path.
+
+        Parameters
+        ----------
+        what
+            Name of the file, for the heading.
+        write
+            Writes the file and returns its path.
+        machine
+            True for a machine file: the operator is asked whether the job uses it.
+        """
 
         def show_written(path: str) -> None:
             def ask_to_use(_answer: bool | None) -> None:
@@ -466,6 +505,7 @@ class DiagnosisScreen(Page):
     # ----------------------------------------------------------------------------------------------
 
     def _list_data(self) -> None:
+        """Start to list data and machine files, in a thread."""
         service = self.service
         if service is None:
             return
@@ -495,10 +535,11 @@ class DiagnosisScreen(Page):
         )
 
     def begin_work(self, title: str, work: LongWork, takes_s: float) -> None:
-        """Begin long work. takes_s: its estimated duration, s."""
+        """Begin long work; `takes_s` is its estimated duration, s."""
         self._expected = WorkEstimate(takes_s)
         self._title, self._started_s, self.said = title, self.app.clock(), ""
         self._share, self._stage = 0.0, "reading"
+        # Work that was cancelled keeps its own signal, so that new work is not cancelled with it.
         stop = self.stop = StopSignal()
         self._working = self.run_worker(
             lambda: work(self._note_progress, stop), group="work", thread=True, exit_on_error=False
@@ -506,11 +547,11 @@ class DiagnosisScreen(Page):
         self.show_changes()
 
     def _note_progress(self, share: float, stage: str) -> None:
-        """Called by the working thread: only remembers."""
+        """Store the progress. The working thread calls this function, so it touches no widget."""
         self._share, self._stage = min(1.0, max(0.0, share)), stage
 
     def key_escape(self) -> None:
-        """Cancel the work, or go back to the list."""
+        """Cancel the work, or return to the list."""
         if self.is_busy:
             self.cancel_work()
             self.said = _("cancelled")
@@ -519,7 +560,7 @@ class DiagnosisScreen(Page):
         self.show_changes()
 
     def cancel_work(self) -> None:
-        """End the work at once; its result is dropped."""
+        """Stop the work at once and drop its result."""
         if self.stop is not None:
             self.stop.set()
         self._working = self.stop = None
@@ -529,7 +570,7 @@ class DiagnosisScreen(Page):
         self.cancel_work()
 
     def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
-        """Take results of workers."""
+        """Process the results of Textual workers."""
         if event.worker is self._listing:
             self._take_listed(event.worker, event.state)
         elif event.worker is self._working:
@@ -540,6 +581,7 @@ class DiagnosisScreen(Page):
         worker: Worker[ListedData],
         state: WorkerState,
     ) -> None:
+        """Process the list of data, or the reason why the list failed."""
         if state is WorkerState.SUCCESS and worker.result is not None:
             self.sources, self.machines, self.installed = worker.result
             self.at = min(self.at, max(0, len(self.sources) - 1))
@@ -550,6 +592,7 @@ class DiagnosisScreen(Page):
             self.show_changes()
 
     def _take_result(self, worker: Worker[WorkResult], state: WorkerState) -> None:
+        """Process the result of long work."""
         if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
             where = (
                 [_("Pictures: {path}").format(path=worker.result.report)]
@@ -563,16 +606,19 @@ class DiagnosisScreen(Page):
                 )
             )
         elif state is WorkerState.SUCCESS and isinstance(worker.result, DiagnosisView):
+            # A simulated run has planted effects; its diagnosis is shown beside that of the log.
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
         elif state is WorkerState.SUCCESS:
             self.installed = True
+        # Open questions are no failure: they are shown with the path of the file that answers them.
         elif state is WorkerState.ERROR and isinstance(worker.error, ImportNeedsAnswersError):
             self.show_open_questions(worker.error)
         elif state is WorkerState.ERROR and not isinstance(worker.error, WorkStopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
-        if state is WorkerState.CANCELLED:  # the app ends: its process must not outlive it
+        # The app is closing: its process must not outlive the app.
+        if state is WorkerState.CANCELLED:
             self.cancel_work()
         elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._working = self.stop = None
@@ -581,8 +627,8 @@ class DiagnosisScreen(Page):
             self.show_changes()
 
     def show_open_questions(self, open_: ImportNeedsAnswersError) -> None:
-        """Show the open questions about a file of another machine, and where they can be
-        answered."""
+        """Show the open questions about a file of another machine, and the file in which to answer
+        them."""
         self.said = _("not brought in: the import file has open questions")
         how = _(
             "Put these lines right in the import file, or take away the comments that say "
@@ -596,7 +642,7 @@ class DiagnosisScreen(Page):
     # ----------------------------------------------------------------------------------------------
 
     def on_picked(self, event: Picked) -> None:
-        """Mark a cause of the diagnosis; before, a file: the second click on it begins."""
+        """Mark the clicked cause or file; a second click on a file starts its diagnosis."""
         if self.shown is not None:
             self.cause = event.index
             self.show_changes()

@@ -1,8 +1,8 @@
-"""Measured less predicted along one variable: before and after the causes are in the model, and
-where they began.
+"""Plots measured minus predicted values over one variable, before and after the causes are in the
+model, with the onset of a cause.
 
-Told apart by shape too: `o` and a dotted line before, `+` and a whole line after, `-` the line
-of no error.
+The parts differ in shape as well as colour: `o` and a dotted line before, `+` and a continuous line
+after, `-` for zero error.
 """
 
 from __future__ import annotations
@@ -20,10 +20,12 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import align_right, fit_width
 from topdress.console.locale import _
 
-# row, column of a braille cell
+# Bits of the dots of a braille cell, by row and column.
 _BRAILLE_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+# Columns for the numbers of the vertical axis.
 _AXIS_CELLS = 8
-_MOST_MARKS = 16  # with more places the lines alone are drawn
+# With more points only the lines are drawn, because marks would cover each other.
+_MOST_MARKS = 16
 
 PlotPlaces = Sequence[tuple[float, float]]
 
@@ -32,14 +34,16 @@ class PlotView(NamedTuple):
     """Holds a curve with its words."""
 
     title: str
-    label: str  # of the axis
+    # Label of the horizontal axis.
+    label: str
     curve: ResidualCurve
-    same: bool  # nothing was named: there is no after
+    # True if no cause was named, so that "after" equals "before".
+    same: bool
     language: str
 
 
 def round_plot_ends(values: Sequence[float]) -> tuple[float, float]:
-    """Round ends that contain all values, and zero."""
+    """Return round ends that contain all values and zero."""
     low, high = min(0.0, *values), max(0.0, *values)
     span = high - low or 1.0
     step = 10.0 ** floor(log10(span)) / 2.0
@@ -47,7 +51,8 @@ def round_plot_ends(values: Sequence[float]) -> tuple[float, float]:
 
 
 def rasterise_line(places: Sequence[tuple[int, int]], every: int = 1) -> set[tuple[int, int]]:
-    """Dots on straight lines from place to place; `every` second, third, ... only."""
+    """Return the dots on straight lines between successive positions; only every n-th dot for
+    `every` = n."""
     found: list[tuple[int, int]] = list(places[:1])
     for (x0, y0), (x1, y1) in pairwise(places):
         steps = max(abs(x1 - x0), abs(y1 - y0), 1)
@@ -88,6 +93,7 @@ class ResidualPlot(Canvas[PlotView | None]):
         strips = [self.make_text_strip(width, *legend)]
         up = round_plot_ends([*curve.before, *curve.after])
         spread = (min(curve.at), max(curve.at))
+        # Categories need half a unit of margin, so that the outer names have room.
         across = (spread[0] - 0.5, spread[1] + 0.5) if curve.names else spread
 
         def find_dot(x: float, y: float) -> tuple[int, int]:
@@ -103,9 +109,11 @@ class ResidualPlot(Canvas[PlotView | None]):
             else [find_dot(x, y) for x, y in zip(curve.at, curve.after, strict=True)]
         )
         marks = dict.fromkeys(((x // 2, y // 4) for x, y in old), ("o", before))
+        # Later entries win: a mark "after" covers a mark "before" in the same cell.
         marks |= dict.fromkeys(((x // 2, y // 4) for x, y in new), ("+", after))
         if len(curve.at) > _MOST_MARKS:
             marks = {}
+        # Categories have no order, so no line connects them.
         lines = (
             [] if curve.names else [(rasterise_line(new), after), (rasterise_line(old, 3), before)]
         )
@@ -137,6 +145,8 @@ class ResidualPlot(Canvas[PlotView | None]):
         muted: Style,
         began: Style,
     ) -> Segment:
+        """Return the segment of a cell: mark, line, onset, zero line or blank, in this order of
+        priority."""
         if place in marks:
             return Segment(*marks[place])
         column, row = place
@@ -161,6 +171,7 @@ class ResidualPlot(Canvas[PlotView | None]):
         spread: tuple[float, float],
         onset: int | None,
     ) -> list[Strip]:
+        """Return the two rows below the plot: numbers or categories, and the label of the axis."""
         muted, title = self.find_style("plot--muted"), self.find_style("plot--title")
         curve = view.curve
         if curve.names:
@@ -189,6 +200,7 @@ class ResidualPlot(Canvas[PlotView | None]):
 
 
 def _format_axis_number(value: float, span: tuple[float, float]) -> str:
+    """Return a number of an axis with decimals that suit the span."""
     wide = span[1] - span[0]
     decimals = max(0, min(4, 1 - floor(log10(wide)))) if wide > 0.0 else 1
     return f"{value:.{decimals}f}"

@@ -1,4 +1,4 @@
-"""The run that would tell rivals apart: why, its steps, how to go on."""
+"""Shows the plan of the separating run: its reason, its steps, and how to proceed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Diagnosis page's views: a diagnosis in, what its panels show out. Pure."""
+"""Converts a diagnosis to the views of the page's panels. Pure."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ from topdress.console.reports.numbers import format_percent
 from topdress.console.reports.variables import find_variable
 from topdress.control.diagnosis.result import Cause, Channel, Diagnosis, Size
 
+# More lines would push the table of channels off the panel.
 MOST_GAIN_LINES = 3
-STRUCTURE_P = 0.01  # below it a channel has more than noise
-# of a channel's error beyond its noise: less is there, and is worth no mark
+# Significance level below which a channel's residual counts as more than noise.
+STRUCTURE_P = 0.01
+# Smaller shares of the error beyond the noise exist but are too small to matter, so they are not
+# marked.
 LEAST_MARKED_SHARE = 0.01
 
 
 def make_verdict(view: DiagnosisView, lead: str) -> SaidVerdict:
-    """The verdict for its panel."""
+    """Return the verdict for its panel."""
     _word, name, symbol = sentences.VERDICT_WORDS[view.found.verdict]
     return SaidVerdict(
         view.found.verdict,
@@ -37,7 +40,7 @@ def make_verdict(view: DiagnosisView, lead: str) -> SaidVerdict:
 
 
 def make_causes_view(view: DiagnosisView, at: int, units: Units) -> CausesView:
-    """The causes for their list."""
+    """Return the causes for their list."""
     found = view.found
     unseen = sum(one.smallest_detectable.value is None for one in found.not_shown)
     none = _("None. {count} kinds of fault never show in a file of this kind.").format(count=unseen)
@@ -50,6 +53,7 @@ def make_causes_view(view: DiagnosisView, at: int, units: Units) -> CausesView:
 
 
 def _make_cause_line(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> CauseLine:
+    """Return one cause in words."""
     tied = sentences.list_ties(cause)
     rivals = (
         ""
@@ -72,7 +76,8 @@ def _make_cause_line(cause: Cause, mean_target_kg_ha: float | None, units: Units
 
 
 def find_interval_shares(size: Size) -> tuple[float, float, float] | None:
-    """Low, size, high as shares of a bar that has zero in its middle."""
+    """Return low, value and high as shares of a bar with zero in its centre; None without an
+    interval."""
     if size.value is None or size.low is None or size.high is None:
         return None
     most = max(abs(size.value), abs(size.low), abs(size.high))
@@ -84,8 +89,8 @@ def find_interval_shares(size: Size) -> tuple[float, float, float] | None:
 
 
 def make_channels_view(view: DiagnosisView) -> ChannelsView:
-    """The channels. Gains are those of the causes themselves; the machine file's stand in the
-    report."""
+    """Return the channels. The gains are those of the causes; the report has those of the machine
+    file."""
     found = view.found
     gains = [
         _(
@@ -110,6 +115,7 @@ def make_channels_view(view: DiagnosisView) -> ChannelsView:
 
 
 def _list_unexplained(found: Diagnosis) -> tuple[str, ...]:
+    """Return a sentence about each error that no cause explains."""
     return tuple(
         sentences.describe_unexplained(one, found.data.kind, column=False)
         for one in found.unexplained
@@ -117,7 +123,7 @@ def _list_unexplained(found: Diagnosis) -> tuple[str, ...]:
 
 
 def _describe_whole_drive(found: Diagnosis) -> tuple[str, ...]:
-    """The drive as a whole, where it was fitted so."""
+    """Return a sentence about the drive as a whole, where a fit of the whole drive was adopted."""
     return (
         ()
         if found.fitted is None
@@ -129,7 +135,8 @@ def _describe_whole_drive(found: Diagnosis) -> tuple[str, ...]:
 
 
 def _make_channel_line(one: Channel, after: float | None) -> ChannelLine:
-    # of the mean square error, that is not the sensor's noise
+    """Return one channel in words."""
+    # Share of the mean square error that exceeds the sensor's noise.
     share = 0.0
     if one.structure_p < STRUCTURE_P and one.rmse > 0.0:
         share = 1.0 - (one.noise_floor / one.rmse) ** 2
@@ -146,7 +153,7 @@ def _make_channel_line(one: Channel, after: float | None) -> ChannelLine:
 
 
 def make_plan_view(view: DiagnosisView) -> PlanView:
-    """The plan of the separating run."""
+    """Return the plan of the separating run."""
     if view.found.next_run is None:
         return PlanView("", (), "", find_language_code())
     names = [
@@ -167,17 +174,18 @@ def make_plan_view(view: DiagnosisView) -> PlanView:
 
 
 def make_variable_plot(view: DiagnosisView, at: int) -> PlotView | None:
-    """The plot along the telling variable of the chosen cause; of the unexplained part where there
-    is none."""
+    """Return the plot over the most informative variable of the chosen cause, or of the unexplained
+    part without a cause."""
     return _make_plot_view(view, view.drawn[at].over if view.drawn else view.left_curve)
 
 
 def make_time_plot(view: DiagnosisView, at: int) -> PlotView | None:
-    """The plot over the log."""
+    """Return the plot over time."""
     return _make_plot_view(view, view.drawn[at].time) if view.drawn else None
 
 
 def _make_plot_view(view: DiagnosisView, curve: ResidualCurve | None) -> PlotView | None:
+    """Return the view of a curve, or None."""
     if curve is None:
         return None
     title = _("error of {channel}, {unit}").format(

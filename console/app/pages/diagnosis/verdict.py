@@ -1,4 +1,6 @@
-"""The verdict: one word, one line, what to do; next to it that of the separating run."""
+"""Shows the verdict: one word, one sentence, the next step; beside it the verdict on the separating
+run.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +20,22 @@ _VERDICT_STYLES = {
 
 
 class SaidVerdict(NamedTuple):
-    """Holds a verdict in words. verdict: id. lead: which data, where there are two."""
+    """Holds a verdict in words. `verdict` is its id; `lead` names the data where two verdicts are
+    shown."""
 
     verdict: str
     symbol: str
     word: str
-    about: tuple[str, ...]  # the last ones go first where there is no room
+    # Facts about the data; the last are dropped first where room is scarce.
+    about: tuple[str, ...]
     sentence: str
     todo: str
     lead: str = ""
 
 
 class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
-    """Shows word and data; the sentence; the remedy. Two verdicts stand one below the other, in
-    fewer rows each."""
+    """Shows word and data, sentence and next step. Two verdicts are stacked, with fewer rows
+    each."""
 
     def draw_rows(self, view: tuple[SaidVerdict, ...], width: int, height: int) -> list[Content]:
         rows: list[Content] = []
@@ -42,6 +46,7 @@ class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
 
     @staticmethod
     def _draw_verdict(said: SaidVerdict, width: int, room: int) -> list[Content]:
+        """Return the rows of one verdict; the sentence has priority over the next step."""
         lead = f"{said.lead}: " if said.lead else ""
         left = cell_len(f" {said.symbol} {said.word}   {lead}")
         about = choose_fullest(

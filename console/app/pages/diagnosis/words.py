@@ -1,6 +1,6 @@
-"""A diagnosis on its page: which data, what to do by its keys, numbers in the units in use. Pure.
+"""Words a diagnosis on its page: data, next step by its keys, numbers in the units in use. Pure.
 
-What it says of the data itself is said for all: `console.reports.diagnosis_wording`.
+`console.reports.diagnosis_wording` words the findings themselves, for pages and reports alike.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from topdress.console.reports.diagnosis_wording import (
 from topdress.console.reports.numbers import format_number, use_plain_minus
 from topdress.control.diagnosis.result import Cause
 
+# Words for the kinds of data.
 KIND_NAMES = {
     "run": N_("run log"),
     "lag": N_("lag table"),
@@ -31,6 +32,7 @@ KIND_NAMES = {
     IMPORT_KIND: N_("other log"),
 }
 
+# Words for the stages of the work, by the names that `control.diagnosis` reports.
 STAGE_NAMES = {
     "reading": N_("reading the file"),
     "importing": N_("bringing in the file"),
@@ -54,17 +56,18 @@ STAGE_NAMES = {
     "gain": N_("measuring the gain"),
 }
 
-LEAST_PLACE_M = 0.005  # less is not said
+# Smaller errors of place, m, are not mentioned.
+LEAST_PLACE_M = 0.005
 
 
 def format_figure(value: float, digits: int = 3) -> str:
-    """A number with as many digits as are read at a glance, no powers of ten, with a minus that
-    every terminal has."""
+    """Return a number with three digits, without powers of ten, and with a minus sign that every
+    terminal has."""
     return use_plain_minus(format_number(value, digits))
 
 
 def describe_data(view: DiagnosisView) -> tuple[str, ...]:
-    """The data, its extent, and the machine of the comparison."""
+    """Return the data, its extent, and the machine of the comparison."""
     data = view.found.data
     span = "" if data.duration_s is None else f", {format_duration(data.duration_s)}"
     rows = _("{count} rows").format(count=data.rows)
@@ -73,7 +76,7 @@ def describe_data(view: DiagnosisView) -> tuple[str, ...]:
 
 
 def describe_next_step(view: DiagnosisView) -> str:
-    """The next step, in one line."""
+    """Return the next step in one line."""
     found = view.found
     if found.verdict == "none":
         return _("Nothing to do.")
@@ -103,8 +106,8 @@ def describe_next_step(view: DiagnosisView) -> str:
 
 
 def find_adopted_title(view: DiagnosisView, name: str) -> str:
-    """Title of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a
-    term by its id."""
+    """Return the title of an id that may be adopted: a cause by its title, a fitted drive by its
+    sizes, a term by its id."""
     fitted = view.found.fitted
     if fitted is not None and name == format_whole_id(fitted):
         return describe_whole(fitted)
@@ -112,7 +115,7 @@ def find_adopted_title(view: DiagnosisView, name: str) -> str:
 
 
 def format_cause_size(cause: Cause) -> str:
-    """Size, 90 % interval, time span."""
+    """Return size, 90 % interval and time span of a cause."""
     of, then = cause.size, describe_time_span(cause)
     if of.value is None:
         said = _("size not known")
@@ -124,7 +127,8 @@ def format_cause_size(cause: Cause) -> str:
 
 
 def format_cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> str:
-    """The effect on dose, at the log's mean target too, and place while nobody knows of it."""
+    """Return the effect on dose (also at the log's mean target) and on place while the cause stays
+    undetected."""
     percent_, place_m = cause.field_cost.rate_error_percent, cause.field_cost.place_error_m
     said = []
     if percent_:
@@ -147,7 +151,8 @@ def format_cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> 
 
 
 def list_compared_lines(found: ComparedShown) -> list[str]:
-    """A line for each channel: error before and after, and which is better beyond chance."""
+    """Return a line per channel: error before and after, and which of both is significantly
+    smaller."""
     lines = [
         f"{name_channel(one.channel)}: {format_figure(one.old)} -> {format_figure(one.new)} "
         f"{one.unit}   "

@@ -1,14 +1,14 @@
-"""The Job page.
+"""The Job page shows the checks before work, the job's files, totals, strips and refills.
 
 Files:
 
-- `check_list`: The list before work: what is looked at, a word for how it stands, and why
-- `checklist`: The Job screen's words: the check list before work, the totals, what was filled in
-- `keys`: Keys of the Job page and what they do
-- `map_dialog`: A prescription before it is taken
-- `map_words`: What is to be said of a job's map before it is worked
-- `nrich`: A strip between two key presses, N-rich or farmer check
-- `page`: The Job screen: a list before work, the files of the job, the N-rich strip, refills
-- `refill`: A refill recognised by the scale
-- `service`: What the Job screen is given by the command line
+- `check_list`: Draws the list of checks before work
+- `checklist`: Words the Job screen: checks before work, totals, refills
+- `keys`: Defines the keys of the Job page and their functions
+- `map_dialog`: Shows a prescription map before the job uses it
+- `map_words`: Words the check of a job's map before work
+- `nrich`: Measures an N-rich strip or a farmer check between two key presses
+- `page`: Shows the Job screen: checks before work, the job's files, N-rich strip, refills, totals
+- `refill`: Recognises a refill by the scale
+- `service`: Declares the files and functions that the command line supplies to the Job screen
 """

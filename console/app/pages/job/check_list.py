@@ -1,5 +1,6 @@
-"""The list before work: what is looked at, a word for how it stands, and why. A click shows it
-in full."""
+"""Draws the list of checks before work: subject, word for its state, reason. A click shows the list
+in full.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +21,9 @@ from topdress.console.app.widgets.panel import Panel, TextPart, fit_width, make_
 from topdress.console.locale import _
 
 
-# What goes on at the Job screen: the strip that is driven, refills, exports and where they lie.
+# Notes report events of the Job screen: strip in progress, refills, exports and their paths.
 class JobNote(NamedTuple):
-    """Holds a note. text: one line. loud: a question to the operator, or work that goes on."""
+    """Holds a note of one line; `loud` marks a question to the operator, or work in progress."""
 
     text: str
     loud: bool = False
@@ -36,11 +37,11 @@ class NotesView(NamedTuple):
 
 
 class JobNotes(Panel[NotesView]):
-    """Shows strip, refills, exports and where they lie."""
+    """Shows notes and refills."""
 
     def draw_rows(self, view: NotesView, width: int, height: int) -> list[Content]:
         texts = [(row, note.loud) for note in view.notes for row in wrap_text(note.text, width - 2)]
-        # give way to what is new
+        # Where rows are scarce, quiet notes are dropped before loud notes.
         older = [text for text in texts if not text[1]][: max(0, len(texts) - height)]
         rows = [
             make_line((fit_width(f" {row}", width), "bold reverse" if loud else ""))
@@ -58,6 +59,7 @@ class JobNotes(Panel[NotesView]):
         return rows
 
 
+# Green would suggest safety that the console cannot promise, so "ok" is muted.
 LEVEL_STYLES = {
     OK: "$muted",
     LOOK: "bold $on-alarm-amber on $alarm-amber",
@@ -66,18 +68,28 @@ LEVEL_STYLES = {
 LEVEL_SYMBOLS = {OK: " ", LOOK: "!", STOP: "✖"}
 
 
-MOST_CHECK_ROWS = 2  # of one check
-REST_MARK = " ... V"  # V shows the list in full
+# Rows of a single check in the list.
+MOST_CHECK_ROWS = 2
+# Sign of a shortened text; key V shows the list in full.
+REST_MARK = " ... V"
 
 
 def fit_checks(checks: tuple[JobCheck, ...], rows: int, cells: int = 1000) -> tuple[JobCheck, ...]:
-    """Checks that are shown in so many rows, in their order, their texts in so many cells: where
-    not all have room those that are well are dropped first, and one row says how many are left
-    out."""
+    """Return the checks that fit into the rows, in their order. Checks that are ok are dropped
+    first, and one row reports the number of dropped checks.
+
+    Parameters
+    ----------
+    checks
+        All checks.
+    rows, cells
+        Size of the list, and width of a text, in terminal cells.
+    """
     need = [len(_wrap_check(check, cells)) for check in checks]
     if sum(need) <= rows:
         return checks
     kept: set[int] = set()
+    # Stops come first, then warnings, then checks that are ok.
     for k in sorted(range(len(checks)), key=lambda k: ((STOP, LOOK, OK).index(checks[k].level), k)):
         if sum(need[one] for one in kept) + need[k] <= rows - 1:
             kept.add(k)
@@ -85,7 +97,7 @@ def fit_checks(checks: tuple[JobCheck, ...], rows: int, cells: int = 1000) -> tu
 
 
 def _find_column_widths(checks: tuple[JobCheck, ...]) -> tuple[int, int]:
-    """Cells of the labels, and of the words of the levels."""
+    """Return the cells of the labels and of the words of the levels."""
     return (
         max((cell_len(check.label) for check in checks), default=0) + 2,
         max(cell_len(_(text)) for text in LEVEL_WORDS.values()) + 4,
@@ -93,7 +105,7 @@ def _find_column_widths(checks: tuple[JobCheck, ...]) -> tuple[int, int]:
 
 
 def _wrap_check(check: JobCheck, room: int) -> list[str]:
-    """Rows of a check: no more than leave the other checks theirs; then the key to the rest."""
+    """Return the rows of a check; a long text ends with the key that shows the list in full."""
     rows = wrap_text(check.text, room) or [""]
     if len(rows) <= MOST_CHECK_ROWS:
         return rows
@@ -104,11 +116,12 @@ def _wrap_check(check: JobCheck, room: int) -> list[str]:
 
 
 def _list_more_texts(check: JobCheck) -> list[str]:
+    """Return the further texts of a check that is not ok."""
     return [text for text in check.full if text not in check.text] if check.level != OK else []
 
 
 def count_check_rows(checks: tuple[JobCheck, ...], width: int) -> int:
-    """Rows in which everything stands."""
+    """Return the number of rows that show everything."""
     room = max(8, width - sum(_find_column_widths(checks)) - 1)
     return 1 + sum(
         len(_wrap_check(check, room))
@@ -164,6 +177,6 @@ class CheckList(Panel[tuple[JobCheck, ...]]):
         return rows
 
     async def on_click(self, event: events.Click) -> None:
-        """Show a check in full."""
+        """Show the list in full."""
         event.stop()
         await self.run_action("app.do('job_details')")

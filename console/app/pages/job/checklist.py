@@ -1,4 +1,4 @@
-"""The Job screen's words: the check list before work, the totals, what was filled in. Pure."""
+"""Words the Job screen: checks before work, totals, refills. Pure."""
 
 from __future__ import annotations
 
@@ -35,12 +35,16 @@ from topdress.control.orders import CANOPY_SOURCES, MAP_SOURCES
 if TYPE_CHECKING:
     from topdress.control.machine.machine import Adopted
 
+# Levels of a check: "look" permits work, "stop" means that the job cannot start properly.
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
-# shown to 0.1 kg; a stop's own run-down is some 0.1 kg
+# Masses are shown to 0.1 kg, and a normal stop itself drops some 0.1 kg.
 LEAST_STOPPED_KG = 0.05
-DEVICE_SILENT_S = 2.0  # a device that said nothing for this long
+# A device that is silent for longer than this, s, is reported.
+DEVICE_SILENT_S = 2.0
+# Below this free space, bytes, a log of a day may not fit.
 LEAST_FREE_BYTES = 200_000_000
+# Below this free space, bytes, the operator is warned: some days of logs are left.
 LOW_FREE_BYTES = 2_000_000_000
 SCALE_NAMES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
 STRIP_BEGINS = {
@@ -55,6 +59,7 @@ STRIP_TITLES = {
     "nrich": N_("NDVI {ndvi} as the N-rich strip of this job?"),
     "check": N_("NDVI {ndvi} as the farmer check of this job?"),
 }
+# Words for devices by their names in the frame.
 DEVICE_NAMES = {
     "gnss": N_("GNSS"),
     "heads": N_("canopy heads"),
@@ -67,7 +72,7 @@ DEVICE_NAMES = {
 
 
 class JobCheck(NamedTuple):
-    """Holds one line of the list. full: everything, where the line may have no room for it."""
+    """Holds one check; `full` has everything where the list may lack the room."""
 
     label: str
     level: str
@@ -83,8 +88,23 @@ def list_checks(
     free_bytes: int | None,
     units: Units,
 ) -> tuple[JobCheck, ...]:
-    """The list before work. facts: None while they are being read; trouble: why they cannot be, one
-    line."""
+    """Return the checks before work.
+
+    Parameters
+    ----------
+    frame
+        Newest frame, or None.
+    age_s
+        Age of the frame, s.
+    facts
+        Contents of the job's files; None while they are being read.
+    trouble
+        Reason why the files cannot be read, in one line.
+    free_bytes
+        Free space at the log; None where unknown.
+    units
+        Units of the texts.
+    """
     found = [_check_devices(frame, age_s)]
     if facts is None:
         found.append(JobCheck(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
@@ -107,17 +127,19 @@ def list_checks(
 
 
 def find_file_name(path: str) -> str:
-    """The last part of a path of either kind of system."""
+    """Return the last part of a path, with separators of either kind of system."""
+    # A log that was written on Windows may be read on Linux.
     return path.replace("\\", "/").rpartition("/")[2]
 
 
 def find_worst_level(found: tuple[JobCheck, ...]) -> str:
-    """The worst level of the checks."""
+    """Return the worst level of the checks."""
     levels = {check.level for check in found}
     return next((level for level in (STOP, LOOK) if level in levels), OK)
 
 
 def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
+    """Check whether all devices send values; a silent drive prevents work."""
     label = _("devices")
     if frame is None or age_s > STALE_S:
         return JobCheck(label, STOP, _("no values from the machine"))
@@ -146,6 +168,7 @@ def _check_devices(frame: Frame | None, age_s: float) -> JobCheck:
 
 
 def _name_device(one: DeviceView) -> str:
+    """Return the word for a device."""
     name, _line, number = one.name.partition("_")
     if name == "head" and number:
         return _("head {number}").format(number=number)
@@ -153,21 +176,22 @@ def _name_device(one: DeviceView) -> str:
 
 
 def _check_names(facts: JobFacts) -> tuple[JobCheck, ...]:
-    """Whose job it is; a line only where names are given."""
+    """Return client, farm, product and operator; nothing where no name is given."""
     names = facts.names
     said = [one for one in (names.client, names.farm, names.product, names.operator) if one]
     return (JobCheck(_("for"), OK, ", ".join(said)),) if said else ()
 
 
 def translate_crop_note(note: str) -> str:
-    """A crop file's note about itself, in the language in use; its author's words stay. The names
-    of keys behind a colon are those of the file."""
+    """Translate a crop file's remark about itself. An author's own words are unchanged, and so are
+    the names of keys after a colon."""
     head, colon, keys = note.partition(": ")
     known = _(note)
     return f"{_(head)}{colon}{keys}" if known == note else known
 
 
 def _check_crop(facts: JobFacts) -> JobCheck:
+    """Check the crop file's remarks about itself."""
     setup = facts.setup
     name, notes = (
         setup.crop.name,
@@ -181,7 +205,8 @@ def _check_crop(facts: JobFacts) -> JobCheck:
 
 
 def _check_year_nitrogen(facts: JobFacts) -> tuple[JobCheck, ...]:
-    """Nitrogen that the field may still get this year; none where the job has no ceiling."""
+    """Return the nitrogen that the field may still receive this year; nothing where the job has no
+    ceiling."""
     year = facts.setup.n_year
     if year is None:
         return ()
@@ -200,7 +225,7 @@ def _check_year_nitrogen(facts: JobFacts) -> tuple[JobCheck, ...]:
 
 
 def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
-    """Growth stage, for a crop whose rule was made for some stages."""
+    """Check the growth stage, for a crop whose rule is valid for some stages."""
     growth = facts.setup.growth
     if growth is None:
         return ()
@@ -230,8 +255,8 @@ def _check_growth(facts: JobFacts) -> tuple[JobCheck, ...]:
 
 
 def find_present_strips(frame: Frame | None, facts: JobFacts | None) -> Strips:
-    """The strips that count now: the worker's, which knows those measured since it began; else the
-    files'."""
+    """Return the strips in force: the worker's, which include strips measured since its start, else
+    those of the files."""
     live = frame.strips if frame is not None else Strips()
     if facts is None:
         return live
@@ -240,7 +265,7 @@ def find_present_strips(frame: Frame | None, facts: JobFacts | None) -> Strips:
 
 
 def describe_doubt(strips: Strips) -> str:
-    """Why the response index of the field is doubtful; empty where nothing speaks against it."""
+    """Return why the field's response index is doubtful; "" where it is plausible."""
     index, why = calc_measured_index(strips), find_index_doubt(strips)
     if index is None or not why:
         return ""
@@ -260,8 +285,8 @@ def describe_doubt(strips: Strips) -> str:
 def compare_strip_rates(
     facts: JobFacts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units
 ) -> str:
-    """The canopy's target on the field's ground without and with a strip, by the crop's rule; empty
-    where it is not known."""
+    """Compare the canopy's target in this field without and with a strip, by the crop's rule; ""
+    where unknown."""
     if facts is None or field_ndvi is None:
         return ""
     rates = []
@@ -279,8 +304,8 @@ def compare_strip_rates(
 
 
 def describe_poor_strip(strip: StripValue | None, field_ndvi: float | None) -> str:
-    """A note that a strip reads as the field does: it is no N-rich strip, or the field has enough;
-    empty where it is richer."""
+    """Return a warning if an N-rich strip is hardly greener than the field, else "". The strip is
+    then no N-rich strip, or the field has enough nitrogen."""
     if (
         strip is None
         or strip.which != "nrich"
@@ -297,7 +322,7 @@ def describe_poor_strip(strip: StripValue | None, field_ndvi: float | None) -> s
 
 
 def _check_response_index(facts: JobFacts, frame: Frame | None) -> tuple[JobCheck, ...]:
-    """Response index, for a job that goes by it."""
+    """Check the response index, for a job whose rule uses it."""
     if (
         facts.setup.rule.response_rule != "field"
         or facts.setup.job.target.source not in CANOPY_SOURCES
@@ -327,6 +352,7 @@ def _check_response_index(facts: JobFacts, frame: Frame | None) -> tuple[JobChec
 
 
 def _check_strip(facts: JobFacts, frame: Frame | None) -> JobCheck:
+    """Check where the NDVI of the N-rich strip comes from."""
     label, job, crop = _("N-rich strip"), facts.setup.job, facts.setup.crop
     if job.target.source not in CANOPY_SOURCES:
         return JobCheck(
@@ -335,6 +361,7 @@ def _check_strip(facts: JobFacts, frame: Frame | None) -> JobCheck:
             _("not needed: {source} in use").format(source=words.name_source(job.target.source)),
         )
     live = frame.strips.nrich if frame is not None else None
+    # The strip that was measured today has priority over those of the files.
     if live is not None and live != facts.setup.rule.ndvi_nrich:
         return JobCheck(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
     if job.ndvi_nrich is not None:
@@ -355,7 +382,7 @@ def _check_strip(facts: JobFacts, frame: Frame | None) -> JobCheck:
 
 
 def _check_product(facts: JobFacts) -> tuple[JobCheck, ...]:
-    """Product, for a job that takes one of the library."""
+    """Check the product, for a job that names one of the library."""
     product, machine = facts.setup.product, facts.setup.machine
     if product is None:
         return ()
@@ -393,6 +420,7 @@ def _check_product(facts: JobFacts) -> tuple[JobCheck, ...]:
 
 
 def _check_limits(facts: JobFacts, units: Units) -> JobCheck:
+    """Return the rate limits of the crop."""
     return JobCheck(
         _("limits"),
         OK,
@@ -404,6 +432,7 @@ def _check_limits(facts: JobFacts, units: Units) -> JobCheck:
 
 
 def _check_field(facts: JobFacts, units: Units) -> JobCheck:
+    """Check whether the field has a boundary."""
     if facts.field_ha is None:
         return JobCheck(
             _("field"), LOOK, _("no boundary: nothing stops the flow at the field's edge")
@@ -414,7 +443,7 @@ def _check_field(facts: JobFacts, units: Units) -> JobCheck:
 
 
 def _check_map(facts: JobFacts, units: Units) -> tuple[JobCheck, ...]:
-    """Map, for a job that names one."""
+    """Check the map, for a job that names one. Without a readable map, a map job cannot start."""
     label, name = _("map"), find_file_name(facts.map_file)
     if facts.map_trouble:
         return (
@@ -434,6 +463,7 @@ def _check_map(facts: JobFacts, units: Units) -> tuple[JobCheck, ...]:
 
 
 def _check_machine(facts: JobFacts) -> JobCheck:
+    """Check the machine file: adopted effects, and whether it was calibrated here."""
     label, machine = _("machine"), facts.setup.machine
     name = machine.title or machine.id
     if machine.adopted:
@@ -454,13 +484,14 @@ def _check_machine(facts: JobFacts) -> JobCheck:
 
 
 def _format_adopted(one: Adopted) -> str:
-    """An adopted effect with the data from which it comes."""
+    """Return an adopted effect with the data from which it was estimated."""
     return f"{one.id} {one.size:+g} {one.unit}".rstrip() + (
         f"  ({one.data}, {one.date})" if one.data else ""
     )
 
 
 def _check_hopper(frame: Frame | None, age_s: float, units: Units) -> JobCheck:
+    """Check the fill level of the hopper."""
     label = _("hopper")
     if frame is None or frame.row.hopper_kg is None:
         return JobCheck(label, LOOK, _("no scale: fill level not known"))
@@ -475,6 +506,7 @@ def _check_hopper(frame: Frame | None, age_s: float, units: Units) -> JobCheck:
 
 
 def _check_log(frame: Frame | None, free_bytes: int | None) -> JobCheck:
+    """Check whether a log is written and has free space."""
     label = _("log")
     if frame is None or not frame.log_path:
         return JobCheck(label, STOP, _("no log is written"))
@@ -494,7 +526,8 @@ def _check_log(frame: Frame | None, free_bytes: int | None) -> JobCheck:
 def make_total_items(
     frame: Frame | None, age_s: float, units: Units, picture: FieldPicture | None = None
 ) -> tuple[ItemView, ...]:
-    """The job's totals so far, its parts before a power cut included, and the work left."""
+    """Return the totals of the job, including its parts before a power cut, and the remaining
+    work."""
     t = frame.totals if frame is not None else None
     tally = frame.tally if frame is not None else None
     old = age_s > STALE_S
@@ -508,6 +541,7 @@ def make_total_items(
     )
     error = "--" if t.error_percent is None else f"{t.error_percent:+.1f} %"
     held_s = 0.0 if tally is None else tally.held_s
+    # A rate per hour from less than a minute of work would be meaningless.
     moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
     filled = None if tally is None else sum(kg for _utc, kg in tally.refills)
     items = [
@@ -558,7 +592,8 @@ def make_total_items(
 
 
 def _format_covered(t: Totals, units: Units) -> str:
-    """Ground that got something, each place once, and ground that was passed over again."""
+    """Return the area that received material, each position once, and the area that was passed
+    again."""
     if t.covered_ha is None or t.overlap_ha is None:
         return "--"
     return (
@@ -568,7 +603,7 @@ def _format_covered(t: Totals, units: Units) -> str:
 
 
 def list_refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str, ...]:
-    """Each refill with its time of day, the newest first."""
+    """Return each refill with its time of day, newest first."""
     if frame is None or frame.tally is None:
         return ()
     return tuple(

@@ -1,4 +1,4 @@
-"""Keys of the Job page and what they do."""
+"""Defines the keys of the Job page and their functions."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 FileKind = Literal["job", "crop", "machine"]
 Parameters = ParamSpec("Parameters")
+# Formats of an export, by file ending; the first suits most programs.
 EXPORT_FORMATS = (
     (".geojson", "GeoJSON"),
     (".shp", "shapefile"),
@@ -53,11 +54,12 @@ def show_details(page: JobScreen) -> None:
 
 
 def press_strip_key(page: JobScreen) -> None:
-    """Begin a strip, or end it and use its value after a question."""
+    """Begin a strip, or end the strip in progress and use its value after a question."""
     if page.strip is None:
         _begin_strip(page)
         return
     so_far = page.strip.strip
+    # A strip that is too short has no usable mean; the only question is whether to cancel it.
     if not so_far.is_long_enough or so_far.ndvi is None:
         text = _("{way} with NDVI so far; at least {least} are needed.").format(
             way=page.app.units.distance.format_with_name(so_far.length_m),
@@ -100,8 +102,8 @@ def press_strip_key(page: JobScreen) -> None:
 
 
 def _begin_strip(page: JobScreen) -> None:
-    """Begin a strip. Where the response index of the field counts, there are two strips: which one
-    is asked first."""
+    """Begin a strip. Where the field's response index matters, the operator first chooses one of
+    two kinds of strip."""
 
     def begin_run(which: str) -> None:
         page.strip = StripRun("check" if which == "check" else "nrich")
@@ -123,13 +125,14 @@ def _begin_strip(page: JobScreen) -> None:
 
 
 def _forget_strip(page: JobScreen) -> None:
+    """Cancel the strip in progress."""
     page.strip = None
     page.refresh_all_next_tick()
 
 
 def _use_strip(page: JobScreen, value: StripValue) -> None:
-    """Use a strip's value at once by an order; and in a job file, for the next start. Undone, both
-    are as before."""
+    """Use a strip's value at once by an order, and write it to a job file for the next start. Undo
+    restores both."""
     before = value._replace(
         ndvi=getattr(find_present_strips(page.app.arrival.frame, page.facts), value.which), se=None
     )
@@ -146,7 +149,8 @@ def _use_strip(page: JobScreen, value: StripValue) -> None:
 def _needs_files(
     do: Callable[Concatenate[JobScreen, JobService, Parameters], None],
 ) -> Callable[Concatenate[JobScreen, Parameters], None]:
-    """The action, refused in words where this console has no files at hand."""
+    """Convert a function that needs the job service to an action, which reports where this console
+    has no files."""
 
     def run_with_service(
         page: JobScreen, /, *of: Parameters.args, **named: Parameters.kwargs
@@ -161,6 +165,7 @@ def _needs_files(
 
 @_needs_files
 def _ask_for_file(page: JobScreen, service: JobService, kind: FileKind) -> None:
+    """Ask for another job, crop or machine file."""
     if page.facts is None:
         page.app.show_notice(page.trouble or _("being read"))
         return
@@ -189,6 +194,7 @@ def _ask_for_file(page: JobScreen, service: JobService, kind: FileKind) -> None:
 def _choose_file(
     page: JobScreen, service: JobService, kind: FileKind, choices: list[Choice], now: str
 ) -> None:
+    """Ask for one of the listed files, and choose the answer for the next start."""
     title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
 
     def take_choice(value: str) -> None:
@@ -196,6 +202,7 @@ def _choose_file(
             service.choose_file(kind, value)
             return value
 
+        # The file in use needs no restart.
         if value != now:
             page.take_file(choose_in_service)
 
@@ -203,7 +210,7 @@ def _choose_file(
 
 
 def format_card(file: FileChoice, card: JobCard | None, units: Units) -> str:
-    """The lines of a job in a list."""
+    """Return the lines that describe a job in a list."""
     if card is None:
         return file.label
     said = [card.title, "  ".join(part for part in (card.field, card.crop) if part)]
@@ -221,7 +228,7 @@ def format_card(file: FileChoice, card: JobCard | None, units: Units) -> str:
 
 @_needs_files
 def ask_export(page: JobScreen, service: JobService) -> None:
-    """Ask for the format, then export."""
+    """Ask for the format, then export the applied rates."""
     choices = [Choice(ending, f"{name} ({ending})") for ending, name in EXPORT_FORMATS]
     page.app.ask_question(
         ChoiceDialog(_("Export as"), choices, ""),
@@ -236,9 +243,11 @@ def ask_export(page: JobScreen, service: JobService) -> None:
 
 @_needs_files
 def end_job(page: JobScreen, service: JobService) -> None:
-    """End the job after a question: export and report it."""
+    """End the job after a question: mark its end in the log, export it and write its report."""
 
     def mark_and_export() -> None:
+        # The mark in the log makes the job "ended", so that it is not offered again after a power
+        # cut.
         page.app.give_order(Do.MARK, "job finished")
         page.begin_work(
             _("export"),
@@ -256,13 +265,13 @@ def end_job(page: JobScreen, service: JobService) -> None:
 
 
 def explain_no_log(page: JobScreen) -> str:
-    """Why nothing is exported: no log is written."""
+    """Return why nothing can be exported: no log is written."""
     frame = page.app.arrival.frame
     return "" if frame is not None and frame.log_path else _("no log is written")
 
 
 def explain_no_end(page: JobScreen) -> str:
-    """Why the job cannot be ended."""
+    """Return why the job cannot be ended."""
     frame = page.app.arrival.frame
     works = frame is not None and frame.row.state == State.WORKING and not page.app.gone
     return _("the machine works: hold or stop it first") if works else explain_no_log(page)
@@ -277,6 +286,7 @@ ACTIONS = set_page(
         N_("ready"),
         N_("Off, held or fault: make the machine ready."),
         lambda page: page.app.give_order(Do.READY),
+        # The worker decides, because a state may have changed since the newest frame.
         bar=3,
         why=lambda page: explain_not_ready(page.app),
         judged=True,
@@ -306,6 +316,7 @@ ACTIONS = set_page(
     Action(
         "job_file",
         "j",
+        # Another job needs another worker, and that starts in OFF.
         "J",
         N_("job"),
         N_("Changes over to another job; the machine goes to OFF for it."),
@@ -390,6 +401,7 @@ ACTIONS = set_page(
         _needs_files(lambda page, service: page.begin_work(_("report"), service.write_reports)),
         why=explain_no_log,
     ),
+    # Ending is separate from leaving the console: a console may close while the job continues.
     Action(
         "job_end",
         "q_5",

@@ -1,5 +1,6 @@
-"""A prescription before it is taken: what it looks like, how its numbers are read, what of it
-will not be applied."""
+"""Shows a prescription map before the job uses it: its picture, the meaning of its numbers, and the
+parts that will not be applied.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +22,17 @@ from topdress.console.app.widgets.choice_list import ChoiceList
 from topdress.console.app.widgets.map_legend import draw_colour_ramp
 from topdress.console.locale import _
 
+# Size of the picture and of the colour ramp, in cells.
 COLUMNS, ROWS, LEAST_ROWS, RAMP_CELLS = 44, 9, 3, 16
-# of the screen, that what is said below the picture needs first
+# Rows of the screen that the text below the picture needs first.
 ROWS_BELOW = 20
+# Answers of the dialog.
 TAKE, COLUMN, UNIT = "take", "column", "unit"
 
 
 class MapDialog(ChoiceDialog):
-    """Shows a map before it is taken. Dismissed with the next step: TAKE, COLUMN or UNIT; None:
-    nothing. The text above the lines scrolls."""
+    """Shows a map before the job uses it. The answer is the next step: take, column or unit. The
+    text above the choices scrolls."""
 
     BINDINGS: ClassVar = [
         Binding("pageup", "scroll_text(-5)", show=False),
@@ -37,6 +40,7 @@ class MapDialog(ChoiceDialog):
     ]
 
     def __init__(self, shown: MapPreview, units: Units) -> None:
+        # While the meaning of the rates is unknown, the map cannot be taken.
         asked = bool(shown.question)
         wanted = (
             *(() if asked else (Choice(TAKE, _("take it")),)),
@@ -47,7 +51,7 @@ class MapDialog(ChoiceDialog):
         self.shown, self.units = shown, units
 
     def compose(self) -> ComposeResult:
-        """Lay out picture, text and lines."""
+        """Yield picture, text and choices."""
         with Vertical(classes="dialog wide"):
             yield Static(self.heading, classes="dialog-title", markup=False)
             with VerticalScroll(classes="dialog-body", can_focus=False):
@@ -62,7 +66,7 @@ class MapDialog(ChoiceDialog):
                 yield from self.compose_buttons()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Draw the picture anew."""
+        """Draw the picture for the new size."""
         Dialog.on_resize(self, event)
         self.query_one("#map-said", Static).update(Content("\n").join(self.draw_rows()))
 
@@ -71,7 +75,7 @@ class MapDialog(ChoiceDialog):
         self.query_one(".dialog-body").scroll_relative(y=lines, animate=False)
 
     def draw_rows(self) -> tuple[Content, ...]:
-        """Picture and text."""
+        """Return picture and text as rows."""
         shown, units = self.shown, self.units
         if shown.question:
             return Content(_("Before this map can be used, say what its rates are.")), Content(

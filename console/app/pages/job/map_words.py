@@ -1,5 +1,6 @@
-"""What is to be said of a job's map before it is worked: what of it will not be applied as it
-stands. Pure."""
+"""Words the check of a job's map before work: the parts that will not be applied as planned.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +12,17 @@ from topdress.console.locale import _
 if TYPE_CHECKING:
     from topdress.control.targets.map_check import MapCheck
 
-# of map or field: beyond it the map may be the wrong one
+# Share of the map's or the field's area beyond which the map may be the wrong one.
 MUCH_SHARE = 0.1
-LEAST_AREA_HA = 0.0001  # less is the rounding of corners
+# Smaller areas result from rounding of corners, ha.
+LEAST_AREA_HA = 0.0001
 
 
 def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
-    """A sentence for each part that is not applied as the map has it; none: all is."""
+    """Return a sentence for each part of the map that is not applied as planned; () if everything
+    is applied."""
     area, rate = units.area._replace(decimals=4), units.rate
+    # A map that lies elsewhere makes every other remark meaningless.
     if check.away_m > 0.0:
         away = f"{check.away_m / 1000.0:.1f}"
         if check.swapped:
@@ -103,7 +107,7 @@ def describe_map_check(check: MapCheck, units: Units) -> tuple[str, ...]:
 
 
 def is_doubtful(check: MapCheck) -> bool:
-    """Whether the map may be the wrong one, or wants rates that will not be given."""
+    """Return whether the map may be the wrong one, or plans rates that will not be applied."""
     field_ha = check.field_ha or 0.0
     return (
         check.away_m > 0.0

@@ -1,5 +1,6 @@
-"""The Job screen: a list before work, the files of the job, the N-rich strip, refills, totals,
-and the end."""
+"""Shows the Job screen: checks before work, the job's files, N-rich strip, refills, totals, end of
+the job.
+"""
 
 from __future__ import annotations
 
@@ -55,16 +56,20 @@ from topdress.console.locale import _
 from topdress.control.agronomy.strips import Strips, StripValue
 from topdress.control.orders import Do
 
-# of the list before work, at most: at low and middle height ...
+# Rows of the checks at low and at middle height.
 MOST_CHECKS = 8, 10
-# ... at full height what the large keys under it, with air, and the totals leave
+# At full height the checks leave this many rows to the large keys with their margin, and the rows
+# of the totals.
 KEY_ROWS = 5
-# free disk space and files are looked at this often
+# Period at which free space and the job's files are read again, s.
 LOOK_PERIOD_S = 30.0
+# Notes on the screen; older notes are dropped.
 MOST_NOTES = 4
-# no file, and no name, is called so
+# Values of choices that are no file and no name: the NUL character cannot occur in either.
 FOLDERS, TYPED, WRITE = "\0folders", "\0typed", "\0write"
+# Units that a prescription map may have.
 RATE_UNITS = ("kg/ha", "lb/ac", "t/ha", "g/m2", "kg/mu", "kg N/ha", "lb N/ac", "l/ha", "gal/ac")
+# States in which a restart of the worker interrupts no work.
 RESTART_STATES = (None, "off", "ready", "fault")
 
 
@@ -77,16 +82,19 @@ class JobScreen(Page):
     def __init__(self) -> None:
         super().__init__()
         self.strip: StripRun | None = None
-        # what the heads read outside the strips of this run
+        # Mean NDVI outside the strips of this run.
         self.field = FieldMean()
         self.refill = RefillWatch()
         self.facts: JobFacts | None = None
         self.trouble = ""
         self.free_bytes: int | None = None
-        self.said: list[str] = []  # what was done, the newest last
-        self.said_of_run: list[str] = []  # and what is true only of the run that goes on
-        self._run = ""  # its log
-        # a file that was taken and that no worker has yet
+        # Notes about finished actions, newest last.
+        self.said: list[str] = []
+        # Notes that are valid for the present run only.
+        self.said_of_run: list[str] = []
+        # Log of the present run.
+        self._run = ""
+        # File that was chosen but is not used by any worker yet.
         self.pending = ""
         self.progress = ""
         self._work: Worker[None] | None = None
@@ -95,7 +103,7 @@ class JobScreen(Page):
 
     @property
     def service(self) -> JobService | None:
-        """The service, if there is one."""
+        """Service of the page, or None."""
         return self.app.services.job
 
     def compose_body(self) -> ComposeResult:
@@ -111,9 +119,9 @@ class JobScreen(Page):
     # ------------------------------------------------------------------------------------------
 
     def gather_frame(self, frame: Frame) -> None:
-        """Take every frame, also while another page is shown."""
+        """Process every frame, also while another page is open."""
         super().gather_frame(frame)
-        # another run: nothing that was said of the one before holds of it
+        # Notes about the former run are not valid for a new run.
         if frame.log_path != self._run:
             self._run = frame.log_path
             self.refill, self.field = RefillWatch(), FieldMean()
@@ -126,6 +134,7 @@ class JobScreen(Page):
                     kg=self.app.units.mass.format_with_name(self.refill.seen_kg)
                 )
             )
+        # A strip must not contribute to the field's mean, which it is compared with.
         (self.strip or self.field).add_row(frame.row)
 
     def show_due(self, now_s: float) -> None:
@@ -141,7 +150,10 @@ class JobScreen(Page):
         super().show_due(now_s)
 
     def _read_facts(self, service: JobService, log_path: str) -> None:
+        """Read the job's files and the free space, in a thread."""
+
         def read_from_files() -> tuple[JobFacts | None, str, int | None]:
+            # Free space is read first, so that unreadable job files do not hide it.
             free = service.find_free_bytes(log_path) if log_path else None
             try:
                 return service.find_facts(), "", free
@@ -174,7 +186,7 @@ class JobScreen(Page):
             most = max(most, self.query_one("#job").size.height - KEY_ROWS - len(done))
             totalled.styles.height = "1fr"
         else:
-            # two to a row
+            # Two totals share a row.
             totalled.styles.height = (
                 len(done) if self.has_class("-portrait") else -(-len(done) // 2)
             )
@@ -186,7 +198,7 @@ class JobScreen(Page):
         )
 
     def _list_next_chips(self) -> tuple[Chip, ...]:
-        """The keys at the end of the list before work: make ready, then start."""
+        """Return the keys at the end of the checks: make ready, then start."""
         not_ready, no_start = explain_not_ready(self.app), explain_no_start(self.app)
         return (
             Chip(
@@ -200,6 +212,8 @@ class JobScreen(Page):
         )
 
     def _list_notes(self, frame: Frame | None) -> tuple[JobNote, ...]:
+        """Return the notes: strip in progress, refill, work in progress, joined machine, power cut,
+        files for the next start."""
         units, notes = self.app.units, []
         if self.strip is not None:
             strip = self.strip.strip
@@ -242,6 +256,7 @@ class JobScreen(Page):
             notes.append(
                 JobNote(_("goes on from {log}").format(log=find_file_name(tally.log_before)))
             )
+        # Material that flowed while nobody controlled the machine was estimated after the cut.
         if tally is not None and tally.after_cut_kg is not None:
             scale_kg = tally.after_cut_scale_kg
             notes.append(
@@ -263,12 +278,12 @@ class JobScreen(Page):
         return (*notes, *(JobNote(text) for text in (*self.said, *self.said_of_run)[-MOST_NOTES:]))
 
     def add_note(self, text: str) -> None:
-        """Add a line that stays."""
+        """Add a note that stays."""
         self.said[:] = [*self.said, text][-MOST_NOTES:]
         self.refresh_all_next_tick()
 
     def add_run_note(self, text: str) -> None:
-        """Add a line that stays until another run begins."""
+        """Add a note that stays until another run begins."""
         self.said_of_run[:] = [*self.said_of_run, text][-MOST_NOTES:]
         self.refresh_all_next_tick()
 
@@ -276,14 +291,14 @@ class JobScreen(Page):
     # ----------------------------------------------------------------------------------------------
 
     def key_escape(self) -> None:
-        """Cancel the work."""
+        """Cancel the work in progress."""
         if self._work is not None:
             self._work.cancel()
             self._work, self.progress = None, ""
             self.add_note(_("cancelled"))
 
     def ask_refill(self) -> None:
-        """Ask for the mass filled in, then record it."""
+        """Ask for the mass that was filled in, then record it."""
         unit, seen_kg, full_kg = self.app.units.mass, self.refill.seen_kg, self.app.hopper_kg
         frame = self.app.arrival.frame
         hopper_kg = frame.row.hopper_kg if frame is not None else None
@@ -302,7 +317,7 @@ class JobScreen(Page):
 
         low, high = round_inwards(unit, LEAST_FILLED_KG, full_kg, 1)
         missing_kg = full_kg if hopper_kg is None else full_kg - hopper_kg
-        # what the scale saw, else what is missing
+        # The key "hopper full" enters the mass that the scale saw, else the missing mass.
         shown = seen_kg if seen_kg is not None else max(0.0, missing_kg)
         full = (
             ("F", _("hopper full"), round(shown * unit.per_si, 1))
@@ -326,7 +341,7 @@ class JobScreen(Page):
 
     @property
     def is_at_work(self) -> bool:
-        """Whether the state forbids a new start of the control worker."""
+        """Whether the machine's state forbids a restart of the control worker."""
         frame = self.app.arrival.frame
         return (
             self.app.source is not None
@@ -334,9 +349,17 @@ class JobScreen(Page):
         )
 
     def ask_restart(self, taken: str, left: JobOffer | None) -> None:
-        """Ask for a new start with the chosen files. left: a job that has spread on the field of
-        the next start."""
+        """Ask for a restart with the chosen files.
+
+        Parameters
+        ----------
+        taken
+            Path of the chosen file.
+        left
+            Interrupted job that has spread on the field of the next start.
+        """
         self.pending = find_file_name(taken)
+        # The files are read again soon, because they have changed.
         self._looked_s = None
         if self.is_at_work:
             self.app.show_notice(
@@ -366,7 +389,7 @@ class JobScreen(Page):
         self.app.push_screen(Confirm(heading, text), take_answer)
 
     def _drop_choice(self, taken: str) -> None:
-        """Drop the choice: the running files stay."""
+        """Drop the choice; the running files stay in use."""
         if self.service is not None:
             self.service.drop_choices()
         self.pending = ""
@@ -376,21 +399,21 @@ class JobScreen(Page):
 
     @property
     def field_ndvi(self) -> float | None:
-        """NDVI of the field's ground so far; before there is enough of it the heads' present one.
-        None: unknown."""
+        """Mean NDVI of the field outside strips; before there are enough readings, the present
+        NDVI. None means unknown."""
         frame = self.app.arrival.frame
         now = None if frame is None else find_heads_index(frame.row)
         return self.field.ndvi if self.field.ndvi is not None else now
 
     def replace_strip(self, value: StripValue | None) -> Strips:
-        """The strips that will count, with the one just measured."""
+        """Return the strips in force after the strip that was just measured."""
         frame, facts = self.app.arrival.frame, self.facts
         now = find_present_strips(frame, facts)
         return now if value is None else now._replace(**{value.which: value.ndvi})
 
     def save_for_next_start(self, work: Callable[[], str]) -> None:
-        """Write a file for the next start, by `work`; the running worker knows its content
-        already."""
+        """Write a file for the next start; the running worker already knows its content by an
+        order."""
 
         def note_saved(path: str) -> None:
             self._looked_s = None
@@ -403,11 +426,12 @@ class JobScreen(Page):
         )
 
     def _note_not_written(self, why: str) -> None:
+        """Report that a file was not written."""
         self.add_note(_("not written: {why}").format(why=why))
 
     def take_file(self, work: Callable[[], str]) -> None:
-        """Write another file for the job by `work`, which returns its name; then ask for a new
-        start."""
+        """Write another file for the job by `work`, which returns its name; then ask for a
+        restart."""
 
         def write_and_find_offer() -> tuple[str, JobOffer | None]:
             return work(), None if self.service is None else self.service.find_offer()
@@ -424,11 +448,12 @@ class JobScreen(Page):
     # --------------------------------------------------------
 
     def look_for_maps(self, service: JobService) -> None:
-        """List maps of sticks and folders, and ask for one."""
+        """List the maps on memory sticks and in folders, and ask for one of them."""
         self.app.show_notice(_("looking for prescriptions"))
         self._read_files(service.list_maps, self._show_maps)
 
     def _show_maps(self, found: tuple[MapFile, ...]) -> None:
+        """Ask for one of the maps, or for a path."""
         none = (
             ""
             if found
@@ -452,8 +477,24 @@ class JobScreen(Page):
         now: str = "",
         text: str = "",
     ) -> None:
-        """Ask for one of a list, or a file of this kind that lies elsewhere: browsed, typed or
-        pasted. take: is called with its path."""
+        """Ask for an entry of a list, or for a file of this kind elsewhere: browsed, typed or
+        pasted.
+
+        Parameters
+        ----------
+        title
+            Heading of the dialog.
+        choices
+            Files of the list.
+        kind
+            Kind of file for the browser: map, job, crop or machine.
+        take
+            Receives the path.
+        now
+            Path of the file in use.
+        text
+            Text above the list.
+        """
 
         def take_choice(path: str) -> None:
             if path == FOLDERS:
@@ -470,7 +511,7 @@ class JobScreen(Page):
         self.app.ask_question(ChoiceDialog(title, [*choices, *more], now, text), take_choice)
 
     def _browse_folder(self, folder: str, kind: str, take: Callable[[str], None]) -> None:
-        """Browse folders up and down until a file is chosen."""
+        """Browse folders until a file is chosen."""
         service = self.service
         if service is not None:
             self._read_files(
@@ -481,6 +522,8 @@ class JobScreen(Page):
     def _show_folder(
         self, folder: str, found: tuple[MapFile, ...], kind: str, take: Callable[[str], None]
     ) -> None:
+        """Show the contents of a folder; a folder opens, a file is taken."""
+
         def take_choice(path: str) -> None:
             if any(
                 one.path == path and (one.name.endswith(("/", "\\")) or one.name == "..")
@@ -501,12 +544,15 @@ class JobScreen(Page):
         )
 
     def _read_map(self, path: str, reading: MapReading) -> None:
+        """Read a map in a thread, and show it."""
         service = self.service
         if service is not None:
             self.app.show_notice(_("reading the map"))
             self._read_files(lambda: service.preview_map(path, reading), self._show_map)
 
     def _show_map(self, shown: MapPreview) -> None:
+        """Show a map, and process the operator's next step."""
+
         def take_choice(what: str) -> None:
             if what == TAKE and self.service is not None:
                 service = self.service
@@ -531,6 +577,7 @@ class JobScreen(Page):
     def _ask_how_to_read_map(
         self, shown: MapPreview, title: str, choices: list[Choice], what: str
     ) -> None:
+        """Ask for the column or unit of the rates, and read the map again."""
         now = getattr(shown.reading, what)
 
         def take_choice(value: str | None) -> None:
@@ -541,8 +588,8 @@ class JobScreen(Page):
         self.app.push_screen(ChoiceDialog(title, choices, now), take_choice)
 
     def ask_names(self, service: JobService) -> None:
-        """Ask for the names one after the other on one list; nothing is written before the last
-        line is chosen."""
+        """Ask for the job's names on one list; nothing is written before the last entry is
+        chosen."""
         facts = self.facts
         if facts is None:
             self.app.show_notice(self.trouble or _("being read"))
@@ -550,6 +597,7 @@ class JobScreen(Page):
         self._ask_for_name(service, facts.names)
 
     def _ask_for_name(self, service: JobService, who: JobNames) -> None:
+        """Show the list of names, and ask for the chosen name."""
         labels = {
             "client": _("client"),
             "farm": _("farm"),
@@ -571,8 +619,9 @@ class JobScreen(Page):
             if text is None:
                 self._ask_for_name(service, who)
                 return
-            # a typed name is none of the library's
+            # A typed name belongs to no product file of the library.
             file = "" if name == "product" else who.product_file
+            # Other programs truncate longer names.
             self._ask_for_name(
                 service, who._replace(**{name: text[:80]})._replace(product_file=file)
             )
@@ -586,14 +635,15 @@ class JobScreen(Page):
                 ask_text(name)
 
         question = ChoiceDialog(_("Whose job is it?"), choices, "")
+        # The last entry writes the job, so that an Enter accepts the names as they are.
         question.at = len(choices) - 1
         self.app.ask_question(question, take_choice)
 
     def _ask_product(
         self, service: JobService, who: JobNames, type_name: Callable[[], object]
     ) -> None:
-        """Ask for a product of the library, with its flow and its N share; or a name that is
-        typed."""
+        """Ask for a product of the library, which brings its flow and N share, or for a typed
+        name."""
         products = self.facts.products if self.facts is not None else ()
         choices = [
             *(Choice(one.value, one.label) for one in products),
@@ -620,8 +670,8 @@ class JobScreen(Page):
         )
 
     def ask_to_use_machine(self, machine: str) -> None:
-        """Ask whether the job takes a machine file that was just written: over the page that wrote
-        it, where Esc stays; the Job page goes on with a yes."""
+        """Ask whether the job uses a machine file that was just written. The question covers the
+        page that wrote the file; a yes opens the Job page."""
         service = self.service
         if service is None:
             return
@@ -643,7 +693,7 @@ class JobScreen(Page):
         )
 
     def _read_files(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
-        """Read files, along with the screen; an error is one line that stays."""
+        """Read files in a thread; an error becomes a note that stays."""
 
         def note_failure(why: str) -> None:
             said = _("cannot be used: {why}").format(why=why)
@@ -658,7 +708,16 @@ class JobScreen(Page):
     def begin_work(
         self, name: str, work: Callable[[str, Progress, IsCancelled], tuple[str, ...]]
     ) -> None:
-        """Begin an export or report."""
+        """Begin an export or report in a thread.
+
+        Parameters
+        ----------
+        name
+            Name of the work for the notes.
+        work
+            Receives the log's path, a progress function and a cancellation check; returns the
+            written paths.
+        """
         frame = self.app.arrival.frame
         if self._work is not None:
             self.app.show_notice(_("still at work: Esc cancels"))
@@ -672,6 +731,7 @@ class JobScreen(Page):
             me = get_current_worker()
 
             def note_progress(done: int, of: int, what: str) -> None:
+                # Progress of cancelled work would replace that of newer work.
                 if not me.is_cancelled:
                     self.progress = _("{name}: {what} ({done} of {all})").format(
                         name=name, what=_(what), done=done, all=of

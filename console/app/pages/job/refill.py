@@ -1,5 +1,6 @@
-"""A refill recognised by the scale: the machine does not work, the mass rises by more than 5
-kg, and settles; and what the scale says against one that is typed. Pure."""
+"""Recognises a refill by the scale: the machine does not work, the mass rises by more than 5 kg and
+settles. Compares a typed refill with the scale. Pure.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +10,36 @@ from topdress.console.app.units import Unit
 from topdress.console.locale import _
 from topdress.control.log_row import LogRow
 
+# Smaller rises, kg, may be a person who climbs on the machine or leans on the hopper.
 LEAST_RISE_KG = 5.0
-SETTLE_TIME_S = 3.0  # the mass must have stood this long ...
-SETTLE_RANGE_KG = 1.0  # ... within this
+# The mass counts as settled after this time, s, ...
+SETTLE_TIME_S = 3.0
+# ... within this range, kg.
+SETTLE_RANGE_KG = 1.0
 STANDING_MPS = 0.2
-LEAST_FILLED_KG = 0.1  # less is no refill
-# bags are weighed to a few percent, a scale reads to one: farther apart one is wrong
+# Smaller masses, kg, are no refill.
+LEAST_FILLED_KG = 0.1
+# Bags are weighed to a few percent and a scale reads to one percent: a larger relative difference
+# means that one of both is wrong.
 GROSS_ERROR_SHARE = 0.25
-# and both may be off by this: the scale's zero on a slope, what fell next to it
+# Absolute error of both, kg: zero of the scale on a slope, material that fell beside the hopper.
 SCALE_ERROR_KG = 5.0
 
 
 class RefillWatch:
-    """Watches rows for a refill. `seen_kg`: mass added since the machine stopped, None while
-    nothing was."""
+    """Recognises a refill. `seen_kg` is the mass added since the machine stopped; None without a
+    refill."""
 
     def __init__(self) -> None:
         self.seen_kg: float | None = None
-        # seen at work: no refill came before it was watched
+        # True after work was seen: only then is it certain that no refill preceded the watch.
         self._worked = False
         self._window: deque[tuple[float, float]] = deque()
-        self._level_kg: float | None = None  # before the refill
+        # Mass before the refill, kg.
+        self._level_kg: float | None = None
 
     def add_row(self, row: LogRow) -> None:
-        """Add a row of the run. Work, movement or a silent scale begins the watch anew."""
+        """Add a row of the run. Work, movement or a silent scale restarts the recognition."""
         moving = (row.speed_used_mps or 0.0) > STANDING_MPS
         if row.hopper_kg is None or row.state == "working" or moving:
             self._window.clear()
@@ -40,6 +47,7 @@ class RefillWatch:
             if row.state == "working":
                 self.seen_kg, self._worked = None, True
             return
+        # Time that runs backwards belongs to another log.
         if self._window and row.time_s < self._window[-1][0]:
             self._window.clear()
         self._window.append((row.time_s, row.hopper_kg))
@@ -47,24 +55,27 @@ class RefillWatch:
             self._window.popleft()
         masses = [kg for _time, kg in self._window]
         if (
+            # A window of less than 80 % of the settling time has too few readings for a decision.
             row.time_s - self._window[0][0] < 0.8 * SETTLE_TIME_S
             or max(masses) - min(masses) > SETTLE_RANGE_KG
         ):
             return
         level_kg = sum(masses) / len(masses)
         if self._level_kg is None or level_kg < self._level_kg:
+            # The lowest settled mass since the stop is the level before the refill: material may
+            # still flow out.
             self._level_kg = level_kg
         elif level_kg - self._level_kg > LEAST_RISE_KG:
             self.seen_kg = round(level_kg - self._level_kg, 1)
 
     @property
     def before_kg(self) -> float | None:
-        """Mass in the hopper, to which nothing was added since the machine worked, kg; None where
-        that is not known."""
+        """Mass in the hopper to which nothing was added since the machine worked, kg; None where
+        unknown."""
         return self._level_kg if self._worked and self.seen_kg is None else None
 
     def end_refill(self) -> None:
-        """Begin anew: it was recorded, or it was none."""
+        """Restart the recognition, because the refill was recorded or rejected."""
         self.seen_kg = None
         self._level_kg = None
         self._window.clear()
@@ -73,10 +84,21 @@ class RefillWatch:
 def explain_refill_doubt(
     filled_kg: float, watch: RefillWatch, hopper_kg: float | None, full_kg: float, unit: Unit
 ) -> str:
-    """Why a typed refill is doubted, in words; "" where nothing speaks against it.
+    """Return why a typed refill is doubtful, in words; "" where it is plausible.
 
-    hopper_kg: the scale's reading now. It includes the refill already or does not yet, where
-    `watch` does not know.
+    Parameters
+    ----------
+    filled_kg
+        Typed mass, kg.
+    watch
+        Recognition by the scale.
+    hopper_kg
+        Present reading of the scale, kg. Where `watch` has no level, the reading may or may not
+        include the refill.
+    full_kg
+        Capacity of the hopper, kg.
+    unit
+        Unit of the text.
     """
     if watch.seen_kg is not None:
         if abs(filled_kg - watch.seen_kg) <= max(SCALE_ERROR_KG, GROSS_ERROR_SHARE * watch.seen_kg):

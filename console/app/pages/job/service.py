@@ -1,5 +1,6 @@
-"""What the Job screen is given by the command line: files, exports, and going on after a power
-cut."""
+"""Declares the files and functions that the command line supplies to the Job screen: files,
+exports, resumption after a power cut.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +20,12 @@ if TYPE_CHECKING:
     from topdress.control.targets.map_check import MapCheck
     from topdress.drivers.files.setup import Setup
 
-# steps of an export
+# Stages of an export, for its progress.
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")
 
 
 class FileChoice(NamedTuple):
-    """Describes a configuration that can be chosen: its path or name, and its label."""
+    """Describes a configuration that can be chosen, by its path or name, with a label."""
 
     value: str
     label: str
@@ -32,11 +33,17 @@ class FileChoice(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class JobFacts:
-    """Holds the content of the run's files, as its worker reads them, their places, and other
-    choices.
+    """Holds the contents of the run's files as its worker reads them, their paths, and the
+    alternatives.
 
-    product_file: empty: machine and crop name the product. field, field_ha: of the ground that is
-    worked, None: no boundary known. map_trouble: why the job's map cannot be used; one line.
+    Attributes
+    ----------
+    product_file
+        "" where machine and crop file define the product.
+    field, field_ha
+        Name and area of the worked field; an area of None means that no boundary is known.
+    map_trouble
+        Reason why the job's map cannot be used, in one line.
     """
 
     setup: Setup
@@ -70,9 +77,17 @@ class JobFacts:
 
 
 class JobCard(NamedTuple):
-    """Describes a job as an operator knows it. map: its file's name. done_ha, worked_utc: of its
-    newest run, 0 and empty where there is none. picture: the field's outline, else its map's
-    plan."""
+    """Describes a job as an operator knows it.
+
+    Attributes
+    ----------
+    map
+        Name of the map file.
+    done_ha, worked_utc
+        Of the newest run; 0 and "" without a run.
+    picture
+        The field's outline, else the plan of the map.
+    """
 
     title: str
     field: str
@@ -84,7 +99,7 @@ class JobCard(NamedTuple):
 
 
 class MapFile(NamedTuple):
-    """Describes a file that may be a prescription. where: the stick or folder on which it lies."""
+    """Describes a file that may be a prescription; `where` is its memory stick or folder."""
 
     path: str
     name: str
@@ -93,7 +108,7 @@ class MapFile(NamedTuple):
 
 
 class MapReading(NamedTuple):
-    """Describes how a map's numbers are meant; empty: as the file says."""
+    """Defines column and unit of a map's rates; "" means as declared in the file."""
 
     column: str = ""
     unit: str = ""
@@ -101,8 +116,15 @@ class MapReading(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPreview:
-    """Holds a prescription as it was read. question: to be answered first, one line; then the rest
-    is empty but for `columns`. kept: the map in kg of product per ha, in a file of ours."""
+    """Holds a prescription as it was read.
+
+    Attributes
+    ----------
+    question
+        Question that must be answered first, in one line; then only `columns` is filled.
+    kept
+        Path of our copy of the map, in kg of product per ha.
+    """
 
     path: str
     reading: MapReading
@@ -118,8 +140,8 @@ class MapPreview:
 
 
 class JobOffer(NamedTuple):
-    """Describes a job that was left, not ended: cut off, or started again. others: files of the
-    next start with which it was not worked."""
+    """Describes a job that was interrupted, not ended. `others` are files of the next start that
+    differ from those of the job."""
 
     path: str
     began_utc: str
@@ -130,8 +152,8 @@ class JobOffer(NamedTuple):
 
 
 class RecentSet(NamedTuple):
-    """Describes a job that was worked, or could be: its files, and words by which an operator knows
-    it. began_utc: of its last run. card: of its job file."""
+    """Describes a job that was worked or can be: its files and descriptive names. `began_utc` is
+    the start of its last run."""
 
     files: tuple[str, ...]
     job: str
@@ -142,99 +164,101 @@ class RecentSet(NamedTuple):
 
 
 class EarlierRun(NamedTuple):
-    """Holds the run before this console looked: alarms, and where material lies (east m, north m,
-    heading, kg/ha)."""
+    """Holds the run before this console started: alarms, and positions of applied material (east m,
+    north m, heading deg, kg/ha)."""
 
     alarms: tuple[AlarmRecord, ...]
     track: tuple[tuple[float, float, float, float], ...]
 
 
 class RunningLimits(NamedTuple):
-    """Holds limits of the running machine."""
+    """Holds the limits of the running machine."""
 
     most_rate_kg_ha: float
     hopper_kg: float
-    machine: Machine | None = None  # None: what its log says of it cannot be read
+    # None means that the machine's description in its log is unreadable.
+    machine: Machine | None = None
 
 
-Progress = Callable[[int, int, str], None]  # steps done, steps in all, what is being done
+# Arguments: steps done, number of steps, name of the step.
+Progress = Callable[[int, int, str], None]
 IsCancelled = Callable[[], bool]
 
 
 class JobService(Protocol):
-    """Does the files of the page.
+    """Provides the files of the page.
 
-    Errors are one-line ValueErrors. All but `restart_worker`, `resume_job` and `start_anew` may
-    take their time: in a thread.
+    Errors are one-line ValueErrors. All functions except `restart_worker`, `resume_job` and
+    `start_anew` may block, so the page calls them in a thread.
     """
 
     def find_facts(self) -> JobFacts: ...
 
     def find_free_bytes(self, log_path: str) -> int | None:
-        """Free bytes on the disk where the log is written; None where it is not known."""
+        """Return the free bytes on the log's disk; None where unknown."""
 
     def choose_file(self, kind: str, value: str) -> None:
-        """Choose another job, crop or machine for `restart_worker`; checked first. `find_facts`
-        gives the running files until then."""
+        """Choose another job, crop or machine for `restart_worker`, after a check. Until then
+        `find_facts` returns the running files."""
 
     def list_recent(self) -> tuple[RecentSet, ...]:
-        """File sets worked lately, the newest first."""
+        """Return recent sets of files, newest first."""
 
     def choose_recent(self, recent: RecentSet) -> None:
-        """Choose all its files for `restart_worker`; checked first."""
+        """Choose all files of a set for `restart_worker`, after a check."""
 
     def drop_choices(self) -> None:
-        """Drop the last choice: the next start has the running files."""
+        """Drop the last choice, so that the next start uses the running files."""
 
     def save_strip_value(self, strip: StripValue) -> str:
-        """Write the job with this NDVI of a strip, or without one, which the worker knows already;
-        returns its path."""
+        """Write the job with a strip's NDVI, or without it, and return its path; the worker knows
+        the value already."""
 
     def list_maps(self) -> tuple[MapFile, ...]:
-        """Files that may be a prescription, on sticks, among downloads and the user's own files;
-        the newest first."""
+        """Return files that may be a prescription, newest first: on memory sticks, among downloads
+        and in the user's own folders."""
 
     def list_map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
-        """Folders, whose names end in a slash, then maps, or files of another kind (job, crop,
-        machine); "": the places to begin with."""
+        """Return the subfolders (names end in a slash), then the files of a kind: map, job, crop or
+        machine. A folder of "" returns the starting points."""
 
     def preview_map(self, path: str, reading: MapReading) -> MapPreview:
-        """Read a prescription for the job; nothing of the job changes."""
+        """Read a prescription for the job, without changing the job."""
 
     def choose_map(self, preview: MapPreview) -> str:
-        """Write the job with this map, for `restart_worker`; returns its path."""
+        """Write the job with this map for `restart_worker`, and return its path."""
 
     def save_driven_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
-        """Write the job with this ring of latitude and longitude as the field's edge, for
-        `restart_worker`; returns its path."""
+        """Write the job with this ring of latitude and longitude as the field's boundary for
+        `restart_worker`, and return its path."""
 
     def save_job_names(self, who: JobNames) -> str:
-        """Write the job with these names, for `restart_worker`; returns its path."""
+        """Write the job with these names for `restart_worker`, and return its path."""
 
     def list_job_cards(self) -> tuple[tuple[FileChoice, JobCard | None], ...]:
-        """The jobs of `find_facts`, the newest first; None: it cannot be read."""
+        """Return the jobs of `find_facts`, newest first; None marks an unreadable job."""
 
     async def restart_worker(self, anew: bool = False) -> FrameSource:
-        """Start a worker with the choices.
+        """Start a worker with the chosen files.
 
-        The one before must have ended. The job left on its field goes on, or is ended (anew). Where
-        it does not start, the files are those of before.
+        The former worker must have ended. An interrupted job on the field is resumed, or ended if
+        `anew`. If the start fails, the former files stay in use.
         """
 
     def export_as_applied(
         self, log_path: str, ending: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]:
-        """Export as applied, a file for each part of the job; returns their paths."""
+        """Export the applied rates, one file per part of the job, and return the paths."""
 
     def write_reports(
         self, log_path: str, progress: Progress, cancelled: IsCancelled
     ) -> tuple[str, ...]: ...
 
     def find_offer(self) -> JobOffer | None:
-        """The job that was left on the field of the next start; where no files are chosen, the
-        newest of any."""
+        """Return the interrupted job on the field of the next start; without chosen files, the
+        newest interrupted job."""
 
     async def resume_job(self, offer: JobOffer) -> FrameSource: ...
 
     async def start_anew(self, offer: JobOffer) -> FrameSource:
-        """Begin another job; the job left on its field is ended."""
+        """Begin another job, which ends the interrupted job on its field."""

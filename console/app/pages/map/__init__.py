@@ -1,11 +1,11 @@
-"""The Map page.
+"""The Map page shows the field with applied rates, plan, overlaid files and the machine.
 
 Files:
 
-- `keys`: Keys of the Map page and what they do
-- `laid_legend`: One row: which file is laid on the map, and what its colours mean
-- `map_pane`: The large map: drag moves it, the wheel changes its scale at the pointer
-- `page`: The Map screen: the field by what was applied, wanted, missed or sensed, the plan under it
-- `reading`: What a map says of one place and of the whole job, in words
-- `service`: What the Map page is given
+- `keys`: Defines the keys of the Map page and their functions
+- `laid_legend`: Loads the file that is overlaid on the map, and shows its legend in one row
+- `map_pane`: Shows the large map: dragging moves it, the wheel zooms at the pointer
+- `page`: Shows the Map screen: the field by applied rate, target, error or NDVI
+- `reading`: Words the map's values at one position and the state of the whole job
+- `service`: Declares the functions that the Map page receives
 """

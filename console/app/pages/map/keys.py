@@ -1,4 +1,4 @@
-"""Keys of the Map page and what they do."""
+"""Defines the keys of the Map page and their functions."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ def toggle_plan(page: MapScreen) -> None:
 
 
 def ask_overlay_file(page: MapScreen) -> None:
-    """Ask for a file to lay on the map, from the newest; where one is laid, its place in the list
-    takes it off."""
+    """Ask for a file to overlay on the map, newest first; an entry removes the present overlay."""
     services, frame = page.app.services.layers, page.app.arrival.frame
     running = frame.log_path if frame is not None else ""
     if services is None:
@@ -45,6 +44,7 @@ def ask_overlay_file(page: MapScreen) -> None:
 
 
 def _choose_overlay(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
+    """Ask for one of the listed files."""
     if not listed and not page.laid.path:
         page.app.show_notice(_("there is no file yet that could be laid on the map"))
         return
@@ -57,13 +57,14 @@ def _choose_overlay(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
 
 
 def toggle_machine_or_log(page: MapScreen) -> None:
-    """Turn from the machine to the log, or back."""
+    """Switch between the machine and the replayed log."""
     page.toggle_log()
+    # Both may lie in different fields, so the camera starts anew.
     page.camera, page.marked = None, False
 
 
 def explain_no_plan(page: MapScreen) -> str:
-    """Why no plan can be shown."""
+    """Return why no plan can be shown."""
     picture = page.app.fields.find_picture(page.find_frame(page.app.clock())[0])
     return (
         _("this job has no map of planned rates")
@@ -73,13 +74,14 @@ def explain_no_plan(page: MapScreen) -> str:
 
 
 def clear_guide_line(page: MapScreen) -> None:
-    """Forget the guidance line."""
+    """Remove the guidance line."""
     page.app.guide.clear_ends()
     page.app.keep_line_record(make_line_record(page.app.guide))
 
 
 ACTIONS = set_page(
     MAP,
+    # Boundary and A-B line need no lock: they are drawings and steer nothing.
     Action(
         "map_boundary",
         "b",
@@ -176,6 +178,7 @@ ACTIONS = set_page(
         ask_overlay_file,
         bar=8,
     ),
+    # Arrow keys move the picture in whole steps; dragging moves it freely.
     Action(
         "map_west",
         "left",

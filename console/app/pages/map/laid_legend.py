@@ -1,4 +1,4 @@
-"""One row: which file is laid on the map, and what its colours mean."""
+"""Loads the file that is overlaid on the map, and shows its legend in one row."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.map_legend import draw_colour_ramp
 from topdress.console.app.widgets.panel import fit_width
 
-# The file that is laid on the map, read along with the screen, and again where another job has
-# another plane. further from the field or the machine, and it is said
+# The file is read in a thread, and again where another job has another plane. Beyond this distance
+# from the field or machine, m, the distance is reported.
 FAR_OFF_M = 500.0
 M_PER_KM = 1000.0
 
 
 class OverlayLoader:
-    """Loads the laid file. path: of the wanted file, "": none. A file that cannot be laid is
-    reported once and not wanted any more."""
+    """Loads the overlaid file. A file that cannot be overlaid is reported once and then no longer
+    requested."""
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -39,12 +39,12 @@ class OverlayLoader:
         self._laid: LaidFile | None = None
 
     def want_file(self, path: str) -> None:
-        """Want another file, or none."""
+        """Request another file, or none with ""."""
         self.path, self._asked, self._laid = path, None, None
 
     def find_overlay(self, frame: Frame | None) -> LaidFile | None:
-        """The wanted file on a frame's plane; asked for the first time, it is read and comes
-        later."""
+        """Return the requested file on a frame's plane. The first call starts the load and returns
+        None."""
         files = self._page.app.services.layers
         if not self.path or files is None or frame is None or frame.place_m is None:
             return None
@@ -60,11 +60,13 @@ class OverlayLoader:
         return self._laid
 
     def _note_failure(self, key: tuple[str, str, str], why: str) -> None:
+        """Report a failed load, unless another file was requested meanwhile."""
         if key == self._asked:
             self.want_file("")
             self._page.app.show_notice(why)
 
     def _take_overlay(self, key: tuple[str, str, str], laid: LaidFile) -> None:
+        """Store the loaded file, unless another file was requested meanwhile."""
         if key != self._asked:
             return
         self._laid = laid
@@ -77,11 +79,12 @@ class OverlayLoader:
         self._page.refresh_all_next_tick()
 
 
+# Limits of the width of the colour ramp, in cells.
 _LEAST_CELLS, _MOST_CELLS = 4, 24
 
 
 class LaidLegendView(NamedTuple):
-    """Holds the legend. scale None: `said` in its place."""
+    """Holds the legend; where `scale` is None, the text `said` replaces it."""
 
     name: str
     label: str
@@ -107,6 +110,7 @@ class LaidLegend(Canvas[LaidLegendView]):
             f" {scale.format_value(scale.high)}{unit}",
         )
         room = width - sum(map(cell_len, (low, high)))
+        # The name of the file is shortened before the ramp disappears.
         name = fit_width(name, min(cell_len(name), max(0, room - _LEAST_CELLS)))
         cells = max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(name)))
         levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_LAID
@@ -122,5 +126,5 @@ class LaidLegend(Canvas[LaidLegendView]):
 
 
 def find_label(scale: LayerScale | None, harvest: str) -> str:
-    """Words of the file's numbers: a rate and the like, or its harvest."""
+    """Return the word for the file's numbers: the layer's, or its harvest."""
     return harvest if harvest or scale is None else _(LAYER_LABELS[scale.layer])

@@ -1,5 +1,6 @@
-"""The large map: drag moves it, the wheel changes its scale at the pointer, and the place under
-the pointer is reported."""
+"""Shows the large map: dragging moves it, the wheel zooms at the pointer, and the position under
+the pointer is reported.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ from topdress.console.app.widgets.panel import (
 from topdress.console.locale import _
 
 
-# The row above the large map: its layers, a click chooses one; and whether it follows the machine.
+# The row above the large map lists the layers (a click chooses one) and shows whether the map
+# follows the machine.
 class MapBarView(NamedTuple):
     """Holds layer and states."""
 
@@ -32,7 +34,7 @@ class MapBarView(NamedTuple):
 
 
 def place_layers() -> tuple[tuple[MapLayer, str, int], ...]:
-    """Layers with their texts and first cells."""
+    """Return the layers with their texts and first cells."""
     return place_in_row((layer, f"  {_(LAYER_LABELS[layer])}  ") for layer in MapLayer)
 
 
@@ -40,6 +42,8 @@ class MapBar(Panel[MapBarView]):
     """Shows the layers."""
 
     class Chosen(Message):
+        """Reports the chosen layer."""
+
         def __init__(self, layer: MapLayer) -> None:
             super().__init__()
             self.layer = layer
@@ -63,7 +67,7 @@ class MapBar(Panel[MapBarView]):
 
 
 class ReadingLine(Panel[PlaceReading]):
-    """Shows the reading of a place."""
+    """Shows the reading at a position."""
 
     def draw_rows(self, view: PlaceReading, width: int, height: int) -> list[Content]:
         where = f" {view.where}"
@@ -72,6 +76,7 @@ class ReadingLine(Panel[PlaceReading]):
         for part in view.parts:
             label, text = f"   {part.label} ", part.text
             used += cell_len(label) + cell_len(text)
+            # Whole parts only: a truncated number would be read as another number.
             if used > width:
                 break
             parts += [(label, "$muted"), (text, "bold")]
@@ -82,24 +87,24 @@ Place = tuple[float, float]
 
 
 class MapPane(FieldMap):
-    """Shows the map that can be dragged."""
+    """Shows a map that can be dragged."""
 
     class Pointed(Message):
-        """The pointer stands over a place; None: it left the map."""
+        """Reports the position under the pointer; None after the pointer has left the map."""
 
         def __init__(self, place: Place | None) -> None:
             super().__init__()
             self.place = place
 
     class Dragged(Message):
-        """The map was pulled by so many pixels, to the right and down."""
+        """Reports that the map was dragged by pixels, to the right and down."""
 
         def __init__(self, columns: int, rows: int) -> None:
             super().__init__()
             self.columns, self.rows = columns, rows
 
     class Wheeled(Message):
-        """steps > 0: nearer, at a place that is to stay where it is."""
+        """Reports a turn of the wheel; positive steps magnify at a position that stays in place."""
 
         def __init__(self, steps: int, place: Place) -> None:
             super().__init__()
@@ -108,11 +113,13 @@ class MapPane(FieldMap):
     _held: tuple[int, int] | None = None
 
     def _find_place(self, event: events.MouseEvent) -> Place:
+        """Return the position under the pointer."""
         return self.make_grid().find_middle(event.x, 2 * event.y + 0.5)
 
     def on_mouse_down(self, event: events.MouseDown) -> None:
         """Begin to drag."""
         self._held = (event.screen_x, event.screen_y)
+        # With the capture, a drag continues outside the widget.
         self.capture_mouse()
 
     def on_mouse_up(self, event: events.MouseUp) -> None:
@@ -121,25 +128,26 @@ class MapPane(FieldMap):
         self.release_mouse()
 
     def on_mouse_move(self, event: events.MouseMove) -> None:
-        """Drag, or report the place."""
+        """Drag the map, or report the position under the pointer."""
         if self._held is not None:
             columns, rows = event.screen_x - self._held[0], event.screen_y - self._held[1]
             self._held = (event.screen_x, event.screen_y)
             if columns or rows:
+                # A cell has two pixels, one above the other.
                 self.post_message(self.Dragged(columns, 2 * rows))
             return
         self.post_message(self.Pointed(self._find_place(event)))
 
     def on_leave(self, event: events.Leave) -> None:
-        """Report that the pointer left."""
+        """Report that the pointer has left the map."""
         self.post_message(self.Pointed(None))
 
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
-        """Zoom in."""
+        """Zoom in at the pointer."""
         event.stop()
         self.post_message(self.Wheeled(1, self._find_place(event)))
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
-        """Zoom out."""
+        """Zoom out at the pointer."""
         event.stop()
         self.post_message(self.Wheeled(-1, self._find_place(event)))

@@ -1,5 +1,6 @@
-"""The Map screen: the field by what was applied, wanted, missed or sensed, the plan under it,
-and the machine on it."""
+"""Shows the Map screen: the field by applied rate, target, error or NDVI, with the plan and the
+machine.
+"""
 
 from __future__ import annotations
 
@@ -38,14 +39,15 @@ from topdress.console.app.widgets.rates import SeatRates
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
-PAN_SHARE = 0.2  # of the picture's width, by an arrow key
-# of a pixel, when the machine is followed from the whole field's picture
+# Share of the picture by which an arrow key moves the map.
+PAN_SHARE = 0.2
+# Size of a pixel, m, when following starts from the picture of the whole field.
 NEAR_PIXEL_M = 0.5
 
 
 class MapScreen(LogPage):
-    """Shows the map. camera None: the whole field, however it grows. A place is marked where the
-    map was moved to by keys."""
+    """Shows the map. A camera of None shows the whole field while it grows. A position is marked
+    where keys have moved the map."""
 
     where: ClassVar[str] = MAP
     BINDINGS: ClassVar = make_bindings(ACTIONS)
@@ -59,7 +61,8 @@ class MapScreen(LogPage):
         self.laid = OverlayLoader(self)
         self._frame: Frame | None = None
         self.drive: BoundaryDrive | None = None
-        self._driven: list[Place] = []  # of the drive, as the map draws it
+        # Way of the boundary drive for the map; east and north, m.
+        self._driven: list[Place] = []
 
     def compose_body(self) -> ComposeResult:
         rates = make_run_view(None, 0.0, self.app.units).rates
@@ -112,7 +115,7 @@ class MapScreen(LogPage):
                 )
 
     def _set_drive(self, drive: BoundaryDrive | None) -> None:
-        """Begin a drive, or end it with None."""
+        """Begin a boundary drive, or end it with None."""
         frame = self.app.arrival.frame
         self.drive, self._driven = drive, []
         self.app.keep_line_record(
@@ -120,7 +123,7 @@ class MapScreen(LogPage):
         )
 
     def resume_drive(self, drive: BoundaryDrive, way: tuple[Place, ...]) -> None:
-        """Go on with a drive that another console began."""
+        """Continue a boundary drive that another console began."""
         self.drive, self._driven = drive, list(way)
         self.app.show_notice(
             _("the boundary goes on: {way} driven so far").format(
@@ -130,11 +133,12 @@ class MapScreen(LogPage):
         self.refresh_all_next_tick()
 
     def press_boundary_key(self) -> None:
-        """Begin the drive, or end it."""
+        """Begin a boundary drive, or end it."""
         picture = self.app.fields.find_picture(self.app.arrival.frame)
         if self.drive is not None:
             self._end_drive(self.drive)
             return
+        # The antenna is in the middle of the machine, so the edge lies half a working width aside.
         half_m = 0.5 * (picture.width_m if picture is not None else 0.0)
         distance = self.app.units.fine_distance
 
@@ -167,6 +171,7 @@ class MapScreen(LogPage):
         )
 
     def _end_drive(self, drive: BoundaryDrive) -> None:
+        """End the boundary drive after a question."""
         way, units = self.app.units.distance.format_with_name(drive.way_m), self.app.units
 
         def drop_drive() -> None:
@@ -192,6 +197,7 @@ class MapScreen(LogPage):
                 ring = drive.make_ring_deg()
                 self._set_drive(None)
                 self.app.turn_to_page(JOB)
+                # The Job page asks for the restart, so it must be open first.
                 self.call_later(
                     self.app.job_page.take_file, lambda: service.save_driven_boundary(ring)
                 )
@@ -222,7 +228,7 @@ class MapScreen(LogPage):
         )
 
     def press_guide_key(self) -> None:
-        """Set A, then B; a third time begin anew."""
+        """Set A, then B; a third press begins with a new A."""
         frame, guide = self.app.arrival.frame, self.app.guide
         picture = self.app.fields.find_picture(frame)
         if frame is None or frame.place_m is None or picture is None:
@@ -248,15 +254,16 @@ class MapScreen(LogPage):
 
     @property
     def pane(self) -> MapPane:
-        """The map."""
+        """Widget of the map."""
         return self.query_one("#map-pane", MapPane)
 
     def _find_map_size(self) -> tuple[int, int]:
+        """Return the size of the map in pixels."""
         width, height = self.pane.content_size
         return width, 2 * height
 
     def _find_camera(self) -> MapCamera:
-        """The present place of the map."""
+        """Return the present camera; following moves it with the machine."""
         frame = self._frame
         if self.camera is None:
             return fit_box(self.find_whole_box(frame), *self._find_map_size())
@@ -265,6 +272,7 @@ class MapScreen(LogPage):
         return self.camera
 
     def _draw_map(self, age_s: float) -> None:
+        """Draw map, bar, legend and reading."""
         frame, units = self._frame, self.app.units
         camera = self._find_camera()
         cross = (camera.east_m, camera.north_m) if self.marked else None
@@ -286,6 +294,7 @@ class MapScreen(LogPage):
         self._show_reading(camera)
 
     def _show_legend(self, laid: LaidFile | None, shown: LaidView | None) -> None:
+        """Show the legend of the overlaid file, or why there is none."""
         legend = self.query_one("#map-laid", LaidLegend)
         legend.display = bool(self.laid.path)
         if laid is None:
@@ -301,16 +310,17 @@ class MapScreen(LogPage):
         )
 
     def lay_file(self, path: str) -> None:
-        """Lay a file on the map; "": none."""
+        """Overlay a file on the map; "" removes the overlay."""
         self.laid.want_file(path)
         self.app.show_changes()
 
     @property
     def driven(self) -> tuple[tuple[float, float], ...]:
-        """The boundary so far, as the map draws it."""
+        """Boundary in progress for the map."""
         return tuple(self._driven) if self.drive is not None else ()
 
     def _list_states(self) -> tuple[str, ...]:
+        """Return the states of the map in words: log, boundary, whole field, following."""
         log: tuple[str, ...] = (_("log"),) if self.find_replayed() is not None else ()
         if self.drive is not None:
             log = (
@@ -324,6 +334,7 @@ class MapScreen(LogPage):
         return (*log, _("following") if self.follow else _("standing"))
 
     def _show_reading(self, camera: MapCamera) -> None:
+        """Show the reading under the pointer, at the mark, or under the machine."""
         frame = self._frame
         worked, picture = self.find_ground(frame)
         where: str
@@ -354,13 +365,13 @@ class MapScreen(LogPage):
         self.camera = self._find_camera().zoom_steps(steps)
 
     def pan_map(self, right: int, up: int) -> None:
-        """Move by a share of the picture; the middle is marked."""
+        """Move the map by a share of the picture, and mark its middle."""
         width, height = self._find_map_size()
         self._move_camera(round(right * PAN_SHARE * width), round(up * PAN_SHARE * height))
         self.marked = True
 
     def toggle_follow(self) -> None:
-        """Follow the machine, or not."""
+        """Follow the machine, or stop following."""
         self.follow = self.camera is None or not self.follow
         self.marked = False
         place = self._frame.place_m if self._frame is not None else None
@@ -368,10 +379,11 @@ class MapScreen(LogPage):
             self.camera = MapCamera(*place, min(NEAR_PIXEL_M, self._find_camera().metres))
 
     def _move_camera(self, columns: int, rows: int) -> None:
+        """Move the map by pixels, which ends following."""
         self.camera, self.follow = self._find_camera().move_pixels(columns, rows), False
 
     def on_resize(self, event: object) -> None:
-        """Draw anew."""
+        """Draw the map for the new size."""
         self.maps.hurry_up()
 
     def on_map_bar_chosen(self, event: MapBar.Chosen) -> None:
@@ -381,12 +393,12 @@ class MapScreen(LogPage):
             self.app.show_changes()
 
     def on_map_pane_pointed(self, event: MapPane.Pointed) -> None:
-        """Read the pointed place."""
+        """Show the reading under the pointer."""
         self.pointed = event.place
         self._show_reading(self._find_camera())
 
     def on_map_pane_dragged(self, event: MapPane.Dragged) -> None:
-        """Move the map."""
+        """Move the map with the pointer."""
         if not self.app.locked:
             self._move_camera(-event.columns, event.rows)
             self.marked = False
@@ -398,6 +410,8 @@ class MapScreen(LogPage):
             return
         before = self._find_camera()
         near = before.zoom_steps(event.steps)
+        # The position under the pointer stays in place: its distance from the middle shrinks with
+        # the pixel size.
         share = near.metres / before.metres
         east, north = event.place
         self.camera = near._replace(

@@ -1,4 +1,4 @@
-"""What a map says of one place and of the whole job, in words. Pure."""
+"""Words the map's values at one position and the state of the whole job. Pure."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ReadingPart(NamedTuple):
 
 
 class PlaceReading(NamedTuple):
-    """Holds the reading of a place. where: kind of place; parts: the important ones first."""
+    """Holds the reading at a position; the most important parts come first."""
 
     where: str
     parts: tuple[ReadingPart, ...]
@@ -46,13 +46,32 @@ def make_place_reading(
     units: Units,
     laid: LaidView | None = None,
 ) -> PlaceReading:
-    """The means over one pixel at a place."""
+    """Return the means over one pixel at a position.
+
+    Parameters
+    ----------
+    where
+        Kind of position, in words.
+    place
+        East and north, m.
+    metres
+        Side of the pixel, m.
+    worked
+        Ground worked so far.
+    picture
+        Static parts of the map, or None.
+    units
+        Units of the texts.
+    laid
+        Overlaid file, or None.
+    """
     if place is None:
         return PlaceReading(_("no position yet"), ())
     half = 0.5 * metres
     pixel = PixelGrid(1, 1, metres, place[0] - half, place[1] + half)
     here = GroundPixels(worked, pixel)
     applied, target, ndvi, passes = (
+        # Only NaN differs from itself.
         None if (value := float(here.calc_means(layer)[0, 0])) != value else value
         for layer in (MapLayer.APPLIED, MapLayer.TARGET, MapLayer.NDVI, MapLayer.PASSES)
     )
@@ -85,8 +104,8 @@ def make_place_reading(
 def list_job_items(
     frame: Frame | None, picture: FieldPicture | None, units: Units, stale: bool
 ) -> tuple[ItemView, ...]:
-    """Area and product done and left. The product left: the plan's, else the mean so far on the
-    rest."""
+    """Return area and product done and remaining. The remaining product follows the plan, else the
+    mean rate so far."""
     if frame is None:
         return ()
     field_ha = picture.area_ha if picture is not None else None

@@ -1,5 +1,6 @@
-"""What the Map page is given: files of another day laid on it, and the lines that are kept next
-to the log."""
+"""Declares the functions that the Map page receives: files of other days to overlay, and lines
+stored next to the log.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +13,24 @@ from topdress.console.frame import Frame
 
 
 class LayerFiles(Protocol):
-    """Reads files to lay on the map. Errors are one-line ValueErrors."""
+    """Reads files to overlay on the map. Errors are one-line ValueErrors."""
 
     def list_layer_files(self, running_log: str) -> tuple[LogFile, ...]:
-        """Files, the newest first, without the log that is being written."""
+        """Return the files, newest first, without the log that is being written."""
 
     def make_overlay(self, path: str, frame: Frame) -> LaidFile:
-        """Read a file onto the plane of a frame that has a position; seconds for a long one."""
+        """Read a file onto the plane of a frame with a position; a long file takes seconds."""
 
 
 class LineFiles(Protocol):
-    """Keeps lines next to the log."""
+    """Stores lines next to the log."""
 
     def append_record(self, log_path: str, record: str) -> None:
-        """Keep a record next to the log; returns at once."""
+        """Append a record to the file next to the log; returns at once."""
 
     def read_lines(self, log_path: str) -> KeptLines:
-        """The lines in force, with the log's part of the drive since; without a record of a line,
-        that of the last job on the same field. Takes its time; never raises."""
+        """Return the lines in force, and the log's part of the drive since its last record.
+
+        Without a record of a line, the line of the last job on the same field is returned. This
+        function blocks and never raises.
+        """

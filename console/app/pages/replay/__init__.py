@@ -1,8 +1,8 @@
-"""The Replay page.
+"""The Replay page plays a log, as recorded or recomputed with another strategy, crop or machine.
 
 Files:
 
-- `keys`: Keys of the Replay page and what they do
-- `page`: The Replay screen: the same panels, fed from a log; a machine at work keeps its alarms
-- `service`: What the Replay page is given
+- `keys`: Defines the keys of the Replay page and their functions
+- `page`: Shows the Replay screen: the panels of the Run page, fed from a log
+- `service`: Declares the data and functions that the Replay page receives
 """

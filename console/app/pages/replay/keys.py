@@ -1,4 +1,4 @@
-"""Keys of the Replay page and what they do."""
+"""Defines the keys of the Replay page and their functions."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from topdress.console.app.pages.replay.page import ReplayScreen
     from topdress.console.app.pages.replay.service import LogFile, LogFiles
 
+# Step of the keys that seek, s.
 SEEK_STEP_S = 30.0
 
 
@@ -28,6 +29,7 @@ def ask_log(page: ReplayScreen) -> None:
 
 
 def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]) -> None:
+    """Ask for one of the listed logs."""
     if not listed:
         page.app.show_notice(_("there is no log yet"))
         return
@@ -38,14 +40,15 @@ def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]
 
 
 def seek_next_alarm(page: ReplayScreen) -> None:
-    """Go to the next alarm."""
+    """Seek the next alarm."""
     if not page.player.seek_next_alarm():
         page.app.show_notice(_("no further alarm in this log"))
 
 
 def ask_what_if(page: ReplayScreen) -> None:
-    """Ask for a what-if and compute it."""
+    """Ask for another strategy, crop or machine, and recompute the log with it."""
     job = page.played
+    # The value has kind and name, because the list mixes three kinds of choices.
     choices = [
         Choice(f"strategy:{name}", f"{_('strategy')}: {words.name_strategy(name)}")
         for name in STRATEGIES
@@ -59,18 +62,18 @@ def ask_what_if(page: ReplayScreen) -> None:
 
 
 def show_findings(page: ReplayScreen) -> None:
-    """Show notes on the log."""
+    """Show the notes on the log."""
     text = "\n".join(page.played.findings) or _("nothing was found")
     page.app.push_screen(TextDialog(_("Findings about {name}").format(name=page.played.name), text))
 
 
 def explain_no_log(page: ReplayScreen) -> str:
-    """Why nothing is played: no log is open."""
+    """Return why nothing can be played: no log is open."""
     return _("no log is open: J opens one") if page.job is None else ""
 
 
 def explain_no_what_if(page: ReplayScreen) -> str:
-    """Why no what-if can be computed."""
+    """Return why the log cannot be recomputed."""
     if page.job is not None and page.job.what_if is None:
         return _("this log cannot be recomputed: its machine or crop is not known")
     return explain_no_log(page)
@@ -78,6 +81,7 @@ def explain_no_what_if(page: ReplayScreen) -> str:
 
 ACTIONS = set_page(
     REPLAY,
+    # Keys of replay change nothing on a machine, so none of them needs a connection.
     Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), ask_log, bar=3),
     Action(
         "play",
@@ -109,6 +113,7 @@ ACTIONS = set_page(
         bar=5,
         why=explain_no_log,
     ),
+    # Shift with an arrow works in terminals that use PgUp and PgDn for their own scrolling.
     Action(
         "seek_back",
         "pageup,shift+left",

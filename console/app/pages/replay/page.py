@@ -1,5 +1,6 @@
-"""The Replay screen: the same panels, fed from a log; a machine at work keeps its alarms, hold
-and stop."""
+"""Shows the Replay screen: the panels of the Run page, fed from a log. A working machine keeps its
+alarms, hold and STOP.
+"""
 
 from __future__ import annotations
 
@@ -37,38 +38,41 @@ from topdress.console.frame import Frame
 from topdress.console.worker.resume_alarms import AlarmHistory, AlarmRecord
 
 
-# Where in the log the replay stands, how fast it runs, and whether it is the log or a what-if.
-# A click seeks.
+# The bar shows position, speed, and whether the log is shown as recorded or recomputed. A click
+# seeks.
 class ReplayView(NamedTuple):
-    """Holds place, speed and kind of the replay."""
+    """Holds position, speed and mode of the replay."""
 
     name: str
     playing: bool
     speed: str
     at: str
     end: str
-    share: float  # of the log, rounded to what a wide bar can show
-    mode: str  # "as recorded", or what is other
+    # Position as a share of the log, rounded to the resolution of a wide bar, so that equal views
+    # are not drawn again.
+    share: float
+    # "as recorded", or the names of what was changed.
+    mode: str
     other: bool
     findings: int
     busy: str
     alarm_shares: tuple[float, ...] = ()
-    # what a what-if would have changed; in the place of the log's name
+    # Effect of a recomputation, which replaces the log's name.
     changed: str = ""
 
 
 class ReplayBar(Panel[ReplayView]):
-    """Shows two rows: the log; the time line with marks where alarms begin."""
+    """Shows two rows: the log, and the time line with marks where alarms begin."""
 
     class Seek(Message):
-        """The time line was clicked at this share of the log."""
+        """Reports a click on the time line, at a share of the log."""
 
         def __init__(self, share: float) -> None:
             super().__init__()
             self.share = share
 
     class Cancel(Message):
-        """The word that something is computed was clicked."""
+        """Reports a click on the word that a computation is in progress."""
 
     def draw_rows(self, view: ReplayView, width: int, height: int) -> list[Content]:
         symbol, word = ("▸", _("playing")) if view.playing else ("▮▮", _("paused"))
@@ -84,7 +88,8 @@ class ReplayBar(Panel[ReplayView]):
         ]
 
     def _list_end_parts(self, view: ReplayView) -> list[TextPart]:
-        """Parts at the right end. A computation has it alone: a click on it cancels."""
+        """Return the parts at the right end. A computation excludes the other parts, because a
+        click on it cancels."""
         if view.busy:
             return [(f" {view.busy} ", "bold reverse")]
         if view.findings:
@@ -98,6 +103,7 @@ class ReplayBar(Panel[ReplayView]):
         return []
 
     def _count_end_cells(self, view: ReplayView) -> int:
+        """Return the cells of the parts at the right end."""
         return sum(
             cell_len(part if isinstance(part, str) else part[0])
             for part in self._list_end_parts(view)
@@ -105,15 +111,18 @@ class ReplayBar(Panel[ReplayView]):
 
     @staticmethod
     def _format_ends(view: ReplayView) -> tuple[str, str]:
+        """Return the texts at both ends of the time line."""
         return f" {view.at} ", f" {view.end} "
 
     def _draw_time_line(self, view: ReplayView, width: int) -> Content:
+        """Return the time line with position and alarms."""
         first, last = self._format_ends(view)
         room = max(4, width - cell_len(first) - cell_len(last))
         at = round(view.share * (room - 1))
         alarms = {round(share * (room - 1)) for share in view.alarm_shares}
         parts: list[TextPart] = [(first, "bold")]
         for cell in range(room):
+            # The position covers an alarm in the same cell.
             if cell == at:
                 parts.append(("┃", "bold $foreground on $track"))
             elif cell in alarms:
@@ -123,7 +132,7 @@ class ReplayBar(Panel[ReplayView]):
         return make_line(*parts, (fit_width(last, cell_len(last)), "$muted"))
 
     def list_click_places(self) -> tuple[tuple[int, int], ...]:
-        """The word of a computation, and the ends of the log."""
+        """Return the clickable positions: word of a computation, ends of the log."""
         width = self.content_size.width
         first, last = (cell_len(text) for text in self._format_ends(self.view))
         cancel = ((width - self._count_end_cells(self.view), 0),) if self.view.busy else ()
@@ -150,8 +159,8 @@ _NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 
 
 def describe_difference(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
-    """The change by a what-if: kg in all, and the mean distance of the rate from the target at
-    work."""
+    """Describe the effect of a recomputation: total mass, and mean deviation of the rate from the
+    target at work."""
     kg, was_kg = (frames[-1].applied_kg for frames in (after, before))
     sign = "+" if kg >= was_kg else "-"
     said = _("{more} ({kg} instead of {before})").format(
@@ -164,6 +173,7 @@ def describe_difference(before: Sequence[Frame], after: Sequence[Frame], units: 
         found = [
             abs(error)
             for frame in frames
+            # A foreign log has no state; every row of it counts as work.
             if frame.row.state in (None, "working")
             and (
                 error := find_rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha)
@@ -199,26 +209,28 @@ class ReplayScreen(PanelScreen):
             self.open_job(job)
 
     def open_job(self, job: ReplayJob) -> None:
-        """Play another log, from its start."""
+        """Play another log from its start."""
         self.job, self.chosen = job, WhatIf()
         self._recorded = job.source.frames
         self._note_alarms()
         self.refresh_all_next_tick()
 
     def _note_alarms(self) -> None:
+        """Find the positions of the alarms' begins on the time line."""
         assert self.job is not None
         source = self.job.source
         length = max(1e-9, source.end_s - source.start_s)
         begins, before = [], frozenset[str]()
         for frame in source.frames:
             now = frozenset(alarm.id for alarm in frame.alarms)
+            # Only new alarms get a mark: a standing alarm would fill the line.
             if now - before:
                 begins.append(round((frame.row.time_s - source.start_s) / length, 3))
             before = now
         self._alarm_shares = tuple(dict.fromkeys(begins))
 
     def list_alarm_records(self) -> tuple[AlarmRecord, ...]:
-        """All alarms of the log up to the frame shown."""
+        """Return all alarms of the log up to the present frame."""
         book = AlarmHistory()
         if self.job is not None:
             source = self.job.source
@@ -239,8 +251,9 @@ class ReplayScreen(PanelScreen):
         return (EMPTY_GROUND, None) if self.job is None else super().find_ground(frame)
 
     def find_history(self) -> LogHistory:
-        """History of the frames that are played now."""
+        """Return the history of the frames that are played now."""
         frames = self.job.source.frames if self.job is not None else ()
+        # A recomputation replaces the frames, so their history begins anew.
         if self._history.frames is not frames:
             self._history = LogHistory(frames)
         return self._history
@@ -285,7 +298,7 @@ class ReplayScreen(PanelScreen):
         )
 
     def describe_mode(self) -> str:
-        """The mode in words."""
+        """Return the mode in words."""
         if self.chosen == WhatIf():
             return _("as recorded")
         other = (
@@ -300,7 +313,7 @@ class ReplayScreen(PanelScreen):
         await self.app.action_do("cancel_what_if")
 
     def on_replay_bar_seek(self, event: ReplayBar.Seek) -> None:
-        """Go to the clicked place."""
+        """Seek the clicked position."""
         if self.job is not None:
             source = self.job.source
             source.seek_time(source.start_s + event.share * (source.end_s - source.start_s))
@@ -308,13 +321,13 @@ class ReplayScreen(PanelScreen):
 
     @property
     def played(self) -> ReplayJob:
-        """The log, for actions that need one."""
+        """Log, for actions that need one."""
         assert self.job is not None
         return self.job
 
     @property
     def player(self) -> ReplaySource:
-        """The source of the frames."""
+        """Source of the frames."""
         return self.played.source
 
     def show_recorded(self) -> None:
@@ -325,7 +338,7 @@ class ReplayScreen(PanelScreen):
         self._note_alarms()
 
     def read_log(self, files: LogFiles, path: str) -> None:
-        """Read a log and open it."""
+        """Read a log in a thread and open it."""
 
         def open_read(job: ReplayJob) -> None:
             self.cancel_what_if()
@@ -335,10 +348,11 @@ class ReplayScreen(PanelScreen):
         self.app.run_with_files(lambda: files.open_log(path), open_read, group="open-log")
 
     def begin_what_if(self, choice: str) -> None:
-        """Compute a what-if."""
+        """Recompute the log with another strategy, crop or machine, in a thread."""
         if self.job is None or self.job.what_if is None:
             return
         field, _colon, value = choice.partition(":")
+        # Changes accumulate: the new choice extends the present choices.
         compute, wanted = self.job.what_if, self.chosen._replace(**{field: value})
         self.cancel_what_if()
         self._share = 0.0
@@ -354,6 +368,7 @@ class ReplayScreen(PanelScreen):
 
         def take_frames(frames: Sequence[Frame]) -> None:
             self.cancel_what_if()
+            # A recomputation of the present log has other rows; the position is restored by time.
             try:
                 self.player.replace_frames(frames)
             except ValueError as error:
@@ -373,7 +388,7 @@ class ReplayScreen(PanelScreen):
         self.refresh_all_next_tick()
 
     def cancel_what_if(self) -> None:
-        """End the thread at its next row; its result is dropped."""
+        """Stop the thread at its next row and drop its result."""
         if self.computing is not None:
             self.computing.cancel()
             self.computing = None

@@ -1,5 +1,6 @@
-"""What the Replay page is given: a log to play, how a what-if of it is computed, and the logs
-that can be opened."""
+"""Declares the data and functions that the Replay page receives: a log to play, its recomputation,
+and the logs that can be opened.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from topdress.console.frame import Frame
 
 
 class WhatIf(NamedTuple):
-    """Describes a what-if; None: as recorded."""
+    """Describes a recomputation; None means as recorded."""
 
     strategy: str | None = None
     crop: str | None = None
@@ -28,9 +29,19 @@ WhatIfComputer = Callable[[WhatIf, IsCancelled, TellShare], Sequence[Frame]]
 class ReplayJob:
     """Holds a log to play.
 
-    name: of the log, as shown. what_if: computes other frames, in a thread; errors are one-line
-    ValueErrors. It asks `cancelled` between rows and then returns at once with the frames so far;
-    `tell` takes the share that is done.
+    Attributes
+    ----------
+    source
+        Source of the frames.
+    name
+        Name of the log as displayed.
+    findings
+        Notes on the log.
+    what_if
+        Computes other frames in a thread; errors are one-line ValueErrors. It checks `cancelled`
+        between rows and then returns the frames so far; `tell` receives the share done.
+    crops, machines
+        Names of the alternatives.
     """
 
     source: ReplaySource
@@ -42,7 +53,8 @@ class ReplayJob:
 
 
 class LogFile(NamedTuple):
-    """Describes a log. changed: local date and time, to the minute. size: "12.3 MB"."""
+    """Describes a log. `changed` is the local date and time to the minute, `size` a text such as
+    "12.3 MB"."""
 
     path: str
     name: str
@@ -54,7 +66,7 @@ class LogFiles(Protocol):
     """Lists and opens logs. Errors are one-line ValueErrors."""
 
     def list_logs(self) -> tuple[LogFile, ...]:
-        """Logs, the newest first."""
+        """Return the logs, newest first."""
 
     def open_log(self, path: str) -> ReplayJob:
-        """Read a log for the page; seconds for a long one."""
+        """Read a log for the page; a long log takes seconds."""

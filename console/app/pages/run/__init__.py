@@ -1,8 +1,8 @@
-"""The Run page.
+"""The Run page shows the machine at work and sends orders to it.
 
 Files:
 
-- `keys`: Keys of the Run page and what they do
-- `page`: The Run screen: the machine at work
-- `section_bar`: One line on the Run page of a machine whose sections have valves
+- `keys`: Defines the keys of the Run page, which send orders to the machine
+- `page`: Shows the Run screen: the machine at work
+- `section_bar`: Shows which sections with valves are open, and why the others are closed
 """

@@ -1,5 +1,6 @@
-"""Keys of the Run page and what they do: orders to the machine; what changes the dose asks
-first."""
+"""Defines the keys of the Run page, which send orders to the machine; changes of the dose are asked
+first.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +21,13 @@ from topdress.console.locale import N_, _
 from topdress.control.orders import MAP_SOURCES, STRATEGIES, Do, Order, Strategy, TargetSource
 from topdress.control.safety import Allowances
 
-# What the operator may allow, with what is allowed now: each line of the dialog turns one into
-# its opposite.
-SECTIONS_CHOICE = "sections"  # not an order: asks which section
+# Each entry of the dialog reverses one allowance.
+# Value of an entry that is no order: it asks for a section.
+SECTIONS_CHOICE = "sections"
 
 
 class Allowance(NamedTuple):
-    """Describes an allowance, in words; whether it holds now; the order that turns it into its
-    opposite."""
+    """Describes an allowance in words, whether it is given, and the order that reverses it."""
 
     words: str
     allowed: bool
@@ -36,8 +36,9 @@ class Allowance(NamedTuple):
 
 
 def list_allowances(frame: Frame | None) -> dict[str, Allowance]:
-    """Allowances by the name of the order. A second dose is allowed by switching off the guard
-    against it."""
+    """Return the allowances by the name of their order. A second dose is allowed by switching off
+    the guard against it."""
+    # Before the first frame nothing is allowed, and the guard is on.
     allow, no_double = (frame.allow, frame.no_double) if frame is not None else (Allowances(), True)
     found = (
         (Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
@@ -58,7 +59,8 @@ def list_allowances(frame: Frame | None) -> dict[str, Allowance]:
 
 
 def list_allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
-    """A line for each; the value is its name in `list_allowances`, or `SECTIONS_CHOICE`."""
+    """Return an entry per allowance; its value is the name in `list_allowances`, or
+    `SECTIONS_CHOICE`."""
     sections = (
         (Choice(SECTIONS_CHOICE, _("sections by hand: close or give back ...")),)
         if frame and frame.sections
@@ -74,12 +76,14 @@ def list_allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
 
 
 def _format_allowance(what: str, allowed: bool) -> str:
+    """Return the text of an entry that allows or forbids."""
     said = _("forbid again (now allowed): {what}") if allowed else _("allow: {what}")
     return said.format(what=what)
 
 
-FAR_STEP_CELLS = 10  # of the trend, by which its cursor goes far
-# slower, or standing: the figures are for 4.5 km/h, the papers' speed
+# Cells of the trend by which its cursor moves with Shift.
+FAR_STEP_CELLS = 10
+# Below this speed, m/s, figures are calculated for 4.5 km/h, the speed of the papers.
 SLOWEST_WORK_MPS = 1.25
 
 if TYPE_CHECKING:
@@ -87,13 +91,15 @@ if TYPE_CHECKING:
 
 
 def give_start(page: RunScreen) -> None:
-    """Give START; the repeats of a key that stays down say that it is held."""
+    """Give START. Repeats of the key tell the worker that it is held, which permits flow before the
+    machine moves."""
     now_s = page.app.clock()
     page.start_key.note_key(now_s)
     page.app.give_order(Do.START, True if page.start_key.is_down(now_s) else None)
 
 
 def _ask_nudge(page: RunScreen, first: int) -> None:
+    """Ask for a nudge; `first` is the first step of the key."""
     frame = page.app.arrival.frame
     now = (frame.row.nudge_percent if frame else None) or 0.0
 
@@ -103,14 +109,14 @@ def _ask_nudge(page: RunScreen, first: int) -> None:
 
 
 def _give_if_changed(page: RunScreen, do: Do, value: str | float, now: str | float) -> None:
-    """Give an order, if its value does not hold already."""
+    """Give an order unless its value is already in force."""
     if value != now:
         page.app.give_order(do, value)
 
 
 def _describe_reach(page: RunScreen, by: Strategy) -> str:
-    """The range of a strategy on the machine that runs, at the present target and speed, or at
-    usual ones."""
+    """Describe the range of a strategy on the running machine, at the present target and speed, or
+    at usual values."""
     frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
     if frame is None or machine is None:
         return ""
@@ -177,6 +183,7 @@ def ask_target_source(page: RunScreen) -> None:
         else _("this job has no map; F10, P takes one")
     )
     lacks = {one: no_map for one in MAP_SOURCES}
+    # A worker that reports its sources knows better than this console's files.
     if has:
         lacks = {
             one: _("this job has no map; F10, P takes one") for one in MAP_SOURCES if one not in has
@@ -192,6 +199,7 @@ def ask_target_source(page: RunScreen) -> None:
     choices = [
         Choice(one.value, _format_source(page, one), lacks.get(one, ""))
         for one in TargetSource
+        # No target and the map of another program are no choices of an operator.
         if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)
     ]
     _ask_choice(
@@ -200,13 +208,14 @@ def ask_target_source(page: RunScreen) -> None:
 
 
 def _format_source(page: RunScreen, source: TargetSource) -> str:
-    """Its word, and the rate that it gives here, where that is known."""
+    """Return the word of a source and its rate at this position, where known."""
     frame, word = page.app.arrival.frame, words.name_source(source.value)
     rate = None if frame is None else find_source_rate(frame, source.value)
     return word if rate is None else f"{word}  {page.app.units.rate.format_with_name(rate)}"
 
 
 def _ask_choice(page: RunScreen, dialog: ChoiceDialog, do: Do) -> None:
+    """Show a list, and give the order of the chosen entry."""
     page.app.ask_question(dialog, lambda value: _give_if_changed(page, do, value, dialog.now))
 
 
@@ -216,6 +225,7 @@ def ask_manual_rate(page: RunScreen) -> None:
     low, high = round_inwards(unit, *page.app.limits_kg_ha, 0)
 
     def give_rate(rate_kg_ha: float) -> None:
+        # The rate alone changes nothing while another source is in force, so its use is asked next.
         page.app.give_order(Do.MANUAL_RATE, rate_kg_ha)
         if find_ordered_source(page.app.arrival.frame) != TargetSource.MANUAL:
             _ask_to_use_rate(page, rate_kg_ha, Order(Do.SOURCE, TargetSource.MANUAL.value))
@@ -226,11 +236,12 @@ def ask_manual_rate(page: RunScreen) -> None:
 
 
 def make_preset_action(number: int) -> Callable[[RunScreen], None]:
-    """Give one of the settings' rates, everywhere; asked once."""
+    """Return an action that uses a preset rate everywhere, after one question."""
 
     def give_preset(page: RunScreen) -> None:
         app, rate_kg_ha = page.app, page.app.presets_kg_ha[number]
         unit, (low, high) = app.units.rate, app.limits_kg_ha
+        # The limits may have changed since the preset was entered.
         if not low <= rate_kg_ha <= high:
             app.show_notice(
                 _("preset {rate}: allowed is {low} to {high} (F11 changes both)").format(
@@ -252,6 +263,7 @@ def make_preset_action(number: int) -> Callable[[RunScreen], None]:
 
 
 def _ask_to_use_rate(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None:
+    """Ask whether to use the manual rate now, with the change of dose."""
     app = page.app
     change = predict_dose_change(
         app.arrival.frame,
@@ -266,6 +278,7 @@ def _ask_to_use_rate(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None
             rate=format_with_unit(app.units.rate, rate_kg_ha)
         ),
         place if change is None else f"{change.format_change(app.units)}\n{place}",
+        # This question already shows the change of dose, so a second question would be redundant.
         lambda: app.give_orders(*orders, dose_is_asked=True),
     )
 
@@ -287,7 +300,7 @@ def toggle_look_ahead(page: RunScreen) -> None:
 
 
 def toggle_flow_trim(page: RunScreen) -> None:
-    """Switch the flow trim, after a question."""
+    """Switch the correction of flow by the scale, after a question."""
     frame = page.app.arrival.frame
     on = frame.flow_trim_on if frame else True
     title = (
@@ -308,7 +321,7 @@ def toggle_flow_trim(page: RunScreen) -> None:
 
 
 def ask_allowance(page: RunScreen) -> None:
-    """Ask which allowance to turn."""
+    """Ask which allowance to reverse."""
 
     def turn_allowance(value: str) -> None:
         if value == SECTIONS_CHOICE:
@@ -338,8 +351,8 @@ def ask_allowance(page: RunScreen) -> None:
 
 
 def ask_dose_error(page: RunScreen) -> None:
-    """Ask for the error of the newest dose that has landed, as somebody measured it behind the
-    machine."""
+    """Ask for the error of the newest dose, as somebody measured it behind the machine."""
+    # The limit is imported on use, because few jobs have single doses.
     from topdress.control.targets.point_source import MAX_DOSE_ERROR_M
 
     def ask_distance(side: str) -> None:
@@ -370,6 +383,7 @@ def ask_dose_error(page: RunScreen) -> None:
 
 
 def _explain_no_dose(page: RunScreen) -> str:
+    """Return why no dose error can be entered."""
     frame = page.app.arrival.frame
     return (
         ""
@@ -388,6 +402,7 @@ ACTIONS = set_page(
         N_("Ready or held: begin to work."),
         give_start,
         bar=3,
+        # `judged`: the worker decides, because a state may have changed since the newest frame.
         why=lambda page: explain_no_start(page.app),
         judged=True,
         needs_machine=True,
@@ -406,6 +421,7 @@ ACTIONS = set_page(
     ),
     Action(
         "nudge_up",
+        # Terminals send different keys for plus: with Shift, without Shift, and from the keypad.
         "plus,equals_sign,kp_plus",
         "+",
         N_("more"),
@@ -498,6 +514,7 @@ ACTIONS = set_page(
         asks="number",
         needs_machine=True,
     ),
+    # Marks let an operator find a position in the log later.
     Action(
         "mark",
         "k",
@@ -546,6 +563,7 @@ ACTIONS = set_page(
         bar=9,
         needs_machine=True,
     ),
+    # The cursor of the trend reads values and changes nothing, so these keys need no machine.
     Action(
         "trend_left",
         "left",

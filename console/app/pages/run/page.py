@@ -1,4 +1,4 @@
-"""The Run screen: the machine at work."""
+"""Shows the Run screen: the machine at work."""
 
 from __future__ import annotations
 
@@ -30,12 +30,11 @@ if TYPE_CHECKING:
     from topdress.control.diagnosis.result import Departure
 
 
-# One line on the Run page: how the machine departs from its model, since when, probably why.
+# One line shows how the machine deviates from its model, since when, and the probable cause.
 #
-# It is empty while the machine turns; at hold it also says what can be done about it.
+# The line is empty while the machine turns; on hold it also names a remedy.
 class ModelCheck(Panel[tuple[str, ...]]):
-    """Shows the line, in the fullest of its forms that fits; hidden by the page while it is
-    empty."""
+    """Shows the line in the fullest form that fits; the page hides the empty line."""
 
     def draw_rows(self, view: tuple[str, ...], width: int, height: int) -> list[Content]:
         text = next((text for text in view if cell_len(text) <= width), view[-1] if view else "")
@@ -43,13 +42,23 @@ class ModelCheck(Panel[tuple[str, ...]]):
 
 
 def list_model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tuple[str, ...]:
-    """The texts, the fullest form first; none while the machine turns. utc_offset_s: local time
-    minus UTC.
+    """Return the texts, fullest first; () while the machine turns.
 
-    At work the name counts for more than the time; at hold the remedy counts for more than both.
+    At work the cause matters more than the time. On hold, when the operator can act, the remedy
+    matters more than both.
+
+    Parameters
+    ----------
+    found
+        Deviation from the model.
+    frame
+        Newest frame.
+    utc_offset_s
+        Local time minus UTC, s.
     """
     if is_turning(frame):
         return ()
+    # These words are imported on use, because a sound machine never needs them.
     from topdress.console.reports.live_words import (
         describe_next_step,
         describe_offer,
@@ -80,22 +89,22 @@ def list_model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) 
 
 
 def is_turning(frame: Frame) -> bool:
-    """Whether the machine works and yet spreads nothing here: a headland, a turn."""
+    """Return whether the machine works but spreads nothing at this position, as on a headland."""
     row = frame.row
     return row.state == State.WORKING and (row.work_switch == 0 or not row.target_rate_kg_ha)
 
 
-# One row on the Run page: how far the machine is off the A-B line, as lights to either side. It
-# does not steer. of each light: a tenth of a metre, as the light bars of other makers are set
-# at first
+# One row shows the offset from the A-B line as lights on either side. The step of a light, m, is a
+# tenth of a metre, the initial setting of other makers' light bars.
 LIGHT_STEP_M = 0.1
-LIGHTS_A_SIDE = 8  # to either side
+# Lights on each side of the centre.
+LIGHTS_A_SIDE = 8
 LIT, DARK = "█", "·"
 
 
 class LightView(NamedTuple):
-    """Holds the lights. lights: to the left negative, to the right positive, 0: on the line. said:
-    the distance from it in words."""
+    """Holds the lights: negative to the left, positive to the right, 0 on the line; `said` is the
+    distance in words."""
 
     lights: int
     said: ShownText
@@ -105,12 +114,13 @@ class LightView(NamedTuple):
 def make_light_view(
     guide: GuideLine, frame: Frame | None, stale: bool, units: Units
 ) -> LightView | None:
-    """The lights; None while there is no line, or no place."""
+    """Return the lights; None without a line or position."""
     if frame is None or frame.place_m is None:
         return None
     off = guide.find_offset(frame.place_m, frame.row.heading_deg)
     if off is None:
         return None
+    # Two decimals of a metre, or one of a foot, suit the accuracy of RTK.
     near = units.fine_distance._replace(decimals=2 if units.id == "metric" else 1)
     lights = max(-LIGHTS_A_SIDE, min(LIGHTS_A_SIDE, round(off.right_m / LIGHT_STEP_M)))
     text = near.format_with_name(abs(off.right_m))
@@ -129,7 +139,7 @@ def make_light_view(
 
 
 class LightBar(Panel[LightView | None]):
-    """Shows lights on the side where the machine is: steer away from them."""
+    """Shows lights on the side where the machine is: the operator steers away from them."""
 
     def draw_rows(self, view: LightView | None, width: int, height: int) -> list[Content]:
         if view is None:
@@ -163,11 +173,11 @@ class RunScreen(PanelScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        # held down it lets the flow begin with the creep: the launch
+        # The launch: a START key that is held lets the flow begin before the machine moves.
         self.start_key = HeldKey()
 
     def perform_action(self, action: Action) -> None:
-        """Do an action: an order waits for nothing to be drawn."""
+        """Perform an action without a refresh, because an order must not wait for drawing."""
         action.do(self)
 
     def compose_extra(self) -> ComposeResult:
@@ -189,13 +199,14 @@ class RunScreen(PanelScreen):
         sections.show_view(() if frame is None else frame.sections)
         bar = self.query_one("#model-check", ModelCheck)
         low = self.has_class("-low")
-        # where rows are few alarms and the line come first
+        # Where rows are scarce, alarms and lights have priority.
         bar.display = found is not None and not (low and (view.alarms.lines or lights.display))
         self.set_class(bar.display or lights.display, "-checked")
         if found is not None and frame is not None:
             bar.show_view(list_model_check_texts(found, frame, self.app.utc_offset_s))
 
     def make_view(self, frame: Frame | None, age_s: float) -> RunView:
+        """Return the view; without alarms their rows name machine, crop, job and log."""
         view = super().make_view(frame, age_s)
         if frame is None or view.alarms.lines or view.alarms.urgent:
             return view

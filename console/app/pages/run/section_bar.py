@@ -1,5 +1,6 @@
-"""One line on the Run page of a machine whose sections have valves: which are open, and why the
-others are not."""
+"""Shows which sections with valves are open, and why the others are closed, in one line of the Run
+page.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +15,13 @@ from topdress.console.frame import Frame
 from topdress.console.locale import _
 from topdress.control.orders import SectionState
 
+# Value of the order that returns all sections to automatic control.
 ALL_AUTO_ORDER = "all auto"
 
 
 class SectionBar(Panel[tuple[SectionState, ...]]):
-    """Shows the sections; hidden by the page where the machine has no valves. A click asks which to
-    close by hand."""
+    """Shows the sections; the page hides the line for a machine without valves. A click asks which
+    section to close by hand."""
 
     def draw_rows(self, view: tuple[SectionState, ...], width: int, height: int) -> list[Content]:
         return [make_line(*list_section_parts(view))]
@@ -31,7 +33,7 @@ class SectionBar(Panel[tuple[SectionState, ...]]):
 
 
 def list_section_parts(sections: tuple[SectionState, ...]) -> list[TextPart]:
-    """Neighbours in the same state together."""
+    """Return the parts of the line; neighbouring sections in the same state are combined."""
     found: list[TextPart] = [(" " + _("sections"), "$text-muted")]
     first = 1
     for state, group in groupby(sections):
@@ -45,8 +47,8 @@ def list_section_parts(sections: tuple[SectionState, ...]) -> list[TextPart]:
 
 
 def list_section_choices(frame: Frame | None) -> tuple[Choice, ...]:
-    """A line for each section, with the values of the order; each turns a section into its
-    opposite, the last gives all back."""
+    """Return an entry per section, whose value is that of the order. Each entry reverses the
+    section's state; the last entry returns all sections to automatic control."""
     states = frame.sections if frame is not None else ()
     found = [
         Choice(

@@ -1,8 +1,8 @@
-"""The Settings page.
+"""The Settings page shows and changes the user's settings.
 
 Files:
 
-- `keys`: Keys of the Settings page and what they do
-- `page`: The Settings screen: units, language, look, sound, limits, rates, and every key
-- `service`: What the Settings page is given
+- `keys`: Defines the keys of the Settings page
+- `page`: Shows the Settings screen
+- `service`: Declares the store of the user's settings
 """

@@ -1,4 +1,4 @@
-"""Keys of the Settings page and what they do."""
+"""Defines the keys of the Settings page."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from topdress.console.app.action import SETTINGS, Action, set_page
 from topdress.console.locale import N_, _
 from topdress.drivers.files.settings import Settings
 
+# Lines that PgUp and PgDn move.
 PAGE_STEP_LINES = 10
 
 
@@ -66,6 +67,7 @@ ACTIONS = set_page(
         lambda page: page.move_mark(len(page.list_rows())),
         locked=True,
     ),
+    # Moving the mark works while the keys are locked; changing a setting does not.
     Action(
         "setting_change",
         "enter",

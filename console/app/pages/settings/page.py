@@ -1,5 +1,6 @@
-"""The Settings screen: units, language, look, sound, limits, rates, and every key. What is
-changed is kept at once."""
+"""Shows the Settings screen: units, language, theme, sound, limits, rates, and every key. A change
+is saved at once.
+"""
 
 from __future__ import annotations
 
@@ -40,11 +41,11 @@ from topdress.console.locale import N_, _, list_languages
 from topdress.drivers.files.settings import ManualRate, Presets, Rates, Settings
 
 
-# The settings one below the other, as many as there is room for around the marked one. A click
-# marks and changes.
+# The list shows as many settings around the marked line as fit. A click marks and changes a
+# setting.
 class SettingLine(NamedTuple):
-    """Holds one setting. group: a heading, shown before the first line of it. own: other than
-    delivered."""
+    """Holds one setting. `group` is the heading before the first line of a group; `own` is True for
+    a value other than the default."""
 
     group: str
     label: str
@@ -58,8 +59,10 @@ class SettingsView(NamedTuple):
 
     lines: tuple[SettingLine, ...]
     at: int
-    place: str  # the file
-    trouble: str  # why it was not used
+    # Path of the settings file.
+    place: str
+    # Reason why the file was not used.
+    trouble: str
 
 
 class SettingsList(PickList[SettingsView]):
@@ -68,6 +71,8 @@ class SettingsList(PickList[SettingsView]):
     def draw_rows(self, view: SettingsView, width: int, height: int) -> list[Content]:
         head = self._draw_head(view, width)
         label = max((cell_len(one.label) for one in view.lines), default=0) + 4
+        # Values have at most a third of the width, because a long list of keys would displace the
+        # hints.
         value = min(
             max((cell_len(one.value) for one in view.lines), default=0) + 3, max(12, width // 3)
         )
@@ -95,7 +100,7 @@ class SettingsList(PickList[SettingsView]):
 
     @staticmethod
     def _draw_head(view: SettingsView, width: int) -> list[Content]:
-        """The file, and why it was not used."""
+        """Return the rows with the file's path and the reason why it was not used."""
         place = choose_fullest((view.place, find_file_name(view.place)), width - 1)
         trouble = wrap_text(view.trouble, width - 4)
         return [
@@ -113,15 +118,15 @@ class SettingsList(PickList[SettingsView]):
 
     @staticmethod
     def _draw_foot(view: SettingsView, width: int) -> list[Content]:
-        """The text of the marked setting, in full, and as many rows for each: the list must not
-        jump."""
+        """Return the text of the marked setting in full. All settings take the same number of rows,
+        so that the list does not jump."""
         count = max((len(wrap_text(one.hint, width - 2)) for one in view.lines), default=0)
         said = wrap_text(view.lines[view.at].hint, width - 2) if view.at < len(view.lines) else []
         return [make_line((f" {row}", "$muted")) for row in (said + [""] * count)[:count]]
 
     def _choose_rows(self, view: SettingsView, height: int) -> list[int | str]:
-        """Indices of lines and texts of headings that are shown, the marked line always among
-        them."""
+        """Return the visible lines (indices) and headings (texts), always including the marked
+        line."""
         rows: list[int | str] = []
         group = None
         for index, one in enumerate(view.lines):
@@ -140,6 +145,7 @@ class SettingsList(PickList[SettingsView]):
         return [*[None] * head, *(one if isinstance(one, int) else None for one in rows)]
 
 
+# Words for the values in the settings file.
 UNITS_NAMES = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
 LANGUAGE_NAMES = {"auto": N_("as the system says"), "en": "English", "zh": "中文"}
 THEME_TITLES = {"day": N_("day"), "night": N_("night"), "contrast": N_("high contrast")}
@@ -147,8 +153,7 @@ SOUND_NAMES = {"on": N_("sound on"), "off": N_("sound off")}
 
 
 class SettingRow(NamedTuple):
-    """Describes one setting: its label, its value, and how it is changed. path: keys in the
-    settings."""
+    """Describes a setting: label, value, and how it changes. `path` is its key in the settings."""
 
     group: str
     label: str
@@ -156,7 +161,8 @@ class SettingRow(NamedTuple):
     shown: str
     hint: str
     choices: tuple[Choice, ...] = ()
-    number: tuple[float, float, Unit] | None = None  # low, high, as shown
+    # Lowest and highest value in displayed units, and the unit.
+    number: tuple[float, float, Unit] | None = None
 
 
 class SettingsScreen(Page):
@@ -169,11 +175,12 @@ class SettingsScreen(Page):
         super().__init__()
         self.at = 0
         self._writing = asyncio.Lock()
-        self._kept: Settings | None = None  # as the file has them, from the first change on
+        # Settings in the file, once a change was made: a failed write returns to them.
+        self._kept: Settings | None = None
 
     @property
     def store(self) -> SettingsStore | None:
-        """The settings, if they are kept."""
+        """Store of the settings, or None where they are not saved."""
         return self.app.services.settings
 
     def compose_body(self) -> ComposeResult:
@@ -203,7 +210,7 @@ class SettingsScreen(Page):
         )
 
     def list_rows(self) -> list[SettingRow]:
-        """Every setting, in the language and units in use."""
+        """Return every setting in the language and units in use."""
         assert self.store is not None
         now, rate = self.store.settings, self.app.units.rate
         general, limits, speed = _("general"), _("manual rate"), _("how often the console looks")
@@ -243,6 +250,7 @@ class SettingsScreen(Page):
                 _("lowest"),
                 ("manual_rate", "low_kg_ha"),
                 self.app.limits_kg_ha[0],
+                # Each limit is bounded by the other limit, so that low never exceeds high.
                 (self.app.crop_limits_kg_ha[0], self.app.limits_kg_ha[1]),
                 rate,
             ),
@@ -289,6 +297,7 @@ class SettingsScreen(Page):
             for one in actions.list_page_openers()
         }
         groups = {ANYWHERE: _("keys of every screen")} | pages
+        # Keys are grouped by page, in the order of the pages' keys.
         for action in sorted(actions.ACTIONS, key=lambda one: list(groups).index(one.where)):
             keys = actions.find_keys(action, now.keymap)
             found.append(
@@ -333,6 +342,7 @@ class SettingsScreen(Page):
             value = (
                 {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
             )
+            # A theme is previewed while it is chosen.
             kind = ThemeDialog if row.path == ("theme",) else ChoiceDialog
             self.app.ask_question(
                 kind(row.label, row.choices, str(value)),
@@ -354,11 +364,13 @@ class SettingsScreen(Page):
             )
 
     def _take_key(self, name: str, key: str) -> None:
+        """Assign a key to an action, if it is free."""
         assert self.store is not None
         keymap = {**self.store.settings.keymap, name: key}
         self._set_keymap(keymap, find_keymap_fault({name: key}) or find_key_clash(keymap))
 
     def _set_keymap(self, keymap: dict[str, str], trouble: str) -> None:
+        """Use a keymap, or report why it is refused."""
         if trouble:
             self.app.show_notice(_("refused: {why}").format(why=trouble))
         else:
@@ -374,9 +386,11 @@ class SettingsScreen(Page):
         keymap = {
             name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]
         }
+        # The default key may meanwhile belong to another action.
         self._set_keymap(keymap, find_key_clash(keymap))
 
     def _set_value(self, path: tuple[str, ...], value: Any) -> None:
+        """Set a value by its path; an invalid value is reported."""
         assert self.store is not None
         now = self.store.settings
         try:
@@ -391,7 +405,7 @@ class SettingsScreen(Page):
             self.app.show_notice(str(error).splitlines()[-1])
 
     def use_settings(self, settings: Settings) -> None:
-        """Use these settings from now on, and keep them."""
+        """Use settings from now on, and save them."""
         store = self.store
         assert store is not None
         before = store.settings
@@ -400,13 +414,15 @@ class SettingsScreen(Page):
             self.app.undo.add_change(
                 Undoable(_("settings before the last change"), partial(self.use_settings, before))
             )
+        # Writes are asynchronous: the settings before the first unsaved change are those of the
+        # file.
         self._kept = self._kept or before
         self.app.run_worker(self._write_settings(settings), group="settings", exit_on_error=False)
         self._redraw_pages()
 
     async def _write_settings(self, settings: Settings) -> None:
-        """Write in a thread, one after the other: a disk may take its time. Where that fails, the
-        file's settings are used again."""
+        """Write settings in a thread, one write after the other, because a disk may be slow. After
+        a failure the file's settings are used again."""
         store = self.store
         assert store is not None and self._kept is not None
         try:
@@ -423,6 +439,7 @@ class SettingsScreen(Page):
             self._redraw_pages()
 
     def _redraw_pages(self) -> None:
+        """Draw every page again."""
         for page in self.app.pages.made.values():
             if page.is_mounted:
                 page.redraw_all()
@@ -430,24 +447,25 @@ class SettingsScreen(Page):
 
 
 class ThemeDialog(ChoiceDialog):
-    """Asks for a theme. The marked one is seen at once; Escape brings the old one back."""
+    """Asks for a theme. The marked theme is applied at once; Escape restores the former theme."""
 
     def _show_mark(self) -> None:
         super()._show_mark()
         self._apply_theme(self.choices[self.at].value)
 
     def action_cancel(self) -> None:
-        """Bring the old theme back."""
+        """Restore the former theme."""
         self._apply_theme(self.now)
         super().action_cancel()
 
     def _apply_theme(self, name: str) -> None:
+        """Apply a theme if it is registered."""
         if name in self.app.available_themes:
             self.app.theme = name
 
 
 class KeyPressDialog(Dialog[str | None]):
-    """Asks for the next key that is pressed; Escape keeps the old one."""
+    """Asks for the next key that is pressed; Escape keeps the former key."""
 
     def __init__(self, label: str, now: str) -> None:
         super().__init__(
@@ -471,12 +489,13 @@ class KeyPressDialog(Dialog[str | None]):
         if event.key in ("escape", "enter"):
             return
         event.stop()
+        # Without this, Textual would run the pressed key's own action.
         event.prevent_default()
         self.key = event.key
         self.query_one("#key-value", Static).update(actions.format_key(event.key))
 
     def action_yes(self) -> None:
-        """Take the key."""
+        """Answer with the key."""
         if self.key:
             self.dismiss(self.key)
 
@@ -485,12 +504,14 @@ _HERTZ = Unit("Hz", 1.0, 1)
 
 
 def _make_choices(words: dict[str, str]) -> list[Choice]:
+    """Return choices with translated words."""
     return [Choice(value, _(word)) for value, word in words.items()]
 
 
 def _make_choice_row(
     group: str, label: str, path: tuple[str, ...], now: str, choices: list[Choice], hint: str
 ) -> SettingRow:
+    """Return a row for a setting with fixed choices."""
     shown = next((one.label for one in choices if one.value == now), now)
     return SettingRow(group, label, path, shown, hint, tuple(choices))
 
@@ -503,6 +524,7 @@ def _make_number_row(
     allowed: tuple[float, float],
     unit: Unit,
 ) -> SettingRow:
+    """Return a row for a number, with its allowed range in displayed units."""
     low, high = round_inwards(unit, *allowed, 1)
     said = _("allowed: {low} to {high} {unit}").format(
         low=f"{low:g}", high=f"{high:g}", unit=unit.name
@@ -518,6 +540,7 @@ def _make_number_row(
 
 
 def _find_value(settings: Settings, path: tuple[str, ...]) -> Any:
+    """Return the value at a path of the settings."""
     value: Any = settings
     for step in path:
         value = value.get(step) if isinstance(value, dict) else getattr(value, step)

@@ -1,4 +1,4 @@
-"""What the Settings page is given."""
+"""Declares the store of the user's settings."""
 
 from __future__ import annotations
 
@@ -11,8 +11,19 @@ from topdress.drivers.files.settings_theme import ThemeData
 
 @dataclass(slots=True)
 class SettingsStore:
-    """Holds the settings and where they are kept. trouble: why the file was not used. write: raises
-    OSError."""
+    """Holds the settings and the path of their file.
+
+    Attributes
+    ----------
+    settings
+        Settings in force.
+    write
+        Writes settings; raises OSError.
+    place
+        Path of the file.
+    trouble
+        Reason why the file was not used.
+    """
 
     settings: Settings
     write: Callable[[Settings], None]

@@ -1,8 +1,8 @@
-"""The Trends page.
+"""The Trends page plots channels of the run or a log over time.
 
 Files:
 
-- `keys`: Keys of the Trends page and what they do
-- `page`: The Trends screen: up to three channels of the run or log, over any span, frozen
-- `plots`: Up to three channels, one above the other, on one time axis, in braille
+- `keys`: Defines the keys of the Trends page and their functions
+- `page`: Shows the Trends screen: up to three channels of the run or log over any span
+- `plots`: Plots up to three channels in braille, stacked on one time axis
 """

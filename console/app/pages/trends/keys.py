@@ -1,4 +1,4 @@
-"""Keys of the Trends page and what they do."""
+"""Defines the keys of the Trends page and their functions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from topdress.console.locale import N_, _
 if TYPE_CHECKING:
     from topdress.console.app.pages.trends.page import TrendsScreen
 
-FAR_STEP_SHARE = 0.1  # of the span, by which the cursor goes far
+# Share of the span by which the cursor moves with Shift.
+FAR_STEP_SHARE = 0.1
+# Share of the span by which PgUp and PgDn scroll: half keeps the context visible.
 SCROLL_SHARE = 0.5
 
 
@@ -20,13 +22,14 @@ def show_whole_run(page: TrendsScreen) -> None:
 
 
 def drop_cursor(page: TrendsScreen) -> None:
-    """Drop the cursor."""
+    """Remove the cursor."""
     page.cursor_s = None
 
 
 def toggle_machine_or_log(page: TrendsScreen) -> None:
-    """Turn from the machine to the log, or back."""
+    """Switch between the machine and the replayed log."""
     page.toggle_log()
+    # Times and scales of the machine are meaningless for a log.
     page.ends_s = page.cursor_s = page.fixed = None
 
 
@@ -85,6 +88,7 @@ ACTIONS = set_page(
         N_("Keeps the scales as they are, or fits them to the values."),
         lambda page: page.toggle_scale(),
     ),
+    # Reading and scrolling send nothing to the machine, so no key of this page needs a connection.
     Action(
         "trends_left",
         "left",

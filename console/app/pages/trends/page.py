@@ -1,5 +1,6 @@
-"""The Trends screen: up to three channels of the run or log, over any span, frozen, read at a
-time."""
+"""Shows the Trends screen: up to three channels of the run or log over any span, frozen or running,
+read at a time.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +27,19 @@ from topdress.console.app.widgets.panel import Panel, Picked, fit_width, spread_
 from topdress.console.frame import Frame
 from topdress.console.locale import _
 
-# Which channels are plotted: a list of all, Enter takes one up or drops it.
+# The dialog lists all channels; Enter plots a channel or removes it. Three plots have readable
+# heights on a usual screen.
 MOST_CHANNELS = 3
 
 
 class ChannelDialog(ChoiceDialog):
-    """Asks which channels are plotted. tell: called with the chosen channels' ids, in the order of
-    choosing, after every change. A fourth one takes the place of the first."""
+    """Asks which channels to plot. A fourth channel replaces the first.
+
+    Parameters
+    ----------
+    tell
+        Receives the ids of the chosen channels, in the order of choosing, after every change.
+    """
 
     def __init__(
         self, chosen: tuple[str, ...], units: Units, tell: Callable[[tuple[str, ...]], None]
@@ -53,19 +60,22 @@ class ChannelDialog(ChoiceDialog):
         return tuple(Choice(one.id, self._format_channel(one)) for one in CHANNELS)
 
     def _format_channel(self, channel: TrendChannel) -> str:
+        """Return a line for a channel: position among the plots, label, unit."""
         mark = f"{self.chosen.index(channel.id) + 1}" if channel.id in self.chosen else " "
         return f"[{mark}] {fit_width(_(channel.label), 24)}{channel.unit(self._units).name}"
 
     def action_yes(self) -> None:
-        """Take or drop the marked channel."""
+        """Plot the marked channel, or remove it."""
         if not self._wrong:
             self._toggle_channel(self.choices[self.at].value)
 
     def on_picked(self, event: Picked) -> None:
-        """Take or drop the clicked channel: it is seen, and another click undoes it."""
+        """Plot the clicked channel, or remove it; the result is visible, and another click reverses
+        it."""
         self._toggle_channel(self.choices[event.index].value)
 
     def _toggle_channel(self, channel: str) -> None:
+        """Plot a channel, or remove it."""
         if channel in self.chosen:
             self.chosen.remove(channel)
         else:
@@ -76,7 +86,7 @@ class ChannelDialog(ChoiceDialog):
 
 
 class SpanView(NamedTuple):
-    """Holds span and states."""
+    """Holds span and states; `standing` is True while the plots are frozen."""
 
     span: str
     states: tuple[str, ...]
@@ -95,15 +105,18 @@ class SpanBar(Panel[SpanView]):
         ]
 
 
+# Spans that zooming offers, s: from 10 s to 8 h.
 SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400.0, 28_800.0)
+# The first span shows two minutes, as the Run page does.
 FIRST_SPAN_INDEX = SPANS_S.index(120.0)
-# and three buckets: a longer time without rows is a gap
+# A time without rows beyond this, s, and beyond three buckets, is a gap.
 LONGEST_STEP_S = 2.5
-MOST_BUCKETS = 100_000  # buckets of a span: more than it has rows
+# More buckets than any span has rows, which selects the finest series.
+MOST_BUCKETS = 100_000
 
 
 class TimeWindow(NamedTuple):
-    """Holds the span that is seen, s of the run."""
+    """Holds the visible span, s of the run."""
 
     from_s: float
     to_s: float
@@ -115,8 +128,15 @@ class TimeWindow(NamedTuple):
 
 
 class TrendsScreen(LogPage):
-    """Shows the plots. ends_s: at which they stand frozen, s of the run; None: they run. span None:
-    the whole run."""
+    """Shows the plots.
+
+    Attributes
+    ----------
+    ends_s
+        End of the frozen span, s of the run; None while the plots run.
+    span
+        Index of the span; None means the whole run.
+    """
 
     where: ClassVar[str] = TRENDS
     BINDINGS: ClassVar = make_bindings(ACTIONS)
@@ -147,19 +167,22 @@ class TrendsScreen(LogPage):
     # ----------------------------------------------------------------------------------------------
 
     def find_window(self) -> TimeWindow:
-        """The span that is seen now."""
+        """Return the visible span."""
         series = self.find_series()
         first, last = series.start_s or 0.0, series.end_s or 0.0
         if self.span is None:
             return TimeWindow(first, max(last, first + SPANS_S[0]))
         job = self.find_replayed()
         running = job.source.at_s if job is not None else last
+        # A running plot ends at the newest row, or where the log is played.
         end = running if self.ends_s is None else self.ends_s
         return TimeWindow(end - SPANS_S[self.span], end)
 
     def _draw_plots(self, frame: Frame | None, age_s: float) -> None:
+        """Draw plots, cursor and the bar of the span."""
         window, series = self.find_window(), self.find_series()
         pane = self.query_one("#plots", Plots)
+        # A braille cell has two dots side by side, and each dot shows one bucket.
         buckets = 2 * pane.count_columns(max(1, pane.content_size.width))
         stretches = {name: series.find_stretch(name, *window, buckets) for name in self.channels}
         self._axes = self._find_axis_ends(stretches)
@@ -169,6 +192,7 @@ class TrendsScreen(LogPage):
         cursor = (
             None if self.cursor_s is None else (self.cursor_s - window.from_s) / window.length_s
         )
+        # A cursor outside the span could not be seen, so it is removed.
         if cursor is not None and not 0.0 <= cursor <= 1.0:
             cursor = self.cursor_s = None
         times = (window.from_s, 0.5 * (window.from_s + window.to_s), window.to_s)
@@ -189,7 +213,7 @@ class TrendsScreen(LogPage):
         )
 
     def _find_axis_ends(self, stretches: dict[str, TrendStretch]) -> dict[str, tuple[float, float]]:
-        """Ends of the axes, as shown; channels of one group share them."""
+        """Return the ends of the axes in displayed units; channels of one group share an axis."""
         axes: dict[str, tuple[float, float]] = {}
         for name, stretch in stretches.items():
             channel = BY_ID[name]
@@ -213,6 +237,7 @@ class TrendsScreen(LogPage):
     def _make_plot(
         self, channel: TrendChannel, stretch: TrendStretch, window: TimeWindow, buckets: int
     ) -> ChannelPlot:
+        """Return the view of one plot."""
         unit = channel.unit(self.app.units)
         low, high = self._axes[channel.id]
         all_of_it = summarise_stretch(stretch)
@@ -225,6 +250,7 @@ class TrendsScreen(LogPage):
                 high=unit.format_value(all_of_it.high),
             )
         )
+        # Buckets wider than a row's period make longer steps normal.
         gap_s = max(LONGEST_STEP_S, 3.0 * window.length_s / buckets)
         at_s = window.to_s if self.cursor_s is None else self.cursor_s
         return ChannelPlot(
@@ -240,7 +266,7 @@ class TrendsScreen(LogPage):
         )
 
     def _format_value_at(self, channel: TrendChannel, unit: Unit, at_s: float) -> str:
-        """The value in force at a time, from the finest series; nothing in a gap."""
+        """Return the value in force at a time from the finest series; "--" in a gap."""
         before = self.find_series().find_stretch(
             channel.id, at_s - LONGEST_STEP_S, at_s, MOST_BUCKETS
         )
@@ -248,7 +274,7 @@ class TrendsScreen(LogPage):
         return "--" if value != value else unit.format_value(value)
 
     def _format_time(self, time_s: float, frame: Frame | None) -> str:
-        """Time of day where it is known, else the run's own."""
+        """Return the time of day where known, else the time of the run."""
         clock = (
             ""
             if frame is None
@@ -257,6 +283,7 @@ class TrendsScreen(LogPage):
         return clock or format_duration(time_s)
 
     def _describe_span(self, window: TimeWindow) -> str:
+        """Describe the length of the span."""
         length = format_duration(window.length_s)
         return (
             _("whole run, {length}").format(length=length)
@@ -265,6 +292,7 @@ class TrendsScreen(LogPage):
         )
 
     def _list_states(self) -> tuple[str, ...]:
+        """Return the states: log, fixed scale, frozen or running."""
         log = (_("log"),) if self.find_replayed() is not None else ()
         fixed = (_("fixed scale"),) if self.fixed is not None else ()
         return (*log, *fixed, _("FROZEN") if self.ends_s is not None else _("running"))
@@ -275,23 +303,25 @@ class TrendsScreen(LogPage):
     def toggle_freeze(self) -> None:
         """Freeze the plots, or let them run."""
         self.ends_s = self.find_window().to_s if self.ends_s is None else None
+        # The whole run has no fixed length, so freezing selects the first span.
         self.span = FIRST_SPAN_INDEX if self.span is None and self.ends_s is not None else self.span
 
     def toggle_scale(self) -> None:
-        """Fix the scales, or let them fit."""
+        """Fix the scales, or fit them to the values."""
         self.fixed = dict(self._axes) if self.fixed is None else None
 
     def ask_channels(self) -> None:
-        """Ask which channels are plotted."""
+        """Ask which channels to plot."""
 
         def take_channels(chosen: tuple[str, ...]) -> None:
+            # Fixed scales belong to the former channels.
             self.channels, self.fixed = chosen, None
             self.app.show_changes()
 
         self.app.push_screen(ChannelDialog(self.channels, self.app.units, take_channels))
 
     def change_span(self, steps: int) -> None:
-        """Change the span round the end, or round the cursor where it is set."""
+        """Change the span; its end stays in place, or the cursor where it is set."""
         before = self.find_window()
         at = bisect_left(SPANS_S, before.length_s - 1.0) if self.span is None else self.span
         self.span = max(0, min(len(SPANS_S) - 1, at + steps))
@@ -301,6 +331,7 @@ class TrendsScreen(LogPage):
             self._clamp_end()
 
     def _clamp_end(self) -> None:
+        """Keep the end of the frozen span within the series."""
         series = self.find_series()
         if self.ends_s is not None and series.start_s is not None and series.end_s is not None:
             self.ends_s = max(
@@ -308,18 +339,20 @@ class TrendsScreen(LogPage):
             )
 
     def calc_cell_s(self) -> float:
-        """Time of a cell, s."""
+        """Return the time that a cell covers, s."""
         pane = self.query_one("#plots", Plots)
         return self.find_window().length_s / pane.count_columns(max(1, pane.content_size.width))
 
     def move_cursor(self, by_s: float) -> None:
-        """Move the cursor, which freezes the plots: what it reads must not run away."""
+        """Move the cursor. This freezes the plots, because the value under the cursor must not move
+        on."""
         self._freeze_if_running()
         window = self.find_window()
         now = window.to_s if self.cursor_s is None else self.cursor_s
         self.cursor_s = max(window.from_s, min(window.to_s, now + by_s))
 
     def _freeze_if_running(self) -> None:
+        """Freeze the plots unless they are frozen or show the whole run."""
         if self.ends_s is None and self.span is not None:
             self.ends_s = self.find_window().to_s
 
@@ -332,7 +365,7 @@ class TrendsScreen(LogPage):
         self._clamp_end()
 
     def on_plots_pointed(self, event: Plots.Pointed) -> None:
-        """Set the cursor."""
+        """Set the cursor at the clicked time."""
         if not self.app.locked:
             self._freeze_if_running()
             window = self.find_window()
@@ -340,19 +373,19 @@ class TrendsScreen(LogPage):
             self.app.show_changes()
 
     def on_plots_named(self, event: Plots.Named) -> None:
-        """Ask which channels are plotted."""
+        """Ask which channels to plot."""
         if not self.app.locked:
             self.ask_channels()
 
     def on_plots_wheeled(self, event: Plots.Wheeled) -> None:
-        """Change the span."""
+        """Change the span with the mouse wheel."""
         if not self.app.locked:
             self.change_span(-event.steps)
             self.app.show_changes()
 
 
 def _format_axis_end(shown: float, unit: Unit) -> str:
-    """An end of an axis, with no more decimals than it has."""
+    """Return the number at an end of an axis, without trailing zeros."""
     text = f"{shown + 0.0:.{unit.decimals + 1}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
 
@@ -360,12 +393,14 @@ def _format_axis_end(shown: float, unit: Unit) -> str:
 def _make_pieces(
     stretch: TrendStretch, window: TimeWindow, gap_s: float, unit: Unit, low: float, high: float
 ) -> tuple[PlotPiece, ...]:
-    """A stretch on the span and the axis; unknown values and gaps break it."""
+    """Return the pieces of a stretch in shares of span and axis; unknown values and gaps interrupt
+    the line."""
     pieces: list[PlotPiece] = []
     last_s: float | None = None
     for time_s, least, most in zip(
         stretch.time_s.tolist(), stretch.low.tolist(), stretch.high.tolist(), strict=True
     ):
+        # Only NaN differs from itself.
         if least != least:
             last_s = None
             continue

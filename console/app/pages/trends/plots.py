@@ -1,5 +1,6 @@
-"""Up to three channels, one above the other, on one time axis, in braille. A click reads the
-values at that time."""
+"""Plots up to three channels in braille, stacked on one time axis. A click reads the values at that
+time.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +20,16 @@ from topdress.console.app.widgets.canvas import Canvas
 from topdress.console.app.widgets.panel import align_right, fit_width
 from topdress.console.locale import _
 
-_AXIS_CELLS = 9  # cells of the axis' numbers
-LEAST_PLOT_ROWS = 3  # a title and two rows of plot
-LEAST_LABELLED_ROWS = 5  # rows of a plot whose middle is labelled too
+# Columns for the numbers of the vertical axis.
+_AXIS_CELLS = 9
+# A plot needs a title and two rows.
+LEAST_PLOT_ROWS = 3
+# From this number of rows the middle of the axis has a label too.
+LEAST_LABELLED_ROWS = 5
 
 
 class ChannelPlot(NamedTuple):
-    """Holds one plot in words. value: at the cursor, else the newest."""
+    """Holds one plot in words; `value` is that at the cursor, else the newest."""
 
     label: str
     unit: str
@@ -39,8 +43,8 @@ class ChannelPlot(NamedTuple):
 
 
 class PlotsView(NamedTuple):
-    """Holds the plots. begin, middle, end: times as shown; cursor: place in the span, 0 ... 1; now:
-    where the log is played."""
+    """Holds the plots. `begin`, `middle` and `end` are displayed times; `cursor` is a share of the
+    span, 0 to 1."""
 
     plots: tuple[ChannelPlot, ...]
     begin: str
@@ -52,8 +56,8 @@ class PlotsView(NamedTuple):
 
 
 def _split_runs(text: str, style: Style) -> Iterator[Segment]:
-    """Dots and gaps apart, so that a picture in a font of other widths keeps every run in its
-    place."""
+    """Yield dots and gaps as separate segments, so that a picture in a font of other widths keeps
+    every run in place."""
     return (Segment(run, style) for run in re.findall(" +|[^ ]+", text))
 
 
@@ -69,17 +73,17 @@ class Plots(Canvas[PlotsView]):
     }
 
     class Pointed(Message):
-        """The plot was clicked or dragged over at this share of the span."""
+        """Reports a click or drag on the plot, at a share of the span."""
 
         def __init__(self, share: float) -> None:
             super().__init__()
             self.share = share
 
     class Named(Message):
-        """A plot's title was clicked."""
+        """Reports a click on a plot's title."""
 
     class Wheeled(Message):
-        """steps > 0: a shorter span is wanted."""
+        """Reports a turn of the wheel; positive steps shorten the span."""
 
         def __init__(self, steps: int) -> None:
             super().__init__()
@@ -87,11 +91,11 @@ class Plots(Canvas[PlotsView]):
 
     @staticmethod
     def count_columns(width: int) -> int:
-        """Cells of the plot itself."""
+        """Return the number of cells of the plot itself."""
         return max(1, width - _AXIS_CELLS - 1)
 
     def count_plot_rows(self, height: int) -> list[int]:
-        """Rows of each plot, its title in, the time axis out."""
+        """Return the rows of each plot, including its title, without the time axis."""
         count = max(1, len(self.view.plots))
         each, rest = divmod(max(0, height - 1), count)
         return [each + (index < rest) for index in range(len(self.view.plots))]
@@ -108,6 +112,7 @@ class Plots(Canvas[PlotsView]):
                 rows.append(self._draw_title(plot, width))
                 rows += self._draw_plot(plot, width, count - 1)
             else:
+                # A plot without enough rows shows its title with the value.
                 rows += [
                     self._draw_title(plot, width),
                     *[Strip.blank(width, self.rich_style)] * (count - 1),
@@ -116,6 +121,7 @@ class Plots(Canvas[PlotsView]):
         return rows
 
     def _draw_title(self, plot: ChannelPlot, width: int) -> Strip:
+        """Return the title of a plot: label, value, unit, summary."""
         muted, value = (
             self.find_style("trend--muted"),
             self.find_style("trend--stale" if self.view.stale else "trend--title"),
@@ -133,12 +139,14 @@ class Plots(Canvas[PlotsView]):
         )
 
     def _draw_plot(self, plot: ChannelPlot, width: int, count: int) -> Iterator[Strip]:
+        """Yield the rows of a plot."""
         muted = self.find_style("trend--muted")
         columns = self.count_columns(width)
         line = self.find_style("trend--stale" if self.view.stale else "trend--applied")
         cursor_style = self.find_style("plots--cursor")
         dots = trace_cells(plot.pieces, columns, count)
         cursor = (
+            # The same rounding as for the dots, so that the cursor is in the column of its value.
             None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
         )
         labels = {(count - 1) // 2: plot.middle} if count >= LEAST_LABELLED_ROWS else {}
@@ -153,7 +161,7 @@ class Plots(Canvas[PlotsView]):
     def _draw_cells(
         dots: CellDots, row: int, columns: int, cursor: int | None, line: Style, cursor_style: Style
     ) -> Iterator[Segment]:
-        """Cells before the cursor, its own, and those after it."""
+        """Yield the cells before the cursor, its own cell, and the cells after it."""
         row_of = [
             chr(BLANK_CODE | bits) if (bits := dots.get((column, row), 0)) else " "
             for column in range(columns)
@@ -166,6 +174,7 @@ class Plots(Canvas[PlotsView]):
         yield from _split_runs("".join(row_of[cursor + 1 :]), line)
 
     def _draw_time_axis(self, view: PlotsView, width: int) -> Strip:
+        """Return the time axis; the cursor's time covers a label at the same position."""
         columns = self.count_columns(width)
         read = f" {view.cursor_time} " if view.cursor is not None else ""
         taken = max(
@@ -193,6 +202,7 @@ class Plots(Canvas[PlotsView]):
     # ----------------------------------------------------------------------------------------------
 
     def _find_title_rows(self) -> set[int]:
+        """Return the rows of the titles."""
         found, row = set(), 0
         for count in self.count_plot_rows(self.content_size.height):
             found.add(row)
@@ -207,7 +217,7 @@ class Plots(Canvas[PlotsView]):
         )
 
     def on_click(self, event: events.Click) -> None:
-        """Read the clicked time, or ask for channels."""
+        """Read the clicked time, or ask for channels after a click on a title."""
         event.stop()
         if event.y in self._find_title_rows() or not self.view.plots:
             self.post_message(self.Named())
@@ -227,12 +237,13 @@ class Plots(Canvas[PlotsView]):
         self.post_message(self.Wheeled(-1))
 
 
+# An axis has at least this number of round steps.
 _LEAST_STEPS = 4
 
 
 def round_axis_ends(low: float, high: float, decimals: int) -> tuple[float, float]:
-    """Round numbers that contain low ... high, wide enough that their last shown decimal differs.
-    NaN: 0 ... 1."""
+    """Return round numbers that contain low to high and differ in the last displayed decimal. NaN
+    gives 0 to 1."""
     if not (isfinite(low) and isfinite(high)):
         return 0.0, 1.0
     least = _LEAST_STEPS * 10.0**-decimals
@@ -240,11 +251,12 @@ def round_axis_ends(low: float, high: float, decimals: int) -> tuple[float, floa
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * least, middle + 0.5 * least
     step = _choose_round_step((high - low) / _LEAST_STEPS)
+    # The tolerance prevents another step for a value exactly on a round number.
     return floor(low / step + 1e-9) * step, ceil(high / step - 1e-9) * step
 
 
 def _choose_round_step(about: float) -> float:
-    """1, 2 or 5 times a power of ten, not below `about`."""
+    """Return 1, 2 or 5 times a power of ten, at least `about`."""
     power = 10.0 ** floor(log10(about))
     return next(
         factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= about * (1.0 - 1e-9)
