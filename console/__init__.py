@@ -9,15 +9,15 @@ Files:
 - `gc_tuning`: What lives as long as the console is not swept again and again
 - `import_hooks`: What makes a program come up quickly
 - `link`: The console's end of the control worker
-- `locale`: Words shown to people, by the language in use
+- `locale`: Translates the texts of the console into the language in use
 - `reports`: What is written for people to read
 - `running`: The control worker as a process of its own
 - `scale`: Colour scales. For rates: perceptually even, safe for colour-blind eyes
-- `serve`: The console in a browser
+- `serve`: Serves the console to browsers
 - `services`: What the pages have done with files and long work
 - `threads`: How many threads may numeric libraries take for themselves?
 - `warm_up`: Compiles once on a computer what a first diagnosis would compile
-- `worker`: The control worker: a program of its own that owns devices, loop and log
+- `worker`: The control worker is a program of its own that owns devices, loop and log
 - `worker_handshake`: Who listens where a run file says?
 """
 

@@ -412,8 +412,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.show_notice(f"{self.find_shown_key(there[0].id)}: {places}{here if start else ''}")
 
     def _find_urgent_under(self, event: events.MouseEvent) -> str:
-        """Return "hold" or "stop" where a click hits that key of the key bar beside an open dialog,
-        else ""."""
+        """Return "hold" or "stop" where a click hits that key next to an open dialog, else ""."""
         if self.screen is self.page or not self.page.is_mounted:
             return ""
         x, y = int(event.screen_x), int(event.screen_y)

@@ -170,7 +170,7 @@ def mark_trail(seen: Image, worked: WorkedGround, pixels: PixelGrid) -> None:
     near = seen[rows, columns]
     near[
         covered[np.ix_(north[rows] - south, east[columns] - west)]
-        # Only worked pixels change: planned and empty ground beside the trail keeps its colour.
+        # Only worked pixels change: planned and empty ground next to the trail keeps its colour.
         & (near >= DONE_ENTRY)
         & (near < PLAN_ENTRY)
     ] += GLOW_ENTRY - DONE_ENTRY

@@ -197,7 +197,6 @@ def format_local_time(utc: str | None, offset_s: float, back_s: float = 0.0) -> 
     if not utc:
         return ""
     try:
-        # `fromisoformat` of Python 3.10 does not accept a final Z.
         moment = datetime.fromisoformat(utc.replace("Z", "+00:00")) + timedelta(
             seconds=offset_s - back_s
         )
@@ -481,7 +480,7 @@ def _make_heads_view(frame: Frame, old: bool) -> HeadsView:
 
 
 def _make_items(frame: Frame, age_s: float, units: Units) -> tuple[ItemView, ...]:
-    """Return the items beside the tiles: GNSS, look-ahead, trim, area, mass."""
+    """Return the items next to the tiles: GNSS, look-ahead, trim, area, mass."""
     row = frame.row
     old = age_s > STALE_S
     # In a stale frame the age would stand still, so the frame's own age is added.

@@ -1,12 +1,12 @@
-"""Words shown to people, by the language in use. English stands in the code; other languages in
-`<language>/*.po`, a file for each part of the console.
+"""Translates the texts of the console into the language in use. English is in the code; other
+languages are in `<language>/*.po`, one file for each part of the console.
 
-The catalogues are read as they are, so no tool has to compile them. `_` translates now, `N_`
-only marks a text that a table holds and that is translated when it is shown.
+The catalogues are read as text, so no tool has to compile them. `_` translates at once; `N_` marks
+a text in a table, which is translated when it is shown.
 
 Files:
 
-- `po`: Reads gettext's .po text
+- `po`: Reads gettext's .po format
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from pathlib import Path
 
 from topdress.console.locale.po import read_po
 
+# Code of the language of the source code.
 ENGLISH = "en"
 _FOLDER = Path(__file__).parent
 
 
 class Catalogue(gettext.NullTranslations):
-    """Translates into one language. A text that it does not hold comes back in English."""
+    """Translates into one language. A text without translation is returned in English."""
 
     def __init__(self, texts: dict[str, str]) -> None:
         super().__init__()
         self.texts = texts
 
     def gettext(self, message: str) -> str:
-        """The text in this language."""
+        """Return the text in this language."""
+        # An empty translation counts as missing: English is better than nothing.
         return self.texts.get(message) or message
 
 
 @cache
 def read_catalogue(language: str) -> Catalogue:
-    """The catalogue of a language code such as "zh".
-
-    Raises ValueError in one line when there is no such catalogue.
-    """
+    """Return the catalogue of a language code such as "zh". Raises ValueError in one line for an
+    unknown language."""
     if language == ENGLISH:
         return Catalogue({})
     if language not in list_languages():
@@ -54,40 +54,43 @@ def read_catalogue(language: str) -> Catalogue:
 
 @cache
 def list_languages() -> tuple[str, ...]:
-    """Codes of all languages that can be used, English first."""
+    """Return the codes of all available languages, English first."""
     return (ENGLISH, *sorted({path.parent.name for path in _FOLDER.glob("*/*.po")}))
 
 
 def find_preferred_language(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:
-    """The language that the environment asks for (LC_ALL, LC_MESSAGES, LANG), English when it is
-    not known."""
+    """Return the language that the environment requests (LC_ALL, LC_MESSAGES, LANG), English for an
+    unknown language."""
     for name in ("LC_ALL", "LC_MESSAGES", "LANG"):
+        # A value such as zh_CN.UTF-8 begins with the code of the language.
         code = environment.get(name, "").split(".")[0].split("_")[0].lower()
         if code in list_languages():
             return code
     return ENGLISH
 
 
+# The language is global state, because every text of the process is shown to the same person.
 _in_use = read_catalogue(ENGLISH)
 _code = ENGLISH
 
 
 def use_language(language: str) -> None:
-    """Show texts in this language from now on. Raises ValueError when it is not known."""
+    """Show texts in this language from now on. Raises ValueError for an unknown language."""
     global _in_use, _code
     _in_use, _code = read_catalogue(language), language
 
 
 def find_language_code() -> str:
-    """Code of the language in use."""
+    """Return the code of the language in use."""
     return _code
 
 
 def _(message: str) -> str:
-    """Return the text in the language in use; empty stays empty."""
+    """Return the text in the language in use; an empty text stays empty."""
+    # The catalogue's header has the empty text as its key, so it must not be looked up.
     return _in_use.gettext(message) if message else message
 
 
 def N_(message: str) -> str:
-    """Mark a text for the catalogue and give it back as it is."""
+    """Mark a text for the catalogue and return it unchanged."""
     return message

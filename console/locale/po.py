@@ -1,4 +1,4 @@
-"""Reads gettext's .po text: the plain part of it (msgid, msgstr, continued lines, comments)."""
+"""Reads gettext's .po format: msgid, msgstr, continued lines and comments."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import ast
 
 
 def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
-    """msgid -> msgstr of every entry; the header (empty msgid) and entries marked fuzzy are left
-    out.
+    """Return the msgstr of every msgid; the header (empty msgid) and entries marked fuzzy are
+    omitted.
 
-    Raises ValueError naming the file and line where a line cannot be read.
+    Raises ValueError with file and line for an unreadable line.
     """
     texts: dict[str, str] = {}
     fields: dict[str, str] = {}
@@ -23,6 +23,7 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
     for number, raw in enumerate(text.splitlines(), 1):
         line = raw.strip()
         if line.startswith("#"):
+            # A fuzzy translation was guessed by a tool from a similar text, so it may be wrong.
             if line.startswith("#,") and "fuzzy" in line:
                 finish_entry()
                 fields, fuzzy = {}, True
@@ -41,6 +42,7 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
             fields, fuzzy = {}, False
         current = keyword
         try:
+            # A quoted text of .po has the syntax of a Python string.
             piece = ast.literal_eval(quoted)
         except (SyntaxError, ValueError):
             raise ValueError(

@@ -1,12 +1,13 @@
-"""The console in a browser: a small web server that starts one app process for each tab.
+"""Serves the console to browsers: a small web server that starts one app process per tab.
 
 Files:
 
-- `server`: The web server of the tablet, on textual-serve
-- `tab`: One tab's console: a process, with all that it starts a group of its own
+- `server`: Runs the tablet's web server on textual-serve
+- `tab`: Runs one tab's console as a process in a process group of its own
 """
 
-# in a tab's environment: the server's process, whose end is the tab's own
+# Variable in a tab's environment with the process id of the server, whose end is the end of the
+# tab.
 SERVER_VARIABLE = "TOPDRESS_SERVER"
-# and from where it was opened: wrong keys are counted by that
+# Variable with the address from which the tab was opened; wrong keys are counted by address.
 ADDRESS_VARIABLE = "TOPDRESS_ADDRESS"

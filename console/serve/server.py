@@ -1,5 +1,6 @@
-"""The web server of the tablet, on textual-serve: its own page without anything from the
-internet, bounded tabs, and nobody but the page's own origin on the socket."""
+"""Runs the tablet's web server on textual-serve: its page needs nothing from the internet, tabs are
+limited, and only the page's own origin may open a socket.
+"""
 
 from __future__ import annotations
 
@@ -26,42 +27,57 @@ from textual_serve.server import Server
 from topdress.console.attached import clean_name
 from topdress.console.serve.tab import TabConsole
 
-# consoles at once, counted until their processes have ended
+# Consoles at once; a console counts until its process has ended.
 MOST_TABS = 6
-# a tablet that went away is noticed in 15 s; with 3 s tabs of busy computers were ended
+# Period of the heartbeat, s: a tablet that vanished is noticed within 15 s. With 3 s, tabs of busy
+# computers were ended.
 HEARTBEAT_S = 10.0
+# Limits and default of the font size, px.
 LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
+# Larger terminals would exhaust the memory of the process.
 MOST_COLUMNS, MOST_ROWS = 400, 200
-MESSAGE_BYTES = 16_384  # of a tab's message: a paste
-MESSAGES_PER_S = 100.0  # a second, each tab
+# Largest message of a tab, bytes: a pasted text.
+MESSAGE_BYTES = 16_384
+# Messages per second of each tab, more than anybody types.
+MESSAGES_PER_S = 100.0
+# Longest text of a ping that is echoed.
 PING_CHARACTERS = 100
-# a browser answers that its socket closes, or is not waited for
+# Time in which a browser must confirm that its socket closes, s.
 CLOSE_TIMEOUT_S = 0.4
-# that the system holds, and that may come on top of these in one turn
+# Connections that the system queues, which may be added to the limits in one turn.
 MOST_BACKLOG = 32
-# of the log: who sends rubbish fills no disk with what is said of it
+# Lines per minute in the log: a client that sends rubbish must not fill the disk.
 LOG_LINES_A_MINUTE = 20
+# A name or address, with an optional port.
 HOST_PATTERN = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
 _PAGE_FILE = Path(__file__).with_name("page.html")
 
 
 class ConnectionQuota(NamedTuple):
-    """Bounds the connections that are no tab."""
+    """Limits the connections that are not tabs."""
 
-    # at once, six of each browser that loads the page; 1,024 files may be open
+    # Connections at once: a browser that loads the page opens six, and 1,024 files may be open.
     connections: int = 64
-    # of one, with headers, page and all: a browser makes another one
+    # Longest duration of such a connection, s; a browser opens another one.
     connection_s: float = 30.0
-    looked_s: float = 1.0  # how often
+    # Period of the check, s.
+    looked_s: float = 1.0
 
 
 QUOTA = ConnectionQuota()
 
 
 class TabletServer(Server):
-    """Serves the console to browsers, one process a tab.
+    """Serves the console to browsers, one process per tab.
 
-    command: program and arguments, started once for each tab. host, port: where it listens.
+    Parameters
+    ----------
+    command
+        Program and arguments, started once for each tab.
+    host, port
+        Address on which the server listens.
+    room
+        Limits of connections.
     """
 
     def __init__(
@@ -71,20 +87,24 @@ class TabletServer(Server):
         self._arguments, self._room = tuple(command), room
         self._page = _PAGE_FILE.read_text(encoding="utf-8")
         self._consoles: dict[TabConsole, web.WebSocketResponse] = {}
-        self._asked: dict[web.WebSocketResponse, web.Request] = {}  # of each tab
+        # Request of each tab's socket.
+        self._asked: dict[web.WebSocketResponse, web.Request] = {}
         self.tabs = 0
 
     def serve(self, debug: bool = False) -> None:
-        """Serve until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s
-        later at most. Raises OSError where it cannot listen."""
+        """Serve until Ctrl-C or a signal; the consoles of all tabs have ended within 2 s then.
+        Raises OSError if the server cannot listen."""
         self.initialize_logging()
-        with contextlib.suppress(KeyboardInterrupt):  # Windows
+        # Windows reports Ctrl-C as KeyboardInterrupt.
+        with contextlib.suppress(KeyboardInterrupt):
             asyncio.run(self._serve_until_signal())
 
     async def _serve_until_signal(self) -> None:
+        """Serve until a signal arrives."""
         loop, asked = asyncio.get_running_loop(), asyncio.Event()
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-            with contextlib.suppress(NotImplementedError, AttributeError):  # Windows
+            # Windows has no signal handlers in the event loop.
+            with contextlib.suppress(NotImplementedError, AttributeError):
                 loop.add_signal_handler(getattr(signal, name), asked.set)
         runner = web.AppRunner(await self._make_app(), shutdown_timeout=CLOSE_TIMEOUT_S)
         await runner.setup()
@@ -108,29 +128,30 @@ class TabletServer(Server):
             await runner.cleanup()
 
     async def on_shutdown(self, app: web.Application) -> None:
-        """End all tabs at once: the console, then its socket, for which the web server would wait
-        twice as long again."""
+        """End all tabs at once: first the console, then its socket, for which the web server would
+        otherwise wait twice as long."""
         await asyncio.gather(
             *(_end_console_and_tab(console, tab) for console, tab in self._consoles.items())
         )
 
     async def _make_app(self) -> web.Application:
-        """The web application with a path for sockets of tabs that have a name: textual-serve's
-        script puts its own query behind it."""
+        """Return the web application with a path for sockets of named tabs: the script of
+        textual-serve appends its own query."""
         app = await super()._make_app()
         app.add_routes([web.get("/ws/{name}", self.handle_websocket)])
         return app
 
     def initialize_logging(self) -> None:
+        """Print warnings only, with a limited rate."""
         quiet = logging.StreamHandler()
         quiet.addFilter(RateLimitedFilter(time.monotonic))
         logging.basicConfig(level="WARNING", format="%(message)s", handlers=[quiet])
 
     async def on_startup(self, app: web.Application) -> None:
-        """Print nothing: the command says where it listens."""
+        """Print nothing, because the command itself prints the address."""
 
     async def handle_index(self, request: web.Request) -> web.Response:
-        """Answer a request for the page; its name must be one of this machine's."""
+        """Answer a request for the page; the requested name must belong to this machine."""
         if not is_host_allowed(request.host, self.host):
             raise web.HTTPForbidden(text="this name is not mine")
         scheme = "wss" if request.secure else "ws"
@@ -141,11 +162,13 @@ class TabletServer(Server):
         return web.Response(
             text=page.replace("{{ font_size }}", str(size)),
             content_type="text/html",
+            # The header prevents other pages from showing this page in a frame and catching clicks.
             headers={"X-Frame-Options": "DENY"},
         )
 
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
-        """Serve one tab: its app process lives as long as its socket."""
+        """Serve one tab; its app process lives as long as its socket."""
+        # Browsers send the origin of the page: a foreign page must not operate the machine.
         origin = request.headers.get("Origin")
         if not is_host_allowed(request.host, self.host) or (
             origin and urlsplit(origin).netloc != request.host
@@ -174,6 +197,8 @@ class TabletServer(Server):
     async def _serve_tab(
         self, tab: web.WebSocketResponse, name: str, width: int, height: int
     ) -> None:
+        """Start the console of a tab and process its messages until the tab closes."""
+
         async def close_tab() -> None:
             await tab.close()
 
@@ -197,10 +222,10 @@ class TabletServer(Server):
             del self._consoles[service]
 
     async def _process_messages(self, tab: web.WebSocketResponse, service: AppService) -> None:
-        """Pass the page's messages on, one after the other and no faster than anybody types, every
-        number in its range.
+        """Pass the page's messages on, one after the other, no faster than anybody types, with
+        every number within its range.
 
-        Raises ValueError and its like for a message that the page does not send.
+        Raises ValueError, KeyError and similar errors for a message that the page does not send.
         """
         pace = MessageThrottle(asyncio.get_running_loop().time)
         async for message in tab:
@@ -222,8 +247,8 @@ class TabletServer(Server):
 
 
 async def _end_console_and_tab(console: TabConsole, tab: web.WebSocketResponse) -> None:
-    """End a console, then its socket. A tablet that fell asleep neither reads nor answers: it is
-    left after `CLOSE_TIMEOUT_S`."""
+    """End a console, then its socket. A tablet that fell asleep neither reads nor answers, so it is
+    abandoned after `CLOSE_TIMEOUT_S`."""
     await console.end_console()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(CLOSE_TIMEOUT_S):
@@ -231,13 +256,22 @@ async def _end_console_and_tab(console: TabConsole, tab: web.WebSocketResponse) 
 
 
 class ConnectionGate:
-    """Makes the protocol of each connection that is accepted, and room for it.
+    """Creates the protocol of each accepted connection, and limits connections.
 
-    A connection that is no tab has `room.connection_s`, and of more than `room.connections` the
-    oldest ends, of the address that has the most. So a client that opens any number and says
-    nothing takes neither all descriptors nor another client's place.
+    A connection that is no tab has `room.connection_s`. Beyond `room.connections` the oldest
+    connection ends, of the address with the most connections. A client that opens many silent
+    connections thus takes neither all descriptors nor another client's place.
 
-    server: of aiohttp. tabs: connections that are tabs; they are bounded by themselves, and stay.
+    Parameters
+    ----------
+    server
+        Server of aiohttp.
+    tabs
+        Returns the connections that are tabs, which are limited separately.
+    clock
+        Returns s, as `time.monotonic`.
+    room
+        Limits of connections.
     """
 
     def __init__(
@@ -273,20 +307,21 @@ class ConnectionGate:
 
 
 def _find_peer_address(connection: RequestHandler) -> object:
+    """Return the address of a connection's peer."""
     assert connection.transport is not None
     return (connection.transport.get_extra_info("peername") or ("",))[0]
 
 
 class RateLimitedFilter(logging.Filter):
-    """Passes at most `LOG_LINES_A_MINUTE`, without traces of calls; the next line says how many
-    were left out."""
+    """Passes at most `MAX_LOG_LINES_PER_MIN` lines, without tracebacks; the next line reports how
+    many were dropped."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         super().__init__()
         self._clock, self._since_s, self._said, self._left_out = clock, clock(), 0, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the line is printed."""
+        """Return whether the line is printed."""
         if self._clock() - self._since_s > 60.0:
             self._since_s, self._said = self._clock(), 0
         self._said += 1
@@ -303,32 +338,32 @@ class RateLimitedFilter(logging.Filter):
 
 
 class MessageThrottle:
-    """Measures how long to wait before the next message is taken: `MESSAGES_PER_S` on the mean, a
-    burst of a second."""
+    """Measures the wait before the next message: `MAX_MESSAGES_PER_S` on average, with bursts of
+    one second."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock, self._due_s = clock, clock()
 
     def calc_wait_s(self) -> float:
-        """Seconds to wait before the next message."""
+        """Return the seconds to wait before the next message."""
         now_s = self._clock()
         self._due_s = max(self._due_s, now_s - 1.0) + 1.0 / MESSAGES_PER_S
         return max(0.0, self._due_s - now_s)
 
 
 def find_tab_name(request: web.Request) -> str:
-    """The name of a tab among the consoles of the machine: as its page's address says behind
-    `?name=`, which the page puts into the path of its socket, else its computer's address."""
+    """Return the name of a tab among the machine's consoles: the page's query `?name=`, which the
+    page copies into the path of its socket, else the address of its computer."""
     return clean_name(request.match_info.get("name")) or clean_name(
         f"tablet {request.remote or ''}"
     )
 
 
 def is_host_allowed(asked: str, listening: str) -> bool:
-    """Whether a request means this server: an address, localhost, or a name of this machine.
+    """Return whether a request means this server: an address, localhost, or a name of this machine.
 
-    Any other name that leads here was made to lead here by somebody else's page; a text that is
-    neither a name nor an address leads nowhere.
+    A foreign page may have made any other name lead here (DNS rebinding). A text that is neither
+    name nor address is refused.
     """
     if not HOST_PATTERN.fullmatch(asked):
         return False
@@ -350,7 +385,7 @@ def is_host_allowed(asked: str, listening: str) -> bool:
 
 
 def parse_bounded_int(text: Any, usual: int, least: int, most: int) -> int:
-    """A whole number of a query, clamped to its range; `usual` where it is none."""
+    """Return a whole number of a query within its range; `usual` for any other text."""
     try:
         return max(least, min(most, int(text)))
     except (ArithmeticError, TypeError, ValueError):

@@ -1,5 +1,6 @@
-"""One tab's console: a process, with all that it starts a group of its own, which ends as a
-whole and soon."""
+"""Runs one tab's console as a process in a process group of its own, which ends completely and
+soon.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +15,25 @@ from textual_serve.app_service import AppService
 from topdress.console.attached import NAME_VARIABLE
 from topdress.console.serve import ADDRESS_VARIABLE, SERVER_VARIABLE
 
-# idle a console that was asked to end takes 0.2 s; after this the system tells it ...
+# Time for a console to end after a request, s; idle it takes 0.2 s. Then the system terminates it.
 QUIT_TIMEOUT_S = 0.5
-# ... and within this, or is killed: together half of the 2 s in which all have ended
+# Time to end after SIGTERM, s, before SIGKILL; both times are half of the 2 s in which everything
+# has ended.
 TERMINATE_TIMEOUT_S = 0.2
 
 
 class TabConsole(AppService):
     """Runs one tab's console as a process.
 
-    command: program and arguments; no shell stands between, which would end in the console's place.
-    name: what the others at the machine call it. address: from where it was opened.
+    Parameters
+    ----------
+    command
+        Program and arguments; no shell is started, because a signal would end the shell instead of
+        the console.
+    name
+        Name of the tab among the machine's consoles.
+    address
+        Address from which the tab was opened.
     """
 
     def __init__(self, command: Sequence[str], name: str, address: str, **options: Any) -> None:
@@ -35,6 +44,8 @@ class TabConsole(AppService):
     async def _open_app_process(
         self, width: int = 80, height: int = 24
     ) -> asyncio.subprocess.Process:
+        """Start the console's process in a group of its own, so that signals reach everything that
+        it starts."""
         apart: dict[str, Any] = {"start_new_session": True} if os.name == "posix" else {}
         process = await asyncio.create_subprocess_exec(
             *self._arguments,
@@ -49,6 +60,7 @@ class TabConsole(AppService):
         return process
 
     def _build_environment(self, width: int = 80, height: int = 24) -> dict[str, str]:
+        """Return the environment of the console's process."""
         return super()._build_environment(width, height) | {
             SERVER_VARIABLE: str(os.getpid()),
             NAME_VARIABLE: self._name,
@@ -56,7 +68,7 @@ class TabConsole(AppService):
         }
 
     async def run(self) -> None:
-        """Run as any console; one that ends by itself closes its tab."""
+        """Run as any console; a console that ends by itself closes its tab."""
         try:
             await super().run()
         finally:
@@ -64,18 +76,20 @@ class TabConsole(AppService):
                 await self.remote_close()
 
     async def end_console(self) -> None:
-        """Return once the console and all that it started have ended: asked, then killed. Takes 2 s
-        at most."""
+        """Return after the console and everything that it started have ended, within 2 s: first
+        requested, then killed."""
         if self._ending is None:
             self._ending = asyncio.create_task(self._end_process())
+        # The shield lets the end continue if one of several callers is cancelled.
         await asyncio.shield(self._ending)
 
     async def _end_process(self) -> None:
+        """End the process in three steps: request, SIGTERM, SIGKILL."""
         process = self._process
         if process is None:
             return
         await self._request_quit(process)
-        # else it would say that a console that is ended failed to start
+        # Otherwise the base class would report that a console that was ended failed to start.
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -86,6 +100,7 @@ class TabConsole(AppService):
         await process.wait()
 
     async def _request_quit(self, process: asyncio.subprocess.Process) -> None:
+        """Ask the console to quit, and wait for its end for a limited time."""
         with contextlib.suppress(TimeoutError, OSError, RuntimeError):
             async with asyncio.timeout(QUIT_TIMEOUT_S):
                 await self._download_manager.cancel_app_downloads(
@@ -96,8 +111,8 @@ class TabConsole(AppService):
 
 
 def _send_group_signal(process: asyncio.subprocess.Process, name: str) -> None:
-    """Send a signal to the console and all that it started; on Windows to the console alone. No
-    such group: all have ended."""
+    """Send a signal to the console and everything that it started; on Windows to the console only.
+    A missing group means that all have ended."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         if os.name == "posix":
             os.killpg(process.pid, getattr(signal, name))

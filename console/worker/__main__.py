@@ -1,7 +1,8 @@
-"""`python -P -m topdress.console.worker`: see `console.worker.program`.
+"""Runs the control worker as a program: `python -P -m topdress.console.worker`, see
+`console.worker.program`.
 
-The right to be the worker is taken before the modules are read: a lock that is new has to
-settle for 0.4 s, in which they come up.
+The right to be the worker is taken before the modules are imported: a new lock needs 0.4 s to
+settle, and the imports use this time.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from topdress.console.worker.options import parse_options  # noqa: E402
 
 
 def run_as_program(arguments: Sequence[str]) -> int:
+    """Parse the options, take the right to be the worker, import the modules and run; return the
+    exit code."""
     options = parse_options(arguments)
     with contextlib.ExitStack() as until_the_end:
         try:

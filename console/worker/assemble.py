@@ -1,5 +1,6 @@
-"""From options to the parts of one run: the only place where the worker meets real devices,
-loop and log."""
+"""Builds the parts of one run from its options. Only this module of the worker meets real devices,
+loop and log together.
+"""
 
 from __future__ import annotations
 
@@ -54,23 +55,24 @@ from topdress.drivers.files.setup import (
 )
 from topdress.drivers.virtual.machine import VirtualMachine, make_virtual_cab
 
-# The simulated machine as a bench: stepped by the loop's own ticks, reached through the same
-# bytes as a real one.
+# The simulated machine is a bench that the loop's own ticks advance, and that is reached through
+# the same bytes as a real machine. In these states its driver stands.
 PARKED_STATES = (State.OFF, State.READY, State.CALIBRATING)
 
 
 class SimulatedBench:
-    """Drives a cab that is plugged into a virtual machine, which is advanced to the tick's time
-    before it is read.
+    """Drives a cab that is connected to a virtual machine, which is advanced to the time of the
+    tick before it is read.
 
-    Where the plant is given, its driver stands while the machine is off, ready or calibrating, and
-    drives once the machine works; `state` gives the state of the loop.
+    With a plant, the driver stands while the machine is off, ready or calibrating, and drives once
+    the machine works; `state` returns the state of the loop.
     """
 
     def __init__(self, cab: Cab, machine: VirtualMachine, plant: Plant | None = None) -> None:
         self._cab = cab
         self._machine = machine
         self._plant = plant
+        # `assemble_run` replaces this function once the loop exists.
         self.state: Callable[[], State] = lambda: State.OFF
 
     def read_measurements(self, now_s: float) -> Measurements:
@@ -81,15 +83,15 @@ class SimulatedBench:
         return self._cab.read_measurements(now_s)
 
     def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        """Send the set-points of the drives (None: none) to the virtual boards."""
+        """Send the set-points of the drives (None for none) to the virtual boards."""
         self._cab.send_command(now_s, command, enabled)
 
     def list_device_status(self, now_s: float) -> Sequence[DeviceStatus]:
-        """Status of each device at `now_s`, s."""
+        """Return the status of each device at `now_s`, s."""
         return self._cab.list_device_status(now_s)
 
     def find_device_line(self, name: str) -> DeviceLine | None:
-        """The line of a device by its name; None where the cab has none."""
+        """Return the line of a device by its name, or None."""
         return self._cab.find_device_line(name)
 
     @property
@@ -98,7 +100,7 @@ class SimulatedBench:
         return self._cab.rig_readings
 
     def send_rig_order(self, run: int, arm: bool) -> None:
-        """Start the rig's run number `run`, and arm it for an impulse."""
+        """Start run number `run` of the rig, and arm the rig for an impulse."""
         self._cab.send_rig_order(run, arm)
 
     def close_devices(self) -> None:
@@ -107,20 +109,28 @@ class SimulatedBench:
         self._machine.close()
 
 
-# at most: what the simulated sensors say is late by less than that
+# Longest step of the simulation, s; readings of simulated sensors are delayed by at most this step.
 PLANT_STEP_S = 0.02
 
 
 def assemble_run(options: Options, clock: Clock) -> Assembly:
-    """Build bench, loop and log writer; without a cab file the machine is the simulated one.
+    """Build bench, loop and log writer; without a cab file the machine is simulated.
+
+    Parameters
+    ----------
+    options
+        Options of the command line.
+    clock
+        Returns the run time, s.
 
     Raises
     ------
     ValueError, OSError
-        One line for each thing that has to be put right.
+        One line for each fault that the user has to correct.
     """
     now, log = _read_utc_now(), _choose_log_path(options.log)
     cab, setup = _read_configuration(options, log.parent, now)
+    # Effects on a real machine would be faults in the field.
     if cab is not None and options.effects:
         raise ValueError(
             f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
@@ -133,6 +143,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
     job = add_simulated_field(setup.job, machine) if simulated else setup.job
     if cab is not None:
         sha256[str(cab.path)] = cab.sha256
+    # The earlier job is read before the loop is built, because it may change the job's values.
     before = find_earlier_job(options.resume, log.parent, job, sha256, simulated, now)
     if before.job is not None:
         left = add_log_tail(
@@ -160,6 +171,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
     loop = make_control_loop(
         machine, setup.crop, rule, job, has_work_switch, **placed, record_only=record_only
     )
+    # The bench needs the loop's state, and the loop is built after the bench.
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
     before = before.move_to_plane(loop.plane)
@@ -175,6 +187,7 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
         | ({"effects": list(options.effects)} if options.effects else {})
         | ({} if before.job is None else {"resumes": before.job.log_path}),
     )
+    # The log is opened last: an earlier failure must not leave an empty log.
     writer = RunLogWriter(log, meta)
     names = RunNames(
         job.title or job.id,
@@ -202,15 +215,28 @@ def assemble_run(options: Options, clock: Clock) -> Assembly:
 
 
 def _is_simulated_cab(cab: Loaded[Any] | None) -> bool:
+    """Return whether the machine is simulated: no cab file, or a virtual cab."""
     return cab is None or bool(getattr(cab.model, "virtual", False))
 
 
 def _read_configuration(
     options: Options, logs: Path, now: dt.datetime
 ) -> tuple[Loaded[Any] | None, Setup]:
-    """Read the cab file, where there is one, and the setup, and check them against each other.
+    """Read the cab file, if given, and the setup, and check them against each other.
 
-    logs: their folder. Raises ValueError.
+    Parameters
+    ----------
+    options
+        Options of the command line.
+    logs
+        Folder of the logs.
+    now
+        Time of the start, UTC.
+
+    Raises
+    ------
+    ValueError
+        One line for each fault.
     """
     try:
         found = load_by_kind(options.config)
@@ -236,8 +262,8 @@ def _read_configuration(
 
 
 def _find_drive_stop_s(cab: Loaded[Any] | None) -> float | None:
-    """Seconds for which the shaft's drive goes on without the console; None: a simulated drive ends
-    with the worker."""
+    """Return the time for which the shaft's drive continues without its host, s. None means that
+    the drive ends with the worker, as a simulated drive does."""
     if cab is None:
         return None
     assert isinstance(cab.model, CabConfig)
@@ -245,16 +271,20 @@ def _find_drive_stop_s(cab: Loaded[Any] | None) -> float | None:
 
 
 def fix_gate_opening(machine: Machine, opening_mm: float) -> Machine:
-    """Copy of a machine whose gate is set by hand: no strategy can move it, each meters by the
+    """Return a copy of a machine whose gate is set by hand, so that every strategy meters by the
     shaft.
 
     Parameters
     ----------
-    opening_mm: the opening at which the gate stands, mm.
+    machine
+        Machine with a movable gate.
+    opening_mm
+        Opening at which the gate stands, mm.
     """
     limits = machine.limits.model_copy(
         update={
             "opening_low_mm": opening_mm,
+            # The range must not be empty, so it is a hundredth of the gate's resolution.
             "opening_high_mm": opening_mm + machine.limits.opening_resolution_mm / 100.0,
         }
     )
@@ -263,7 +293,7 @@ def fix_gate_opening(machine: Machine, opening_mm: float) -> Machine:
 
 
 def _read_targets(job: Job, setup: Setup) -> LoopTargets:
-    """Read map, plants, index map and done ground of the job. Raises ValueError, OSError."""
+    """Read map, plants, index map and finished ground of the job. Raises ValueError or OSError."""
     placed = read_loop_targets(job, setup.folder, setup.machine, setup.crop.index)
     if job.target.source is TargetSource.POINT and placed["plants"] is None:
         raise ValueError(
@@ -277,6 +307,7 @@ def _read_targets(job: Job, setup: Setup) -> LoopTargets:
 def _make_simulated_bench(
     options: Options, machine: Machine, job: Job, clock: Clock
 ) -> SimulatedBench:
+    """Build the simulated machine with its planted effects and virtual boards."""
     planted = [parse_planted(text) for text in options.effects]
     plant = make_plant(machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted)
     board = BoardConfig(
@@ -300,8 +331,8 @@ def _make_simulated_bench(
 
 
 def _choose_log_path(wanted: str | None) -> Path:
-    """Path of the log as wanted, else a new name in the user's data folder. Raises OSError,
-    ValueError."""
+    """Return the path of the log: as given, else a new name in the user's data folder. Raises
+    OSError or ValueError."""
     if wanted is None:
         folder = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "logs"
         path = folder / f"{_read_utc_now():%Y%m%d-%H%M%S}.csv"
@@ -311,7 +342,7 @@ def _choose_log_path(wanted: str | None) -> Path:
             raise ValueError(f"--log {wanted}: allowed is a name that ends in .csv")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-    # a loop of links is reported as a file that is there
+    # A circle of symbolic links is reported as an existing file, so all errors are handled alike.
     except OSError as error:
         raise ValueError(
             f"--log {path}: its folder cannot be made: {error.strerror or error}"
@@ -320,4 +351,5 @@ def _choose_log_path(wanted: str | None) -> Path:
 
 
 def _read_utc_now() -> dt.datetime:
+    """Return the present time, UTC."""
     return day_clock.read_utc_now()

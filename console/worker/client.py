@@ -1,5 +1,6 @@
-"""One connection of the link as the worker sees it: bytes not yet a whole line, and bytes not
-yet taken."""
+"""Holds one connection of the link on the worker's side: bytes received but not a whole line yet,
+and bytes not yet sent.
+"""
 
 from __future__ import annotations
 
@@ -18,22 +19,23 @@ from topdress.console.worker.limits import (
 
 
 class ClientKind(Enum):
-    """The kinds of clients, by what each has shown so far."""
+    """Lists the kinds of clients, by what each has shown so far."""
 
-    NEW = auto()  # has said nothing yet that counts
+    # The client has sent no valid message yet.
+    NEW = auto()
     LOOKING = auto()
     WITH_KEY = auto()
 
 
 class RefusalQuota:
-    """Counts the refusals that a client still gets: `REFUSALS` at once, one more every
-    `REFUSAL_AGAIN_S`."""
+    """Counts the refusals that a client may still receive: `MAX_REFUSALS` at once, and another one
+    every `REFUSAL_RECOVERY_S`."""
 
     def __init__(self, now_s: float) -> None:
         self._left, self._at_s = float(REFUSALS), now_s
 
     def spend_refusal(self, now_s: float) -> bool:
-        """Spend one refusal at `now_s`, s; False when none was left."""
+        """Spend one refusal at `now_s` (s) and return True; return False when none was left."""
         self._left = min(float(REFUSALS), self._left + (now_s - self._at_s) / REFUSAL_AGAIN_S)
         self._at_s = now_s
         if self._left < 1.0:
@@ -47,28 +49,36 @@ class Client:
 
     def __init__(self, connection: socket.socket, came_s: float) -> None:
         connection.setblocking(False)
+        # A small send buffer bounds the age of the frames that a stalled client finds.
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        # Frames are small and urgent, so Nagle's algorithm is off.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.connection = connection
         self.came_s = came_s
         self.kind = ClientKind.NEW
         self.patience = RefusalQuota(came_s)
-        # since when it is not heard any more; None: it is heard
+        # Time since which the client is ignored, s; None for a client that is served.
         self.aside_s: float | None = None
-        # when it last said that it is a console that lives
+        # Time of the last message that the client is a living console, s.
         self.alive_s = -inf
-        self.name = ""  # as all screens have it
+        # Name as displayed on all screens.
+        self.name = ""
         self.tablet = False
-        self.shown: Attached | None = None  # as the others have it; None: they do not yet
-        self.was_silent = False  # after it had been heard
+        # Description as the other consoles have it; None before they know the client.
+        self.shown: Attached | None = None
+        # True if the client fell silent after it had been heard.
+        self.was_silent = False
         self.gone = False
         self._received = bytearray()
         self._unsent = bytearray()
 
     def describe_attached(self, late_s: float) -> Attached:
-        """The client as other consoles see it.
+        """Describe the client for the other consoles.
 
-        late_s: a client last heard before this time, s, keeps nothing working.
+        Parameters
+        ----------
+        late_s
+            A client last heard before this time, s, does not keep the machine working.
         """
         return Attached(
             self.name or UNNAMED,
@@ -84,24 +94,24 @@ class Client:
 
     @property
     def is_oversized(self) -> bool:
-        """Whether more bytes than a line may have came without an end of line."""
+        """Whether more bytes than a line may have arrived without an end of line."""
         return len(self._received) > LINE_BYTES and not self.has_whole_line
 
     @property
     def is_behind(self) -> bool:
-        """Whether bytes are unsent: the client has not taken all."""
+        """Whether bytes are unsent because the client has not read everything."""
         return bool(self._unsent)
 
     def queue_bytes(self, data: bytes) -> None:
-        """Queue behind what is unsent and send as much as the socket takes; a client too far behind
-        is disconnected."""
+        """Queue bytes and send as many as the socket accepts; a client too far behind is
+        disconnected."""
         self._unsent += data
         self.send_unsent()
         if len(self._unsent) > UNREAD_BYTES:
             self.gone = True
 
     def send_unsent(self) -> None:
-        """Send as much of the unsent bytes as the socket takes."""
+        """Send as many unsent bytes as the socket accepts."""
         try:
             while self._unsent:
                 del self._unsent[: self.connection.send(self._unsent)]
@@ -113,8 +123,8 @@ class Client:
     def take_lines(self, most: int, read_bytes: int) -> list[bytes]:
         """Take at most `most` whole lines.
 
-        The socket is read only once all earlier lines are taken: unread bytes fill the sender's own
-        buffer, and the sender waits.
+        The socket is read only after all earlier lines were taken: unread bytes fill the sender's
+        own buffer, so that the sender waits.
         """
         if not self.has_whole_line:
             self._receive_bytes(read_bytes)
@@ -125,12 +135,14 @@ class Client:
         return found
 
     def _receive_bytes(self, read_bytes: int) -> None:
+        """Receive bytes, or note that the connection has ended."""
         try:
             got = self.connection.recv(read_bytes)
         except BlockingIOError:
             return
         except OSError:
             got = b""
+        # Zero bytes mean that the other end has closed the connection.
         if got:
             self._received += got
         else:

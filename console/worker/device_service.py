@@ -1,5 +1,6 @@
-"""What is ordered of single devices: connect, disconnect, listen what speaks there, capture
-what comes and goes."""
+"""Executes orders for single devices: connect, disconnect, listen for a protocol, capture raw
+bytes.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +19,14 @@ from topdress.drivers.cab_line import DeviceLine, Direction
 from topdress.drivers.devices import capture, probe
 from topdress.drivers.ports import Clock, Port, open_port
 
+# A device must not be disconnected while the machine needs it.
 BUSY_STATES = (State.WORKING, State.CALIBRATING)
 PortOpener = Callable[[str, int, Clock], Port]
 
 
 class DeviceService:
-    """Connects, tests and captures all devices of a bench. `end_due_work` is called once a tick;
-    nothing here blocks."""
+    """Connects, tests and captures all devices of a bench. `end_due_work` runs once a tick; nothing
+    here blocks."""
 
     def __init__(
         self,
@@ -46,16 +48,21 @@ class DeviceService:
         self._tests: dict[str, _LineTest] = {}
 
     def obey_device_order(self, order: DeviceOrder, now_s: float, state: str | None) -> Answer:
-        """Obey or refuse an order for one device.
+        """Execute or refuse an order for one device.
 
         Parameters
         ----------
-        now_s: run time, s.
-        state: the loop's state at the newest tick.
+        order
+            Device and action.
+        now_s
+            Run time, s.
+        state
+            State of the loop at the newest tick.
         """
         name = order.device
         line = self._bench.find_device_line(name)
         if line is None:
+            # A refusal separates its details by semicolons, so the name must contain none.
             return Answer(False, f"no_such_device;device={name.replace(';', ' ')}")
         if order.do is DeviceDo.DISCONNECT and state in BUSY_STATES:
             return Answer(False, f"device_in_use;state={state}")
@@ -71,7 +78,7 @@ class DeviceService:
         )
 
     def end_due_work(self, now_s: float, state: str | None) -> None:
-        """End tests that have listened long enough and captures that are full."""
+        """End tests that have listened long enough, and captures that are full."""
         for test in self._tests.values():
             test.end_listening(now_s, state in BUSY_STATES)
         for name in [
@@ -80,16 +87,17 @@ class DeviceService:
             self._finish_capture(name)
 
     def find_test_result(self, name: str) -> DeviceTest | None:
-        """Result of the newest test of a device; None where it was not tested."""
+        """Return the result of a device's newest test; None without a test."""
         found = self._tests.get(name)
         return found.result if found else None
 
     def find_capture_path(self, name: str) -> str:
-        """File to which a device is being captured; empty where it is not."""
+        """Return the file of a capture in progress; "" without a capture."""
         found = self._captures.get(name)
         return str(found.path) if found else ""
 
     def _begin_device_test(self, line: DeviceLine, now_s: float) -> Answer:
+        """Begin a test of a device, unless one is in progress."""
         if not line.plugged:
             return Answer(False, f"device_disconnected;device={line.name}")
         running = self._tests.get(line.name)
@@ -98,15 +106,18 @@ class DeviceService:
         return Answer(True)
 
     def _begin_capture(self, line: DeviceLine) -> Answer:
+        """Begin a capture in a file next to the log, unless one is in progress."""
         if self._stem is None:
             return Answer(False, "no_log")
         if line.name not in self._captures:
+            # The number makes the name unique within a run.
             self._started += 1
             path = self._stem.with_name(f"{self._stem.name}.{line.name}.{self._started}.capture")
             self._captures[line.name] = _LineCapture(line, path, self._files)
         return Answer(True)
 
     def _finish_capture(self, name: str) -> Answer:
+        """End a capture."""
         found = self._captures.pop(name, None)
         if found is not None:
             found.stop_listening()
@@ -114,6 +125,8 @@ class DeviceService:
 
 
 class _LineCapture:
+    """Writes the bytes of a line to a capture file."""
+
     def __init__(self, line: DeviceLine, path: Path, files: SideFiles) -> None:
         self.path = path
         self.size = 0
@@ -125,20 +138,22 @@ class _LineCapture:
         line.add_tap(self._write_captured)
 
     def stop_listening(self) -> None:
+        """Stop capturing."""
         self._line.remove_tap(self._write_captured)
 
     def _write_captured(self, now_s: float, direction: Direction, data: bytes) -> None:
+        """Queue captured bytes for the file."""
         written = capture.make_capture_lines(now_s, direction, data)
         self.size += len(written)
         self._files.queue_append(self.path, written)
 
 
 class _LineTest:
-    """Listens on the line as it is; where nothing is understood and the line is serial, at other
-    rates too.
+    """Listens on a line as it is; a serial line without a known protocol is then probed at other
+    baud rates.
 
-    Recognising the bytes takes long, so a thread does it. Other rates need the port: for these
-    seconds the device is off, so they are left out while the machine works.
+    Recognition takes long, so a thread performs it. Other baud rates need the port: the device is
+    off for these seconds, so they are omitted while the machine works.
     """
 
     def __init__(self, line: DeviceLine, now_s: float, opener: PortOpener) -> None:
@@ -150,6 +165,7 @@ class _LineTest:
         line.add_tap(self._collect_bytes)
 
     def end_listening(self, now_s: float, busy: bool) -> None:
+        """End listening when its time is over, and start the recognition."""
         if not self._listening or now_s < self._until_s:
             return
         self._listening = False
@@ -162,10 +178,12 @@ class _LineTest:
         ).start()
 
     def _collect_bytes(self, now_s: float, direction: Direction, data: bytes) -> None:
+        """Collect received bytes."""
         if direction == "<":
             self._heard.append(data)
 
     def _recognise_bytes(self, other_rates: bool) -> None:
+        """Recognise the protocol of the collected bytes; runs in a thread."""
         found = probe.recognise_either(self._heard)
         if not found.protocol and other_rates:
             found = self._probe_other_rates()
@@ -179,6 +197,7 @@ class _LineTest:
         )
 
     def _probe_other_rates(self) -> probe.ProbeFinding:
+        """Probe the port at other baud rates, with the device unplugged meanwhile."""
         line = self._line
         line.port.plug(False)
         try:

@@ -1,8 +1,8 @@
-"""The control loop's host: one tick after the other at absolute deadlines.
+"""Hosts the control loop: it runs one tick after the other at absolute deadlines.
 
-Nothing here touches a socket or a disk. Others reach the host by three things only: `inbox`
-(requests with the function that takes the answer), `note_console_heard` (an operating console was
-heard just now) and `newest` (the newest frame).
+Nothing here touches a socket or a disk. Other threads reach the host by three functions or values
+only: `queue_request` (a request with the function that receives the answer), `note_console_heard`
+(an operating console was just heard) and `newest` (the newest frame).
 """
 
 from __future__ import annotations
@@ -42,15 +42,17 @@ from topdress.control.loop import Tick
 from topdress.control.orders import Alarm, Answer, Do, Order, Severity
 from topdress.drivers.device_status import DeviceStatus
 
-# How punctual the loop is: a histogram of fixed size, so that eight hours cost no more than a
-# second.
+# The loop's punctuality is measured by histograms of fixed size, so that eight hours cost no more
+# memory than a second. Shortest duration that is distinguished, s.
 SMALLEST_DURATION_S = 1e-6
-BINS_PER_E_FOLD = 40  # bin edges 2.5 % apart
-DURATION_BINS = BINS_PER_E_FOLD * 18 + 1  # up to SMALLEST_S x e^18, about 65 s
+# Bins per factor e; the edges are 2.5 % apart.
+BINS_PER_E_FOLD = 40
+# Bins up to SMALLEST_DURATION_S x e^18, about 65 s.
+DURATION_BINS = BINS_PER_E_FOLD * 18 + 1
 
 
 class DurationHistogram:
-    """Counts durations in bins 2.5 % wide, from 1 us to 65 s; the longest is kept as it is."""
+    """Counts durations in bins 2.5 % wide, from 1 us to 65 s; the longest is stored exactly."""
 
     def __init__(self) -> None:
         self._counts = [0] * DURATION_BINS
@@ -58,7 +60,7 @@ class DurationHistogram:
         self.longest_s = 0.0
 
     def add_duration(self, duration_s: float) -> None:
-        """Count one duration, s; a negative one counts by its size."""
+        """Count one duration, s; a negative duration counts by its absolute value."""
         size_s = abs(duration_s)
         place = (
             int(math.log(size_s / SMALLEST_DURATION_S) * BINS_PER_E_FOLD)
@@ -70,8 +72,8 @@ class DurationHistogram:
         self.longest_s = max(self.longest_s, size_s)
 
     def find_quantile_s(self, share: float) -> float:
-        """Duration, s, that `share` (0 to 1) of all do not exceed, to 2.5 %; 0 where nothing was
-        counted."""
+        """Return the duration, s, that a `share` (0 to 1) of all durations does not exceed, to 2.5
+        %; 0 without durations."""
         wanted, seen = share * self.n, 0
         for place, count in enumerate(self._counts):
             seen += count
@@ -83,8 +85,8 @@ class DurationHistogram:
 
 
 class TickPunctuality:
-    """Measures period errors |interval between ticks - period|, time spent in ticks, and ticks
-    skipped."""
+    """Measures period errors |interval between ticks - period|, time spent in ticks, and skipped
+    ticks."""
 
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
@@ -94,18 +96,18 @@ class TickPunctuality:
         self._last_s: float | None = None
 
     def note_tick_begin(self, now_s: float) -> None:
-        """Count the error of the period that ended with this tick's begin, `now_s`."""
+        """Count the error of the period that ends with the beginning of this tick, `now_s`."""
         if self._last_s is not None:
             self.errors.add_duration(now_s - self._last_s - self.period_s)
         self._last_s = now_s
 
     def note_tick_end(self, began_s: float, now_s: float) -> None:
-        """Count the time that a tick took, s."""
+        """Count the duration of a tick, s."""
         self.busy.add_duration(now_s - began_s)
 
     def summarise_ms(self) -> dict[str, float]:
-        """Milliseconds: p50, p99, p99.9 and largest period error; median and longest tick; ticks
-        run and skipped."""
+        """Return figures in ms: p50, p99, p99.9 and largest period error; median and longest tick;
+        ticks run and skipped."""
         ms = 1000.0
         return {
             "hz": 1.0 / self.period_s,
@@ -120,25 +122,25 @@ class TickPunctuality:
         }
 
 
-# A yes that flickers is a no. Pure.
-# a disk that fails twice within it is believed again after as long without
+# A condition that flickers counts as false. A disk that fails twice within this time, s, is trusted
+# again only after the same time without a failure. Pure.
 SETTLED_S = 60.0
 
 
 class FlickerFilter:
-    """Filters a yes that flickers.
+    """Filters a condition that flickers.
 
-    Fed at each change; the answer is no at once, and yes again at once where that was the first no
-    for long, else after `SETTLED_STEP_S` of yes: flow that is switched off and on by itself lays
-    stripes.
+    The filter is fed at each change. False passes at once. True passes at once after the first
+    failure for long, else after `FLICKER_SETTLING_S` of True: flow that switches off and on by
+    itself would produce stripes.
     """
 
     def __init__(self) -> None:
-        # bad_s: seen bad then the last time
+        # Time of the last False, s.
         self._good, self._flickers, self._bad_s = True, False, -inf
 
     def filter_flicker(self, now_s: float, good: bool) -> bool:
-        """Answer at `now_s`, s, for a condition that is `good` or not."""
+        """Return the filtered condition at `now_s`, s."""
         lately = now_s - self._bad_s < SETTLED_S
         if not good:
             self._flickers = lately and (self._good or self._flickers)
@@ -147,24 +149,39 @@ class FlickerFilter:
         return good and not (self._flickers and lately)
 
 
+# Reason of a run's end when a client asked the worker to quit.
 QUIT = "asked to quit"
-WORKER = "control worker"  # by whom a run is stopped that nobody stopped
-# must return at once; the second part goes with the answer
+# Name of whoever stops a run that no client has stopped.
+WORKER = "control worker"
+# Receives the answer and its additions; must return at once.
 Reply = Callable[[Answer, dict[str, Any]], None]
 
 
 class QueuedRequest(NamedTuple):
+    """Holds a request with the function that receives the answer."""
+
     what: RequestContent
     reply: Reply
-    by: str = ""  # the name of who asks
+    # Name of the client.
+    by: str = ""
 
 
 class Host:
-    """Runs one assembly until asked to stop, or until no operating console was heard for
+    """Runs one assembly until a stop is requested, or until no operating console was heard for
     `orphan_s`.
 
-    `clock` gives seconds since the start of the run (the time base of log and measurements),
-    `sleep` waits seconds.
+    Parameters
+    ----------
+    assembly
+        Parts of the run.
+    clock
+        Returns seconds since the start of the run, the time base of log and measurements.
+    sleep
+        Waits a number of seconds.
+    hz
+        Ticks per second.
+    orphan_s
+        Longest time without an operating console, s.
     """
 
     def __init__(
@@ -177,22 +194,28 @@ class Host:
         orphan_s: float = ORPHAN_S,
     ) -> None:
         self.newest: Frame | None = None
-        self.attached: tuple[Attached, ...] = ()  # reported by the link
+        # Attached consoles, as the link reports them.
+        self.attached: tuple[Attached, ...] = ()
         self._ordered: deque[Ordered] = deque(maxlen=LATEST)
-        self._notes: deque[str] = deque()  # events that the link has for the log
-        self.ended = ""  # why the run ended; empty while it runs
+        # Events of the link for the log.
+        self._notes: deque[str] = deque()
+        # Reason why the run ended; "" while it runs.
+        self.ended = ""
         self.period = TickPunctuality(1.0 / hz)
         self._bench, self._loop, self._writer, self._names, self._keeper = assembly
         self._clock, self._sleep = clock, sleep
         self._orphan_s = orphan_s
         self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
-        self._inbox: deque[QueuedRequest] = deque()  # filled by other threads
-        # taken from there by the loop, and not yet answered
+        # Other threads append to this queue.
+        self._inbox: deque[QueuedRequest] = deque()
+        # Requests that the loop has taken from the inbox but not yet answered.
         self._waiting: list[QueuedRequest] = []
         self._heard_s = clock()
-        self._now_s = -inf  # of the newest tick
+        # Time of the newest tick, s.
+        self._now_s = -inf
         self._ticks = 0
-        self._state: str | None = None  # of the newest tick
+        # State at the newest tick.
+        self._state: str | None = None
         self._files = SideFiles()
         self._device_service = DeviceService(self._bench, self._names.log_path, self._files)
         self.lag = LagBench(self._bench, self._loop, self._files)
@@ -201,16 +224,19 @@ class Host:
         self._devices_due_s = -inf
         self._totals: Totals | None = None
         self._totals_due_s = -inf
-        self._stop = ""  # why the run shall end
+        # Reason why the run is to end.
+        self._stop = ""
         self._stopped_by = ""
-        self._off = False  # the last tick, with the loop stopped, was run
+        # True after the last tick, in which the loop was stopped.
+        self._off = False
         self._log = FlickerFilter()
-        # the log before this one, which another program has cut short
+        # Former log, which another program has truncated.
         self._cut_short: Path | None = None
         self._cut_s = -inf
-        # why the last tick could not be finished; empty: it was
+        # Reason why the last tick failed; "" for a finished tick.
         self._failed = ""
-        self._reported: set[str] = set()  # failures that stderr has heard of
+        # Failures that were already printed to stderr.
+        self._reported: set[str] = set()
 
     # --- called from other threads
     # -----------------------------------------------------------------------------------
@@ -220,17 +246,20 @@ class Host:
         self._notes.append(event)
 
     def queue_request(self, what: RequestContent, reply: Reply, by: str = "") -> bool:
-        """Queue a request; False when too many are waiting. The answer comes with the next tick, on
-        its thread.
+        """Queue a request; return False when too many are waiting. The next tick's thread gives the
+        answer.
 
-        A request that stops the machine is never refused, and never waits: the next tick answers
-        all that came before it.
+        A request that stops the machine is never refused and never waits: the next tick answers
+        everything that arrived before it.
 
         Parameters
         ----------
-        what: the order or question.
-        reply: takes the answer; it must return at once.
-        by: the name of the client.
+        what
+            Order or question.
+        reply
+            Receives the answer; must return at once.
+        by
+            Name of the client.
         """
         if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _is_stop_request(what):
             return False
@@ -238,12 +267,12 @@ class Host:
         return True
 
     def note_console_heard(self) -> None:
-        """Note that an operating console was heard just now."""
+        """Record that an operating console was just heard."""
         self._heard_s = self._clock()
 
     def request_stop(self, why: str, by: str = WORKER) -> None:
-        """End the run: one more tick, with the loop ordered to stop (also safe in a signal
-        handler)."""
+        """End the run after one more tick, in which the loop is stopped. A signal handler may call
+        this function."""
         if not self._stop:
             self._stop, self._stopped_by = why, by
 
@@ -251,12 +280,13 @@ class Host:
     # ----------------------------------------------------------------------------------------------
 
     def run_until_stopped(self) -> str:
-        """Tick until stopped or orphaned; returns why. Drives are off and the log is closed however
-        this ends."""
+        """Run ticks until stopped or orphaned, and return the reason. Drives are switched off and
+        the log is closed in any case."""
         why = "failed"
         try:
             due_s = self._clock()
             while not self._off:
+                # Deadlines are absolute, so that a late tick does not shift all later ticks.
                 self._sleep(max(0.0, due_s - self._clock()))
                 now_s = self._clock()
                 self.period.note_tick_begin(now_s)
@@ -271,10 +301,10 @@ class Host:
         return why
 
     def run_one_tick(self, now_s: float) -> None:
-        """Take orders, measure, decide, command the drives, log, make the frame: in this order.
+        """Take orders, measure, decide, command the drives, log, make the frame, in this order.
 
-        Never raises: a tick that fails stops the drives, and the next one goes on. A clock that is
-        set back stands still: rows, frames and captures never go back in time.
+        This function never raises: a tick that fails stops the drives, and the next tick goes on. A
+        clock that is set back counts as standing: rows, frames and captures never go back in time.
         """
         now_s = self._now_s = max(self._now_s, now_s)
         for waiting in self._take_due_requests():
@@ -289,6 +319,7 @@ class Host:
         self._ticks += 1
 
     def _control_machine(self, now_s: float) -> None:
+        """Run one tick of measuring, deciding and commanding."""
         measurements = self._bench.read_measurements(now_s)
         if self._failed:
             measurements = measurements._replace(control_failed=True)
@@ -301,6 +332,7 @@ class Host:
             self._run_guarded(lambda service=service: service(now_s, self._state))  # type: ignore[misc]
         log_ok = self._log.filter_flicker(now_s, self._writer.ok)
         tick = self._loop.run_tick(measurements, now_s - self._heard_s, log_ok)
+        # Commands precede the log and the frame, so that neither delays the drives.
         self._bench.send_command(now_s, tick.command, tick.is_enabled)
         self._state, self._failed = tick.row.state, ""
         self._run_guarded(lambda: self._record_tick(tick))
@@ -309,7 +341,7 @@ class Host:
             self.newest = self._make_frame(now_s, tick)
 
     def _follow_new_log(self, now_s: float) -> None:
-        """Follow the writer to a new log after another program has cut the old one short."""
+        """Follow the writer to a new log after another program has truncated the old log."""
         cut_short = self._writer.cut_short
         if cut_short != self._cut_short:
             self._cut_short, self._cut_s = cut_short, now_s
@@ -319,13 +351,16 @@ class Host:
                 self._keeper.follow_log(self._names.log_path)
 
     def _record_tick(self, tick: Tick) -> None:
+        """Hand the tick to the snapshot and the log."""
         if self._keeper is not None:
             self._keeper.take_tick(tick)
         self._writer.append(tick.row)
 
     def _stop_after_failure(self, now_s: float, error: Exception) -> None:
-        """Stop the drives and the loop after a tick that failed and inform the console, even where
-        all else fails."""
+        """Stop drives and loop after a failed tick and inform the console, even if everything else
+        fails."""
+        # The drives come first and are reached without the loop, which may be the cause of the
+        # failure.
         self._run_guarded(lambda: self._bench.send_command(now_s, None, False))
         self._run_guarded(lambda: self._loop.handle_order(Order(Do.STOP), WORKER))
         self._failed = self._report_error_once(error)
@@ -341,14 +376,16 @@ class Host:
             )
 
     def _run_guarded(self, do: Callable[[], object]) -> None:
-        """Run what may fail without costing the tick; a failure is reported once."""
+        """Run work that may fail without costing the tick; a failure is reported once."""
         try:
             do()
         except Exception as error:
             self._report_error_once(error)
 
     def _report_error_once(self, error: Exception) -> str:
+        """Print a failure to stderr once, and return it as one line."""
         said = f"{type(error).__name__}: {error}"[:TEXT_CHARACTERS]
+        # A failure of every tick would fill the disk with messages.
         if said not in self._reported and len(self._reported) < REPORTED_KINDS:
             self._reported.add(said)
             print(
@@ -360,8 +397,8 @@ class Host:
         return said
 
     def close_run(self, why: str) -> None:
-        """Switch the drives off, end the log, close the devices: each even where the step before
-        fails. A second call does nothing."""
+        """Switch the drives off, end the log, close the devices; each step runs even if the step
+        before fails. A second call does nothing."""
         if self.ended:
             return
         self.ended = why
@@ -380,6 +417,7 @@ class Host:
     # ----------------------------------------------------------------------------------------------
 
     def _find_next_due_s(self, due_s: float, now_s: float) -> float:
+        """Return the time of the next tick; missed ticks are skipped."""
         period_s = self.period.period_s
         due_s += period_s
         if now_s - due_s <= CATCH_UP_PERIODS * period_s:
@@ -389,8 +427,8 @@ class Host:
         return due_s + missed * period_s
 
     def _take_due_requests(self) -> list[QueuedRequest]:
-        """The requests of this tick in the order they came: a bounded number, but always up to the
-        last that stops."""
+        """Return the requests of this tick in the order of arrival: a bounded number, but always up
+        to the last request that stops."""
         while self._inbox:
             self._waiting.append(self._inbox.popleft())
         stop = max(
@@ -406,6 +444,7 @@ class Host:
         return due
 
     def _answer_request(self, waiting: QueuedRequest, now_s: float) -> None:
+        """Answer one request."""
         extra: dict[str, Any] = {}
         if isinstance(waiting.what, Order):
             answer = self._obey_loop_order(waiting.what, waiting.by)
@@ -424,6 +463,7 @@ class Host:
         self._run_guarded(lambda: waiting.reply(answer, extra))
 
     def _begin_lag_test(self) -> Answer:
+        """Begin a lag test with a table next to the log."""
         log = self._names.log_path
         self._lag_tests += 1
         return self.lag.begin_lag_test(
@@ -431,9 +471,10 @@ class Host:
         )
 
     def _obey_loop_order(self, order: Order, by: str) -> Answer:
+        """Pass an order to the loop."""
         try:
             return self._loop.handle_order(order, by)
-        # an order that the loop cannot digest stops no machine in the field
+        # An order that the loop cannot process must not stop a machine in the field.
         except Exception as error:
             return Answer(
                 False,
@@ -441,13 +482,16 @@ class Host:
             )
 
     def _obey_device_order(self, order: DeviceOrder, now_s: float) -> Answer:
+        """Pass an order to the device service."""
         try:
             return self._device_service.obey_device_order(order, now_s, self._state)
         except Exception as error:
             return Answer(False, f"internal_error: {order.do}: {self._report_error_once(error)}")
 
     def _make_frame(self, now_s: float, tick: Tick) -> Frame:
+        """Make the frame of a tick."""
         names = self._names
+        # The list of devices is expensive and changes slowly, so it has a period of its own.
         if now_s >= self._devices_due_s:
             self._devices_due_s = now_s + DEVICES_S
             self._devices = tuple(
@@ -475,6 +519,7 @@ class Host:
         )
 
     def _make_device_view(self, status: DeviceStatus) -> DeviceView:
+        """Return a device's status with plug, capture and test."""
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}
         line = self._bench.find_device_line(status.name)
         return DeviceView(
@@ -486,6 +531,8 @@ class Host:
 
 
 def _is_stop_request(what: RequestContent) -> bool:
+    """Return whether a request stops flow or worker; such a request is never refused for lack of
+    room."""
     return what is Question.QUIT or (
         isinstance(what, Order) and what.do in (Do.STOP, Do.HOLD, Do.RELEASE)
     )

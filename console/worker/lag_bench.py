@@ -1,8 +1,8 @@
-"""The lag test as the worker runs it: the procedure's wishes become orders to the loop and to
-the rig, tick by tick.
+"""Runs the lag test in the worker: tick by tick, requests of the procedure become orders to the
+loop and to the rig.
 
-It starts no shaft by itself: it only says what a calibrating run is to do, and every rule of
-such a run holds.
+This module starts no shaft by itself: it defines what a calibration run does, and all rules of such
+a run apply.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from topdress.drivers.devices.lag_run import LagPlan, LagTest, make_bench_row, m
 
 
 class LagBench:
-    """Runs at most one lag test at a time. `follow_test` is called between measuring and
-    deciding."""
+    """Runs at most one lag test at a time. `follow_test` runs between measuring and deciding."""
 
     def __init__(self, bench: Bench, loop: ControlLoop, files: SideFiles) -> None:
         self._bench, self._loop, self._files = bench, loop, files
@@ -28,18 +27,24 @@ class LagBench:
         self._written = 0
         self._said = ""
         self._phase = ""
-        # as accepted; None: this calibrating run has no command yet
+        # Shaft speed that the loop accepted last, r/min; None while this calibration run has no
+        # command.
         self._sent_rpm: float | None = None
 
     @property
     def current_test(self) -> LagTest | None:
-        """The lag test that runs; None without one."""
+        """Lag test in progress, or None."""
         return self._test
 
     def begin_lag_test(self, table: Path | None, plan: LagPlan | None = None) -> Answer:
-        """Begin a test from its first run.
+        """Begin a test with its first run.
 
-        table: the file to which each run is written once it is measured; None: none.
+        Parameters
+        ----------
+        table
+            File to which each measured run is written, or None.
+        plan
+            Runs of the test; None means the standard plan.
         """
         if self._bench.rig_readings is None:
             return Answer(False, "no_lag_rig")
@@ -49,21 +54,27 @@ class LagBench:
         return Answer(True)
 
     def end_lag_test(self) -> None:
-        """Stop the shaft and forget the test; the runs measured stay in their file."""
+        """Stop the shaft and end the test; measured runs remain in their file."""
         if self._test is not None and self._sent_rpm:
             self._loop.handle_order(Order(Do.CALIBRATE_SHAFT, 0.0))
         self._test = None
 
     def follow_test(self, now_s: float, state: str | None) -> None:
-        """Turn the procedure's wish of this tick into orders to the loop and the rig.
+        """Convert the procedure's request of this tick to orders for the loop and the rig.
 
-        state: of the newest tick, so one tick old: an order that comes too late is refused by the
-        loop.
+        Parameters
+        ----------
+        now_s
+            Run time, s.
+        state
+            State at the newest tick, which is one tick old; the loop refuses an order that comes
+            too late.
         """
         if self._test is None:
             return
         allowed = state == State.CALIBRATING
         if not allowed:
+            # A new calibration run starts without a command, so the next one must be sent again.
             self._sent_rpm = None
         wish = self._test.run_tick(now_s, self._bench.rig_readings, allowed)
         self._phase, self._said = wish.phase, wish.said or self._said
@@ -74,7 +85,7 @@ class LagBench:
         self._write_new_runs()
 
     def describe_test(self) -> LagTestView | None:
-        """The test as the frame shows it; None without one."""
+        """Return the test for the frame; None without a test."""
         test = self._test
         if test is None:
             return None
@@ -91,6 +102,7 @@ class LagBench:
         )
 
     def _write_new_runs(self) -> None:
+        """Append the runs measured since the last call to the table."""
         assert self._test is not None
         for run in self._test.runs[self._written :]:
             if self._table is not None:

@@ -1,66 +1,82 @@
-"""Every limit of the control worker, in one place. (That a silent console means `hold_right` is
-safety's: SafetyLimits.)"""
+"""Declares every limit of the control worker. (`SafetyLimits` has the time after which a silent
+console means hold.)
+"""
 
 from __future__ import annotations
 
-# no operating console heard for that long: off, log closed, exit
+# Without an operating console for this time, s, the worker switches off, closes the log and exits.
 ORPHAN_S = 60.0
-HZ_DEFAULT = 20.0  # control ticks a second
+# Control ticks per second.
+HZ_DEFAULT = 20.0
+# Slower ticks could not follow the machine.
 HZ_LOWEST = 1.0
+# Faster ticks exceed what small computers finish in time.
 HZ_HIGHEST = 100.0
-FRAME_HZ = 20.0  # frames made a second, at most
-# reported to each client that often while the machine moves, and what changes at once
+# Frames made per second, at most.
+FRAME_HZ = 20.0
+# Period of frames to each client while the machine moves, s; discrete changes are sent at once.
 MOVES_S = 0.1
-# while it stands: the console says after 1 s without a frame that there is no data
+# Period while the machine stands, s: the console reports missing data after 1 s without a frame.
 STANDS_S = 0.5
-# after a console came it is reported as while it moves: that it lives is seen at once
+# For this time, s, after a console has attached, frames come as from a moving machine, so that it
+# is visibly alive at once.
 COMES_S = 2.0
-DEVICES_S = 0.2  # and the list of devices
-# a capture ends by itself at that size: about a day of a receiver at 10 Hz
+# Period of the list of devices in frames, s.
+DEVICES_S = 0.2
+# A capture ends by itself at this size, bytes: about a day of a receiver at 10 Hz.
 CAPTURE_BYTES = 100_000_000
-# a device is listened to for that long before it is said what speaks there
+# Time for which a device is listened to before its protocol is determined, s.
 TEST_S = 1.5
-TOTALS_S = 1.0  # totals are made anew this often
-# further behind than this, missed ticks are skipped rather than run in a burst
+# Period of the totals in frames, s.
+TOTALS_S = 1.0
+# Beyond this delay, in periods, missed ticks are skipped instead of run in a burst.
 CATCH_UP_PERIODS = 5
-# requests answered in one tick, at most: bounds what clients can cost the loop
+# Requests answered in one tick, at most: bounds the cost of clients for the loop.
 REQUESTS_A_TICK = 16
-REQUESTS_WAITING = 256  # more than this waiting: refused at once
-# a client that sends more without an end of line is disconnected
+# Further requests are refused at once.
+REQUESTS_WAITING = 256
+# A client that sends more bytes without an end of line is disconnected.
 LINE_BYTES = 65_536
-# a client that leaves more answers unread is disconnected
+# A client that leaves more bytes of answers unread is disconnected.
 UNREAD_BYTES = 262_144
-# clients at once that have shown the token: nobody else can take their places
+# Clients that have shown the token: their places cannot be taken by others.
 CLIENTS_WITH_KEY = 8
-CLIENTS_LOOKING = 8  # and that said that they only look
-# and that said nothing yet: one more closes the oldest of them
+# Clients that declared themselves as view-only.
+CLIENTS_LOOKING = 8
+# Clients that have sent nothing valid yet; another such client replaces the oldest.
 CLIENTS_NEW = 64
-# of a client that has shown the token: some 2 ms of the worker's time
+# Lines per turn of a client with the token: some 2 ms of the worker's time.
 LINES_A_TURN = 64
-# of any other: all of them together cost 3 ms a turn at most
+# Lines per turn of any other client: all of them together cost at most 3 ms per turn.
 LINES_A_TURN_WITHOUT_KEY = 2
-# read of it at once: what it has to say is shorter
+# Bytes read at once from a client without the token, whose messages are short.
 READ_BYTES_WITHOUT_KEY = 4_096
-# such clients, and those who come, have their turn that often: bounds what a flood costs
+# Period at which clients without the token, and new connections, are served, s: bounds the cost of
+# a flood.
 STRANGERS_S = 0.02
-# let in at each turn: 200 a second, so a new one has 0.3 s to show its token
+# Connections accepted per turn: 200 per second, so that a new client has 0.3 s to show its token.
 ACCEPTS_A_TURN = 4
-# a client without the token that was refused that often is put aside ...
+# A client without the token is ignored after this number of refusals.
 REFUSALS = 8
-REFUSAL_AGAIN_S = 1.0  # ... one more is forgiven every second
-# and then disconnected; at once it would only come back sooner
+# A further refusal is permitted after each such time, s.
+REFUSAL_AGAIN_S = 1.0
+# An ignored client is disconnected after this time, s; at once it would only return sooner.
 ASIDE_S = 2.0
-# a console that said nothing for that long keeps nothing working, as safety has it
+# A console that is silent for this time, s, does not keep the machine working; the same limit as in
+# safety.
 CONSOLE_S = 2.0
-# who only looks is named to the others, and in the log, once there for that long: coming and
-# going without the token fills no log
+# A view-only client is reported to others and to the log after this time, s, so that repeated
+# connections do not fill the log.
 LOOKER_STAYS_S = 0.5
-HELLO_S = 2.0  # who said nothing for that long is disconnected
-# a worker waits that long for one that is about to end
+# A client that sends nothing valid for this time, s, is disconnected.
+HELLO_S = 2.0
+# Time for which a worker waits for another worker that is about to end, s.
 LOCK_S = 2.0
-# of each socket: bounds how old the frames are that a stalled client finds
+# Send buffer of each socket, bytes: bounds the age of the frames that a stalled client finds.
 SEND_BUFFER_BYTES = 16_384
-TEXT_CHARACTERS = 1_000  # longest text in an order
-# different failures that stderr hears of; the same again is not reported
+# Longest text in an order.
+TEXT_CHARACTERS = 1_000
+# Different failures that are printed to stderr; repetitions are not printed.
 REPORTED_KINDS = 100
-SAID_S = 60.0  # that the log was cut short is said for so long
+# Time for which a truncated log is reported, s.
+SAID_S = 60.0

@@ -1,15 +1,15 @@
-"""The worker's end of the link: clients on loopback, in a thread of its own.
+"""Serves the worker's end of the link: clients on the loopback interface, in a thread of its own.
 
-Each client gets the newest frame when it is due (`FrameSchedule`); a client that has not taken the
-last one yet misses frames rather than being waited for. Clients that hold the token may order;
-the others look.
+Each client receives the newest frame when it is due (`FrameSchedule`); a client that has not read
+the last frame misses frames instead of delaying others. Clients with the token may give orders;
+other clients are view-only.
 
-Everybody on this computer can connect, and send as much as he likes. So whoever has shown the
-token comes first: those are heard the moment they say something, a bounded number of lines
-each. All others take turns `STRANGERS_S` apart, a few lines each, and so many of them are let
-in and no more. Who was refused too often is put aside: he is not read any more, so that he
-waits for us, and is then disconnected. Places are kept for those who have shown the token;
-those who only look have places of their own, and who says nothing is disconnected.
+Everybody on this computer can connect and send any amount. Clients that have shown the token
+therefore come first: they are served as soon as they send something, a bounded number of lines
+each. All other clients are served every `UNAUTHORISED_TURN_PERIOD_S`, a few lines each, and their
+number is limited. A client that was refused too often is ignored: it is not read any more, so that
+it waits, and is then disconnected. Places are reserved for clients with the token; view-only
+clients have places of their own, and a client that sends nothing is disconnected.
 """
 
 from __future__ import annotations
@@ -51,39 +51,42 @@ from topdress.console.worker.limits import (
 from topdress.console.worker.requests import Question, Refusal, Request, parse_request
 from topdress.control.orders import Answer, State
 
-# When a frame is reported to the consoles: what changed at once, a machine that moves often,
-# one that stands seldom.
+# Schedule of frames to the consoles: a discrete change is sent at once, a moving machine often, a
+# standing machine rarely.
 WORK_STATES = (State.WORKING, State.CALIBRATING)
-# slower: standing, as the filters of the speed have it
+# Slower speeds, m/s, count as standing, as in the filters of the speed.
 STANDS_MPS = 0.05
-# six s.d. of the nominal encoder's noise, as safety has it
+# Six standard deviations of the nominal encoder's noise, r/min, as in safety.
 STANDS_RPM = 2.0
-# a tick that comes a little sooner than it should is the one that is due
+# A tick that is early by up to this time, s, is the one that is due.
 HALF_A_TICK_S = 0.02
 
 
 class FrameSchedule:
-    """Decides which frames are sent. One schedule for all consoles: what one gets all get."""
+    """Decides which frames are sent. All consoles share the schedule, so that all receive the same
+    frames."""
 
     def __init__(self) -> None:
         self._sent_s = -inf
-        self._words: Any = None  # of the frame reported last
-        # since the frame looked at last; by the clock of frames
+        # Discrete fields of the frame that was sent last.
+        self._words: Any = None
+        # True while a console has come since the last frame; times are those of frames.
         self._comes, self._come_until_s = False, -inf
-        self.moves = True  # by the frame looked at last
+        # True if the machine moved in the last frame.
+        self.moves = True
 
     def send_next_frame(self) -> None:
-        """Make the next frame due: an order was answered."""
+        """Make the next frame due, because an order was answered."""
         self._sent_s = -inf
 
     def greet_console(self) -> None:
-        """Make the next frame due for a console that came; its first numbers move at once, as those
-        of a machine at work."""
+        """Make the next frame due for a console that has come; its first frames come as from a
+        moving machine."""
         self.send_next_frame()
         self._comes = True
 
     def is_frame_due(self, frame: Frame) -> bool:
-        """Whether this frame is to be sent now."""
+        """Return whether this frame is sent now."""
         words = _list_frame_words(frame)
         if self._comes:
             self._comes, self._come_until_s = False, frame.at_s + COMES_S
@@ -96,7 +99,7 @@ class FrameSchedule:
 
 
 def _is_machine_active(frame: Frame) -> bool:
-    """Whether the machine works, moves or is tested, so that its numbers are watched."""
+    """Return whether the machine works, moves or is tested, so that its numbers are watched."""
     row = frame.row
     return (
         row.state in WORK_STATES
@@ -108,7 +111,7 @@ def _is_machine_active(frame: Frame) -> bool:
 
 
 def _list_frame_words(frame: Frame) -> tuple[Any, ...]:
-    """All fields of a frame that are no measured number."""
+    """Return all fields of a frame that are no measured numbers."""
     row = frame.row
     return (
         row.state,
@@ -154,16 +157,17 @@ def _list_frame_words(frame: Frame) -> tuple[Any, ...]:
     )
 
 
-# how often an answer, and the frame after it, is looked for; and while strangers come
+# Period of polls for an answer and its frame, s; also while clients without the token are active.
 LOOK_S = 0.01
-# for so long after an order: its answer, the frame of that tick and of the next ones
+# Duration of fast polls after an order, s: its answer, the frame of that tick and the next frames.
 QUICK_S = 0.3
-# how often a new frame is looked for while it moves: ticks are 0.05 s apart
+# Period of polls for a new frame while the machine moves, s: ticks are 0.05 s apart.
 REST_S = 0.04
-# and while the machine stands, of which two frames a second are reported
+# Period while the machine stands, s, when two frames per second are sent.
 STILL_S = 0.1
-IDLE_S = 0.1  # and while nobody is
-# between two turns of a holder of the token who says more than a turn takes
+# Period without any client, s.
+IDLE_S = 0.1
+# Pause between two turns of a client with the token that sends more than one turn takes, s.
 PAUSE_S = 0.005
 
 SelectorEvents = list[tuple[selectors.SelectorKey, int]]
@@ -171,37 +175,43 @@ CLIENT_PLACES = {ClientKind.LOOKING: CLIENTS_LOOKING, ClientKind.WITH_KEY: CLIEN
 
 
 class LinkServer(threading.Thread):
-    """Serves the clients of one host. `close_link` sends what is still waiting, then disconnects
+    """Serves the clients of one host. `close_link` sends what is queued, then disconnects
     everybody."""
 
     def __init__(self, host: Host, token: str, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name="link", daemon=True)
-        # malformed, oversized, unauthorised, busy, dropped_frames, ...
+        # Counts of malformed, oversized, unauthorised and busy requests, dropped frames and more.
         self.counts: Counter[str] = Counter()
         self._host = host
         self._token = token
         self._clock = clock
+        # Loopback only: no other computer can reach the worker. Port 0 lets the system choose a
+        # free port.
         self._listener = socket.create_server(("127.0.0.1", 0), backlog=CLIENTS_NEW)
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
         self._clients: list[Client] = []
-        # sockets of those who have shown the token
+        # Sockets of clients that have shown the token.
         self._holders = selectors.DefaultSelector()
-        self._strangers = selectors.DefaultSelector()  # the listener, and all others
+        # The listening socket, and sockets of all other clients.
+        self._strangers = selectors.DefaultSelector()
         self._strangers.register(self._listener, selectors.EVENT_READ)
         self._strangers_due_s = 0.0
         self._answers: deque[tuple[Client, bytes]] = deque()
         self._telling = FrameSchedule()
         self._seen_seq = -1
-        # an answer, or what comes of an order, is waited for
+        # End of the fast polls for an answer or for the result of an order.
         self._quick_until_s = 0.0
-        self._strangers_come = False  # at their last turn
+        # True if clients without the token were active in their last turn.
+        self._strangers_come = False
         self._closing = threading.Event()
 
     def run(self) -> None:
+        """Serve clients until the end; the thread runs this method."""
         last = False
         while not last:
-            last = self._closing.is_set()  # what was queued before `close` still goes out
+            # The last round still sends what was queued before `close_link`.
+            last = self._closing.is_set()
             self._hear_holders(self._wait_for_holders())
             self._send_answers_and_frame()
             if self._clock() >= self._strangers_due_s:
@@ -224,29 +234,31 @@ class LinkServer(threading.Thread):
     # --------------------------------------------------------------------------------------------
 
     def _wait_for_holders(self) -> SelectorEvents:
-        """Wait until a holder of the token says something, a frame may be there, or strangers have
-        their turn; returns the holders' events."""
+        """Wait until a client with the token sends something, a frame may exist, or other clients
+        have their turn; return the events of clients with the token."""
         holders = [client for client in self._clients if client.kind is ClientKind.WITH_KEY]
         wait_s = REST_S if self._telling.moves else STILL_S
         if self._strangers_come or self._clock() < self._quick_until_s:
             wait_s = LOOK_S
         if any(client.has_whole_line for client in holders):
-            self._closing.wait(PAUSE_S)  # the loop needs the interpreter too
+            # The pause gives the interpreter to the control loop.
+            self._closing.wait(PAUSE_S)
         elif holders:
             return self._holders.select(wait_s)
         else:
             self._strangers.select(wait_s if self._clients else IDLE_S)
             self._closing.wait(max(0.0, self._strangers_due_s - self._clock()))
-        # Windows cannot choose from nothing
+        # Windows cannot select from an empty set.
         return self._holders.select(0.0) if holders else []
 
     def _hear_holders(self, said: SelectorEvents) -> None:
+        """Serve the clients with the token that have sent something."""
         for client in self._list_ready_clients(said, ClientKind.WITH_KEY):
             self._hear_guarded(client)
 
     def _hear_strangers(self) -> None:
-        """Take one turn of all who have not shown the token: connected ones first, then new
-        ones."""
+        """Serve all clients without the token for one turn: connected clients first, then new
+        connections."""
         said = self._strangers.select(0.0)
         self._strangers_come = bool(said)
         for client in self._list_ready_clients(said, ClientKind.NEW, ClientKind.LOOKING):
@@ -256,7 +268,8 @@ class LinkServer(threading.Thread):
         self._drop_silent_clients()
 
     def _list_ready_clients(self, said: SelectorEvents, *kinds: ClientKind) -> list[Client]:
-        """Clients of these kinds that have something to be heard. Nothing waits here."""
+        """Return the clients of these kinds that have a line or bytes to read. Nothing waits
+        here."""
         new = {id(key.data) for key, _ in said if key.data is not None}
         return [
             client
@@ -271,7 +284,7 @@ class LinkServer(threading.Thread):
     # --------------------------------------------------------------------------------------------
 
     def _accept_connections(self) -> None:
-        """Accept those who wait to be let in, a bounded number in one turn."""
+        """Accept waiting connections, a bounded number per turn."""
         for _ in range(ACCEPTS_A_TURN):
             try:
                 connection, _ = self._listener.accept()
@@ -284,8 +297,8 @@ class LinkServer(threading.Thread):
             client.queue_bytes(wire.format_greeting(os.getpid()))
 
     def _make_room_for_new(self) -> None:
-        """Keep to the number of new clients allowed: first those put aside are dropped, then the
-        oldest that still has nothing to say."""
+        """Respect the limit of new clients: ignored clients are dropped first, then the oldest that
+        still has nothing to say."""
         while (
             len(new := [c for c in self._clients if c.kind is ClientKind.NEW and not c.gone])
             >= CLIENTS_NEW
@@ -296,6 +309,7 @@ class LinkServer(threading.Thread):
             self._drop_silent_client(oldest)
 
     def _drop_silent_clients(self) -> None:
+        """Disconnect clients that sent nothing in time, and ignored clients after their time."""
         now_s = self._clock()
         for client in self._clients:
             if client.came_s < now_s - HELLO_S:
@@ -304,11 +318,13 @@ class LinkServer(threading.Thread):
                 client.gone = True
 
     def _drop_silent_client(self, client: Client) -> None:
+        """Disconnect a client that has sent nothing."""
         if client.kind is ClientKind.NEW and not client.gone:
             self.counts["clients_silent"] += 1
             client.gone = True
 
     def _remove_gone_clients(self) -> None:
+        """Remove clients that are gone, and record their departure."""
         for client in [c for c in self._clients if c.gone]:
             self._clients.remove(client)
             for chooser in (self._holders, self._strangers):
@@ -322,7 +338,7 @@ class LinkServer(threading.Thread):
     # ----------------------------------------------------------------------------------------------
 
     def _hear_guarded(self, client: Client) -> None:
-        """Hear a client; one whose lines raise is disconnected, nobody else."""
+        """Serve a client; an exception disconnects this client only."""
         try:
             self._hear_client(client)
         except Exception:
@@ -330,6 +346,7 @@ class LinkServer(threading.Thread):
             client.gone = True
 
     def _hear_client(self, client: Client) -> None:
+        """Process the lines of a client."""
         with_key = client.kind is ClientKind.WITH_KEY
         lines = client.take_lines(
             LINES_A_TURN if with_key else LINES_A_TURN_WITHOUT_KEY,
@@ -343,10 +360,12 @@ class LinkServer(threading.Thread):
                 self._take_line(client, line)
 
     def _take_line(self, client: Client, line: bytes) -> None:
+        """Process one line of a client."""
         request = parse_request(line, self._token) if line.strip() else None
         if isinstance(request, Request) and request.with_key:
             self._take_request(client, request)
         elif (
+            # Clients with the token may be refused any number of times.
             not client.patience.spend_refusal(self._clock())
             and client.kind is not ClientKind.WITH_KEY
         ):
@@ -358,14 +377,14 @@ class LinkServer(threading.Thread):
             client.queue_bytes(wire.format_answer(request.id, Answer(False, request.why), {}))
 
     def _put_client_aside(self, client: Client) -> None:
-        """Neither hear nor watch this client any more: what else it sends stays in its own
-        buffer."""
+        """Ignore a client from now on: whatever it sends stays in its own buffer."""
         self.counts["clients_put_aside"] += 1
         client.aside_s = self._clock()
         self._strangers.unregister(client.connection)
         client.queue_bytes(wire.format_answer(None, Answer(False, "refused too often"), {}))
 
     def _take_request(self, client: Client, request: Request) -> None:
+        """Process a valid request."""
         if not self._has_free_place(
             client, ClientKind.WITH_KEY if request.with_key else ClientKind.LOOKING
         ):
@@ -394,7 +413,8 @@ class LinkServer(threading.Thread):
             client.queue_bytes(wire.format_answer(request.id, Answer(False, "busy"), {}))
 
     def _name_client(self, client: Client, request: Request) -> None:
-        """Name a client as it calls itself, but never as somebody else; a name once shown stays."""
+        """Name a client as it calls itself, but never as another client; a name once shown
+        stays."""
         if client.shown is None and not client.name:
             others = {
                 other.name for other in self._clients if other is not client and not other.gone
@@ -405,6 +425,7 @@ class LinkServer(threading.Thread):
             )
 
     def _has_free_place(self, client: Client, kind: ClientKind) -> bool:
+        """Return whether the client has a place of its kind, and assign it."""
         if client.kind in (kind, ClientKind.WITH_KEY):
             return True
         if sum(1 for other in self._clients if other.kind is kind) >= CLIENT_PLACES[kind]:
@@ -413,7 +434,7 @@ class LinkServer(threading.Thread):
             self._strangers.unregister(client.connection)
             self._holders.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
-        # who comes waits for no frame: it gets the newest
+        # A client that has just come receives the newest frame without waiting.
         self._telling.greet_console()
         self._seen_seq = -1
         return True
@@ -421,7 +442,7 @@ class LinkServer(threading.Thread):
     def _queue_answer(
         self, client: Client, number: int, with_counts: bool, answer: Answer, extra: dict[str, Any]
     ) -> None:
-        """Queue an answer; called by the loop, so nothing else."""
+        """Queue an answer. The loop calls this function, so it does nothing else."""
         if with_counts:
             extra = {
                 name: part | {"clients": len(self._clients)} | dict(self.counts)
@@ -430,6 +451,7 @@ class LinkServer(threading.Thread):
         self._answers.append((client, wire.format_answer(number, answer, extra)))
 
     def _send_answers_and_frame(self) -> None:
+        """Send queued answers, and the newest frame if it is due."""
         self._report_attached()
         while self._answers:
             client, data = self._answers.popleft()
@@ -446,7 +468,7 @@ class LinkServer(threading.Thread):
             self._send_frame(frame)
 
     def _report_attached(self) -> None:
-        """Report who is attached to the frames, and who comes, falls silent or is heard again to
+        """Report attached consoles to the frames; report arrival, silence and return of consoles to
         the log."""
         now_s = self._clock()
         for client in self._clients:
@@ -470,6 +492,7 @@ class LinkServer(threading.Thread):
         )
 
     def _send_frame(self, frame: Frame) -> None:
+        """Send a frame to every client that has read the former frame."""
         try:
             data = wire.format_frame(frame)
         except (ValueError, TypeError):

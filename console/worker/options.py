@@ -1,4 +1,6 @@
-"""What the worker is started with. Light: it is read before anything else is imported."""
+"""Parses the worker's options. This module imports little, because it is read before everything
+else.
+"""
 
 from __future__ import annotations
 
@@ -12,22 +14,25 @@ from topdress.console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, OR
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Holds what the worker is started with. `config`: job, machine, crop, cab files in any order
-    (kind by `format:`)."""
+    """Holds the options of the worker. `config` lists job, machine, crop and cab files in any
+    order; `format:` in each file tells its kind."""
 
     config: tuple[str, ...]
     run_file: Path
     hz: float = HZ_DEFAULT
-    log: str | None = None  # None: a new file in the user's data folder
-    seed: int = 1  # of the simulated machine
-    # ID=SIZE[@ONSET_S][#MEMBER], planted in the simulated machine
+    # None means a new file in the user's data folder.
+    log: str | None = None
+    # Seed of the simulated machine.
+    seed: int = 1
+    # Effects ID=SIZE[@ONSET_S][#MEMBER] that are planted in the simulated machine.
     effects: tuple[str, ...] = ()
     orphan_s: float = ORPHAN_S
-    resume: Path | None = None  # go on with the job of this snapshot
+    # Snapshot of the job to resume.
+    resume: Path | None = None
 
 
 def parse_options(arguments: Sequence[str]) -> Options:
-    """Read the command line; ends the process with one line and code 2 where it is wrong."""
+    """Parse the command line; a wrong command line ends the process with one line and code 2."""
     parser = argparse.ArgumentParser(
         prog="python -P -m topdress.console.worker", description="The control worker of topdress."
     )
@@ -79,6 +84,7 @@ def parse_options(arguments: Sequence[str]) -> Options:
 
 
 def _parse_tick_hz(text: str) -> float:
+    """Parse the tick rate and check its range."""
     hz = float(text)
     if not HZ_LOWEST <= hz <= HZ_HIGHEST:
         raise argparse.ArgumentTypeError(f"{text}: allowed are {HZ_LOWEST:g} to {HZ_HIGHEST:g}")

@@ -1,5 +1,6 @@
-"""The parts that a host drives: a bench of devices, the control loop, a log writer, and who
-keeps the job."""
+"""Declares the parts that a host drives: a bench of devices, control loop, log writer, snapshot
+keeper.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Bench(Protocol):
-    """The devices of one machine. No method blocks."""
+    """Declares the devices of one machine. No method blocks."""
 
     def read_measurements(self, now_s: float) -> Measurements: ...
     def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None: ...
@@ -32,13 +33,13 @@ class Bench(Protocol):
     def close_devices(self) -> None: ...
 
 
-# What a frame takes over of a tick, by its own names.
+# Fields that a frame copies from a tick under the same names.
 FRAME_FIELDS = tuple(name for name in Frame.__dataclass_fields__ if hasattr(Tick, name))
 
 
 class Writer(Protocol):
-    """A run log. `append` never touches the disk on the caller's thread; `trouble` is empty
-    while rows reach it."""
+    """Declares a run log. `append` never touches the disk in the caller's thread; `trouble` is ""
+    while rows reach the disk."""
 
     @property
     def ok(self) -> bool: ...
@@ -47,14 +48,14 @@ class Writer(Protocol):
     @property
     def path(self) -> Path: ...
     @property
-    # the log before this one, which another program has cut short
+    # Former log, which another program has truncated, or None.
     def cut_short(self) -> Path | None: ...
     def append(self, row: LogRow) -> None: ...
     def close(self) -> object: ...
 
 
 class RunNames(NamedTuple):
-    """Names the parts of this run as the screens show them."""
+    """Holds the names of this run's parts for the screens."""
 
     job: str = ""
     machine: str = ""
@@ -64,7 +65,7 @@ class RunNames(NamedTuple):
 
 
 class Assembly(NamedTuple):
-    """Everything one run consists of."""
+    """Holds the parts of one run."""
 
     bench: Bench
     loop: ControlLoop

@@ -1,4 +1,4 @@
-"""The worker as a program: options, priority, assembly, link, loop; and leaving nothing behind."""
+"""Runs the worker as a program: options, priority, assembly, link, loop, and cleanup."""
 
 from __future__ import annotations
 
@@ -22,11 +22,19 @@ Assemble = Callable[[Options, Clock], Assembly]
 
 
 def run_worker_program(arguments: Sequence[str], assemble: Assemble) -> int:
-    """Run one worker to its end; 0 after a clean stop, 1 with one line on stderr otherwise."""
+    """Run one worker to its end; return 0 after a clean stop, 1 with one line on stderr otherwise.
+
+    Parameters
+    ----------
+    arguments
+        Command line without the program's name.
+    assemble
+        Builds the parts of the run.
+    """
     options = parse_options(arguments)
     with contextlib.ExitStack() as until_the_end:
         try:
-            # before any device is opened
+            # The right is taken before any device is opened: two workers must not share a port.
             right = until_the_end.enter_context(run_file.hold_right(options.run_file))
         except OSError as error:
             return report_refusal(error)
@@ -34,9 +42,9 @@ def run_worker_program(arguments: Sequence[str], assemble: Assemble) -> int:
 
 
 def run_with_right(options: Options, assemble: Assemble, right: run_file.WorkerRight) -> int:
-    """Run one worker as `run_worker_program` does, where the right to be the worker is held
-    already."""
-    # before any thread starts: all inherit it
+    """Run one worker as `run_worker_program` does, with the right to be the worker already
+    taken."""
+    # The priority is set before any thread starts, because threads inherit it.
     why_not = set_priority(os.environ.get("TOPDRESS_FIFO"))
     if why_not:
         print(why_not, file=sys.stderr, flush=True)
@@ -54,12 +62,15 @@ def run_with_right(options: Options, assemble: Assemble, right: run_file.WorkerR
     token = secrets.token_hex(16)
     try:
         link = LinkServer(host, token)
+        # The right is confirmed after the slow assembly, immediately before other programs can see
+        # this worker.
         right.confirm_right()
         said = run_file.RunFileWriter(right, link.port, token, assembly.names.log_path)
         said.write_run_file()
     except OSError as error:
         host.close_run("failed")
         return report_refusal(error)
+    # The run file comes before the link serves, so that a console that reads the file can connect.
     said.start()
     link.start()
     import_hooks.end_imports()
@@ -74,6 +85,6 @@ def run_with_right(options: Options, assemble: Assemble, right: run_file.WorkerR
 
 
 def report_refusal(error: Exception) -> int:
-    """Print why the worker ends, in one line; returns the exit code."""
+    """Print why the worker ends, in one line, and return the exit code."""
     print(f"topdress worker: {error}", file=sys.stderr, flush=True)
     return 1

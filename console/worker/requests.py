@@ -28,19 +28,23 @@ from topdress.control.orders import Do, Order
 
 
 class Question(StrEnum):
-    # a console that can show STOP lives: nothing else keeps the machine working
+    """Lists the questions that a client may ask."""
+
+    # A console that can show STOP is alive; nothing else keeps the machine working.
     ALIVE = "alive"
-    STATS = "stats"  # how punctual the loop is, what the link refused
-    QUIT = "quit"  # off, close the log, exit
-    # begin the lag test: it measures while the state is calibrating
+    # Asks for the punctuality of the loop and the link's counts of refusals.
+    STATS = "stats"
+    # Switches off, closes the log and exits.
+    QUIT = "quit"
+    # Begins the lag test, which measures while the state is calibrating.
     LAG_TEST = "lag_test"
     END_LAG_TEST = "end_lag_test"
-    # this client wants frames; with the token it has a place that is kept for those who have it
+    # Asks for frames. With the token the client takes a place reserved for clients with the token.
     LOOK = "look"
 
 
 class DeviceOrder(NamedTuple):
-    """Something that concerns one device, by the name that the frame gives it."""
+    """Holds an order for one device, by its name in the frame."""
 
     device: str
     do: DeviceDo
@@ -50,38 +54,47 @@ RequestContent = Order | Question | DeviceOrder
 
 
 class Request(NamedTuple):
+    """Holds a valid request."""
+
     id: int
     what: RequestContent
     with_key: bool = True
-    name: str = ""  # of a look: how the client calls itself
+    # Name that the client gives itself in a "look" request.
+    name: str = ""
     tablet: bool = False
 
 
 class Refusal(NamedTuple):
-    """`id` is None where the line does not even tell whom to answer; `kind` is what is counted."""
+    """Holds a refusal. `id` is None where the line does not contain one; `kind` is the name of the
+    counter."""
 
     id: int | None
-    kind: str  # malformed, unauthorised
+    # "malformed" or "unauthorised".
+    kind: str
     why: str
 
 
 def parse_request(line: bytes, token: str) -> Request | Refusal:
-    """Read one line from a client.
+    """Parse one line from a client.
 
-    Never raises; anything but a well-formed, authorised request is a Refusal.
+    This function never raises; anything but a well-formed and authorised request becomes a Refusal.
 
     Parameters
     ----------
-    line: bytes without the end of line.
-    token: the token of this run, which an order must carry.
+    line
+        Bytes without the end of line.
+    token
+        Token of this run, which an order must contain.
     """
     try:
         message = json.loads(line, parse_constant=_refuse_constant)
+    # Deeply nested JSON raises RecursionError.
     except (ValueError, RecursionError):
         return Refusal(None, "malformed", "malformed: not JSON")
     if not isinstance(message, dict):
         return Refusal(None, "malformed", "malformed: not an object")
     number = message.get("id")
+    # A float64 represents integers exactly up to 2^53, and clients may use one.
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 2**53:
         return Refusal(None, "malformed", "malformed: id")
     with_key = _is_token_right(message.get("token"), token)
@@ -103,6 +116,7 @@ def parse_request(line: bytes, token: str) -> Request | Refusal:
 
 
 def _parse_question(number: int, ask: object) -> Request | Refusal:
+    """Parse a question."""
     try:
         return Request(number, Question(str(ask)))
     except ValueError:
@@ -110,6 +124,7 @@ def _parse_question(number: int, ask: object) -> Request | Refusal:
 
 
 def _parse_device_order(number: int, device: object, act: object) -> Request | Refusal:
+    """Parse an order for a device."""
     try:
         do = DeviceDo(str(act))
     except ValueError:
@@ -120,6 +135,7 @@ def _parse_device_order(number: int, device: object, act: object) -> Request | R
 
 
 def _parse_loop_order(number: int, do: object, value: object) -> Request | Refusal:
+    """Parse an order for the loop."""
     try:
         known = Do(str(do))
     except ValueError:
@@ -137,10 +153,12 @@ def _parse_loop_order(number: int, do: object, value: object) -> Request | Refus
 
 
 def _is_token_right(offered: object, token: str) -> bool:
+    """Compare a token in constant time, so that its duration reveals nothing."""
     return isinstance(offered, str) and secrets.compare_digest(
         offered.encode(errors="replace"), token.encode()
     )
 
 
 def _refuse_constant(name: str) -> NoReturn:
+    """Refuse NaN and infinities, which Python's JSON would accept."""
     raise ValueError(f"{name} is not a number")

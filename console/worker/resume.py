@@ -1,5 +1,6 @@
-"""What is kept next to the log, so that a job goes on after a power cut: NAME.resume.json. Read
-here, written whole."""
+"""Reads and writes the snapshot next to the log, NAME.resume.json, from which a job is resumed
+after a power cut.
+"""
 
 from __future__ import annotations
 
@@ -25,55 +26,68 @@ from topdress.control.orders import Strategy
 from topdress.drivers.files.atomic import write_atomically
 from topdress.drivers.files.limits import RESUME, check_limit
 
-WORTHWHILE_HA = 0.001  # less done than this: nothing to go on with
-# before there was a topdress: of a clock that nobody has set
+# A job that has done less, ha, is not worth resuming.
+WORTHWHILE_HA = 0.001
+# Earlier times come from a clock that nobody has set: this program did not exist then.
 EARLIEST_CLOCK = datetime(2020, 1, 1, tzinfo=UTC)
-# a pass over a field takes no longer; the next dressing comes later
+# A pass over a field takes less than this, days, and the next dressing comes later.
 OPEN_DAYS = 14
 
 Place = tuple[float, float]
-Refill = tuple[str, float]  # UTC, kg
+# UTC of the refill, and mass in kg.
+Refill = tuple[str, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """A job as far as it got. Moments are the worker's UTC, ISO 8601."""
+    """Holds the progress of a job. Times are the worker's UTC, ISO 8601."""
 
     log_path: str
-    began_utc: str = ""  # of the job, not of its last part
+    # Start of the job, not of its last part.
+    began_utc: str = ""
     saved_utc: str = ""
-    job: str = ""  # names as the screens show them
+    # Names as displayed on the screens.
+    job: str = ""
     machine: str = ""
     crop: str = ""
     simulated: bool = False
-    config: tuple[str, ...] = ()  # what the worker was started with
+    # Configuration files of the worker.
+    config: tuple[str, ...] = ()
     seed: int = 1
     effects: tuple[str, ...] = ()
     hz: float = 20.0
-    finished: bool = False  # by the operator: nothing is offered any more
-    # the worker was asked to end: nothing was cut off
+    # True if the operator has ended the job: it is not offered again.
+    finished: bool = False
+    # True if the worker was asked to end, so that nothing was interrupted.
     quit: bool = False
-    logs_before: tuple[str, ...] = ()  # the job's earlier parts, oldest first
-    # flow was commanded: what the snapshot lacks is in the log
+    # Earlier parts of the job, oldest first.
+    logs_before: tuple[str, ...] = ()
+    # True once flow was commanded: what the snapshot lacks is in the log.
     worked: bool = False
-    time_s: float = 0.0  # of the last row that is in here
+    # Time of the last row in this snapshot, s.
+    time_s: float = 0.0
     sums: TotalSums = NO_SUMS
-    sums_s: float = 0.0  # of the last row that is in the sums
+    # Time of the last row in the sums, s.
+    sums_s: float = 0.0
     held_s: float = 0.0
-    moves: int = 0  # of the opening's set-point, while working
+    # Changes of the opening's set-point while working.
+    moves: int = 0
     refills: tuple[Refill, ...] = ()
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim_on: bool = True
-    origin_deg: Place | None = None  # of the plane: latitude, longitude
-    place_m: Place | None = None  # the outlets' last one
+    # Latitude and longitude of the plane's origin.
+    origin_deg: Place | None = None
+    # Last position of the outlets, m.
+    place_m: Place | None = None
     heading_deg: float | None = None
     hopper_kg: float | None = None
-    ndvi_nrich: float | None = None  # strips that were measured on the way
+    # NDVI of strips that were measured during the job.
+    ndvi_nrich: float | None = None
     ndvi_check: float | None = None
-    # by the machine model: released after the last row, and counted
+    # Mass released after the last row by the machine model, kg; it is included in the sums.
     after_cut_kg: float = 0.0
-    # the scale at the last row, from the rows before it
+    # Reading of the scale at the last row, kg, estimated from the rows before.
     cut_hopper_kg: float | None = None
     alarms: tuple[AlarmRecord, ...] = ()
     track: tuple[Spot, ...] = ()
@@ -90,11 +104,12 @@ class Snapshot:
         return not self.finished and (self.worked or self.area_ha >= WORTHWHILE_HA)
 
 
-REFILL_TOLERANCE_KG = 0.05  # refills are reported to 0.1 kg
+# Tolerance when a refill is identified by its mass, kg: refills are reported to 0.1 kg.
+REFILL_TOLERANCE_KG = 0.05
 
 
 def drop_last_refill(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:
-    """Refills without the newest of this mass, which was none."""
+    """Return the refills without the newest refill of this mass, which was undone."""
     for number in range(len(refills) - 1, -1, -1):
         if abs(refills[number][1] - kg) < REFILL_TOLERANCE_KG:
             return (*refills[:number], *refills[number + 1 :])
@@ -102,13 +117,16 @@ def drop_last_refill(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ..
 
 
 def make_snapshot_path(log: str | Path) -> Path:
-    """Path of the snapshot of a log."""
+    """Return the path of a log's snapshot."""
     return Path(log).with_suffix(SNAPSHOT_SUFFIX)
 
 
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:
-    """Write a snapshot whole or not at all, the newest of its folder even where the clock was set
-    back. Raises OSError."""
+    """Write a snapshot completely or not at all. Raises OSError.
+
+    The file becomes the newest of its folder even if the clock was set back, because jobs are
+    listed by the time of their files.
+    """
     own = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
     own |= {
         "sums": snapshot.sums._asdict(),
@@ -127,17 +145,18 @@ def write_snapshot(path: Path, snapshot: Snapshot) -> None:
 
 
 def read_snapshot(path: Path) -> Snapshot:
-    """Read a snapshot. Raises ValueError, one line that names the file, where it is none;
-    OSError."""
+    """Read a snapshot. Raises ValueError with one line that names the file, or OSError."""
     return _check_snapshot(path, _read_snapshot_data(path))
 
 
+# Errors of a file that is no snapshot or is damaged.
 _NO_SNAPSHOT = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 def _read_snapshot_data(path: Path) -> dict[str, Any]:
-    """The file's JSON object. Raises ValueError, OSError."""
+    """Return the JSON object of a file. Raises ValueError or OSError."""
     try:
+        # The size is checked before reading: a wrong file may be huge.
         check_limit(RESUME, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict) or data.get("format") != SNAPSHOT_FORMAT:
@@ -148,7 +167,7 @@ def _read_snapshot_data(path: Path) -> dict[str, Any]:
 
 
 def _check_snapshot(path: Path, data: dict[str, Any]) -> Snapshot:
-    """The snapshot made of the file's data. Raises ValueError."""
+    """Return the snapshot of a file's data. Raises ValueError."""
     from topdress.drivers.files.plain import build_from_plain  # pydantic: only where a job goes on
 
     try:
@@ -161,15 +180,17 @@ def _check_snapshot(path: Path, data: dict[str, Any]) -> Snapshot:
 
 
 def mark_finished(path: Path) -> None:
-    """Mark a job as finished by its operator, where its worker is gone. Raises ValueError,
+    """Mark a job as ended by its operator, after its worker has ended. Raises ValueError or
     OSError."""
     write_snapshot(path, replace(read_snapshot(path), finished=True))
 
 
 def find_open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
-    """Jobs of these logs that can go on, the newest first: not ended by their operator, something
-    done, left in the last two weeks, and continued in no later log. Files that cannot be read are
-    passed over."""
+    """Yield the jobs of a folder that can be resumed, newest first.
+
+    Such a job was not ended by its operator, has done something, was left within two weeks, and no
+    later log continues it. Unreadable files are skipped.
+    """
     gone_on: set[str] = set()
     for path in list_newest_first(folder):
         try:
@@ -177,7 +198,7 @@ def find_open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot
             name = Path(data["log_path"]).name
             gone_on.update(Path(one).name for one in data.get("logs_before", ()))
             if name in gone_on or data.get("finished"):
-                # a season of these is not unpacked at every start
+                # Snapshots of a whole season are not unpacked at every start.
                 continue
             snapshot = _check_snapshot(path, data)
             left = (
@@ -188,6 +209,7 @@ def find_open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot
         except (OSError, *_NO_SNAPSHOT):
             continue
         if snapshot.is_worth_resuming and (
+            # A clock that was never set gives no age, so such a job is offered.
             left < EARLIEST_CLOCK or now - left <= timedelta(days=OPEN_DAYS)
         ):
             yield path, snapshot

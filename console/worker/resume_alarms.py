@@ -1,5 +1,6 @@
-"""Every alarm of a run: when it first and last stood, how often it came, when it was
-acknowledged. Pure."""
+"""Records every alarm of a run: first and last time, number of occurrences, acknowledgement.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -10,35 +11,40 @@ from topdress.control.orders import Alarm, Severity
 
 
 class AlarmRecord(NamedTuple):
-    """One kind of alarm over a run. Moments are UTC as the rows tell it, ISO 8601; empty: not
-    known, or not yet."""
+    """Holds one kind of alarm over a run. Times are the rows' UTC, ISO 8601; "" where unknown or
+    not yet reached."""
 
     id: str
     severity: Severity
-    first_s: float  # run time
-    last_s: float  # it stood then the last time
-    times: int  # it came
+    # Run time of its first occurrence, s.
+    first_s: float
+    # Run time at which it was last present, s.
+    last_s: float
+    # Number of occurrences.
+    times: int
     first_utc: str = ""
     last_utc: str = ""
-    acknowledged_utc: str = ""  # the last time that somebody did
-    acknowledged: bool = False  # red ones: since it came last
+    # UTC of the last acknowledgement.
+    acknowledged_utc: str = ""
+    # True if a red alarm was acknowledged since its last occurrence.
+    acknowledged: bool = False
     stands: bool = False
     details: tuple[tuple[str, str | float], ...] = ()
-    # its cause is away since about then, while the alarm stands still
+    # UTC at which the cause ended, while the alarm itself is still present.
     gone_utc: str = ""
 
 
 class AlarmHistory:
-    """Records alarms row by row; an alarm that ended and comes again counts once more."""
+    """Records alarms row by row; an alarm that ended and returns counts once more."""
 
     def __init__(self, before: Iterable[AlarmRecord] = ()) -> None:
         self._records = {record.id: record._replace(stands=False) for record in before}
-        # counts what is new: for whoever shows or keeps it
+        # Number of changes, by which users of the history detect news.
         self.changes = 0
 
     @property
     def records(self) -> tuple[AlarmRecord, ...]:
-        """Standing alarms before those gone, red before amber, the newest before older ones."""
+        """Records: present alarms before ended ones, red before amber, newest first."""
         return tuple(
             sorted(
                 self._records.values(),
@@ -53,8 +59,18 @@ class AlarmHistory:
     def add_row_alarms(
         self, time_s: float, utc: str | None, alarms: Iterable[Alarm]
     ) -> tuple[AlarmRecord, ...]:
-        """Take the alarms that stand at this moment of the run; returns the records of those that
-        came just now."""
+        """Take the alarms that are present at a time of the run, and return the records of those
+        that are new.
+
+        Parameters
+        ----------
+        time_s
+            Run time, s.
+        utc
+            UTC of the row, or None.
+        alarms
+            Present alarms.
+        """
         now, came = utc or "", []
         standing = {alarm.id: alarm for alarm in alarms}
         for record in self._records.values():
@@ -79,11 +95,12 @@ class AlarmHistory:
         return tuple(came)
 
     def add_earlier_records(self, records: Iterable[AlarmRecord]) -> None:
-        """Add records of the time before this history was started, learned later."""
+        """Add records from before the start of this history, which became known later."""
         for earlier in records:
             known = self._records.get(earlier.id)
             if known is None:
                 self._records[earlier.id] = earlier._replace(stands=False)
+            # The present record may already include the earlier occurrences.
             elif earlier.first_utc <= known.first_utc:
                 self._records[earlier.id] = known._replace(
                     first_s=earlier.first_s,
@@ -97,6 +114,7 @@ class AlarmHistory:
 def _update_record(
     before: AlarmRecord | None, alarm: Alarm, time_s: float, now: str
 ) -> AlarmRecord:
+    """Return the record of an alarm that has just occurred."""
     if before is None:
         return AlarmRecord(
             alarm.id,

@@ -1,5 +1,6 @@
-"""A job that was left, put together again: the loop goes on with what was done, off and with
-all else as usual."""
+"""Rebuilds an interrupted job: the loop continues with what was done, in state OFF and with
+everything else as usual.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +24,21 @@ from topdress.control.orders import Strategy
 from topdress.control.simulation.tractor import make_field_path
 from topdress.drivers.files.run_meta import read_sidecar_meta
 
-SEARCH_M = 0.5  # along the simulated tractor's way
+# Step of the search along the simulated tractor's way, m.
+SEARCH_M = 0.5
 
 
 class EarlierWork(NamedTuple):
-    """Holds what was done on this field.
+    """Holds the earlier work on this field.
 
-    job: the job that goes on, None where another begins; others: jobs whose ground counts alone.
-    same_files: whether the configuration files are those with which the job was worked.
+    Attributes
+    ----------
+    job
+        Job to resume; None where another job begins.
+    others
+        Jobs of which the ground alone counts.
+    same_files
+        True if the configuration files are those of the job.
     """
 
     job: Snapshot | None = None
@@ -38,9 +46,10 @@ class EarlierWork(NamedTuple):
     same_files: bool = True
 
     def move_to_plane(self, plane: TangentPlane | None) -> EarlierWork:
-        """The earlier work on the plane of the loop. None: the loop has none yet and takes that of
-        the job."""
+        """Return the earlier work on the loop's plane. A plane of None means that the loop has none
+        yet and adopts the job's."""
         if plane is None:
+            # Without a common plane, the ground of other jobs has no position.
             return self._replace(others=())
         return self._replace(
             job=None if self.job is None else move_snapshot(self.job, plane),
@@ -56,11 +65,28 @@ def find_earlier_job(
     simulated: bool,
     now: datetime,
 ) -> EarlierWork:
-    """Find the job to go on with and the ground of other jobs on its field.
+    """Find the job to resume and the ground of other jobs on its field.
 
-    named: the job to go on with (`--resume`); None: the one that was left on this job's field,
-    where it has a boundary. folder: of the logs; sha256: of the files. Raises ValueError, OSError:
-    the named snapshot cannot be read.
+    Parameters
+    ----------
+    named
+        Snapshot to resume (`--resume`); None means the interrupted job on this job's field, if the
+        field has a boundary.
+    folder
+        Folder of the logs.
+    job
+        Job that begins.
+    sha256
+        Checksums of the configuration files.
+    simulated
+        True for the simulated machine.
+    now
+        Time of the start, UTC.
+
+    Raises
+    ------
+    ValueError, OSError
+        The named snapshot cannot be read.
     """
     here = find_jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
     goes_on = (
@@ -84,8 +110,8 @@ def find_earlier_job(
 def find_job_to_continue(
     job: Job, machine: Machine, before: Snapshot, same_files: bool = True
 ) -> Job:
-    """The job with the values that the operator measured and, where its files are the same, his
-    choices; where it is simulated, the tractor stands where it stopped."""
+    """Return the job with the values that the operator measured and, for unchanged files, the
+    operator's choices. The simulated tractor stands where it stopped."""
     update: dict[str, object] = (
         {}
         if not same_files
@@ -96,6 +122,7 @@ def find_job_to_continue(
         }
     )
     strips = {"ndvi_nrich": before.ndvi_nrich, "ndvi_check": before.ndvi_check}
+    # A value in the new files is an explicit choice and has priority over a measured value.
     update |= {
         name: ndvi
         for name, ndvi in strips.items()
@@ -112,10 +139,10 @@ def find_job_to_continue(
 
 
 def continue_loop(loop: ControlLoop, before: EarlierWork) -> None:
-    """Give the loop its earlier totals; where something lies already its guard against a second
-    dose knows it.
+    """Give the loop its earlier totals and the ground that its guard against a second dose must
+    know.
 
-    The scale's trim begins anew: nothing confirms what a scale showed before the cut.
+    The scale's trim starts anew, because nothing confirms the scale's state before the cut.
     """
     last = before.job
     if last is not None:
@@ -133,8 +160,9 @@ def make_first_snapshot(
     now_utc: str,
     before: Snapshot | None,
 ) -> Snapshot:
-    """The snapshot that a run begins with. names: of job, machine, crop."""
+    """Return the snapshot with which a run begins; `names` are those of job, machine and crop."""
     job, machine, crop = names
+    # Absolute paths, because the next start may have another working directory.
     config = tuple(os.path.abspath(one) if os.path.exists(one) else one for one in options.config)
     start = before or Snapshot(str(log), began_utc=now_utc)
     earlier = () if before is None else (*before.logs_before, before.log_path)
@@ -158,7 +186,7 @@ def make_first_snapshot(
 
 
 def _find_driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> float:
-    """How far along its way the simulated tractor had come, m."""
+    """Return how far along its way the simulated tractor had come, m."""
     path = make_field_path(
         job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg
     )

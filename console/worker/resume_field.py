@@ -1,5 +1,6 @@
-"""Jobs that are not done with, by place: which of them lie on the field that is to be worked,
-and how they look on its plane."""
+"""Selects unfinished jobs by position: those that lie on the field to be worked, converted to its
+plane.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +18,19 @@ from topdress.control.field.coverage import MAX_DISTANCE_M, MAX_RASTER_CELLS, Ra
 from topdress.control.field.job import Job
 from topdress.control.geodesy import Place, TangentPlane
 
-# of what a job has done: with so much of it on this field, it is this field's job
+# Share of a job's finished ground on this field from which the job belongs to this field.
 SAME_FIELD_SHARE = 0.5
+# Planes whose origins are closer than this, m, count as equal.
 SAME_PLANE_M = 0.001
-# of the done ground: its share on a field to some 1 %
+# Number of sampled cells: enough for the share on a field to some 1 %.
 MOST_SAMPLED_CELLS = 4_000
-_REDRAWN_ROWS = 256  # of a picture that is drawn anew, at a time
+# Rows of a raster that are redrawn at a time, which bounds the memory.
+_REDRAWN_ROWS = 256
 
 
 class OpenJob(NamedTuple):
-    """Holds a job that was left. share: the part of its done ground on the field asked about, 0 to
-    1."""
+    """Holds an interrupted job; `share` is the share of its finished ground on the field in
+    question, 0 to 1."""
 
     path: Path
     snapshot: Snapshot
@@ -35,16 +38,16 @@ class OpenJob(NamedTuple):
 
     @property
     def is_same_job(self) -> bool:
-        """Whether it is the same job, with its totals; else its ground counts alone."""
+        """Whether it is the same job, which continues with its totals; otherwise its ground alone
+        counts."""
         return self.share >= SAME_FIELD_SHARE
 
 
 def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
-    """Jobs that have spread on this job's field, the newest first; simulated and real ones keep
-    apart.
+    """Return the jobs that have spread on this job's field, newest first; simulated and real jobs
+    are separate.
 
-    folder: of the logs. A job without a boundary has no field by which to decide: the newest may be
-    anybody's.
+    Without a boundary no field exists to decide by: the newest job is returned, whatever its field.
     """
     left = (one for one in find_open_jobs(folder, now) if one[1].simulated == simulated)
     boundary = job.field.make_boundary()
@@ -56,7 +59,8 @@ def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> li
 
 
 def list_logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[str]:
-    """File names of the logs of these jobs, all parts: their ground gets nothing twice."""
+    """Return the file names of the logs of these jobs, all parts; their ground receives nothing
+    again."""
     return [
         Path(log).name
         for one in find_jobs_here(folder, job, simulated, now)
@@ -65,7 +69,8 @@ def list_logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> li
 
 
 def _calc_share_on_field(field: Boundary, plane: TangentPlane, snapshot: Snapshot) -> float | None:
-    """Share of the done ground on the field, 0 to 1; None: next to nothing lies there."""
+    """Return the share of a job's finished ground on the field, 0 to 1; None if next to nothing
+    lies there."""
     ground, cells = snapshot.ground, np.argwhere(snapshot.ground.done)
     if snapshot.origin_deg is None or not len(cells):
         place = find_last_place(plane, snapshot)  # cut off before anything has landed
@@ -82,8 +87,8 @@ def _calc_share_on_field(field: Boundary, plane: TangentPlane, snapshot: Snapsho
 
 
 def move_snapshot(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
-    """The same snapshot on another plane: ground, way and place. Parts farther off than a field's
-    plane reaches are left out."""
+    """Return the snapshot on another plane: ground, track and position. Parts beyond the reach of a
+    field's plane are omitted."""
     if snapshot.origin_deg is None:
         return snapshot
     own = TangentPlane(*snapshot.origin_deg)
@@ -107,7 +112,7 @@ def move_snapshot(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
 
 
 def find_last_place(plane: TangentPlane, snapshot: Snapshot) -> Place | None:
-    """Last place of the outlets on `plane` (east, north, m); None where it is not known."""
+    """Return the last position of the outlets on `plane` (east, north, m); None where unknown."""
     if snapshot.place_m is None or snapshot.origin_deg is None:
         return None
     east, north = _move_places(
@@ -117,10 +122,10 @@ def find_last_place(plane: TangentPlane, snapshot: Snapshot) -> Place | None:
 
 
 def _move_places(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> np.ndarray:
-    """Places (n, 2) of one plane on the other, m.
+    """Convert positions (n, 2) from one plane to another, m.
 
-    Between planes of one neighbourhood that is a turn and a shift: three places give it, to 1 mm
-    over a field of 5 km.
+    Between planes of one neighbourhood the conversion is a rotation and a shift, which three
+    positions determine to 1 mm over a field of 5 km.
     """
     if not len(places):
         return places
@@ -135,7 +140,8 @@ def _move_places(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> 
 
 
 def _redraw_ground(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Raster:
-    """The ground on another plane: a cell is done where its middle lies in one that was."""
+    """Return the ground on another plane: a cell is finished if its centre lies in a finished
+    cell."""
     rows, columns = ground.done.shape
     cell_m = ground.cell_m
     frame = np.array(
@@ -147,6 +153,7 @@ def _redraw_ground(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Ra
     corners = _move_places(own, plane, frame)
     west, south = (floor(edge / cell_m) for edge in corners.min(axis=0))
     east, north = (ceil(edge / cell_m) for edge in corners.max(axis=0))
+    # Ground beyond the reach of the plane is dropped instead of filling the memory.
     if np.abs(corners).max() > MAX_DISTANCE_M or (east - west) * (north - south) > MAX_RASTER_CELLS:
         return ground._replace(done=np.zeros((1, 1), dtype=np.bool_))
     done = np.zeros((north - south, east - west), dtype=np.bool_)
@@ -154,6 +161,8 @@ def _redraw_ground(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Ra
     for first in range(0, len(done), _REDRAWN_ROWS):
         part = done[first : first + _REDRAWN_ROWS]
         up = (south + first + np.arange(len(part)) + 0.5) * cell_m
+        # The inverse conversion visits every new cell once, so that no cell stays empty by
+        # rounding.
         there = _move_places(
             plane, own, np.stack(np.broadcast_arrays(aside, up[:, None]), axis=-1).reshape(-1, 2)
         )

@@ -1,4 +1,4 @@
-"""Ground that is done: as it grows, and as it is kept in a file."""
+"""Records finished ground while it grows, and converts it to and from a file."""
 
 from __future__ import annotations
 
@@ -15,26 +15,30 @@ from topdress.control.machine.fall import calc_drop_s
 from topdress.control.machine.machine import Machine
 from topdress.control.machine.sections import LoggedValves
 
-CELL_M = 0.25  # at most a sixth of the width
-# places kept for the map: at least this far apart ...
+# Largest side of a cell, m; it is also at most a sixth of the working width.
+CELL_M = 0.25
+# Initial distance between stored positions of the map's track, m.
 TRACK_STEP_M = 1.0
-# ... and no more than these; then every other one goes and the step doubles
+# Limit of stored positions: beyond it every second position is dropped and the distance doubles.
 TRACK_PLACES = 8_000
 NOTHING_DONE = Raster(0.0, 0.0, CELL_M, np.zeros((1, 1), dtype=np.bool_))
 
-Spot = tuple[float, float, float, float]  # east m, north m, heading degrees, kg/ha
+# East m, north m, heading degrees, kg/ha.
+Spot = tuple[float, float, float, float]
 
 
 class DoneGround:
-    """Grows by the tick. `before`: the ground that an earlier part of the job has done."""
+    """Grows with the ticks. `before` is the ground that an earlier part of the job has finished."""
 
     def __init__(
         self, machine: Machine, before: Raster = NOTHING_DONE, track: tuple[Spot, ...] = ()
     ) -> None:
         width_m = machine.geometry.working_width_m
         cell_m = min(CELL_M, width_m / 6.0)
+        # Half of the lowest speed separates a turning shaft from noise of a standing shaft.
         self._fall, self._turning_rpm = machine.fall, 0.5 * machine.limits.shaft_low_rpm
-        if before.cell_m != cell_m and before.done.any():  # of a machine of another width
+        # The cells differ if the earlier part had a machine of another width.
+        if before.cell_m != cell_m and before.done.any():
             redrawn = Coverage(width_m, cell_m)
             redrawn.add_earlier_ground(before)
             before = redrawn.make_raster()
@@ -44,7 +48,7 @@ class DoneGround:
         self._coverage = Coverage(width_m, cell_m, strips=strips)
         self._trace = GroundTrace(self._coverage)
         self._valves = LoggedValves(machine.sections if strips else ())
-        # when it lands, by which strips
+        # Landing time and open strips of released granules.
         self._falling: deque[tuple[float, tuple[bool, ...]]] = deque()
         self._drop_s = 0.0
         self._flowing = (False,) * max(1, len(strips))
@@ -61,14 +65,23 @@ class DoneGround:
         sections_cmd: str | None = None,
         way_m: float = 0.0,
     ) -> bool:
-        """Note that the outlets are here; true where something lands. Released granules land a drop
-        time later.
+        """Record the present position of the outlets, and return True if material lands here.
+        Granules land a drop time after their release.
 
         Parameters
         ----------
-        place_m, heading_deg: None where no place, or no course, is known.
-        sections_cmd: as the row has it.
-        way_m: since the last call; used where no place is known.
+        time_s
+            Time of the row, s.
+        place_m, heading_deg
+            Position and heading; None where unknown.
+        shaft_rpm
+            Measured shaft speed; None where unknown.
+        applied_kg_ha
+            Applied rate.
+        sections_cmd
+            Column of the section valves.
+        way_m
+            Distance since the last call, m; used where no position is known.
         """
         released = shaft_rpm is not None and shaft_rpm >= self._turning_rpm
         if shaft_rpm is not None and released:
@@ -91,8 +104,8 @@ class DoneGround:
         return lands
 
     def make_raster(self) -> Raster:
-        """All ground that is done, the earlier part too; while no place is known the way since then
-        as if it went straight on, until a place corrects it."""
+        """Return all finished ground, including the earlier part. Without positions the way
+        continues straight until a position corrects it."""
         done = join_rasters(self._before, self._coverage.make_raster())
         reckoned = self._trace.reckon_open_way()
         if not reckoned:
@@ -103,6 +116,7 @@ class DoneGround:
         return join_rasters(done, way.make_raster())
 
     def _note_track_place(self, spot: Spot) -> None:
+        """Store a position of the track if it is far enough from the last one."""
         if (
             self.track
             and hypot(spot[0] - self.track[-1][0], spot[1] - self.track[-1][1]) < self._track_step_m
@@ -115,8 +129,8 @@ class DoneGround:
 
 
 def join_rasters(one: Raster, other: Raster) -> Raster:
-    """Union of two rasters, which must have the same cells; an empty one gives the other. Where
-    they lie too far apart for one picture, the other, which is the newer."""
+    """Return the union of two rasters with equal cells. If they are too far apart for one raster,
+    the newer (`other`) is returned."""
     if not one.done.any():
         return other
     if not other.done.any():
@@ -136,7 +150,8 @@ def join_rasters(one: Raster, other: Raster) -> Raster:
 
 
 def pack_raster(ground: Raster) -> dict[str, Any]:
-    """The raster as plain data for a file; `unpack_raster` reads it."""
+    """Return a raster as plain data for a file; `unpack_raster` reads it."""
+    # One bit per cell and the fastest compression: the snapshot is written every few seconds.
     bits = zlib.compress(np.packbits(ground.done).tobytes(), level=1)
     return {
         "west_m": ground.west_m,
@@ -149,24 +164,26 @@ def pack_raster(ground: Raster) -> dict[str, Any]:
 
 
 class RasterSchema:
-    """Tells pydantic how a `Raster` is read."""
+    """Defines for pydantic how a `Raster` is read."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, _kind: Any, _next: Any) -> Any:
+        """Return a schema that calls `unpack_raster`."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_plain_validator_function(unpack_raster)
 
 
 def unpack_raster(data: dict[str, Any]) -> Raster:
-    """The raster of a file. Raises ValueError, KeyError, TypeError where the data is not what
-    `pack_raster` made."""
+    """Return the raster of a file. Raises ValueError, KeyError or TypeError for data that
+    `pack_raster` did not make."""
     rows, columns, cell_m = int(data["rows"]), int(data["columns"]), float(data["cell_m"])
     if not (rows > 0 and columns > 0 and 0.0 < cell_m < 10.0):
         raise ValueError("ground: rows, columns and cell_m must be above 0")
     if rows * columns > MAX_RASTER_CELLS:
         raise ValueError(f"ground: {rows} x {columns} cells: allowed up to {MAX_RASTER_CELLS}")
     try:
+        # The limit of the output protects against data that expands without end.
         unpacker = zlib.decompressobj()
         bits = np.frombuffer(
             unpacker.decompress(base64.b64decode(data["bits"]), rows * columns // 8 + 2), np.uint8

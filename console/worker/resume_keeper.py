@@ -1,5 +1,6 @@
-"""Keeps the snapshot of a running job: the loop only hands over, the log writer's thread does
-the rest."""
+"""Maintains the snapshot of a running job: the loop only hands over ticks, and the log writer's
+thread does the rest.
+"""
 
 from __future__ import annotations
 
@@ -26,24 +27,27 @@ from topdress.control.machine.machine import Machine
 from topdress.control.orders import State
 from topdress.drivers.files.run_log import MAX_WAITING_ROWS
 
-# the snapshot is this old at most, and the disk's own time
+# Largest age of the snapshot, s, besides the disk's own delay.
 SNAPSHOT_PERIOD_S = 5.0
-# a scale that lost or gained more since the cut tells of a refill, or of a repair
+# A larger change of the scale since the cut, kg, indicates a refill or a repair.
 SCALE_STEP_KG = 2.0
-# the loop's sums are taken over this often: some 50 us
+# Period at which the loop's sums are copied, s; a copy takes some 50 us.
 SUMS_PERIOD_S = 1.0
-FINISHED_EVENT = "mark job finished"  # the event by which the operator ends a job
+# Event by which the operator ends a job.
+FINISHED_EVENT = "mark job finished"
 
 
 class _HandedTick(NamedTuple):
+    """Holds a tick for the writer's thread, with sums and plane."""
+
     seen: Tick
     sums: TotalSums | None
     plane: TangentPlane | None
 
 
 class SnapshotKeeper:
-    """Keeps the job's snapshot: `take_tick` on the loop's thread, `save_due` on the log writer's.
-    `tally` is for the frames."""
+    """Maintains the job's snapshot. `take_tick` runs in the loop's thread, `save_due` in the log
+    writer's; `tally` serves the frames."""
 
     def __init__(
         self,
@@ -54,7 +58,8 @@ class SnapshotKeeper:
         utc_now: Callable[[], str],
         most_waiting: int = MAX_WAITING_ROWS,
     ) -> None:
-        """started: what is known of the job already; of an earlier part all that it had done."""
+        """Create the keeper; `started` has what is known of the job already, including all earlier
+        parts."""
         self._path, self._loop, self._utc_now, self._most_waiting = (
             path,
             loop,
@@ -69,7 +74,8 @@ class SnapshotKeeper:
         self._done = DoneGround(machine, started.ground, started.track)
         self._book = AlarmHistory(started.alarms)
         self._last: LogRow | None = None
-        self._track_m: float | None = None  # of that row
+        # Distance along the track at that row, m.
+        self._track_m: float | None = None
         self._saved_s = -inf
         self._saved = False
         self._scale = _ReleasedAfterCut(started.after_cut_kg, started.cut_hopper_kg)
@@ -80,29 +86,29 @@ class SnapshotKeeper:
     # -------------------------------------------------------------------------------------------
 
     def take_tick(self, seen: Tick) -> None:
-        """Queue a tick, no more."""
+        """Queue a tick, nothing else."""
         sums = None
         if seen.row.time_s - self._taken_s >= SUMS_PERIOD_S:
             self._taken_s, sums = seen.row.time_s, self._loop.running_sums
-        # as many as the log lets wait for a disk that hangs
+        # The same limit as the log's for a disk that hangs.
         if self._handed.qsize() < self._most_waiting:
             self._handed.put(_HandedTick(seen, sums, self._loop.plane))
 
     def note_quit(self) -> None:
-        """Note that the worker was asked to end, so nothing is cut off. Called before the last
-        `save_due`."""
+        """Record that the worker was asked to end, so that nothing is interrupted. Must precede the
+        last `save_due`."""
         self._quit = True
 
     def follow_log(self, log_path: str) -> None:
-        """Note the path of the log in which the run goes on."""
+        """Record the path of the log in which the run continues."""
         self._log_path = os.path.abspath(log_path)
 
     # --- the log writer's thread
     # -------------------------------------------------------------------------------------
 
     def save_due(self, closing: bool) -> None:
-        """Take in the queued ticks, and write the snapshot when it is due. Never raises: the log
-        matters more."""
+        """Process the queued ticks, and write the snapshot when it is due. Never raises, because
+        the log matters more."""
         try:
             while True:
                 try:
@@ -129,15 +135,16 @@ class SnapshotKeeper:
             self.trouble = f"{self._path}: {type(error).__name__}: {error}"
 
     def _absorb_tick(self, handed: _HandedTick) -> None:
+        """Update the snapshot with a tick."""
         seen, row = handed.seen, handed.seen.row
         if self._book.add_row_alarms(row.time_s, row.utc, seen.alarms):
-            # an alarm is kept soon
+            # An alarm is saved soon, before a cut can lose it.
             self._saved_s = min(self._saved_s, row.time_s - SNAPSHOT_PERIOD_S + 0.5)
         changes = self._find_row_changes(self._last, row) | self._find_event_changes(
             row.events or ""
         )
         if row.state == State.WORKING and row.shaft_rpm_cmd and not self._snapshot.worked:
-            # a cut in the first second is one to go on after
+            # A power cut in the first second of work must be resumable too.
             changes["worked"], self._saved_s = True, -inf
         self._last = row
         if handed.sums is not None:
@@ -162,7 +169,7 @@ class SnapshotKeeper:
         )
 
     def _find_row_changes(self, before: LogRow | None, row: LogRow) -> dict[str, object]:
-        """Changes of the snapshot by the step from one row to the next."""
+        """Return the changes of the snapshot between two rows."""
         now = self._snapshot
         if before is not None and row.state == State.HELD:
             return {"held_s": now.held_s + max(0.0, row.time_s - before.time_s)}
@@ -171,7 +178,8 @@ class SnapshotKeeper:
         return {}
 
     def _find_event_changes(self, events: str) -> dict[str, object]:
-        """Changes of the snapshot by the events of a row; the end of the job is kept at once."""
+        """Return the changes of the snapshot by a row's events; the end of a job is saved at
+        once."""
         changes: dict[str, object] = {}
         for event in events.split(";"):
             word, _space, value = event.partition(" ")
@@ -187,14 +195,15 @@ class SnapshotKeeper:
         return changes
 
     def _add_outlet_place(self, seen: Tick) -> None:
-        """Note where the outlets are: where the loop's own guard knows the place, and how far it
-        went meanwhile."""
+        """Record the position of the outlets where the loop's own guard knows it, and the distance
+        covered meanwhile."""
         row, sensed, before_m = seen.row, seen.sensed, self._track_m
         self._track_m = sensed.track_m
         self._done.add_outlet_place(
             row.time_s,
             seen.place_m if sensed.position_ok else None,
             sensed.heading_deg,
+            # Material of a calibration run lies in a tray.
             row.shaft_rpm if row.state != State.CALIBRATING else 0.0,
             (row.applied_rate_kg_ha or 0.0) * (row.flow_trim or 1.0),
             row.sections_cmd,
@@ -202,10 +211,12 @@ class SnapshotKeeper:
         )
 
     def _save_snapshot(self) -> None:
+        """Write the snapshot if there is anything worth saving."""
         assert self._last is not None
         now, alarms = self._snapshot, self._book.records
         if not now.is_worth_resuming and not alarms and not now.finished and not self._saved:
-            return  # a machine that only stood there leaves no file
+            # A machine that only stood leaves no file.
+            return
         self._saved_s = self._last.time_s
         snapshot = replace(
             now,
@@ -222,6 +233,7 @@ class SnapshotKeeper:
             self._saved, self.trouble = True, ""
 
     def _make_tally(self) -> Tally:
+        """Return the tally for frames."""
         now = self._snapshot
         return Tally(
             now.held_s,
@@ -237,8 +249,8 @@ class SnapshotKeeper:
 
 
 class _ReleasedAfterCut:
-    """Measures by the scale the mass released after the last row before a cut: its mean while
-    nothing flows, over the first seconds, less than then."""
+    """Measures the mass released after the last row before a cut: mean reading of the scale while
+    nothing flows, minus the reading before."""
 
     def __init__(self, model_kg: float, before_kg: float | None) -> None:
         self.model_kg = model_kg if model_kg > 0.0 else None
@@ -248,6 +260,7 @@ class _ReleasedAfterCut:
         self._settled: list[float] = []
 
     def take_row(self, row: LogRow) -> None:
+        """Add a row until the first flow, refill or the end of the window."""
         if self._before_kg is None:
             return
         if row.hopper_kg is not None and not row.shaft_rpm_cmd:
@@ -267,7 +280,8 @@ class _ReleasedAfterCut:
 
 
 def _has_opening_moved(before: LogRow, row: LogRow) -> bool:
-    """Whether the opening's set-point on the wire changed, as in `control.simulation.figures`."""
+    """Return whether the opening's commanded value changed, as counted in
+    `control.simulation.figures`."""
     if before.opening_mm_cmd is None or row.opening_mm_cmd is None:
         return False
     return row.opening_mm_cmd != before.opening_mm_cmd

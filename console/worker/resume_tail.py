@@ -1,4 +1,4 @@
-"""The last seconds before a power cut: rows that are in the log but came after the snapshot."""
+"""Adds the last seconds before a power cut: rows of the log that are newer than the snapshot."""
 
 from __future__ import annotations
 
@@ -21,30 +21,39 @@ from topdress.control.orders import State
 from topdress.drivers.files.limits import LINE
 from topdress.drivers.files.run_log import FLUSH_PERIOD_S
 
-# What left the outlets after the last row of a log: a board whose host fell silent goes on for
-# a while.
+# After the last row material still flows, because a board whose host fell silent continues for a
+# while.
 #
-# By the machine model: the shaft turns on as in the last row until the board stops by itself,
-# then through its dead time and its ramp; the flow follows the shaft. Pure.
+# By the machine model the shaft continues as in the last row until the board stops by itself, then
+# through its dead time and ramp; the flow follows the shaft. Pure. Step of this prediction, s.
 RUN_ON_STEP_S = 0.05
-# rows reach the system this often: half of it is missing in the mean
+# Rows reach the disk with this period, of which half is missing on average, s.
 UNLOGGED_S = 0.5 * FLUSH_PERIOD_S
+# The prediction ends after this time, s, whatever the machine file contains.
 LONGEST_RUN_ON_S = 30.0
-STANDSTILL_SHARE = 0.02  # of the speed before: stands
+# Share of the former speed below which the shaft counts as standing.
+STANDSTILL_SHARE = 0.02
 
 
 class RunOnMoment(NamedTuple):
-    """Holds a moment after the last row. `share`: of the last row's flow; 0: only what is in the
-    air still lands."""
+    """Holds a moment after the last row; `share` is the share of the last row's flow. With 0 only
+    material in the air still lands."""
 
     after_s: float
     share: float
 
 
 def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[RunOnMoment]:
-    """Flow after the last row in steps of `RUN_ON_STEP_S`, until nothing lands any more.
+    """Yield the flow after the last row in steps of `RUN_ON_STEP_S`, until nothing lands any more.
 
-    stops_s: seconds after which a board stops without its host.
+    Parameters
+    ----------
+    machine
+        Machine of the job.
+    shaft_rpm
+        Shaft speed in the last row.
+    stops_s
+        Time after which a board stops without its host, s.
     """
     if shaft_rpm <= 0.0:
         return
@@ -65,16 +74,21 @@ def predict_run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterat
         yield RunOnMoment(time_s, share)
 
 
-# minutes at 20 Hz; more than 20 s of rows as full of events as they can be
+# Bytes read from the end of the log: minutes of rows at 20 Hz, and more than 20 s of rows full of
+# events.
 TAIL_BYTES = 2_000_000
-LONGEST_STEP_S = 1.0  # a longer step between rows is a gap
-# of the scale's readings: five of its correlation times
+# A longer step between rows is a gap, s.
+LONGEST_STEP_S = 1.0
+# Window of scale readings, s: five correlation times of the scale.
 SCALE_WINDOW_S = 5.0
 
 
 class _TailRow(NamedTuple):
+    """Holds the values of one row of the log."""
+
     time_s: float
-    lat_deg: float  # NaN, as longitude and heading, where the row tells none
+    # NaN, as for longitude and heading, in a row without a position.
+    lat_deg: float
     lon_deg: float
     heading_deg: float
     speed_used_mps: float
@@ -87,27 +101,35 @@ class _TailRow(NamedTuple):
     state: str
     refill_kg: float
     refill_back_kg: float
-    stopped_kg: float = 0.0  # entered as released while commanded to stop
+    # Mass that was released while commanded to stop, kg.
+    stopped_kg: float = 0.0
     sections_cmd: str = ""
-    open_share: float = 1.0  # of the working width
+    # Open share of the working width.
+    open_share: float = 1.0
 
     @property
     def has_place(self) -> bool:
-        """Whether the row has place and heading."""
+        """Whether the row has position and heading."""
         return isfinite(self.lat_deg + self.lon_deg + self.heading_deg)
 
 
 def add_log_tail(
     snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: float | None = None
 ) -> Snapshot:
-    """The snapshot brought up to the log's last whole row, and beyond it to where nothing fell any
-    more: sums, ground, refills. Unchanged where there is no log.
+    """Return the snapshot extended to the log's last whole row, and beyond it until nothing landed
+    any more: sums, ground, refills. Without a log the snapshot is unchanged.
 
     Parameters
     ----------
-    n_fraction: nitrogen in the product, kg/kg.
-    stops_s: the drive stops after so long without its host, s; None: it ended with the worker, as a
-        simulated one does.
+    snapshot
+        Snapshot of the job.
+    machine
+        Machine of the job.
+    n_fraction
+        Nitrogen in the product, kg/kg.
+    stops_s
+        Time after which the drive stops without its host, s; None if it ended with the worker, as a
+        simulated drive does.
     """
     try:
         rows = list(
@@ -124,16 +146,17 @@ def add_log_tail(
     done = DoneGround(machine, snapshot.ground, snapshot.track)
     sums = Totaliser(machine.geometry.working_width_m, n_fraction, snapshot.sums)
     held_s, before_s = snapshot.held_s, min(snapshot.time_s, snapshot.sums_s)
-    # what lands at the first row was released before it
+    # Material that lands at the first row was released before it.
     rpm = rows[0].shaft_rpm
     begin_s = before_s - (calc_drop_s(machine.fall, rpm) if rpm > 0.0 else 0.0)
     done.add_outlet_place(begin_s, way.place, way.heading_deg, rpm, 0.0)
     for row in rows:
         step_s = row.time_s - before_s
-        # the snapshot's place is of its own last row
+        # The snapshot's position belongs to its own last row.
         new_s = row.time_s - max(before_s, snapshot.time_s)
         before_s = row.time_s
-        flowing = row.state != State.CALIBRATING  # its material lies in a tray
+        # Material of a calibration run lies in a tray.
+        flowing = row.state != State.CALIBRATING
         done.add_outlet_place(
             row.time_s,
             *way.follow_row(row, min(max(0.0, new_s), LONGEST_STEP_S)),
@@ -148,6 +171,7 @@ def add_log_tail(
             sums, row, step_s, 0.5 * machine.limits.shaft_low_rpm, row.time_s > snapshot.sums_s
         )
     last, place = rows[-1], way.place
+    # A worker that was asked to quit stopped its drives itself.
     flowed = last.state == State.WORKING and last.shaft_rpm_cmd > 0.0 and not snapshot.quit
     after_cut_kg = (
         0.0
@@ -171,15 +195,16 @@ def add_log_tail(
 
 
 class _OutletWay:
-    """Tracks the outlets from row to row, by dead reckoning where a row has no place."""
+    """Follows the outlets from row to row, by dead reckoning where a row has no position."""
 
     def __init__(self, snapshot: Snapshot, plane: TangentPlane, antenna_m: float) -> None:
         self.place, self.heading_deg = snapshot.place_m, snapshot.heading_deg
-        self.step_m = 0.0  # of the last row or step
+        # Distance of the last row or step, m.
+        self.step_m = 0.0
         self._plane, self._antenna_m = plane, antenna_m
 
     def follow_row(self, row: _TailRow, step_s: float) -> tuple[Place | None, float | None]:
-        """Place and heading of a row; no place where it has none."""
+        """Return position and heading of a row; a position of None where the row has none."""
         if not row.has_place:
             self.drive_straight(row.speed_used_mps, step_s)
             return None, self.heading_deg
@@ -189,7 +214,7 @@ class _OutletWay:
         return self.place, self.heading_deg
 
     def drive_straight(self, speed_mps: float, step_s: float) -> None:
-        """Move the place straight on."""
+        """Move the position straight ahead."""
         self.step_m = speed_mps * step_s
         if self.place is not None and self.heading_deg is not None:
             self.place = offset_place(self.place, self.heading_deg, self.step_m)
@@ -203,7 +228,7 @@ def _add_run_on(
     last: _TailRow,
     stops_s: float,
 ) -> float:
-    """Enter the mass that left the outlets after the last row; returns it, kg."""
+    """Record the mass that left the outlets after the last row, and return it, kg."""
     kg = 0.0
     for after in predict_run_on(machine, last.shaft_rpm, stops_s):
         way.drive_straight(last.speed_used_mps, RUN_ON_STEP_S)
@@ -227,7 +252,7 @@ def _add_run_on(
 
 
 def _list_refills(snapshot: Snapshot, rows: list[_TailRow]) -> tuple[Refill, ...]:
-    """Refills of the snapshot and of the rows after it, without those that were taken back."""
+    """Return the refills of the snapshot and of later rows, without undone refills."""
     new = [row for row in rows if row.time_s > snapshot.time_s]
     noted = (
         *snapshot.refills,
@@ -242,7 +267,7 @@ def _list_refills(snapshot: Snapshot, rows: list[_TailRow]) -> tuple[Refill, ...
 def _add_row_to_sums(
     sums: Totaliser, row: _TailRow, step_s: float, turning_rpm: float, is_new: bool
 ) -> None:
-    """Add a row to the sums, as the loop counts it; only what is not in them yet."""
+    """Add a row to the sums as the loop does, unless the sums contain it already."""
     worked = row.state == State.WORKING and (
         row.shaft_rpm_cmd > 0.0 or row.shaft_rpm >= turning_rpm
     )
@@ -261,7 +286,7 @@ def _add_row_to_sums(
 
 
 def _add_open_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_TailRow]:
-    """The rows with the open share of the width, where the machine has valves."""
+    """Yield the rows with the open share of the width, for a machine with valves."""
     if not machine.switched_strips:
         yield from rows
         return
@@ -273,8 +298,8 @@ def _add_open_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_Ta
 
 
 def _estimate_hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
-    """Mass on the scale at the last row, kg: the mean of the last readings, each less what was
-    released after it."""
+    """Estimate the mass on the scale at the last row, kg: the mean of the last readings, each minus
+    the mass released after it."""
     released_kg, before_kg = 0.0, []
     for row, step_s in _iterate_backwards(rows):
         if rows[-1].time_s - row.time_s > SCALE_WINDOW_S or row.refill_kg > 0.0:
@@ -289,7 +314,7 @@ def _estimate_hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
 
 
 def _iterate_backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]:
-    """Each row from the last one on, with the time since the row before it, s."""
+    """Yield each row from the last one backwards, with the time since the row before, s."""
     for number in range(len(rows) - 1, 0, -1):
         yield (
             rows[number],
@@ -298,12 +323,12 @@ def _iterate_backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]
 
 
 def _read_rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
-    """Whole rows later than `time_s`. Raises OSError."""
+    """Yield whole rows later than `time_s`. Raises OSError."""
     with log.open("rb") as file:
         header = file.readline().decode("utf-8-sig", errors="replace").strip().split(",")
         size = file.seek(0, 2)
         file.seek(max(0, size - TAIL_BYTES))
-        # the first and the last may be in parts
+        # The first and last line may be incomplete.
         lines = file.read().decode(errors="replace").split("\n")[1:-1]
     for cells in csv.reader(line for line in lines if len(line) <= LINE.most):
         if len(cells) == len(header):
@@ -313,6 +338,8 @@ def _read_rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
 
 
 def _parse_tail_row(cells: dict[str, str]) -> _TailRow | None:
+    """Return the values of a row; None for a damaged row."""
+
     def read_number(name: str, otherwise: float = 0.0) -> float:
         return float(cells.get(name) or otherwise)
 
@@ -345,7 +372,7 @@ def _parse_tail_row(cells: dict[str, str]) -> _TailRow | None:
 
 
 def _sum_event_values(events: str, word: str) -> float:
-    """Sum of the values of this word in a row's events. Raises ValueError."""
+    """Return the sum of this word's values in a row's events. Raises ValueError."""
     return sum(
         float(event.partition(" ")[2])
         for event in events.split(";")

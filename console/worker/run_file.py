@@ -1,10 +1,10 @@
-"""The run file says where a worker listens and what opens it, for its own user only;
-`console.link` reads it.
+"""Writes the run file, which tells where a worker listens and contains its token, readable by its
+own user only; `console.link` reads it.
 
-It is information. That one worker runs at a time is kept by the lock next to it (`NAME.lock`),
-which the system gives back when the process ends, however it ends. Somebody may remove the
-lock's file: then the worker that runs makes and locks it anew, and one that starts asks the
-port of the run file before it believes the lock.
+The file is information. The lock next to it (`NAME.lock`) ensures that one worker runs at a time;
+the system releases the lock when the process ends in any way. If somebody removes the lock's file,
+the running worker creates and locks it again. A starting worker asks the port of the run file
+before it trusts the lock.
 """
 
 from __future__ import annotations
@@ -24,16 +24,19 @@ from topdress.console.worker_handshake import is_still_running
 from topdress.drivers import day_clock
 from topdress.drivers.files.lock import is_same_file, take_lock
 
+# Period of attempts to take the lock, s.
 RETRY_S = 0.02
+# Period at which the running worker checks both files, s.
 REWRITE_S = 0.2
-# a worker whose look at the lock met somebody else's has looked once more
+# Time after which a worker whose check collided with another check has checked again, s.
 SETTLED_S = 2.0 * REWRITE_S
-# on a busy computer a worker takes as long to lock a file made anew: ten of its looks
+# On a busy computer a worker needs up to this time, s, to lock a file that was created again: ten
+# checks.
 YOUNG_S = 2.0
 
 
 class WorkerRight:
-    """Holds the right to be the worker of a run file: its lock, on whatever file has the lock's
+    """Holds the right to be the worker of a run file: a lock on whatever file has the lock's
     name."""
 
     def __init__(
@@ -45,39 +48,41 @@ class WorkerRight:
         self._refused = False
 
     def renew_lock(self) -> None:
-        """Lock the file anew where it was removed; the lock on the old one is kept until then.
+        """Lock the file again if it was removed; the lock on the old file is kept until then.
         Raises OSError."""
         if is_same_file(self._lock, self.path.with_suffix(".lock")):
             return
         make_private_folder(self.path.parent)
         lock = take_lock(self.path.with_suffix(".lock"))
-        # else somebody looks just now whether a worker runs: tried again
+        # Otherwise somebody is checking at this moment whether a worker runs; the next call tries
+        # again.
         if lock is not None:
             self._lock.close()
             self._lock = lock
 
     def confirm_right(self) -> None:
-        """Make sure, before this worker says where it listens, that no other says so of itself.
+        """Confirm, before this worker publishes its address, that no other worker has published
+        one.
 
-        A new lock file may have replaced one that was removed under a running worker, which says
-        again within `REWRITE_S` where it listens: that time is waited for. Raises BlockingIOError
-        in one line, OSError.
+        A new lock file may replace one that was removed under a running worker. That worker writes
+        its run file again within `REWRITE_PERIOD_S`, so this function waits for that time. Raises
+        BlockingIOError in one line, or OSError.
         """
         if self._new:
             self._sleep(max(0.0, self._taken_s + SETTLED_S - time.monotonic()))
-        # until it is known that the run file is nobody else's
+        # True until it is known that the run file belongs to no other worker.
         self._refused = True
         _refuse_second_worker(self.path)
         self._refused = False
 
     def give_back_right(self) -> None:
-        """Remove the run file, unless it is another worker's, and release the lock."""
+        """Remove the run file, unless it belongs to another worker, and release the lock."""
         if not self._refused:
             _remove_run_file(self.path)
         self.release_lock()
 
     def release_lock(self) -> None:
-        """Release the lock alone: the run file is another worker's."""
+        """Release the lock only, because the run file belongs to another worker."""
         self._lock.close()
 
 
@@ -87,10 +92,24 @@ def hold_right(
     epoch_s: Callable[[], float] = day_clock.read_epoch_s,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[WorkerRight]:
-    """Hold the right to be the worker of this run file until the end of the block; a file left by a
+    """Hold the right to be the worker of this run file until the end of the block. The file of a
     worker that died is removed.
 
-    Raises BlockingIOError in one line where another worker has that right, OSError.
+    Parameters
+    ----------
+    path
+        Path of the run file.
+    epoch_s
+        Returns the computer's time, s since 1970.
+    sleep
+        Waits a number of seconds.
+
+    Raises
+    ------
+    BlockingIOError
+        Another worker has the right; one line.
+    OSError
+        The files cannot be written.
     """
     make_private_folder(path.parent)
     missing = not path.with_suffix(".lock").exists()
@@ -109,9 +128,8 @@ def hold_right(
 
 
 class RunFileWriter(threading.Thread):
-    """Writes where this process listens, and keeps it written: a file that somebody removed or
-    damaged is written again within `REWRITE_S`, by a thread of its own, and the lock's file is
-    looked after."""
+    """Writes the run file and keeps it intact: a file that somebody removed or damaged is written
+    again within `REWRITE_PERIOD_S` by a thread, which also maintains the lock's file."""
 
     def __init__(self, right: WorkerRight, port: int, token: str, log_path: str) -> None:
         super().__init__(name="run file", daemon=True)
@@ -133,6 +151,7 @@ class RunFileWriter(threading.Thread):
         write_private_file(self._path, self._said)
 
     def run(self) -> None:
+        """Maintain both files until the end; the thread runs this method."""
         while not self._closing.wait(REWRITE_S):
             with contextlib.suppress(OSError):
                 self._right.renew_lock()
@@ -148,16 +167,18 @@ class RunFileWriter(threading.Thread):
             self.join(LOCK_S)
 
     def _is_file_intact(self) -> bool:
+        """Return whether the file still has the content of this worker."""
         try:
             with open(self._path, "rb") as file:
+                # One byte more than expected reveals a longer file.
                 return file.read(len(self._said) + 1) == self._said
         except FileNotFoundError:
             return False
 
 
 def _wait_for_lock(path: Path) -> io.FileIO:
-    """The lock, once it is free. A console that checks whether a worker runs has it for a moment, a
-    worker that ends a little longer."""
+    """Return the lock once it is free. A console that checks for a worker holds it for a moment, a
+    worker that ends somewhat longer."""
     until_s = time.monotonic() + LOCK_S
     while (lock := take_lock(path.with_suffix(".lock"))) is None:
         if time.monotonic() > until_s:
@@ -169,19 +190,21 @@ def _wait_for_lock(path: Path) -> io.FileIO:
 
 
 def _is_lock_young(lock: io.FileIO, now_s: float) -> bool:
-    """Whether a worker under which the lock's file was removed may not have locked this one yet: a
-    console that looked makes it anew. A file of the future, by the computer's clock, is young."""
+    """Return whether a worker whose lock file was removed may not have locked this file yet,
+    because a console's check has created it again. A file from the future, by the computer's clock,
+    counts as young."""
     return now_s - os.fstat(lock.fileno()).st_ctime < YOUNG_S
 
 
 def _refuse_second_worker(path: Path) -> None:
-    """Raises BlockingIOError where the worker that the run file names still listens, whatever
-    became of its lock."""
+    """Raise BlockingIOError if the worker of the run file still listens, whatever the state of its
+    lock."""
     if is_still_running(path):
         raise BlockingIOError(f"a machine runs already on this computer{_describe_holder(path)}")
 
 
 def _describe_holder(path: Path) -> str:
+    """Return the process id of the worker in words, or ""."""
     try:
         return f" (program {json.loads(path.read_bytes())['pid']})"
     except (OSError, ValueError, KeyError, TypeError):
@@ -189,5 +212,6 @@ def _describe_holder(path: Path) -> str:
 
 
 def _remove_run_file(path: Path) -> None:
+    """Remove the run file; a failure is ignored, because the next worker replaces the file."""
     with contextlib.suppress(OSError):
         path.unlink()

@@ -1,5 +1,4 @@
-"""The files that jobs are gone on with, NAME.resume.json, as far as they are looked at without
-what is in them."""
+"""Lists the snapshots of jobs, NAME.resume.json, without reading their contents completely."""
 
 from __future__ import annotations
 
@@ -10,12 +9,12 @@ from topdress.drivers.files.limits import RESUME, check_limit
 
 SNAPSHOT_FORMAT = "topdress-resume/1"
 SNAPSHOT_SUFFIX = ".resume.json"
-# two weeks of a contractor's: jobs left longer ago are not gone on with
+# Two weeks of a contractor's jobs; older jobs are not resumed.
 MOST_SNAPSHOTS = 100
 
 
 def read_mtime_ns(path: Path) -> int:
-    """Time of the file's last change, ns; 0 where it cannot be read."""
+    """Return the time of a file's last change, ns; 0 where unreadable."""
     try:
         return path.stat().st_mtime_ns
     except OSError:
@@ -23,16 +22,17 @@ def read_mtime_ns(path: Path) -> int:
 
 
 def list_newest_first(folder: Path) -> list[Path]:
-    """The snapshots of a folder, the newest `MOST_SNAPSHOTS`."""
+    """Return the newest `MAX_SNAPSHOTS` snapshots of a folder, newest first."""
     return sorted(folder.glob(f"*{SNAPSHOT_SUFFIX}"), key=read_mtime_ns, reverse=True)[
         :MOST_SNAPSHOTS
     ]
 
 
 def may_have_open_job(folder: Path) -> bool:
-    """Whether a job may go on: false where each was ended by its operator, or none was worked.
+    """Return whether any job may be resumable: False if each was ended by its operator, or none was
+    worked.
 
-    Quick; `resume.find_open_jobs` reads which go on indeed.
+    This check is quick; `resume.find_open_jobs` reads which jobs are resumable.
     """
     for path in list_newest_first(folder):
         try:

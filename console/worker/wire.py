@@ -1,4 +1,4 @@
-"""Frames, answers and the greeting as bytes, one JSON object a line."""
+"""Converts frames, answers and the greeting to bytes, one JSON object per line."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from topdress.control.orders import Answer
 
 
 def format_greeting(pid: int) -> bytes:
-    """The first line to every client: who listens here, so that a port taken over by another
-    program is recognised."""
+    """Return the first line to every client. It identifies the worker, so that a port taken over by
+    another program is recognised."""
     return _format_json_line({"hello": GREETING, "pid": pid})
 
 
 def format_answer(number: int | None, answer: Answer, extra: dict[str, Any]) -> bytes:
-    """The answer to a request as a line."""
+    """Return the answer to a request as a line."""
     return _format_json_line(
         {"answer": number, "accepted": answer.accepted, "why": answer.why} | extra
     )
 
 
 def format_frame(frame: Frame) -> bytes:
-    """The frame as a line; a value that is not finite is sent as unknown, so that it never blinds
-    the console.
+    """Return a frame as a line. A value that is not finite is sent as unknown, so that it never
+    blinds the console.
 
-    Raises ValueError where something else than the row is not finite.
+    Raises ValueError if anything except the row is not finite.
     """
     try:
         return format_frame_json(frame)
@@ -43,4 +43,5 @@ def format_frame(frame: Frame) -> bytes:
 
 
 def _format_json_line(message: dict[str, Any]) -> bytes:
+    """Return a message as a line of JSON."""
     return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"

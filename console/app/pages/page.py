@@ -41,7 +41,7 @@ from topdress.console.locale import _
 
 
 class NoticeRows(Panel[str]):
-    """Shows a notice over the last rows of a page where the row beside hold and STOP is too short
+    """Shows a notice over the last rows of a page where the row next to hold and STOP is too short
     for it."""
 
     def draw_rows(self, view: str, width: int, height: int) -> list[Content]:
@@ -51,7 +51,7 @@ class NoticeRows(Panel[str]):
         ]
 
     def show_notice(self, text: str, room: int, width: int) -> None:
-        """Show a notice; `room` is the number of cells beside hold and STOP."""
+        """Show a notice; `room` is the number of cells next to hold and STOP."""
         long = text if cell_len(text) + 1 > room else ""
         self.display = bool(long)
         if long:
@@ -102,7 +102,7 @@ LOST_AGE_S = 1.1
 class Page(Screen[None]):
     """Shows a screen that has a key of its own.
 
-    A subclass defines `where`, `compose_body` and its content; its keys are in `keys.py` beside it.
+    A subclass defines `where`, `compose_body` and its content; its keys are in its `keys.py`.
     Below 80 x 24 only state, alarms, the machine's numbers and keys remain. On a narrow screen of
     sufficient height, Run, Map and Job appear too.
     """

@@ -40,7 +40,7 @@ class Choice(NamedTuple):
     why
         Reason why the entry is impossible now, with a remedy; "" where it is possible.
     picture
-        Field drawn beside the label.
+        Field drawn next to the label.
     """
 
     value: str

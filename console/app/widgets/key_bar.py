@@ -26,7 +26,7 @@ class KeysView(NamedTuple):
     off: frozenset[str] = frozenset()
 
 
-# These actions stay in place beside a notice and under a dialog.
+# These actions stay in place next to a notice and under a dialog.
 URGENT_ACTIONS = ("hold", "stop")
 # The last two actions make everything else reachable by mouse at any width.
 ALWAYS_SHOWN = (*URGENT_ACTIONS, "pages", "palette")
@@ -91,7 +91,7 @@ class KeyBar(Panel[KeysView]):
 
     @staticmethod
     def _place_keys(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:
-        """Return the placed keys. Beside a notice only hold and STOP remain, at their usual
+        """Return the placed keys. Next to a notice only hold and STOP remain, at their usual
         positions. The reason for their absence also comes first."""
         if view.notice:
             return tuple(
@@ -109,7 +109,7 @@ class KeyBar(Panel[KeysView]):
         )
 
     def count_notice_cells(self, actions: tuple[Action, ...]) -> int:
-        """Return the number of cells beside hold and STOP."""
+        """Return the number of cells next to hold and STOP."""
         width = self.content_size.width
         urgent = [one for one in place_actions(actions, width) if one[0].id in URGENT_ACTIONS]
         return width - sum(cells for _action, _start, cells in urgent)

@@ -182,7 +182,7 @@ class RatesPanel(Panel[RatesView]):
         used = cell_len(label) + cell_len(view.unit) + 2 + cell_len(nudge)
         room = width - half - cell_len(f" {_('applied')} {view.unit}  ")
         note = f" {', '.join(view.notes)} " if view.notes else ""
-        # A reason that does not fit beside the labels needs a row of its own.
+        # A reason that does not fit next to the labels needs a row of its own.
         low = cell_len(note) > room
         note = "" if low else note
         rows = [

@@ -131,7 +131,7 @@ SHORTENINGS: tuple[Callable[[StatusView], StatusView], ...] = (
 
 
 def fit_status(view: StatusView, width: int) -> StatusView:
-    """Return the parts that fit beside state and marks: whole words are dropped, none is cut."""
+    """Return the parts that fit next to state and marks: whole words are dropped, none is cut."""
     for without in SHORTENINGS:
         if _count_status_cells(view) <= width:
             break

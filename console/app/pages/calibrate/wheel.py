@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from topdress.control.geodesy import Place, TangentPlane
 
-# Shortest drive, m: over 100 m the noise of two fixes is below 1 %.
+# Shortest drive, m: over 100 m the noise of two differential fixes is below 1 %.
 LEAST_DRIVE_M = 100.0
 # Largest offset from the straight line, m: a bend of 1 m lengthens 100 m by 0.03 %.
 STRAIGHT_M = 1.0

@@ -606,7 +606,7 @@ class DiagnosisScreen(Page):
                 )
             )
         elif state is WorkerState.SUCCESS and isinstance(worker.result, DiagnosisView):
-            # A simulated run has planted effects; its diagnosis is shown beside that of the log.
+            # A simulated run has planted effects; its diagnosis is shown next to that of the log.
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"

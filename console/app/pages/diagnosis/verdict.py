@@ -1,4 +1,4 @@
-"""Shows the verdict: one word, one sentence, the next step; beside it the verdict on the separating
+"""Shows the verdict: one word, one sentence, the next step; next to it the verdict on the separating
 run.
 """
 

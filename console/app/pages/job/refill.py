@@ -22,7 +22,7 @@ LEAST_FILLED_KG = 0.1
 # Bags are weighed to a few percent and a scale reads to one percent: a larger relative difference
 # means that one of both is wrong.
 GROSS_ERROR_SHARE = 0.25
-# Absolute error of both, kg: zero of the scale on a slope, material that fell beside the hopper.
+# Absolute error of both, kg: zero of the scale on a slope, material that fell next to the hopper.
 SCALE_ERROR_KG = 5.0
 
 
