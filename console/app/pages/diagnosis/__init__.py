@@ -11,6 +11,6 @@ Files:
 - `run_plan`: Shows the plan of the separating run
 - `service`: Declares the data, results and functions that the Diagnosis page receives
 - `shown`: Converts a diagnosis to the views of the page's panels
-- `verdict`: Shows the verdict: one word, one sentence, the next step
+- `verdict`: Shows the verdict in a word and a sentence with the next step
 - `words`: Words a diagnosis on its page
 """

@@ -1,6 +1,4 @@
-"""Shows the verdict: one word, one sentence, the next step; next to it the verdict on the separating
-run.
-"""
+"""Shows the verdict in a word and a sentence with the next step, and that of the separating run."""
 
 from __future__ import annotations
 
