@@ -1,5 +1,6 @@
-"""Which devices does one machine have, and what do they read and obey in a tick? The cab owns
-all ports and drivers."""
+"""Which devices does one machine have, and what do they read and obey in a tick? The cab owns all
+ports and drivers.
+"""
 
 from __future__ import annotations
 
@@ -71,9 +72,11 @@ class FixDecoder(Protocol):
 class Cab:
     """Owns the ports and drivers of one machine.
 
-    `read_measurements` and `command` are called once a tick by one thread; they never wait for a
-    device. `refused_commands` counts the set-points that were not finite: in their place a stop was
-    sent; `dropped_doses` those that came while the board was still giving the one before."""
+    `read_measurements` and `send_command` are called once a tick by one thread and never wait for a
+    device. `refused_commands` counts the set-points that were not finite; the drives receive a stop
+    instead. `dropped_doses` counts the doses that arrived while the board was still delivering the
+    previous dose.
+    """
 
     def __init__(
         self,
@@ -86,15 +89,18 @@ class Cab:
         self.refused_commands = 0
         self.dropped_doses = 0
         self._dose_waits: tuple[float, DoseOrder] | None = None
-        self.board: BoardReadings | None = None  # the newest status line, flags included
-        self.rig_readings: RigReadings | None = None  # the newest line of the lag rig
+        # The newest status line of the slave board, flags included.
+        self.board: BoardReadings | None = None
+        # The newest line of the lag rig.
+        self.rig_readings: RigReadings | None = None
         self._board_connects = 0
-        # since when the board has been sent enable 1
+        # Time from which the board has been sent enable 1, s; None while it is sent enable 0.
         self._enabled_since_s: float | None = None
         self._clock = clock
         self._fix: GnssFix | None = None
         self._ndvi: list[Reading | None] = [None] * (config.heads.count if config.heads else 0)
-        self._readings: dict[str, Any] = dict.fromkeys(BOARD_READINGS)  # Reading or None
+        # Every value is a Reading, or None before the device sent its first.
+        self._readings: dict[str, Any] = dict.fromkeys(BOARD_READINGS)
         self._valves_seen: ValvesSeen | None = None
         self._work_switch: bool | None = None
         self._work_switch_s = 0.0
@@ -183,17 +189,19 @@ class Cab:
         self._listening = self._list_listeners()
 
     def read_measurements(self, now_s: float) -> Measurements:
-        """Read what has arrived and give the newest accepted value of everything, however old.
+        """Reads the bytes that have arrived and returns the newest accepted value of every
+        quantity, however old.
 
-        Bytes are stamped `now_s`, the tick at which they are read: late by less than one tick.
-        A device whose driver raises is put aside until it is plugged again.
+        Bytes are stamped `now_s`, the tick at which they are read, so a time stamp is late by less
+        than one tick. A device whose driver raises an exception is put aside until it is plugged in
+        again.
         """
         for line, listen in self._listening:
             if line.aside:
                 continue
             try:
                 listen(now_s)
-            # one device that nobody understands must not cost the others the tick
+            # An undecodable device must not interrupt the tick of the other devices.
             except Exception as error:
                 line.put_aside(error)
         return Measurements(
@@ -214,12 +222,12 @@ class Cab:
         )
 
     def send_command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        """Send the set-points of this tick, which are also the heartbeat; without a drive
-        nothing happens.
+        """Sends the set-points of this tick, which are also the heartbeat; a machine without drives
+        receives nothing.
 
-        Not enabled, or no command: a stop. Set-points are cut to the drives' limits. With a
-        rate module the board gets the gate's set-point only. Record only: nothing is sent at
-        all.
+        A stop is sent if `enabled` is False or `command` is None. Set-points are cut to the limits
+        of the drives. On a machine with a rate module the board receives only the set-point of the
+        gate. A record-only machine is sent nothing.
         """
         if self._record_only:
             return
@@ -231,8 +239,8 @@ class Cab:
             self._send_to_drives(now_s, None, False)
 
     def _give_ordered_dose(self, now_s: float, command: DriveCommand | None) -> None:
-        """Sends the dose of this tick's command. While the board is busy with the dose before it
-        waits a tick or two; then it is dropped and counted."""
+        """Sends the dose of this tick's command. The dose waits one or two ticks while the board
+        delivers the previous dose; after that it is dropped and counted."""
         if command is None or self._drives is None:
             self._dose_waits = None
             return
@@ -250,10 +258,19 @@ class Cab:
             self.dropped_doses += 1
 
     def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> GivenDose | None:
-        """Sends one dose of a point applicator; None without a board. Raises ValueError as
-        `PointDose.give_dose` does.
+        """Sends one dose of a point applicator; returns None for a machine without a board.
 
-        What became of it is in `dose` at every later tick."""
+        The result of the dose is in `dose` of every later measurement.
+
+        Parameters
+        ----------
+        angle_deg : angle by which the metering shaft turns, degrees.
+        shaft_rpm : speed of the shaft during the dose, r/min.
+
+        Raises
+        ------
+        ValueError : the angle or the speed is not allowed, or the previous dose is not finished.
+        """
         if self._drives is None or self._record_only:
             return None
         line, board = self._drives
@@ -262,12 +279,12 @@ class Cab:
 
     @property
     def newest_dose(self) -> GivenDose | None:
-        """Returns what is known of the newest dose."""
+        """Returns the newest dose with its state; None before the first dose."""
         return self._drives[1].dose.newest if self._drives else None
 
     def request_turned(self) -> ShaftTurned | None:
-        """Requests how far the board's shaft turned, and returns its last answer. It moves
-        nothing."""
+        """Requests how far the board's shaft has turned and returns the board's last answer. The
+        request moves nothing."""
         if self._drives is None:
             return None
         line, board = self._drives
@@ -276,22 +293,24 @@ class Cab:
         return board.turned
 
     def send_rig_order(self, run: int, arm: bool) -> None:
-        """Arm the lag rig for a run, or let it idle; without a rig nothing happens."""
+        """Arms the lag rig for run number `run`, or sets it to idle; a machine without a rig
+        receives nothing."""
         if self._rig is not None:
             line, rig = self._rig
             line.write_bytes(self._clock(), rig.make_order(run, arm))
 
     def list_device_status(self, now_s: float) -> tuple[DeviceStatus, ...]:
-        """Every device, in the order gnss, heads, board, rate module, lag rig, tractor, rate
-        line."""
+        """Returns the status of every device, in the order gnss, heads, board, rate module, lag
+        rig, tractor, rate line."""
         return tuple(line.make_status(now_s) for line in self._list_lines())
 
     def find_device_line(self, name: str) -> DeviceLine | None:
-        """The line of a device by the name that `status` gives it."""
+        """Returns the line of the device with this name, as `DeviceStatus.name` gives it; None for
+        an unknown name."""
         return next((line for line in self._list_lines() if line.name == name), None)
 
     def close_devices(self) -> None:
-        """Stop the drives and give the ports back."""
+        """Stops the drives and closes the ports."""
         self.send_command(self._clock(), None, False)
         for line in self._list_lines():
             line.port.close()
@@ -299,8 +318,8 @@ class Cab:
             self._gnss.close()
 
     def _send_to_drives(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        """Makes both drives' bytes before any is sent: a number that one refuses reaches
-        neither."""
+        """Encodes the bytes of both drives before any are sent, so that a refused number reaches
+        neither drive."""
         datagrams: list[bytes] = []
         if self._module is not None:
             valves = command.valves if command is not None and self._module.has_valves else ()
@@ -326,6 +345,7 @@ class Cab:
             self._module.line.write_bytes(now_s, data)
 
     def _list_lines(self) -> list[DeviceLine]:
+        """Returns the line of every device in the order of reading."""
         return [line for line, _ in self._listening]
 
     def _list_listeners(self) -> list[tuple[DeviceLine, Callable[[float], None]]]:
@@ -376,9 +396,12 @@ class Cab:
         return self.board is not None and self.board.driver_fault
 
     def _has_drive_stopped(self) -> bool:
-        """Returns whether the board has not followed for as long as a command and its echo may
-        take: it lost the heartbeat or its power, and waits for an enable 0. (A driver's fault is
-        reported separately.)"""
+        """Returns whether the board has stopped following commands for longer than a command and
+        its echo may take.
+
+        Such a board lost the heartbeat or its power and waits for enable 0. A driver's fault is
+        reported separately.
+        """
         board, since_s = self.board, self._enabled_since_s
         return (
             board is not None
@@ -389,8 +412,8 @@ class Cab:
         )
 
     def _find_work_switch(self, now_s: float) -> bool | None:
-        """Returns the newest state of the work switch; a fitted one is unknown when it falls
-        silent."""
+        """Returns the newest state of the work switch; a fitted switch that falls silent is unknown
+        (None)."""
         if self._switch_fitted and now_s - self._work_switch_s > SWITCH_VALID_S:
             return None
         return self._work_switch
@@ -401,6 +424,7 @@ class Cab:
     def _read_head(self, line: DeviceLine, decoder: HeadDecoder, now_s: float) -> None:
         data = line.read_bytes(now_s)
         samples = decoder.feed(data, now_s) if data else []
+        # A head may send its second index instead of NDVI; both indices are limited to -1 ... 1.
         for sample in samples:
             value = sample.ndvi if self._index == "ndvi" else sample.index_2
             if value is not None and abs(value) <= 1.0:
@@ -408,6 +432,8 @@ class Cab:
         line.note_accepted(sample.time_s for sample in samples)
 
     def _read_board(self, line: DeviceLine, board: SlaveBoard, now_s: float) -> None:
+        # After a reconnection another board, or the same board restarted, may be at the end of the
+        # line.
         connects = line.port.state().connects
         if connects != self._board_connects:
             self._board_connects = connects
@@ -421,6 +447,8 @@ class Cab:
             self._valves_seen = readings.valves
             for name in BOARD_READINGS:
                 value = getattr(readings, name)
+                # The rate module turns the shaft of such a machine, so its readings replace the
+                # board's.
                 if value is not None and not (
                     name in ("shaft_rpm", "shaft_effort") and self._module is not None
                 ):
@@ -435,6 +463,7 @@ class Cab:
         line.note_accepted(readings.time_s for readings in accepted)
 
 
+# Names of the readings that the slave board contributes to `Measurements`.
 BOARD_READINGS = (
     "wheel_speed_mps",
     "shaft_rpm",
@@ -446,15 +475,16 @@ BOARD_READINGS = (
     "shaft_effort",
     "gate_effort",
 )
+# Time for which a state of the work switch is valid, s: ten status lines at 20 a second.
 SWITCH_VALID_S = 0.5
-# Time for which a dose waits for the board to finish the one before, s.
+# Time for which a dose waits for the board to finish the previous dose, s.
 DOSE_WAIT_S = 0.1
 # Time from the first enable 1 to a status line that confirms it, s.
 ENABLE_ECHO_S = 0.3
 
 
 class _GnssSource:
-    """Reads the source of fixes on its line; gpsd is asked to report at every connect."""
+    """Reads the source of fixes on its line; gpsd is requested to report at every connection."""
 
     def __init__(self, config: GnssConfig, clock: Clock, opener: PortOpener) -> None:
         makers: dict[str, Callable[[], FixDecoder]] = {
@@ -484,13 +514,13 @@ class _GnssSource:
                 self._greeted = state.connects
                 self.line.write_bytes(now_s, self._hello)
         data = self.line.read_bytes(now_s)
-        # a plug-in is asked at every tick: it answers later
+        # A plug-in answers later, so it is called at every tick, even without new bytes.
         fixes = self._decoder.feed(data, now_s) if data or self._plugin is not None else []
         self.line.note_accepted(fix.time_s for fix in fixes)
         return fixes[-1] if fixes else None
 
     def close(self) -> None:
-        """Ends a plug-in's process."""
+        """Ends the process of a plug-in."""
         if self._plugin is not None:
             self._plugin.close()
 
@@ -502,8 +532,8 @@ def _make_plugin_receiver(protocol: str) -> PluginReceiver:
 
 
 class _RateModuleLine:
-    """Reads a rate module on its datagram line. A gate set by hand is as fresh as the module's
-    own readings."""
+    """Reads a rate module on its datagram line. A gate set by hand gets the time stamp of the
+    module's own readings."""
 
     def __init__(self, config: RateModuleConfig, clock: Clock, opener: DatagramOpener) -> None:
         self.driver = RateModule(
@@ -524,7 +554,7 @@ class _RateModuleLine:
 
     @property
     def work_switch(self) -> tuple[bool, float] | None:
-        """Returns the newest state of the work switch, and its time."""
+        """Returns the newest state of the work switch and its time, s; None without a state."""
         board, heard_s = self.driver.board, self.driver.board_s
         return (
             (board.work_switch, heard_s)
@@ -533,7 +563,7 @@ class _RateModuleLine:
         )
 
     def read_module(self, now_s: float) -> dict[str, Reading | None]:
-        """Returns the new readings."""
+        """Returns the new readings by name; empty if nothing arrived."""
         found: dict[str, Reading | None] = {}
         accepted = self.driver.feed(self.line.read_datagrams(now_s), now_s)
         for readings in accepted:
@@ -561,7 +591,7 @@ def _open_heads(
 
 
 class _CountingDriver(Protocol):
-    """Defines a driver or decoder that counts what it takes."""
+    """Defines a driver or decoder that counts its messages."""
 
     @property
     def counts(self) -> Counts: ...

@@ -1,4 +1,4 @@
-"""Which devices does a machine have, and where are they connected? The cab file."""
+"""Which devices does a machine have, and where are they connected? The cab file lists them."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from topdress.drivers.datagrams import is_loopback, parse_udp_address, validate_
 from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields, find_head_fields
 from topdress.drivers.plugins import CALLABLE, find_entry_points, find_plugin
 
+# Largest number of canopy heads on one boom.
 MAX_HEADS = 12
-# where rate modules listen, and where they answer
+# UDP ports on which rate modules listen and to which they answer.
 MODULE_PORT, CONSOLE_PORT = 28888, 29999
-# a rate module stops its own motor after this much silence
+# Time without messages after which a rate module stops its own motor, s.
 MODULE_TIMEOUT_S = 4.0
 
 LineUrl = Annotated[str, AfterValidator(validate_line_url)]
@@ -23,6 +24,7 @@ UdpPort = Annotated[int, Field(ge=1, le=65535)]
 ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
 
 
+# Receiver protocols that are built in; plug-ins add others by name.
 RECEIVERS = ("nmea0183", "gpsd", "agopengps")
 
 
@@ -40,11 +42,11 @@ Receiver = Annotated[str, AfterValidator(_validate_receiver), Field(examples=lis
 
 
 class GnssConfig(FrozenModel):
-    """A receiver, or a program that passes on what its receiver says.
+    """Describes a receiver, or a program that passes on a receiver's position.
 
     `nmea0183`: a serial line or `socket://`. `gpsd`: `socket://HOST:2947`. `agopengps`:
-    `udp://127.0.0.1:17777`, the address at which this program listens; another one than
-    loopback says who is believed: `?from=ADDRESS`.
+    `udp://127.0.0.1:17777`, the address at which this program listens; any address other than
+    loopback names the permitted sender: `?from=ADDRESS`.
     """
 
     protocol: Receiver = "nmea0183"
@@ -70,7 +72,8 @@ class GnssConfig(FrozenModel):
 
 
 class HeadLayout(FrozenModel):
-    """Which field of a head's line means what; the first is 1, `index_2: 0` where there is none."""
+    """Assigns the fields of a head's line to NDVI and the second index. Field numbers begin at 1;
+    `index_2: 0` means that the line has no second index."""
 
     fields: Annotated[int, Field(ge=1, le=40)]
     ndvi: Annotated[int, Field(ge=1, le=40)]
@@ -86,15 +89,19 @@ class HeadLayout(FrozenModel):
 
 
 class HeadsConfig(FrozenModel):
-    """The canopy heads: one port each, left to right, or all on one multiplexed line."""
+    """Describes the canopy heads: one port each from left to right, or all on one
+    multiplexed line."""
 
     protocol: str = "greenseeker"
     ports: Annotated[tuple[LineUrl, ...], Field(min_length=1, max_length=MAX_HEADS)]
-    baud: Baud | None = None  # None: the protocol's own
+    # None means the baud rate that the protocol defines.
+    baud: Baud | None = None
     multiplexed: bool = False
-    heads: Annotated[int, Field(ge=1, le=MAX_HEADS)] = 6  # how many, where multiplexed
-    layout: HeadLayout | None = None  # None: the protocol's own
-    # which of the heads' indices counts; ndre: the second one
+    # The number of heads on a multiplexed line; separate ports are counted instead.
+    heads: Annotated[int, Field(ge=1, le=MAX_HEADS)] = 6
+    # None means the layout that the protocol defines.
+    layout: HeadLayout | None = None
+    # The index that determines the rate; `ndre` is the second index of the line.
     index: Literal["ndvi", "ndre"] = "ndvi"
 
     @model_validator(mode="after")
@@ -135,7 +142,7 @@ class HeadsConfig(FrozenModel):
 
 
 class BoardConfig(FrozenModel):
-    """The slave board, the limits of its drives and the wheel that it counts."""
+    """Describes the slave board, the limits of its drives and the wheel whose pulses it counts."""
 
     port: LineUrl
     baud: Baud = 115200
@@ -143,19 +150,21 @@ class BoardConfig(FrozenModel):
     max_opening_mm: Annotated[float, Field(gt=0, le=100)] = 60.0
     wheel_circumference_m: Annotated[float, Field(gt=0, le=20)] = 2.50
     wheel_pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
-    work_switch: bool = False  # fitted: then silence about it means "up"
+    # On a machine with a switch, silence of the switch means that the implement is lifted.
+    work_switch: bool = False
 
 
 class RateModuleConfig(FrozenModel):
-    """A rate module on UDP as the metering drive. Its unit is one turn of the metering shaft:
-    units a minute are r/min.
+    """Describes a rate module on UDP as the metering drive. Its unit is one turn of the metering
+    shaft, so units per minute are r/min.
 
-    `address`: the module's own or the subnet's broadcast address; None: 192.168.1.(50 +
-    module), the modules' default. `listen`: this computer's own address on the module's
-    network, or 0.0.0.0 where the module answers to the whole subnet. `subnet`: from where
-    answers are believed, as 192.168.1.0/24; None: from `address` alone. `fixed_opening_mm`:
-    where the gate is set by hand, on a machine whose board does not move it. `valves`: the
-    sections' valves hang on its relays, from the second on; else on the slave board.
+    `address`: the module's own address or the broadcast address of the subnet; None means
+    192.168.1.(50 + module), the default of the modules. `listen`: this computer's own address in
+    the network of the module, or 0.0.0.0 where the module answers to the whole subnet. `subnet`:
+    network from which answers are accepted, such as 192.168.1.0/24; None means `address` alone.
+    `fixed_opening_mm`: opening of a gate that is set by hand because the board does not move it.
+    `valves`: whether the valves of the sections are wired to the relays of the module, from the
+    second relay on; otherwise they are wired to the slave board.
     """
 
     address: str | None = None
@@ -174,7 +183,8 @@ class RateModuleConfig(FrozenModel):
 
     @property
     def url(self) -> str:
-        """Both ends, and who is believed: `udp://LISTEN:PORT?to=ADDRESS:PORT&from=NETWORK`."""
+        """URL with both addresses and the permitted senders:
+        `udp://LISTEN:PORT?to=ADDRESS:PORT&from=NETWORK`."""
         senders = "" if self.subnet is None else f"&from={self.subnet}"
         return (
             f"udp://{self.listen}:{self.listen_port}?to={self.module_address}:{self.port}{senders}"
@@ -182,7 +192,7 @@ class RateModuleConfig(FrozenModel):
 
     @property
     def module_address(self) -> str:
-        """The address that is sent to."""
+        """Address to which the datagrams are sent."""
         return self.address or f"192.168.1.{50 + self.module}"
 
     @model_validator(mode="after")
@@ -223,26 +233,26 @@ def _is_network(text: str) -> bool:
 
 
 class LagRigConfig(FrozenModel):
-    """The lag rig, where it is mounted for calibrating."""
+    """Describes the lag rig, where it is mounted for calibration."""
 
     port: LineUrl
     baud: Baud = 115200
 
 
 class TractorConfig(FrozenModel):
-    """The tractor's own computer, or a gateway to it, that tells the speeds it will aim at
-    (`$PTDSP`)."""
+    """Describes the tractor's own computer, or a gateway to it, that announces the speeds that the
+    tractor will reach (`$PTDSP`)."""
 
     port: LineUrl
     baud: Baud = 115200
 
 
 class RateLineConfig(FrozenModel):
-    """Another display that tells the target: `$R,RC` as it tells a Raven console, or `$PTDRT`.
+    """Describes another display that sends the target: `$R,RC` as for a Raven console, or `$PTDRT`.
 
-    A serial line, `socket://`, or the `udp://` address at which this program listens; another
-    one than loopback says who is believed: `?from=ADDRESS`. `unit_kg_ha`: of the number in a
-    Raven sentence, which has no decimal point.
+    The line is serial, `socket://`, or the `udp://` address at which this program listens; any
+    address other than loopback names the permitted sender: `?from=ADDRESS`. `unit_kg_ha` is the
+    unit of the number in a Raven sentence, which has no decimal point.
     """
 
     port: LineUrl
@@ -261,11 +271,12 @@ class RateLineConfig(FrozenModel):
 
 
 class CabConfig(FrozenModel):
-    """Which devices a machine has and where they are plugged in; None: not fitted.
+    """Lists the devices of a machine and where they are plugged in; None means that a device is not
+    fitted.
 
-    `record_only`: nothing is sent to any drive; what a machine of somebody else's does is
-    logged and mapped. `virtual`: at the other end of the ports is `topdress serve-machine` and
-    no machine. The screens say so, and a job without a boundary gets the field of its simulated
+    `record_only`: nothing is sent to any drive; the work of another controller is only logged and
+    mapped. `virtual`: `topdress serve-machine` is at the other end of the ports instead of a
+    machine. The screens state this, and a job without a boundary gets the field of its simulated
     passes.
     """
 
@@ -300,7 +311,7 @@ class CabConfig(FrozenModel):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What an operator must know of these devices."""
+        """Warnings about these devices that the operator must know."""
         found = []
         if self.rate_module is not None:
             found.append(

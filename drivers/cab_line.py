@@ -1,5 +1,6 @@
-"""How is one device's line in the cab managed? Its port with name, counts and rate, and its
-listeners."""
+"""How is the line of one device in the cab managed? Its port has a name, counts, a message rate and
+listeners.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +14,20 @@ from topdress.drivers.devices.lines import Counts
 from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import Port
 
-# Span of the message rate, s; a device silent for this long has rate 0.
+# Window over which the message rate is counted, s; a device silent for longer has rate 0.
 RATE_SPAN_S = 2.0
+# Longest text of an error of a driver that the page Devices shows.
 MAX_ASIDE_CHARACTERS = 200
 
-Direction = Literal["<", ">"]  # received, sent
-# Is called for all bytes; it must return at once, because the control loop calls it.
+# "<" marks received bytes and ">" sent bytes, as in a capture file.
+Direction = Literal["<", ">"]
+# A tap receives all bytes. It must return at once, because the control loop calls it.
 Tap = Callable[[float, Direction, bytes], None]
 
 
 class DeviceLine:
-    """Holds the line of one device. `baud`: of a serial line; None for other ports (socket,
-    memory, datagrams)."""
+    """Holds the line of one device. `baud` is the rate of a serial line; None for a socket, memory
+    or datagrams."""
 
     def __init__(
         self, name: str, protocol: str, port: Port, counts: Counts, baud: int | None = None
@@ -33,9 +36,9 @@ class DeviceLine:
         self.port = port
         self.baud = baud
         self.plugged = True
-        # Why the device is no longer read; empty: it is read.
+        # The reason why the device is no longer read; empty while the device is read.
         self.aside = ""
-        # Name of the culprit: the device, with the plug-in that reads it.
+        # The name to show as the cause of a fault: the device, with the plug-in that reads it.
         self.blamed = name
         self._protocol = protocol
         self._counts = counts
@@ -55,34 +58,34 @@ class DeviceLine:
         self._inform_taps(now_s, ">", data)
 
     def note_accepted(self, times_s: Iterable[float]) -> None:
-        """Records the times of accepted messages."""
+        """Records the times of accepted messages, s."""
         self._times_s.extend(times_s)
 
     def add_tap(self, tap: Tap) -> None:
-        """Passes all received and sent bytes to `tap` from now on, unchanged (each datagram
-        separately)."""
+        """Passes all received and sent bytes to `tap` from now on, unchanged, each datagram
+        separately."""
         self._taps.append(tap)
 
     def remove_tap(self, tap: Tap) -> None:
-        """Stops passing received bytes to `tap`."""
+        """Stops passing bytes to `tap`."""
         if tap in self._taps:
             self._taps.remove(tap)
 
     def put_aside(self, error: Exception) -> None:
-        """Stops reading a device whose driver failed on its bytes, until it is plugged again.
-        Sending continues, so that a drive can be stopped."""
+        """Stops reading a device whose driver failed on its bytes, until the device is plugged in
+        again. Sending continues, so that a drive can be stopped."""
         by_plugin = isinstance(error, PluginFault)
         why = str(error) if by_plugin else f"{type(error).__name__}: {error}"
         self.aside = f"put aside: {why}"[:MAX_ASIDE_CHARACTERS]
         self.blamed = f"{self.name} (plug-in {self._protocol})" if by_plugin else self.name
 
     def set_plugged(self, plugged: bool) -> None:
-        """Closes the port and leaves it alone (False) until True."""
+        """Closes the port and keeps it closed (False), or opens it again (True)."""
         self.plugged, self.aside = plugged, ""
         self.port.plug(plugged)
 
     def make_status(self, now_s: float) -> DeviceStatus:
-        """Returns the state of the line for page Devices."""
+        """Returns the state of the line for the page Devices."""
         state = self.port.state()
         times_s = self._times_s
         age_s = now_s - times_s[-1] if times_s else None
@@ -110,7 +113,7 @@ class DeviceLine:
         for tap in list(self._taps):
             try:
                 tap(now_s, direction, data)
-            # whoever listens in costs neither the device nor the tick
+            # A failing listener must interrupt neither the device nor the tick.
             except Exception:
                 self._taps.remove(tap)
 

@@ -1,5 +1,6 @@
-"""How are datagrams sent and received over UDP? Whole ones only. A bound UDP socket never blocks
-the loop, so that it needs no thread."""
+"""How are datagrams sent and received over UDP? A bound UDP socket never blocks the loop, so it
+needs no thread. Datagrams stay whole.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +21,23 @@ from topdress.drivers.ports import (
     parse_scheme,
 )
 
+# Buffer for one datagram, bytes; every known message is shorter.
 MAX_DATAGRAM_BYTES = 2048
-# Datagrams returned by one read; in a flood older ones are dropped.
+# Largest number of datagrams that one read returns; in a flood older ones are dropped.
 MAX_WAITING = 64
-# Datagrams taken from the system in one read, strangers' included; the system may drop the rest.
+# Largest number of datagrams taken from the system in one read, other senders included; the system
+# may drop the rest.
 MAX_TAKEN = 512
 LOOPBACK = ipaddress.ip_network("127.0.0.0/8")
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
+# Interval of attempts to bind a socket whose port another program uses, s.
 RETRY_S = 1.0
-# UDP has no plug: "connected" means that a datagram arrived within this time, s.
+# UDP has no plug, so "connected" means that a datagram arrived within this time, s.
 SILENT_AFTER_S = 2.0
 
 
 class Datagrams(Port, Protocol):
-    """Defines a port that keeps datagrams apart. `read` returns them joined."""
+    """Defines a port that keeps datagrams separate. `read` returns them joined."""
 
     def read_each(self) -> list[bytes]:
         """Returns the datagrams that arrived since the last call, oldest first."""
@@ -41,8 +45,8 @@ class Datagrams(Port, Protocol):
 
 
 class UdpAddress(NamedTuple):
-    """Holds both ends of `udp://HOST:PORT[?to=HOST:PORT][&from=NETWORK]`. `senders`: who is
-    accepted; None: everybody."""
+    """Holds both ends of `udp://HOST:PORT[?to=HOST:PORT][&from=NETWORK]`. `senders` is the network
+    of the permitted senders; None permits every sender."""
 
     host: str
     number: int
@@ -51,14 +55,15 @@ class UdpAddress(NamedTuple):
 
 
 def parse_udp_address(url: str) -> UdpAddress:
-    """Returns where to listen, where to send and whom to accept.
+    """Returns the address to listen on, the address to send to and the permitted senders.
 
-    Without `from`, a port on loopback accepts this computer only, any other one the address that
-    it sends to.
+    Without `from`, a port on loopback permits this computer only; any other port permits the
+    address to which it sends.
 
     Raises
     ------
-    ValueError : in one line, where a part cannot be read."""
+    ValueError : a part of the URL cannot be read; the message is one line.
+    """
     try:
         parts = urlsplit(url)
         asked = parse_qs(parts.query)
@@ -87,7 +92,8 @@ def parse_udp_address(url: str) -> UdpAddress:
 
 
 def is_loopback(host: str) -> bool:
-    """Returns whether an address is this computer's own, which nobody else can reach."""
+    """Returns whether an address belongs to this computer alone and cannot be reached from the
+    network."""
     if host == "localhost":
         return True
     try:
@@ -97,7 +103,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _find_default_senders(host: str, to: tuple[str, int] | None) -> Network | None:
-    """Returns the default senders. Raises ValueError where the destination is a name."""
+    """Returns the default senders. Raises ValueError where the destination is a host name."""
     if is_loopback(host):
         return LOOPBACK
     return None if to is None else ipaddress.ip_network(to[0])
@@ -120,6 +126,7 @@ class _TrafficCounters:
         self._in += len(data)
 
     def state(self, connects: int, last_error: str) -> PortState:
+        """Returns the state of a port with this traffic."""
         connected = self._last_s is not None and self._clock() - self._last_s < SILENT_AFTER_S
         return PortState(
             connected,
@@ -135,10 +142,11 @@ class _TrafficCounters:
 
 
 class UdpPort:
-    """Holds a bound socket. Where it cannot be bound (another program has the port), it is tried
-    again every second.
+    """Holds a bound socket. A socket that cannot be bound, because another program uses the port,
+    is tried again every second.
 
-    Datagrams of other senders than its address allows are dropped and counted."""
+    Datagrams of senders that the address does not permit are dropped and counted.
+    """
 
     def __init__(self, url: str, clock: Clock) -> None:
         self._url = url
@@ -151,7 +159,8 @@ class UdpPort:
         self._next_try_s = clock()
         self._closed = False
         self._plugged = True
-        self._asked, self._believed = "", False  # the newest sender, and whether it is one
+        # The newest sender, and whether that sender is permitted.
+        self._asked, self._believed = "", False
         self._bind_socket()
 
     @property
@@ -161,7 +170,8 @@ class UdpPort:
 
     @property
     def number(self) -> int:
-        """Returns the port number (useful where 0 was requested); 0 while not bound."""
+        """Returns the port number, which the system chooses where 0 was requested; 0 while not
+        bound."""
         return int(self._socket.getsockname()[1]) if self._socket else 0
 
     def read_each(self) -> list[bytes]:
@@ -175,7 +185,7 @@ class UdpPort:
                 data, sender = self._socket.recvfrom(MAX_DATAGRAM_BYTES)
             except BlockingIOError:
                 break
-            # Windows tells here that nobody listened to an earlier datagram
+            # Windows reports here that no program listened to an earlier datagram.
             except OSError as error:
                 self._last_error = str(error)
                 break
@@ -191,7 +201,7 @@ class UdpPort:
         return list(found)
 
     def _is_believed(self, host: str) -> bool:
-        """Returns whether a sender is accepted; the answer for the newest sender is cached,
+        """Returns whether a sender is permitted. The answer for the newest sender is cached,
         because every datagram needs it."""
         if host != self._asked:
             senders = self._address.senders
@@ -280,7 +290,7 @@ class MemoryDatagrams:
         return self._name
 
     def join_ends(self, other: MemoryDatagrams) -> None:
-        """Joins this end with the other one: each reads what the other writes."""
+        """Joins this end with another end: each end reads what the other writes."""
         self._other, other._other = other, self
 
     def read_each(self) -> list[bytes]:
@@ -304,11 +314,11 @@ class MemoryDatagrams:
         self._other._waiting.append(data)
 
     def state(self) -> PortState:
-        """Returns whether the line is there, and its traffic."""
+        """Returns whether the line is connected, and its traffic."""
         return self._traffic.state(1, "" if self._plugged else UNPLUGGED)
 
     def plug(self, plugged: bool) -> None:
-        """Plugs or unplugs the line."""
+        """Plugs the line in or unplugs it."""
         self._plugged = plugged
 
     def close(self) -> None:
@@ -326,14 +336,13 @@ def make_datagram_pair(name: str, clock: Clock) -> tuple[MemoryDatagrams, Memory
 
 
 def open_line(url: str, baud: int, clock: Clock) -> Port:
-    """Opens any port of a cab file: those of `open_port`, or `udp://`. Raises ValueError as they
-    do."""
+    """Opens any port of a cab file: the kinds of `open_port`, or `udp://`. Raises ValueError for a
+    wrong URL."""
     return UdpPort(url, clock) if url.startswith("udp://") else open_port(url, baud, clock)
 
 
 def validate_line_url(url: str) -> str:
-    """Returns the URL where `open_line` knows its kind; raises ValueError with one line where it
-    does not."""
+    """Returns the URL if `open_line` knows its kind; raises ValueError with one line otherwise."""
     if url.startswith("udp://"):
         parse_udp_address(url)
     else:

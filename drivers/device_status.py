@@ -1,5 +1,4 @@
-"""What is known of one device in the cab? The console needs this, and nothing else of the
-drivers."""
+"""What is the state of one device in the cab? The console needs only this record of the drivers."""
 
 from __future__ import annotations
 
@@ -8,18 +7,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DeviceStatus:
-    """Holds what a device's line has counted and received."""
+    """Holds the counts and the last message of a device's line."""
 
-    name: str  # "gnss", "heads", "board"
+    # Name of the device, such as "gnss", "heads" or "board".
+    name: str
     port: str
     protocol: str
     connected: bool
-    age_s: float | None  # since the last accepted message
+    # Time since the last accepted message, s; None before the first.
+    age_s: float | None
     rate_hz: float
     accepted: int
     rejected: int
     last_raw: str = ""
-    connects: int = 0  # times the line was opened
+    # Number of times the line was opened.
+    connects: int = 0
     bytes_in: int = 0
     bytes_out: int = 0
     last_error: str = ""

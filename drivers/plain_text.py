@@ -1,9 +1,10 @@
-"""Which characters of foreign text may a terminal see? Those that control a terminal are left
-out.
+"""Which characters of foreign text may a terminal show? Characters that control a terminal are
+removed.
 
-Control characters of both sets (C0 but for the end of a line and the tabulator, DEL, C1), which
-begin escape sequences, and the marks that turn the direction of writing round, with which a
-text can show something else than it says (Unicode Technical Report 36, section 2.7)."""
+They are the control characters of both sets (C0 except line feed and tabulator, DEL, C1), which
+begin escape sequences, and the marks that reverse the direction of writing, with which a text can
+appear different from its content (Unicode Technical Report 36, section 2.7).
+"""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
+# Code points of the characters that are removed.
 STEERING_CODES = [
     *(code for code in range(32) if chr(code) not in "\n\t"),
     *range(127, 160),
@@ -26,13 +28,12 @@ _REMOVE_STEERING = dict.fromkeys(STEERING_CODES)
 
 
 def remove_steering(text: str) -> str:
-    """Returns the text without characters that control a terminal. Any other character is shown
-    as itself."""
+    """Returns the text without characters that control a terminal. All other characters stay."""
     return text if text.isprintable() else text.translate(_REMOVE_STEERING)
 
 
 def join_lines(text: str) -> str:
-    """Returns the text in one line: for a message that quotes a file with any content."""
+    """Returns the text as one line, for a message that quotes a file with any content."""
     return " ".join(
         part
         for part in map(str.strip, remove_steering(text.replace("\r", "\n")).splitlines())
@@ -48,30 +49,31 @@ class OneLineError(ValueError):
 
     @classmethod
     def of(cls, error: RefusedInput) -> Self:
-        """Converts another reader's refusal to this kind."""
+        """Returns the refusal of another reader as an error of this class."""
         return cls(str(error))
 
 
 @dataclass(frozen=True)
 class Reason:
-    """Holds a sentence as in the catalogues of translations, and the values of its {names}; a
-    value may be a Reason."""
+    """Holds a sentence as in the catalogues of translations, and the values of its {names}; a value
+    may be a Reason."""
 
     text: str
     values: Mapping[str, object] = field(default_factory=dict)
 
     def __str__(self) -> str:
+        """Returns the sentence in English with its values."""
         return self.text.format(**self.values)
 
 
 class PlaceInFile(NamedTuple):
-    """Holds a place in a file: the file, and the path inside it from the outside in."""
+    """Holds a place in a file: the name of the file, and the path inside it from the outside in."""
 
     file: str
     inside: tuple[Reason, ...] = ()
 
     def go_down(self, text: str, **values: object) -> PlaceInFile:
-        """Returns a place one step further down."""
+        """Returns a place one step further inside the file."""
         return self._replace(inside=(*self.inside, Reason(text, values)))
 
     def __str__(self) -> str:
@@ -79,9 +81,9 @@ class PlaceInFile(NamedTuple):
 
 
 class RefusedInput(OneLineError):
-    """Reports where and why a file was refused. Its one line is for a terminal; a screen says
-    the same in its own language from `where` and `reason`. `hint`: what only the user of a
-    command can do about it (an option, a program to run)."""
+    """Reports where and why a file was refused. Its one line is for a terminal; a screen translates
+    `where` and `reason`. `hint` names an option or program with which the user of a command can
+    continue."""
 
     def __init__(
         self, where: PlaceInFile | Path | str, text: str, hint: str = "", **values: object
@@ -96,7 +98,8 @@ class RefusedInput(OneLineError):
     def of(
         cls, error: RefusedInput, where: PlaceInFile | Path | str | None = None, hint: str = ""
     ) -> Self:
-        """Converts a refusal to this kind. where: replaces its place. hint: adds one."""
+        """Returns another refusal as an error of this class. `where` replaces its place, `hint`
+        adds a hint."""
         return cls(
             error.where if where is None else where,
             error.reason.text,
@@ -105,7 +108,8 @@ class RefusedInput(OneLineError):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Passes the whole refusal, not only its line, to another process."""
+        """Returns the arguments that pass the whole refusal, not only its line, to another
+        process."""
         return (
             partial(type(self), self.where, self.reason.text, self.hint, **self.reason.values),
             (),

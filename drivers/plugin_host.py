@@ -1,14 +1,16 @@
-"""How does the code of a plug-in run in its own process? So that it cannot end, hang or break
-the program; `drivers.plugin_process` starts it and sends requests.
+"""How does the code of a plug-in run in its own process? The separate process prevents a plug-in
+from ending, blocking or breaking the program; `drivers.plugin_process` starts it and sends
+requests.
 
-Requests come on standard input, answers go to standard output, a JSON object a line:
+Requests come on standard input, answers go to standard output, one JSON object a line:
 
     {"do": "load"}                              {"gives": {"is_a": "HeadFields", "values": {...}}}
     {"do": "make"}                              {"gives": null}, a receiver's decoder is made
     {"do": "feed", "data": ..., "time_s": ...}  {"gives": {"fixes": [[...], ...], "counts": {...}}}
     {"do": "flush", "time_s": ...}              the same
     {"do": "read", "path": ...}                 {"gives": what the format's function returns}
-    anything that raises                        {"raises": "ZeroDivisionError: division by zero"}"""
+    anything that raises                        {"raises": "ZeroDivisionError: division by zero"}
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,11 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, BinaryIO
 
-# of bytes in JSON: each byte is one character
+# Latin-1 maps each byte to one character, so JSON can hold any bytes.
 ENCODING = "latin-1"
-_LINUX_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
+# PR_SET_PDEATHSIG of prctl(2).
+_LINUX_PARENT_DEATH_SIGNAL = 1
+# Signal 9 cannot be caught by a hanging plug-in.
 _SIGKILL = 9
 
 
@@ -47,8 +51,8 @@ class PluginHost:
         }
 
     def answer_request(self, request: bytes) -> bytes:
-        """Returns the line that answers a request. Whatever the plug-in raises becomes part of
-        it."""
+        """Returns the line that answers a request. Every exception of the plug-in becomes part of
+        the answer."""
         try:
             asked = json.loads(request)
             given = {"gives": self._does[asked["do"]](asked)}
@@ -57,7 +61,8 @@ class PluginHost:
             return json.dumps({"raises": _describe_error(error)}).encode() + b"\n"
 
     def _load_plugin(self, _asked: dict[str, Any]) -> dict[str, Any]:
-        """Loads the plug-in. Raises whatever its import raises."""
+        """Returns the type and values of the plug-in after loading it. Raises whatever its import
+        raises."""
         found = entry_points(group=self._group, name=self._name)
         self._loaded = next(iter(found)).load()
         is_tuple = isinstance(self._loaded, tuple) and hasattr(self._loaded, "_asdict")
@@ -81,14 +86,16 @@ class PluginHost:
 
 
 def _convert_to_plain(value: Any) -> Any:
-    """Converts numbers and arrays of numpy to plain ones. Raises TypeError for anything else."""
+    """Returns numbers and arrays of numpy as plain numbers and lists. Raises TypeError for anything
+    else."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"gives a {type(value).__name__}, which is no plain data")
 
 
 def _describe_error(error: BaseException) -> str:
-    """Returns what is wrong, in words; a ValueError's own text suffices."""
+    """Returns the type and text of an error; the text of a ValueError is sufficient without its
+    type."""
     text = ""
     with suppress(BaseException):
         text = str(error)
@@ -97,8 +104,8 @@ def _describe_error(error: BaseException) -> str:
 
 
 def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
-    """Takes standard input and output for this program alone; the plug-in reads nothing, and its
-    prints are lost."""
+    """Reserves standard input and output for this program; the plug-in reads nothing, and its
+    prints are dropped."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
@@ -107,7 +114,8 @@ def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
 
 
 def _end_with_parent() -> None:
-    """Ends a hanging plug-in together with the calling program, where the system can do that."""
+    """Makes the system end a hanging plug-in together with the calling program, where the system
+    can do this."""
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):
             import ctypes
@@ -116,14 +124,14 @@ def _end_with_parent() -> None:
 
 
 def _queue_requests(requests: BinaryIO, queue: SimpleQueue[bytes]) -> None:
-    """Queues requests, and ends this process when there are no more, whatever the plug-in does."""
+    """Queues requests, and ends this process after the last request, even if the plug-in hangs."""
     for line in requests:
         queue.put(line)
     os._exit(0)
 
 
 def main(group: str, name: str) -> None:
-    """Answers requests until there are no more."""
+    """Answers requests until the input ends."""
     requests, answers = _take_pipes()
     _end_with_parent()
     queue: SimpleQueue[bytes] = SimpleQueue()

@@ -1,8 +1,9 @@
-"""How is the code of a plug-in called safely? It runs in its own process
+"""How is the code of a plug-in called safely? The code runs in its own process
 (`drivers.plugin_host`).
 
-Whatever that code does (it raises, ends its process, hangs, gives nonsense) becomes a
-`PluginFault`, which names the plug-in in one line; its process is then ended."""
+An exception, an end of its process, a hang and an invalid result all become a `PluginFault`, which
+names the plug-in in one line; the process is then ended.
+"""
 
 from __future__ import annotations
 
@@ -28,22 +29,22 @@ from topdress.drivers.plain_text import join_lines
 from topdress.drivers.plugin_host import ENCODING
 from topdress.drivers.plugins import Group, Plugin, PluginFault
 
-# Time-out of loading, s: a large package takes some seconds to import on a small computer.
+# Time-out of loading, s; a large package needs some seconds to import on a small computer.
 LOAD_TIMEOUT_S = 20.0
 # Time-out of a decoder, s, for the bytes of some milliseconds of a line.
 FEED_TIMEOUT_S = 2.0
-# Time-out of a format, s: our own readers take less for a map of 256 MB.
+# Time-out of a format, s; the built-in readers need less for a map of 256 MB.
 FORMAT_TIMEOUT_S = 60.0
-# Greatest length of an answer, bytes: as for GeoJSON.
+# Largest length of an answer, bytes, the same limit as for GeoJSON.
 MAX_ANSWER_BYTES = 256 << 20
-# Bytes of a line that wait for the plug-in: five seconds at 115,200 baud.
+# Largest number of bytes of a line that wait for the plug-in: five seconds at 115,200 baud.
 MAX_WAITING_BYTES = 64 << 10
 _UTC = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+Z", re.ASCII)
-# Time for a killed process to end, s.
+# Time within which a killed process must end, s.
 END_TIMEOUT_S = 1.0
-# Bytes of an answer in one read.
+# Number of bytes of an answer in one read.
 PIECE_BYTES = 64 << 10
-# Greatest length of a message about a plug-in, characters.
+# Largest length of a message about a plug-in, characters.
 MAX_WHY_CHARACTERS = 200
 _COMMAND = (
     *(sys.executable, "-P", "-c"),
@@ -53,7 +54,8 @@ _COMMAND = (
 
 
 class PluginProcess:
-    """Runs a plug-in's process. One thread asks at a time; any may end it."""
+    """Runs the process of a plug-in. One thread sends requests at a time; any thread may end the
+    process."""
 
     def __init__(self, group: Group, name: str) -> None:
         """Starts the process. Raises PluginFault where that fails."""
@@ -61,7 +63,8 @@ class PluginProcess:
         self._is_late = False
         self._asks = threading.Lock()
         try:
-            # without buffers: one that a thread waits in cannot be closed by another
+            # The pipes are unbuffered, because a thread cannot close a buffered pipe in which
+            # another thread waits.
             self._process = subprocess.Popen(
                 [*_COMMAND, json.dumps(sys.path), f"topdress.{group}", name],
                 bufsize=0,
@@ -74,15 +77,16 @@ class PluginProcess:
             raise self._make_fault(f"its process does not start: {error.strerror}") from None
 
     def send_request(self, limit_s: float, do: str, **values: Any) -> Any:
-        """Returns the plug-in's answer. Raises PluginFault, also where it takes longer than
-        limit_s."""
+        """Returns the plug-in's answer. Raises PluginFault, also where the answer takes longer than
+        `limit_s` seconds."""
         watch = threading.Timer(limit_s, self._end_late_process)
         watch.daemon = True
         watch.start()
         try:
             with self._asks:
                 line = self._exchange_lines(json.dumps({"do": do, **values}).encode() + b"\n")
-        except (OSError, ValueError):  # it is gone, or was ended while it was asked
+        # The process has ended, or was ended during the request.
+        except (OSError, ValueError):
             line = b""
         finally:
             watch.cancel()
@@ -103,7 +107,8 @@ class PluginProcess:
             self._asks.release()
 
     def _exchange_lines(self, request: bytes) -> bytes:
-        """Sends a line and waits for one. Raises OSError, ValueError, PluginFault."""
+        """Sends a line and returns the line of the answer. Raises OSError, ValueError,
+        PluginFault."""
         assert self._process.stdin is not None and self._process.stdout is not None
         rest = memoryview(request)
         while rest:
@@ -144,7 +149,7 @@ class PluginProcess:
 
 
 def describe_plugin(group: Group, name: str) -> Plugin:
-    """Returns the kind of a plug-in. Raises PluginFault."""
+    """Returns the type and values of a plug-in. Raises PluginFault."""
     process = PluginProcess(group, name)
     try:
         found = process.send_request(LOAD_TIMEOUT_S, "load")
@@ -154,7 +159,8 @@ def describe_plugin(group: Group, name: str) -> Plugin:
 
 
 def read_format(name: str, path: Path) -> Any:
-    """Returns a file as read by the plug-in of a format, as plain data. Raises PluginFault."""
+    """Returns the content of a file, read by the plug-in of its format, as plain data. Raises
+    PluginFault."""
     process = PluginProcess("formats", name)
     try:
         process.send_request(LOAD_TIMEOUT_S, "load")
@@ -164,7 +170,7 @@ def read_format(name: str, path: Path) -> Any:
 
 
 class PluginDecoder:
-    """Decodes recordings by a plug-in's receiver, and waits for it."""
+    """Decodes recordings by a plug-in's receiver and waits for each answer."""
 
     def __init__(self, name: str) -> None:
         """Starts the plug-in. Raises PluginFault."""
@@ -212,8 +218,8 @@ class PluginDecoder:
 
 
 class PluginReceiver:
-    """Decodes a line in a cab by a plug-in's receiver without waiting for it: the fixes of some
-    bytes come with a later call."""
+    """Decodes a line in a cab by a plug-in's receiver without waiting: the fixes of some bytes are
+    returned by a later call."""
 
     def __init__(self, name: str) -> None:
         self.counts = Counts()
@@ -221,9 +227,10 @@ class PluginReceiver:
         self._session: _DecoderSession | None = None
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
-        """Returns the fixes that came since the last call; it is called at every tick.
+        """Returns the fixes that arrived since the last call; called at every tick.
 
-        Raises PluginFault; the call after that begins anew, with a new process."""
+        Raises PluginFault; the next call starts a new process.
+        """
         if self._session is None:
             self._session = _DecoderSession(self._name)
         session = self._session
@@ -231,7 +238,7 @@ class PluginReceiver:
             session.put_bytes(data, time_s)
         fixes, counts = session.take_fixes()
         if counts is not None:
-            # the same object goes on: the device's line shows it
+            # The counts are updated in place, because the device's line holds a reference to them.
             self.counts.read, self.counts.accepted = counts.read, counts.accepted
             self.counts.rejected, self.counts.ignored = counts.rejected, counts.ignored
         if session.fault is not None:
@@ -247,7 +254,7 @@ class PluginReceiver:
 
 
 class _DecoderSession:
-    """Waits for a plug-in's decoder in a thread, with its input and output."""
+    """Runs a plug-in's decoder in a thread, with queues for its input and output."""
 
     def __init__(self, name: str) -> None:
         self.fault: PluginFault | None = None
@@ -261,7 +268,7 @@ class _DecoderSession:
         threading.Thread(target=self._run_session, name=f"plug-in {name}", daemon=True).start()
 
     def put_bytes(self, data: bytes, time_s: float) -> None:
-        """Queues bytes; where the plug-in is too slow the oldest are lost."""
+        """Queues bytes; where the plug-in is too slow the oldest bytes are dropped."""
         with self._changed:
             self._pieces.append((data, time_s))
             self._waiting_bytes += len(data)
@@ -270,12 +277,12 @@ class _DecoderSession:
             self._changed.notify()
 
     def take_fixes(self) -> tuple[list[GnssFix], Counts | None]:
-        """Returns the fixes that came, and the newest counts; None where nothing came."""
+        """Returns the fixes that arrived, and the newest counts; None where no answer arrived."""
         given = [self._given.popleft() for _ in range(len(self._given))]
         return [fix for fixes, _ in given for fix in fixes], given[-1][1] if given else None
 
     def end_session(self) -> None:
-        """Ends thread and process."""
+        """Ends the thread and the process."""
         with self._changed:
             self._is_ended = True
             self._changed.notify()
@@ -293,7 +300,7 @@ class _DecoderSession:
             self.fault = fault
 
     def _wait_for_piece(self) -> tuple[bytes, float] | None:
-        """Waits for bytes; None: the session is to end."""
+        """Returns the next bytes with their time; None means that the session must end."""
         with self._changed:
             while not self._pieces and not self._is_ended:
                 self._changed.wait()
@@ -306,12 +313,13 @@ class _DecoderSession:
 
 @cache
 def _list_fix_types() -> tuple[tuple[type, ...], ...]:
-    """Returns the allowed types of each value of a fix."""
+    """Returns the permitted types of each value of a fix."""
     return tuple(get_args(hint) or (hint,) for hint in get_type_hints(GnssFix).values())
 
 
 def _read_fix(values: Any) -> GnssFix:
-    """Returns a fix of plain values, each of its type. Raises ValueError, TypeError."""
+    """Returns a fix made of plain values, each of its permitted type. Raises ValueError,
+    TypeError."""
     read = [
         _convert_type(value, types) for value, types in zip(values, _list_fix_types(), strict=True)
     ]

@@ -1,16 +1,14 @@
-"""What do other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins")? They are
-searched for names and suffixes that are not built in.
+"""Which plug-ins do other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins")?
+They are searched for names and suffixes that are not built in.
 
     topdress.devices   NAME    -> `HeadFields` of a canopy head's line; or a receiver's decoder,
-                               made without arguments,
-                                  with `counts`, `feed(data, time_s)` and `flush(time_s)`, both ->
-                                  list[GnssFix]
-    topdress.formats   SUFFIX  -> a function of a path that gives a GeoJSON FeatureCollection, as
-                       a dict
+                                  made without arguments, with `counts`, `feed(data, time_s)` and
+                                  `flush(time_s)`, both -> list[GnssFix]
+    topdress.formats   SUFFIX  -> a function of a path that returns a GeoJSON FeatureCollection
     topdress.effects   NAME    -> `EffectPlugin`
 
-Their code runs in a process of its own (`drivers.plugin_process`), never in ours. Whatever it
-does there is a `PluginFault`.
+Plug-ins run in a process of their own (`drivers.plugin_process`), never in the program's process.
+Any failure there is a `PluginFault`.
 """
 
 from __future__ import annotations
@@ -22,13 +20,17 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, NamedTuple
 
 Group = Literal["devices", "formats", "effects"]
-CALLABLE = "callable"  # what a plug-in is that is no value: a function, a class
+# Type of a plug-in that is a function or class instead of a value.
+CALLABLE = "callable"
 
 
 class EffectPlugin(NamedTuple):
-    """Defines an effect as a term of the machine model (docs/terms.md): `simulate --effect
-    NAME=SIZE` plants it, and a term that a diagnosis finds with the same action, form and
-    variables gets its name. term: as of `--term`, with {size}."""
+    """Defines an effect as a term of the machine model (docs/terms.md).
+
+    `simulate --effect NAME=SIZE` adds it to the simulated machine. A term that a diagnosis finds
+    with the same target, functional form and variables gets its name. `term` is written as for
+    `--term`, with {size}.
+    """
 
     title: str
     term: str
@@ -36,8 +38,8 @@ class EffectPlugin(NamedTuple):
 
 
 class PluginFault(ValueError):
-    """Reports a fault in the code of a plug-in, in one line that names it. name: of the plug-in;
-    why: without that."""
+    """Reports a fault in the code of a plug-in, in one line that names the plug-in. `name` is the
+    plug-in, `why` the reason without the name."""
 
     def __init__(self, group: Group, name: str, why: str) -> None:
         super().__init__(f"plug-in {name} of {find_package(group, name)}: {why}")
@@ -45,7 +47,8 @@ class PluginFault(ValueError):
 
 
 class Plugin(NamedTuple):
-    """Describes a plug-in. is_a: name of its type, or `CALLABLE`; values: its fields."""
+    """Describes a plug-in. `is_a` is the name of its type or `CALLABLE`; `values` holds
+    its fields."""
 
     name: str
     is_a: str
@@ -54,12 +57,12 @@ class Plugin(NamedTuple):
 
 @cache
 def find_entry_points(group: Group) -> dict[str, EntryPoint]:
-    """Returns the entry points of a group by their names; loads none."""
+    """Returns the entry points of a group by their names without loading any."""
     return {one.name: one for one in entry_points(group=f"topdress.{group}")}
 
 
 def find_package(group: Group, name: str) -> str:
-    """Returns the package that adds a plug-in."""
+    """Returns the name of the package that adds a plug-in."""
     point = find_entry_points(group).get(name)
     if point is None:
         return "no package"
@@ -67,8 +70,8 @@ def find_package(group: Group, name: str) -> str:
 
 
 def find_plugin(group: Group, name: str) -> Plugin | None:
-    """Returns the plug-in of a name; None: there is none. Raises PluginFault where it cannot be
-    loaded."""
+    """Returns the plug-in with this name; None for an unknown name. Raises PluginFault where the
+    plug-in cannot be loaded."""
     if name not in find_entry_points(group):
         return None
     found = _describe_once(group, name)
@@ -79,7 +82,8 @@ def find_plugin(group: Group, name: str) -> Plugin | None:
 
 @cache
 def _describe_once(group: Group, name: str) -> Plugin | PluginFault:
-    """Returns a plug-in's description once: one that hangs costs its time only once."""
+    """Returns a plug-in's description from a cache, so that a hanging plug-in costs its time-out
+    only once."""
     from topdress.drivers.plugin_process import describe_plugin
 
     try:
@@ -89,7 +93,7 @@ def _describe_once(group: Group, name: str) -> Plugin | PluginFault:
 
 
 def find_effect(name: str) -> EffectPlugin | None:
-    """Returns the effect of a plug-in; None: there is none. Raises PluginFault."""
+    """Returns the effect of a plug-in; None for an unknown name. Raises PluginFault."""
     found = find_plugin("effects", name)
     if found is None:
         return None
@@ -114,5 +118,6 @@ def list_effects() -> dict[str, EffectPlugin]:
 
 
 def has_format_plugin(suffix: str) -> bool:
-    """Returns whether a plug-in reads files of this suffix, with its point and in lower case."""
+    """Returns whether a plug-in reads files with this suffix, given with its point and in lower
+    case."""
     return suffix[1:] in find_entry_points("formats")

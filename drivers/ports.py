@@ -1,10 +1,12 @@
-"""How do bytes reach a device and come back without blocking the control loop? Ports.
+"""How do bytes reach a device and come back without blocking the control loop? A port has queues
+and threads.
 
 `open_port` takes a serial device (`/dev/ttyUSB0`, `COM3`), `socket://HOST:PORT` or
-`rfc2217://HOST:PORT`, and nothing else: of pyserial's other URLs `spy://` writes what passes
-into any file that it names. A reader and a writer thread do what blocks; the loop only takes
-bytes from, and puts bytes into, bounded queues. `make_memory_pair` gives two ends of one line
-without any thread."""
+`rfc2217://HOST:PORT`. pyserial's other URLs are refused, because `spy://` writes all traffic into
+any file that the URL names. A reader and a writer thread make the blocking calls; the loop only
+takes bytes from, and puts bytes into, bounded queues. `make_memory_pair` returns two ends of one
+line without any thread.
+"""
 
 from __future__ import annotations
 
@@ -22,41 +24,48 @@ import serial.rfc2217
 
 Clock = Callable[[], float]
 
-# Received bytes that wait for a read, 1.4 s at 115 200 Bd: it limits a tick's read in a flood;
-# older bytes are dropped and counted.
+# Largest number of received bytes that wait for a read, 1.4 s at 115 200 Bd. It limits the duration
+# of a tick's read in a flood; older bytes are dropped and counted.
 MAX_BUFFERED_BYTES = 16384
-# Writes that wait for sending; the oldest is dropped and counted, because only the newest command
-# matters.
+# Largest number of writes that wait for sending. The oldest is dropped and counted, because only
+# the newest command matters.
 MAX_QUEUED_WRITES = 64
 # Interval at which a reader thread checks its stop flag, s.
 READ_WAIT_S = 0.05
+# Time after which a write counts as failed, s; a board stops after 1 s without a command.
 WRITE_TIMEOUT_S = 0.5
+# Time after which a connection attempt counts as failed, s.
 CONNECT_TIMEOUT_S = 3.0
+# Pause before the second attempt to open a line, s; it doubles up to `MAX_BACK_OFF_S`.
 FIRST_BACK_OFF_S = 0.25
 MAX_BACK_OFF_S = 2.0
-# Kinds of URLs (docs/devices.md); datagrams (udp) have their own module.
+# Kinds of URLs (docs/devices.md); `drivers.datagrams` adds udp.
 SCHEMES = ("socket", "rfc2217")
 UNPLUGGED = "unplugged"
-# Newest bytes that are kept to show the last raw lines.
+# Number of newest bytes that are kept to show the last raw lines.
 RAW_TAIL_BYTES = 512
 
 
 class PortState(NamedTuple):
-    """Holds the state of a port; times are on the injected clock."""
+    """Holds the state of a port; times are on the injected clock, s."""
 
     connected: bool
-    connects: int  # times the line was opened
+    # Number of times the line was opened.
+    connects: int
     last_error: str
     bytes_in: int
     bytes_out: int
-    dropped_in: int  # bytes received and never read
-    dropped_out: int  # writes never sent
+    # Number of bytes received but dropped before a read.
+    dropped_in: int
+    # Number of writes that were never sent.
+    dropped_out: int
     last_byte_s: float | None
-    raw_tail: bytes  # the newest bytes received
+    # The newest bytes received.
+    raw_tail: bytes
 
     def format_last_lines(self, count: int = 1) -> list[str]:
-        """Returns the newest `count` whole lines received, oldest first; unprintable bytes as
-        `\\xNN`."""
+        r"""Returns the newest `count` whole lines received, oldest first; unprintable bytes appear
+        as `\xNN`."""
         whole, _, _ = self.raw_tail.rpartition(b"\n")
         lines = [line for line in whole.replace(b"\r", b"\n").split(b"\n") if line]
         return [escape_unprintable(line) for line in lines[-count:]]
@@ -69,18 +78,18 @@ class Port(Protocol):
     def name(self) -> str: ...
 
     def read(self) -> bytes:
-        """Returns what has arrived since the last call; empty when nothing has."""
+        """Returns the bytes that have arrived since the last call; empty if none have."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Queues bytes for sending; dropped (and counted) where the line is down or the queue is
+        """Queues bytes for sending; drops and counts them where the line is down or the queue is
         full."""
         ...
 
     def state(self) -> PortState: ...
 
     def plug(self, plugged: bool) -> None:
-        """Closes the line (False) and leaves it alone until True, as if the plug had been
+        """Closes the line (False) and keeps it closed until True, as if the plug had been
         pulled."""
         ...
 
@@ -88,11 +97,11 @@ class Port(Protocol):
 
 
 class Stream(Protocol):
-    """Defines an open line, used by the threads of a `ThreadedPort`. Any `OSError` means that
-    the line is lost."""
+    """Defines an open line, used by the threads of a `ThreadedPort`. Any `OSError` means that the
+    line is lost."""
 
     def read(self) -> bytes:
-        """Waits `READ_WAIT_S` at most for the first byte, then returns the available ones."""
+        """Waits at most `READ_WAIT_S` for the first byte, then returns the available bytes."""
         ...
 
     def write(self, data: bytes) -> None: ...
@@ -101,9 +110,10 @@ class Stream(Protocol):
 
 
 def escape_unprintable(line: bytes) -> str:
-    """Returns ASCII text with every other byte as `\\xNN`, for screens and messages."""
+    r"""Returns ASCII text with every unprintable byte as `\xNN`, for screens and messages."""
     text = line.decode("latin-1")
-    if text.isascii() and text.isprintable():  # nearly every line, and five times a second
+    # This shortcut serves nearly every line, and a screen formats five lines a second.
+    if text.isascii() and text.isprintable():
         return text
     return "".join(chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}" for byte in line)
 
@@ -146,6 +156,7 @@ class _Inbox:
         return data
 
     def state(self, connected: bool, connects: int, last_error: str) -> PortState:
+        """Returns the state of a port with this traffic."""
         with self._lock:
             return PortState(
                 connected,
@@ -177,7 +188,7 @@ class MemoryPort:
         return self._name
 
     def join_ends(self, other: MemoryPort) -> None:
-        """Joins two ends to one line."""
+        """Joins this end with another end: each end reads what the other writes."""
         self._other, other._other = other, self
 
     def read(self) -> bytes:
@@ -193,7 +204,7 @@ class MemoryPort:
             self._inbox.dropped_out += 1
 
     def state(self) -> PortState:
-        """Returns whether the line is there, and its traffic."""
+        """Returns whether the line is connected, and its traffic."""
         return self._inbox.state(
             self._connected,
             self._connects,
@@ -201,7 +212,7 @@ class MemoryPort:
         )
 
     def plug(self, plugged: bool) -> None:
-        """Plugs or unplugs the line."""
+        """Plugs the line in or unplugs it."""
         self._connects += plugged and not self._plugged
         self._plugged = plugged
 
@@ -218,19 +229,20 @@ class MemoryPort:
 def make_memory_pair(
     name: str = "memory", clock: Clock = lambda: 0.0
 ) -> tuple[MemoryPort, MemoryPort]:
-    """Returns two ends of one line: what one writes the other reads, at once and in order."""
+    """Returns two ends of one line: each end reads at once and in order what the other writes."""
     one, two = MemoryPort(f"{name}:host", clock), MemoryPort(f"{name}:device", clock)
     one.join_ends(two)
     return one, two
 
 
 class SerialStream:
-    """Opens a serial line of this computer or (RFC 2217) of another for this process alone: a
-    second one would take bytes from it."""
+    """Opens a serial line of this computer, or of another by RFC 2217, for this process alone,
+    because a second reader would take bytes from it."""
 
     def __init__(self, url: str, baud: int) -> None:
         self._serial: serial.Serial | serial.rfc2217.Serial
-        if parse_scheme(url) == "rfc2217":  # which knows no time-out of a write
+        # RFC 2217 does not support a time-out of writes.
+        if parse_scheme(url) == "rfc2217":
             self._serial = serial.rfc2217.Serial(url, baudrate=baud, timeout=READ_WAIT_S)
         else:
             self._serial = serial.Serial(
@@ -242,13 +254,13 @@ class SerialStream:
             )
 
     def read(self) -> bytes:
-        """Returns the received bytes. Raises OSError where the device is gone."""
+        """Returns the received bytes. Raises OSError where the device was unplugged."""
         data: bytes = self._serial.read(1)
         waiting = self._serial.in_waiting if data else 0
         return data + self._serial.read(waiting) if waiting else data
 
     def write(self, data: bytes) -> None:
-        """Sends bytes. Raises OSError where the device is gone."""
+        """Sends bytes. Raises OSError where the device was unplugged."""
         self._serial.write(data)
 
     def close(self) -> None:
@@ -258,8 +270,8 @@ class SerialStream:
 
 
 class SocketStream:
-    """Wraps a TCP line. pyserial's own `socket://` returns one byte a call or waits for its
-    time-out; this does neither."""
+    """Wraps a TCP line. pyserial's own `socket://` returns one byte for each call or waits for its
+    time-out; this class does neither."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
@@ -286,15 +298,16 @@ class SocketStream:
 
 
 class ThreadedPort:
-    """Keeps a port open with its own threads: opened, read, written and, when lost, opened again
+    """Keeps a port open with its own threads, which open, read and write it and reopen a lost line
     with back-off.
 
-    `opener` gives a `Stream` or raises `OSError` (pyserial's own errors are `OSError`) or
-    `ValueError`. What was queued for sending when the line went down is dropped: a set-point
-    must never arrive late.
+    `opener` returns a `Stream` or raises `OSError` (pyserial's own errors are `OSError`) or
+    `ValueError`. Queued bytes are dropped when the line goes down, because a set-point must never
+    arrive late.
 
-    A subclass may say in `disconnect` what else ends while it is unplugged; the reader's thread
-    calls it, again and again."""
+    A subclass may define in `disconnect` which resources end while the port is unplugged; the
+    reader's thread calls it repeatedly.
+    """
 
     def __init__(
         self,
@@ -312,7 +325,8 @@ class ThreadedPort:
         self._outbox: deque[bytes] = deque()
         self._to_send = threading.Condition()
         self._stop = threading.Event()
-        self._again = threading.Event()  # ends a pause of the reader's thread
+        # The event that ends a pause of the reader's thread.
+        self._again = threading.Event()
         self._plugged = True
         self._stream: Stream | None = None
         self._connects = 0
@@ -353,8 +367,7 @@ class ThreadedPort:
         return self._inbox.state(self._stream is not None, self._connects, self._last_error)
 
     def plug(self, plugged: bool) -> None:
-        """Ends the line now and does not open it again until True, which opens it without
-        waiting."""
+        """Closes the line now and keeps it closed until True, which opens the line at once."""
         self._plugged = plugged
         stream = self._stream
         if not plugged and stream is not None:
@@ -362,10 +375,10 @@ class ThreadedPort:
         self._again.set()
 
     def disconnect(self) -> None:
-        """Ends, in subclasses, what else exists while unplugged."""
+        """Releases, in subclasses, the other resources of an unplugged port."""
 
     def close(self) -> None:
-        """Sends queued bytes (a last stop, say), then closes the line; takes a second at most."""
+        """Sends queued bytes, such as a last stop, then closes the line; takes at most a second."""
         with self._to_send:
             self._closing = True
             self._to_send.notify()
@@ -375,6 +388,8 @@ class ThreadedPort:
         self._reader.join(timeout=WRITE_TIMEOUT_S)
 
     def _keep_reading(self) -> None:
+        """Opens the line and reads from it until the port is closed; runs in the reader's
+        thread."""
         back_off_s = self._first_back_off_s
         while not self._stop.is_set():
             if not self._plugged:
@@ -402,12 +417,12 @@ class ThreadedPort:
         self._again.clear()
 
     def _read_until_lost(self, stream: Stream) -> bool:
-        """Returns whether anything was received on this connection."""
+        """Returns whether any bytes arrived on this connection, after it was lost."""
         received = False
         while not self._stop.is_set() and self._stream is stream:
             try:
                 data = stream.read()
-            # pyserial raises the last two when closed under a read
+            # pyserial raises ValueError and TypeError when a line is closed during a read.
             except (OSError, ValueError, TypeError) as error:
                 self._last_error = str(error) or type(error).__name__
                 break
@@ -417,6 +432,7 @@ class ThreadedPort:
         return received
 
     def _keep_writing(self) -> None:
+        """Writes queued bytes until the port is closed; runs in the writer's thread."""
         while True:
             with self._to_send:
                 while not self._outbox and not self._closing:
@@ -436,7 +452,8 @@ class ThreadedPort:
 
     def _store_stream(self, stream: Stream) -> None:
         with self._to_send:
-            if not self._plugged:  # pulled while it was being opened
+            # The plug was pulled while the line was being opened.
+            if not self._plugged:
                 return
             self._connects += 1
             self._last_error = ""
@@ -455,19 +472,20 @@ class ThreadedPort:
 
 
 def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
-    """Opens a port, now or as soon as it is there.
+    """Opens a port now, or as soon as the device is connected.
 
     Parameters
     ----------
     url : device name (`/dev/ttyUSB0`, `COM3`), `socket://host:port` or `rfc2217://host:port`.
-    baud : bits per second; without meaning for a socket.
-    clock : seconds; stamps the arrival of bytes.
+    baud : bits per second; ignored for a socket.
+    clock : returns seconds; stamps the arrival of bytes.
 
     Raises
     ------
     ValueError : the URL is of another kind or names no host and port, or the baud rate is not
-        positive. A device that is not there is no error: the port keeps trying and says so in
-        `state().last_error`."""
+    positive. An absent device is no error: the port keeps trying and reports it in
+    `state().last_error`.
+    """
     if baud <= 0:
         raise ValueError(f"port {url}: baud {baud}, allowed is 1 or more")
     if parse_scheme(url) == "socket":
@@ -479,8 +497,8 @@ def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
 
 
 def parse_scheme(url: str) -> str:
-    """Returns `socket` or `rfc2217`, with a host and a port behind it; empty: a serial device.
-    Raises ValueError with one line."""
+    """Returns the scheme `socket` or `rfc2217` of a URL with host and port; empty for a serial
+    device. Raises ValueError with one line."""
     scheme, found, _ = url.partition("://")
     if not found:
         return ""
@@ -494,8 +512,8 @@ def parse_scheme(url: str) -> str:
 
 
 def parse_socket_address(url: str) -> tuple[str, int]:
-    """Returns host and port number of `socket://host:port`; raises ValueError with one line
-    where either is missing."""
+    """Returns host and port number of `socket://host:port`; raises ValueError with one line where
+    either is missing."""
     try:
         parts = urlsplit(url)
         host, number = parts.hostname, parts.port

@@ -1,16 +1,22 @@
-"""How are frames of the boards' line protocols built and read? `$<name>,<field>,...*<CRC>`
-(docs/protocol-slave-board.md)."""
+"""How are frames of the boards' line protocols built and read? A frame is
+`$<name>,<field>,...*<CRC>` (docs/protocol-slave-board.md).
+"""
 
 from array import array
 
+# A longer line is no frame and is dropped, bytes.
 MAX_LINE_BYTES = 120
+# Sequence numbers of frames wrap at this number.
 SEQUENCE_MODULUS = 1 << 16
-# Modulus of clocks, counts and words, and of orders with a word: 6 years at 20 a second.
+# Clocks, counts, words, and the counts of orders with a word wrap at this number, after 6 years at
+# 20 a second.
 WORD_MODULUS = 1 << 32
+# A line may repeat at most this many of the newest frames without an alarm.
 REPEAT_WINDOW = 16
 
 
 def _make_crc_table() -> "array[int]":
+    """Returns the CRC of each byte value, so that a frame needs one step for each byte."""
     table = array("H", [0] * 256)
     for byte in range(256):
         crc = byte << 8
@@ -24,7 +30,7 @@ _CRC = _make_crc_table()
 
 
 def calc_crc16(data: bytes) -> int:
-    """Returns the CRC-16/CCITT-FALSE, a byte a step."""
+    """Returns the CRC-16/CCITT-FALSE, computed byte by byte."""
     crc = 0xFFFF
     for byte in data:
         crc = ((crc << 8) & 0xFF00) ^ _CRC[(crc >> 8) ^ byte]
@@ -49,7 +55,7 @@ class Receiver:
         self.rejected[kind] = self.rejected.get(kind, 0) + 1
 
     def feed_bytes(self, data: bytes) -> list[list[bytes]]:
-        """Returns the fields of each frame whose CRC is right, its name first."""
+        """Returns the fields of each frame with a correct CRC, its name first."""
         if not data:
             return []
         lines = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
@@ -85,7 +91,7 @@ class Receiver:
 
 
 def parse_hexadecimal(text: bytes) -> int:
-    """Returns the value of four hexadecimal digits; -1 where they are something else."""
+    """Returns the value of four hexadecimal digits; -1 for any other text."""
     if len(text) != 4:
         return -1
     value = 0
@@ -103,7 +109,8 @@ def parse_hexadecimal(text: bytes) -> int:
 
 
 def parse_whole(text: bytes, high: int) -> int:
-    """Returns a number of 1 to 10 digits up to `high`. Raises ValueError with the kind of fault."""
+    """Returns a number of 1 to 10 digits that is at most `high`. Raises ValueError with the kind of
+    fault."""
     if len(text) > 10 or not text.isdigit():
         raise ValueError("not_a_number")
     value = int(text)
@@ -113,7 +120,7 @@ def parse_whole(text: bytes, high: int) -> int:
 
 
 def parse_number(text: bytes, low: float, high: float) -> float:
-    """Returns a number like `-12.345`, up to six digits on either side of the point. Raises
+    """Returns a number such as `-12.345` with up to six digits on either side of the point. Raises
     ValueError with the kind of fault."""
     unsigned = text[1:] if text[:1] == b"-" else text
     before, point, after = unsigned.partition(b".")
@@ -131,39 +138,43 @@ def parse_number(text: bytes, low: float, high: float) -> float:
 
 
 def format_decimal(value: "float | None", low: float, high: float) -> str:
-    """Returns three decimals, limited to the protocol's range; empty for None and for NaN."""
+    """Returns a number with three decimals, limited to the range of the protocol; empty for None
+    and for NaN."""
     if value is None or value != value:
         return ""
     return f"{min(max(value, low), high):.3f}"
 
 
 class NewestOrder:
-    """Accepts only orders of the host that are newer than all before them
+    """Accepts only orders of the host that are newer than all earlier orders
     (docs/protocol-slave-board.md, "Only what is newer").
 
-    `chance` gives a number below 2^32 that nobody can foresee, or None: such a board knows
-    orders without a word only."""
+    `chance` returns an unpredictable number below 2^32, or None; a board without such a source
+    accepts only orders without a word.
+    """
 
     def __init__(self, chance, words_only: bool = False) -> None:  # type: ignore[no-untyped-def]
         self._chance = chance
-        # from the first order with the word on, until power-on
+        # The flag is set by the first order with the word and stays set until power-off.
         self._words_only = words_only
         self.renew_word()
 
     def renew_word(self) -> None:
-        """Draws a new word after power-on and after a silence: earlier orders have another word
-        and are old."""
+        """Draws a new word after power-on and after a silence; earlier orders have another word and
+        count as old."""
         self.word: int | None = self._chance()
         self.last = -1
-        self.used = False  # an order with this word has come
+        # Whether an order with this word has arrived.
+        self.used = False
 
     def accept_order(self, count: int, word: "int | None") -> None:
         """Accepts a newer order.
 
         Raises
         ------
-        ValueError : `repeated_sequence` for the newest order and the 15 before it, which a line
-            may double; `old_order` for all others, at which the board stops."""
+        ValueError : `repeated_sequence` for the newest order and the 15 before it, which a line may
+        duplicate; `old_order` for all others, at which the board stops.
+        """
         if word is None and not self._words_only:
             behind = (self.last - count) % SEQUENCE_MODULUS
             newer = self.last < 0 or behind >= SEQUENCE_MODULUS // 2

@@ -1,22 +1,27 @@
-"""How does the lag rig measure response and drop time (lag paper, 1.2)? An encoder on the
-metering shaft starts the clock, the first granule on a pressure plate stops it. Both times are
-this board's own. See docs/protocol-lag-rig.md.
+"""How does the lag rig measure response and drop time (lag paper, 1.2)? An encoder on the metering
+shaft starts the clock, and the first granule on a pressure plate stops it. Both times come from
+this board's own clock. See docs/protocol-lag-rig.md.
 
 `RigProgram.run_round` is called about every millisecond. A pin layer has:
 
-    read() -> bytes, write(data)                as of the slave board
-    encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the
-                                                one before
-    plate() -> int                              the plate's reading, any scale"""
+    read() -> bytes, write(data)                as for the slave board
+    encoder() -> (counts, us, us_before)        count; time of the newest count and of the
+                                                count before
+    plate() -> int                              the plate's reading, any scale
+"""
 
 from .framing import SEQUENCE_MODULUS, WORD_MODULUS, Receiver, parse_whole, seal_frame
 from .motion import SpeedMeter
 
+# Interval of the status lines, microseconds.
 STATUS_US = 50000
-START_RPM = 2.0  # the shaft "turns" from here on (lag paper)
+# Shaft speed at which the response ends and the drop time begins, r/min (lag paper, 1.2).
+START_RPM = 2.0
+# States of the rig in a status line.
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
+# Flags of a status line: the shaft turned, or the plate moved, before the run began.
 TURNED_BEFORE, PLATE_BEFORE = 1, 2
-# Share of a sample in the plate's mean and noise.
+# Weight of a sample in the running mean and noise of the plate.
 MEAN_SHARE = 1.0 / 64.0
 
 
@@ -24,14 +29,15 @@ class RigSettings:
     """Holds the settings of a rig."""
 
     counts_per_turn = 1000.0
-    # of the plate's reading; a landing is at least this ...
+    # Smallest step of the plate's reading that counts as a landing.
     least_step = 20.0
-    # ... and this many times the plate's mean deviation above its mean
+    # A landing must also exceed the plate's mean by this multiple of its mean deviation.
     noises = 8.0
 
 
 class RigPins:
-    """Defines what the program needs of its hardware; pin layers and tests inherit from it."""
+    """Defines the hardware functions that the program needs; pin layers and tests inherit
+    from it."""
 
     def read(self) -> bytes:
         """Returns the bytes that the host has sent."""
@@ -41,7 +47,8 @@ class RigPins:
         """Sends bytes to the host."""
 
     def encoder(self) -> "tuple[int, int, int]":
-        """Returns the counts and the clock, us, at the newest count and at the one before."""
+        """Returns the counts, and the times of the newest count and the count before,
+        microseconds."""
         return 0, 0, 0
 
     def plate(self) -> int:
@@ -50,7 +57,8 @@ class RigPins:
 
 
 class RigProgram:
-    """Holds the program's state. `tick` runs one round; it neither waits nor reads a clock."""
+    """Holds the state of the program. `run_round` runs one round; it neither waits nor reads a
+    clock."""
 
     def __init__(self, pins: RigPins, settings: RigSettings) -> None:
         self.receiver = Receiver()
@@ -111,7 +119,7 @@ class RigProgram:
                 self._flags = TURNED_BEFORE
 
     def _has_plate_moved(self) -> bool:
-        """Returns whether this sample stands out; only other samples are learnt."""
+        """Returns whether this sample is an outlier; only other samples update mean and noise."""
         value = self._pins.plate()
         if self._mean is None:
             self._mean = float(value)

@@ -1,14 +1,17 @@
-"""How do the drives move? Shaft speed by PI with feed-forward, gate and doses by counted steps.
-Pure: time is passed in."""
+"""How do the drives move? The shaft speed is controlled by PI with feed-forward, gate and doses by
+counted steps. The module is pure: time is an argument.
+"""
 
 
 class SpeedMeter:
-    """Measures speed from an encoder's count, as the mean over the last `window_us`."""
+    """Measures the speed from an encoder's count, as the mean over the last `window_us`
+    microseconds."""
 
     def __init__(self, counts_per_turn: float, window_us: int = 50000) -> None:
         self._per_turn = counts_per_turn
         self._window_us = window_us
-        self._seen: list[tuple[int, int]] = []  # (us, counts), oldest first
+        # Pairs of time (microseconds) and count, oldest first.
+        self._seen: list[tuple[int, int]] = []
 
     def measure_rpm(self, now_us: int, counts: int) -> float:
         """Returns the speed, r/min, positive in the direction of rising counts."""
@@ -23,15 +26,16 @@ class SpeedMeter:
 
 
 class ShaftControl:
-    """Controls the duty of a DC motor, 0 to 1: feed-forward from the motor's own curve, PI for
-    the rest.
+    """Controls the duty of a DC motor, 0 to 1, by feed-forward from the motor's characteristic
+    curve and a PI term for the remaining error.
 
-    The set-point rises and falls no faster than `acceleration_rpm_s`. The error is the
-    difference to the expected reading of a motor with `time_constant_s`, so that the integrator
-    learns nothing from a ramp that is followed correctly. Anti-windup: it stands still while
-    the shaft is slower than that by more than `held_share` of the speed and `held_rpm` (a
-    jammed shaft), and while the duty is at its limit and the error would drive it further; it
-    learns at most `held_share` of the feed-forward; and it is reset at every stop."""
+    The set-point changes no faster than `acceleration_rpm_s`. The error is the difference to the
+    expected reading of a motor with `time_constant_s`, so that a ramp that the motor follows
+    correctly does not change the integrator. Anti-windup stops the integrator in two cases: the
+    shaft is slower than expected by more than `held_share` of the speed and `held_rpm` (a jammed
+    shaft), or the duty is at its limit and the error would drive it further. The integrator is
+    limited to `held_share` of the feed-forward and reset at every stop.
+    """
 
     def __init__(
         self,
@@ -60,7 +64,7 @@ class ShaftControl:
         return 0.0
 
     def update_duty(self, wanted_rpm: float, measured_rpm: float, dt_s: float) -> float:
-        """Returns the duty for the next `dt_s`; a set-point of 0 stops at once."""
+        """Returns the duty for the next `dt_s` seconds; a set-point of 0 stops at once."""
         if wanted_rpm <= 0.0:
             return self.stop_shaft()
         most = self._acceleration * dt_s
@@ -86,7 +90,7 @@ class ShaftControl:
 
 
 class Stepper:
-    """Makes steps to a place or without end, along a ramp of constant acceleration. `place`
+    """Makes steps to a position or at a speed, along a ramp of constant acceleration. `place`
     counts the steps."""
 
     def __init__(self, fastest_steps_s: float, acceleration_steps_s2: float) -> None:
@@ -96,11 +100,11 @@ class Stepper:
         self._phase = 0.0
 
     def halt_steps(self) -> None:
-        """Stops at once."""
+        """Stops at once, without a ramp."""
         self.speed_steps_s = self._phase = 0.0
 
     def step_at_speed(self, steps_s: float, dt_s: float) -> int:
-        """Returns the steps to make now, signed, towards this speed; `place` counts on."""
+        """Returns the steps to make now, signed, towards this speed; `place` is updated."""
         most = self._acceleration * dt_s
         self.speed_steps_s += min(max(steps_s - self.speed_steps_s, -most), most)
         self._phase += self.speed_steps_s * dt_s
@@ -110,7 +114,7 @@ class Stepper:
         return steps
 
     def step_to_place(self, wanted: int, dt_s: float) -> int:
-        """Returns the steps to make now, signed, towards this place."""
+        """Returns the steps to make now, signed, towards this position."""
         ahead = wanted - self.place
         if ahead == 0 and abs(self.speed_steps_s) <= self._acceleration * dt_s:
             self.halt_steps()
@@ -126,11 +130,12 @@ class Stepper:
 
 
 class GateMotion:
-    """Moves the gate by counted steps: homed by the displacement sensor or the switch, checked
-    for lost steps.
+    """Moves the gate by counted steps. The displacement sensor or the switch gives the reference,
+    and the sensor reveals lost steps.
 
-    `opening_mm` of the sensor is None where there is none. `lost`: the sensor has shown lost
-    steps, which were made good; `clear_lost` clears it."""
+    `opening_mm` of the sensor is None where no sensor is fitted. `lost` means that the sensor
+    revealed lost steps, which were corrected; `clear_lost` clears the flag.
+    """
 
     def __init__(
         self,
@@ -156,17 +161,17 @@ class GateMotion:
         return self._stepper.place / self._per_mm
 
     def set_reference(self, opening_mm: float) -> None:
-        """Sets the reference: the gate stands at this opening."""
+        """Sets the reference: the present opening of the gate, mm."""
         self._stepper.place = round(opening_mm * self._per_mm)
         self._stepper.halt_steps()
         self.homed = True
 
     def clear_lost(self) -> None:
-        """Clears the mark that steps were lost."""
+        """Clears the flag that steps were lost."""
         self.lost = False
 
     def step_home(self, at_switch: bool, dt_s: float) -> int:
-        """Returns the closing steps of the search for the switch; 0 when it is found."""
+        """Returns the closing steps of the search for the switch; 0 at the switch."""
         if at_switch:
             self.set_reference(0.0)
             return 0
@@ -176,7 +181,7 @@ class GateMotion:
         return -steps
 
     def step_to_opening(self, wanted_mm: float, sensor_mm: "float | None", dt_s: float) -> int:
-        """Returns the steps towards `wanted_mm`, positive opens."""
+        """Returns the steps towards `wanted_mm`; positive steps open the gate."""
         if sensor_mm is not None:
             apart = abs(sensor_mm - self.reckoned_mm) > self._lost_mm
             self._apart_s = self._apart_s + dt_s if apart else 0.0
@@ -188,15 +193,16 @@ class GateMotion:
 
 
 class Doser:
-    """Turns a stepper's shaft by an angle, dose after dose; the remainder of rounding to steps
-    goes to the next."""
+    """Turns a stepper's shaft by an angle, dose after dose; the remainder of rounding to steps is
+    added to the next dose."""
 
     def __init__(self, steps_per_turn: float, acceleration_rpm_s: float) -> None:
         self._per_turn = steps_per_turn
         self._acceleration = acceleration_rpm_s / 60.0 * steps_per_turn
         self._over = 0.0
         self._stepper = Stepper(0.0, self._acceleration)
-        self.steps = 0  # of the dose under way
+        # Steps of the present dose.
+        self.steps = 0
         self.running = False
 
     @property
@@ -213,7 +219,7 @@ class Doser:
         self.running = True
 
     def abort_dose(self) -> None:
-        """Ends the dose where the shaft stands."""
+        """Ends the dose at the present angle of the shaft."""
         self.running = False
 
     def step_dose(self, dt_s: float) -> int:
@@ -229,9 +235,10 @@ class Doser:
 class SteppedShaft:
     """Turns the metering shaft by a stepper.
 
-    Where an encoder shows the shaft slower than its steps by more than `held_share` of them and
-    `held_rpm` for `lost_after_s`, the motor has stalled, and steps at full speed cannot restart
-    it: the ramp begins anew."""
+    The motor has stalled where an encoder shows the shaft slower than its steps by more than
+    `held_share` of them and `held_rpm` for `lost_after_s`. Steps at full speed cannot restart a
+    stalled motor, so the ramp begins anew.
+    """
 
     def __init__(
         self,
@@ -263,7 +270,7 @@ class SteppedShaft:
         )
 
     def compare_encoder(self, measured_rpm: float, dt_s: float) -> None:
-        """Compares the steps with the encoder, every `dt_s`."""
+        """Compares the steps with the encoder; called every `dt_s` seconds."""
         stepped_rpm = self._stepper.speed_steps_s * 60.0 / self._per_turn
         slow = stepped_rpm - measured_rpm > self._held_share * stepped_rpm + self._held_rpm
         self._slow_s = self._slow_s + dt_s if slow else 0.0

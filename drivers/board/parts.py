@@ -1,32 +1,37 @@
-"""How are the parts at the slave board read? A load-cell amplifier HX711, an accelerometer
-LIS3DH, and the plug for USB."""
+"""How are the parts at the slave board read? They are a load-cell amplifier HX711, an accelerometer
+LIS3DH, and the USB plug.
+"""
 
 from math import atan2, degrees
 
+# Length of a conversion of the HX711, bits (data sheet, figure 2).
 HX711_BITS = 24
-# after the 24: channel A, gain 128 at the next conversion
+# One pulse after the 24 bits selects channel A with gain 128 for the next conversion.
 GAIN_PULSES = 1
 
+# Address and registers of the LIS3DH (data sheet, tables 13 and 21).
 LIS3DH_ADDRESS = 0x18
 WHO_AM_I, IS_LIS3DH = 0x0F, 0x33
 CONTROL_1, ALL_AXES_50_HZ = 0x20, b"\x47"
 CONTROL_4, WHOLE_SAMPLES_2_G = 0x23, b"\x88"
-SAMPLE_REGISTER = 0x28 | 0x80  # the address counts on while it is read
-# of 1 g squared: more or less is a jolt and says nothing of the slope
+# The top bit makes the address advance during a read.
+SAMPLE_REGISTER = 0x28 | 0x80
+# Range of the squared acceleration in g^2; a sample outside is a jolt and gives no slope.
 MIN_G2, MAX_G2 = 0.5, 2.0
 
-# bytes that a host has not fetched yet; a frame beyond them is lost
+# Number of bytes that wait for the host; a frame beyond them is dropped.
 USB_WAITING_BYTES = 1024
-# in and out a round: 64 kB a second, and no round is long
+# Number of bytes read and written in one round: 64 kB a second without a long round.
 USB_ROUND_BYTES = 64
 
 
 class UsbLine:
     """Reads and writes through the board's own USB plug, on the streams of MicroPython's prompt.
 
-    Bytes go one at a time, and only while there is room: `stdout` waits up to 0.5 s for a host
-    that does not read (MicroPython's shared/tinyusb/mp_usbd_cdc.c), and the program with it.
-    `can_read`, `can_write` ask without waiting."""
+    Bytes pass one at a time, and only while `can_write` is True: `stdout` blocks the program up to
+    0.5 s for a host that does not read (MicroPython's shared/tinyusb/mp_usbd_cdc.c). `can_read` and
+    `can_write` return without waiting.
+    """
 
     def __init__(self, stdin, stdout, can_read, can_write) -> None:  # type: ignore[no-untyped-def]
         self._in, self._out = stdin, stdout
@@ -34,7 +39,7 @@ class UsbLine:
         self._waiting = b""
 
     def read(self) -> bytes:
-        """Returns received bytes, after sending waiting ones. It is called every round."""
+        """Returns received bytes, after sending waiting bytes. The method is called every round."""
         sent = 0
         while sent < min(len(self._waiting), USB_ROUND_BYTES) and self._can_write():
             self._out.write(self._waiting[sent : sent + 1])
@@ -55,19 +60,20 @@ class UsbLine:
 
 
 class LoadCell:
-    """Reads an HX711: `data` falls when a conversion is ready (10 a second); `clock` fetches it
+    """Reads an HX711: `data` falls when a conversion is ready (10 a second), and `clock` fetches it
     bit by bit. kg = slope x counts + zero, from the two-point calibration of the hopper."""
 
     def __init__(self, clock, data, kg_per_count: float, zero_kg: float) -> None:  # type: ignore[no-untyped-def]
         self._clock, self._data = clock, data
         self._slope, self._zero_kg = kg_per_count, zero_kg
         self._silent = 0
-        self.kg: float | None = None  # None: not heard yet, or silent
+        # None means that no conversion has arrived yet, or that the converter is silent.
+        self.kg: float | None = None
         clock.value(0)
 
     def poll_conversion(self, rounds_silent: int = 1000) -> None:
-        """Polls the converter, every round (about a millisecond); it takes 0.3 ms when a
-        conversion is ready."""
+        """Polls the converter once a round (about a millisecond); a ready conversion takes
+        0.3 ms."""
         if self._data.value():
             self._silent += 1
             if self._silent > rounds_silent:
@@ -79,7 +85,8 @@ class LoadCell:
             count = count << 1 | self._read_bit()
         for _ in range(GAIN_PULSES):
             self._read_bit()
-        if count in (0x7FFFFF, 0x800000):  # the converter's limits: a broken cell or cable
+        # The limits of the converter mean a broken cell or cable.
+        if count in (0x7FFFFF, 0x800000):
             self.kg = None
             return
         self.kg = (
@@ -94,20 +101,22 @@ class LoadCell:
 
 
 class Inclinometer:
-    """Reads a LIS3DH that lies flat, x to the front, y to the right, z up. A mean over `tau_s`
-    removes shaking."""
+    """Reads a LIS3DH that is mounted flat, x to the front, y to the right, z up. A mean with time
+    constant `tau_s` removes shaking."""
 
     def __init__(self, i2c, tau_s: float = 0.5) -> None:  # type: ignore[no-untyped-def]
         self._i2c = i2c
         self._tau_s = tau_s
         self._g: list[float] | None = None
         self._there = False
-        self.pitch_deg: float | None = None  # nose up positive
-        self.roll_deg: float | None = None  # right side down positive
+        # Positive with the nose up, degrees.
+        self.pitch_deg: float | None = None
+        # Positive with the right side down, degrees.
+        self.roll_deg: float | None = None
 
     def poll_sample(self, dt_s: float) -> None:
-        """Polls the part, every 50 ms or so; one that does not answer is configured again at the
-        next call."""
+        """Polls the sensor about every 50 ms; a sensor that does not answer is configured again at
+        the next call."""
         try:
             if not self._there:
                 self._configure_part()

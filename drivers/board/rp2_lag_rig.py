@@ -1,6 +1,8 @@
-"""Main program of the lag rig on an RP2040; copy it to the board as main.py. Pins: docs/wiring.md.
+"""How does the lag rig run on an RP2040? This is its main program; copy it to the board as main.py.
+Pins: docs/wiring.md.
 
-Not in use on a rig yet: compiled and its logic run, its pins not.
+The program has not been used on a real rig yet: it was compiled and its logic was run, but not its
+pins.
 """
 
 import time
@@ -10,10 +12,13 @@ import machine
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.board.rp2 import Board
 
+# Length of a round, microseconds, which limits the resolution of a landing.
 ROUND_US = 500
 
 
 class Rp2RigPins(Board, RigPins):
+    """Connects the program to the pins of the board."""
+
     def __init__(self) -> None:
         Board.__init__(self, rxbuf=256, txbuf=512)
         self._shaft = machine.Pin(6, machine.Pin.IN, machine.Pin.PULL_UP)
@@ -28,8 +33,8 @@ class Rp2RigPins(Board, RigPins):
         self._count_us = time.ticks_us()  # type: ignore[attr-defined]
 
     def encoder(self) -> "tuple[int, int, int]":
-        """The newest count's time is turned into this clock's when it is new: later its own
-        clock has run over."""
+        """Returns the counts and the times of the newest two. A new count's time is converted at
+        once, before its own clock overflows."""
         counts = self._counts
         if counts != self._newest[0]:
             newest, before = self._count_us, self._before_us
@@ -39,10 +44,12 @@ class Rp2RigPins(Board, RigPins):
         return self._newest
 
     def plate(self) -> int:
+        """Returns the reading of the impact plate's converter."""
         return int(self._plate.read_u16()) >> 4
 
 
 def main() -> None:
+    """Runs rounds until power-off."""
     pins = Rp2RigPins()
     rig = RigProgram(pins, RigSettings())
     while True:

@@ -1,7 +1,8 @@
-"""Main program of the slave board on an RP2040 (Raspberry Pi Pico): its main.py. Pins:
+"""How does the slave board run on an RP2040 (Raspberry Pi Pico)? This is its main.py. Pins:
 docs/wiring.md.
 
-Not in use on a machine yet: compiled and its logic run, its pins not.
+The program has not been used on a real machine yet: it was compiled and its logic was run, but not
+its pins.
 """
 
 import os
@@ -13,36 +14,45 @@ from drivers.board.parts import Inclinometer, LoadCell
 from drivers.board.rp2 import Board
 from drivers.board.slave import BoardSettings, Pins, SlaveProgram
 
+# Length of a round, microseconds.
 ROUND_US = 1000
-# to ground at power-on: the program stays out, `mpremote` has the board
+# A connection to ground at power-on skips the program, so that `mpremote` can access the board.
 SERVICE_PIN = 22
+# Interval of inclination samples, microseconds.
 TILT_US = 50000
-# of each reading: some 10 ms, so that the driver's switching is no noise
+# Weight of a reading in the running mean of the effort: some 10 ms, which removes the switching of
+# the driver.
 EFFORT_SHARE = 0.1
-VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
+# A divider of 100 kOhm and 10 kOhm reduces the supply voltage to the converter's range of 3.3 V.
+VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0
 
 
 class Rp2Settings(BoardSettings):
-    """Holds the settings of the board and of its pins. Left out: `False`, and the status says
-    "not fitted"."""
+    """Holds the settings of the board and of its pins. `False` for a part means that it is absent;
+    the status then reports "not fitted"."""
 
-    counts_per_turn = 1200.0  # both edges of one channel
-    # False: the gate finds its place by the home switch
+    # Both edges of one channel are counted.
+    counts_per_turn = 1200.0
+    # False makes the gate find its reference by the home switch.
     displacement_fitted = True
-    # displacement sensor, 0 to 65 mm over the converter's range
+    # The displacement sensor covers 0 to 65 mm over the converter's range.
     mm_per_count = 65.0 / 65535.0
     scale_fitted = tilt_fitted = supply_fitted = work_switch_fitted = True
-    # of the hopper's load cells: calibrate with two known masses
+    # Slope of the hopper's load cells; calibrate with two known masses.
     kg_per_count = 5.0e-5
     zero_kg = 0.0
-    # the shaft driver's current-sense output, 0 to 3.3 V over the converter's range
+    # Whether the shaft driver's current-sense output is wired, 0 to 3.3 V over the converter's
+    # range.
     effort_fitted = False
-    amps_per_count = 30.0 / 65535.0  # calibrate with an ammeter
-    # of the sections' drivers, left to right, e.g. (16, 17, 18); 1 opens
+    # Calibrate this slope with an ammeter.
+    amps_per_count = 30.0 / 65535.0
+    # Pins of the sections' drivers from left to right, such as (16, 17, 18); 1 opens a valve.
     valve_pins: "tuple[int, ...]" = ()
 
 
 class Rp2Pins(Board, Pins):
+    """Connects the program to the pins of the board."""
+
     def __init__(self, settings: Rp2Settings) -> None:
         Board.__init__(self, rxbuf=512, txbuf=1024, link=settings.link)
         self._settings = settings
@@ -91,22 +101,28 @@ class Rp2Pins(Board, Pins):
         self._pulse_us = time.ticks_us()  # type: ignore[attr-defined]
 
     def enable(self, on: bool) -> None:
+        """Enables or disables the drivers."""
         self._enable.value(on)
 
     def duty(self, value: float) -> None:
+        """Sets the duty of the shaft motor, 0 to 1."""
         self._pwm.duty_u16(int(value * 65535))
 
     def shaft_counts(self) -> int:
+        """Returns the encoder's counts since power-on."""
         return self._counts
 
     def gate_steps(self, steps: int) -> None:
+        """Makes steps of the gate; positive steps open it."""
         self._gate_open.value(steps > 0)
         self._send_pulses(self._gate_step, abs(steps))
 
     def dose_steps(self, steps: int) -> None:
+        """Makes steps of the metering shaft."""
         self._send_pulses(self._dose_step, steps)
 
     def opening_mm(self) -> "float | None":
+        """Returns the opening by the displacement sensor, mm; None without a sensor."""
         settings = self._settings
         return (
             float(self._opening.read_u16() * settings.mm_per_count)
@@ -115,20 +131,23 @@ class Rp2Pins(Board, Pins):
         )
 
     def at_home(self) -> bool:
+        """Returns whether the gate presses the home switch."""
         return not self._home.value()
 
     def driver_fault(self) -> bool:
+        """Returns whether the motor driver reports a fault."""
         return not self._fault.value()
 
     def wheel(self) -> "tuple[int, int]":
-        """Converts the newest pulse's time to this clock when it is new: later its own clock has
-        overflowed."""
+        """Returns the wheel's pulses and the time of the newest one. A new pulse's time is
+        converted at once, before its own clock overflows."""
         pulses = self._pulses
         if pulses != self._newest[0]:
             self._newest = pulses, self.convert_ticks_us(self._pulse_us)
         return self._newest
 
     def supply_v(self) -> "float | None":
+        """Returns the supply voltage, V; None where it is not wired."""
         return (
             float(self._supply.read_u16() * VOLTS_PER_COUNT)
             if self._settings.supply_fitted
@@ -136,19 +155,23 @@ class Rp2Pins(Board, Pins):
         )
 
     def shaft_effort(self) -> "float | None":
+        """Returns the current of the shaft motor, A; None where it is not wired."""
         return self._amps if self._settings.effort_fitted else None
 
     def hopper_kg(self) -> "float | None":
+        """Returns the mass in the hopper, kg; None without load cells."""
         return self._scale.kg if self._scale else None
 
     def pitch_deg(self) -> "float | None":
+        """Returns the pitch, degrees, nose up positive; None without a sensor."""
         return self._tilt.pitch_deg if self._tilt else None
 
     def roll_deg(self) -> "float | None":
+        """Returns the roll, degrees, right side down positive; None without a sensor."""
         return self._tilt.roll_deg if self._tilt else None
 
     def poll_sensors(self, now_us: int) -> None:
-        """Polls scale, inclination and the current sensor, every round."""
+        """Polls scale, inclination and current sensor; called every round."""
         self._amps += EFFORT_SHARE * (
             self._current.read_u16() * self._settings.amps_per_count - self._amps
         )
@@ -159,13 +182,16 @@ class Rp2Pins(Board, Pins):
             self._tilt_us = now_us
 
     def work_switch(self) -> "bool | None":
+        """Returns whether the implement is lowered; None without a switch."""
         return not self._switch.value() if self._settings.work_switch_fitted else None
 
     def valves(self, mask: int) -> None:
+        """Sets the valves of the sections; bit 0 is the leftmost, 1 opens."""
         for k, pin in enumerate(self._valve_pins):
             pin.value(mask >> k & 1)
 
     def chance(self) -> "int | None":
+        """Returns an unpredictable number below 2^32 from the chip's ring oscillator."""
         return int.from_bytes(os.urandom(4), "big")
 
     def _send_pulses(self, pin: "machine.Pin", count: int) -> None:
@@ -177,8 +203,8 @@ class Rp2Pins(Board, Pins):
 
 
 def read_own_settings() -> Rp2Settings:
-    """Returns the settings with those of `board_settings.py` on the board. Raises ValueError as
-    `BoardSettings.take_settings` does."""
+    """Returns the settings with the values of `board_settings.py` on the board. Raises ValueError
+    as `BoardSettings.take_settings` does."""
     settings = Rp2Settings()
     try:
         import board_settings
@@ -189,13 +215,14 @@ def read_own_settings() -> Rp2Settings:
 
 
 def main() -> None:
+    """Runs rounds until power-off."""
     if not machine.Pin(SERVICE_PIN, machine.Pin.IN, machine.Pin.PULL_UP).value():
         return
     settings = read_own_settings()
     settings.valves = len(settings.valve_pins)
     pins = Rp2Pins(settings)
     slave = SlaveProgram(pins, settings)
-    # a program that hangs restarts; the enable line is off meanwhile
+    # A hanging program is restarted by the watchdog; the enable line is off meanwhile.
     watchdog = machine.WDT(timeout=500)
     while True:
         started_us = pins.now_us()

@@ -1,29 +1,30 @@
-"""The slave board's program: commands in, drives moved, safe stop by itself, status out.
+"""How does the slave board move the drives? Its program takes commands, moves the drives, stops
+safely without the host, and sends the status.
 
 `SlaveProgram.run_round` is called about every millisecond by a main program that has the pins
 (`rp2_slave.py`). A pin layer has:
 
-    read() -> bytes                 what the host sent; at once, mostly nothing
-    write(data)                     to the host; must not wait
-    enable(on)                      the motor drivers' enable lines
-    duty(value)                     of the shaft's DC motor, 0 to 1
-    shaft_counts() -> int           of the shaft's encoder; not read where `counts_per_turn` is 0
-    gate_steps(steps)               put out now, positive opens
-    dose_steps(steps)               of a shaft turned by a stepper (metering, point dose)
-    opening_mm() -> float or None   displacement sensor, None where there is none
-    at_home() -> bool               the gate's switch; read only where there is no displacement
-                                    sensor
+    read() -> bytes                 bytes from the host; returns at once, mostly empty
+    write(data)                     sends to the host; must not wait
+    enable(on)                      sets the enable lines of the motor drivers
+    duty(value)                     sets the duty of the shaft's DC motor, 0 to 1
+    shaft_counts() -> int           counts of the shaft's encoder; not read where
+                                    `counts_per_turn` is 0
+    gate_steps(steps)               makes steps of the gate now, positive opens
+    dose_steps(steps)               makes steps of a shaft with a stepper (metering, point dose)
+    opening_mm() -> float or None   displacement sensor; None without a sensor
+    at_home() -> bool               the gate's switch; read only without a displacement sensor
     driver_fault() -> bool
-    wheel() -> (pulses, us)         count, and the board's clock at the newest pulse
+    wheel() -> (pulses, us)         count, and time of the newest pulse on the board's clock
     hopper_kg(), supply_v(), pitch_deg(), roll_deg() -> float or None
-    shaft_effort(), gate_effort() -> float or None      how hard each drive works: % of full duty,
-                                                        A or N m
+    shaft_effort(), gate_effort() -> float or None      effort of each drive: % of full duty, A
+                                                        or N m
     work_switch() -> bool or None
-    valves(mask)                    of the sections: bit 0 the leftmost, 1 open; called when it
-                                    changes
-    valves_open() -> int or None    the same as their own switches tell, None where they have none
-    chance() -> int or None         below 2^32 and not to be foreseen; None: only orders without a
-                                    word are taken
+    valves(mask)                    sets the section valves: bit 0 is the leftmost, 1 opens;
+                                    called when the mask changes
+    valves_open() -> int or None    the mask by the valves' own switches; None without switches
+    chance() -> int or None         an unpredictable number below 2^32; None: only orders
+                                    without a word are accepted
 """
 
 from .framing import (
@@ -38,13 +39,18 @@ from .framing import (
 )
 from .motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
 
+# Silence of the host after which the drives stop, microseconds.
 SILENT_HOST_US = 1000000
+# Period of the shaft control, microseconds.
 CONTROL_US = 10000
+# Interval of the status lines, microseconds.
 STATUS_US = 25000
-# what became of a dose is said again this long, for a line may lose it
+# The report of a dose is repeated for this time, microseconds, because a line may lose it.
 REPORT_US = 300000
-OLD_ORDER_US = 1000000  # an old order is reported this long
-# what a longer round leaves out is lost: in one burst it would throw the motor out of step
+# An old order is reported in the status for this time, microseconds.
+OLD_ORDER_US = 1000000
+# Steps beyond this length of a round are dropped, s, because in one burst they would stall the
+# motor.
 MAX_STEPPED_ROUND_S = 0.005
 
 ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDER = (
@@ -62,47 +68,50 @@ DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
 
 class BoardSettings:
     """Holds the wiring and tuning of this board. Change the values in `board_settings.py` on the
-    board, which `take` reads."""
+    board, which `take_settings` reads."""
 
-    # to the host: "uart" (GP0, GP1) or "usb" (the board's own plug)
+    # Line to the host: "uart" (GP0, GP1) or "usb" (the board's own plug).
     link = "uart"
-    # what meters: "dc", a motor by its duty, or "stepper", by steps
+    # Metering drive: "dc", a motor controlled by its duty, or "stepper", a motor moved by steps.
     shaft_drive = "dc"
     max_shaft_rpm = 100.0
     max_opening_mm = 60.0
-    # of the shaft's encoder; 0: none, which only a stepper can do without
+    # Counts of the shaft's encoder per turn; 0 means no encoder, which only a stepper permits.
     counts_per_turn = 2400.0
-    duty_per_rpm = 0.008  # of the motor at nominal supply
+    # Slope of the duty at nominal supply.
+    duty_per_rpm = 0.008
     duty_to_start = 0.04
-    time_constant_s = 0.13  # of the motor and of measuring its speed
+    # Time constant of the motor together with the measurement of its speed, s.
+    time_constant_s = 0.13
     kp = 0.004
     ki = 0.03
     acceleration_rpm_s = 400.0
-    # slower than expected by more than this share and ...
+    # The shaft counts as jammed where it is slower than expected by more than this share and ...
     held_share = 0.25
-    # ... this: held or jammed; nothing is learnt from it
+    # ... by this speed, r/min; the integrator then stops.
     held_rpm = 5.0
-    steps_per_mm = 100.0  # gate: 400 half steps a turn, spindle of 4 mm
+    # The gate has 400 half steps per turn and a spindle with a lead of 4 mm.
+    steps_per_mm = 100.0
     gate_mm_s = 20.0
     gate_acceleration_mm_s2 = 200.0
     home_mm_s = 5.0
     lost_mm = 1.0
     lost_after_s = 0.5
-    # of the shaft's stepper, for doses and for metering: microstep mode 2
+    # Steps per turn of the shaft's stepper, for doses and metering, in microstep mode 2.
     dose_steps_per_turn = 400.0
     dose_acceleration_rpm_s = 2000.0
-    # metering by the stepper: 0 to 100 r/min in a third of a second
+    # Acceleration of metering by the stepper: 0 to 100 r/min in a third of a second.
     stepper_steps_s2 = 2000.0
-    # and no faster than this: 4 steps in a round of a millisecond
+    # Fastest steps of the stepper: 4 steps in a round of a millisecond.
     stepper_steps_s = 4000.0
-    # of sections; 0: a board without, which does not obey T2
+    # Number of section valves; a board with 0 does not obey T2.
     valves = 0
-    # True: takes no order without a word (T1, T2, D1), not even before the first
+    # True refuses all orders without a word (T1, T2, D1), even before the first order with a word.
     words_only = False
 
     def take_settings(self, own: object) -> None:
         """Takes the values of a module or class `own`. Raises ValueError with one line for an
-        impossible value: the board does not start then, and its drives stay off."""
+        impossible value; the board does not start then, and its drives stay off."""
         for name in dir(own):
             if name.startswith("_"):
                 continue
@@ -145,8 +154,8 @@ ALLOWED_SETTINGS = {
 
 
 class Pins:
-    """Defines what the program needs of its hardware; here everything is absent. Pin layers and
-    tests inherit from it."""
+    """Defines the hardware functions that the program needs; in this base class all hardware is
+    absent. Pin layers and tests inherit from it."""
 
     def _absent(self) -> "float | None":
         return None
@@ -179,11 +188,11 @@ class Pins:
         return 0
 
     def at_home(self) -> bool:
-        """Tells whether the gate presses the home switch."""
+        """Returns whether the gate presses the home switch."""
         return False
 
     def driver_fault(self) -> bool:
-        """Tells whether the motor driver reports a fault."""
+        """Returns whether the motor driver reports a fault."""
         return False
 
     def wheel(self) -> "tuple[int, int]":
@@ -192,7 +201,8 @@ class Pins:
 
 
 class SlaveProgram:
-    """Holds the program's state. `tick` runs one round; it neither waits nor reads a clock."""
+    """Holds the state of the program. `run_round` runs one round; it neither waits nor reads a
+    clock."""
 
     def __init__(self, pins: Pins, settings: BoardSettings) -> None:
         self.receiver = Receiver()
@@ -200,12 +210,14 @@ class SlaveProgram:
         self.shaft_rpm = 0.0
         self._pins, self._settings = pins, settings
         self._wanted_rpm = 0.0
-        self._wanted_mm: float | None = None  # None: the gate stays where it stands
+        # None means that the gate keeps its opening.
+        self._wanted_mm: float | None = None
         self._commanded_mm = 0.0
         self._enable = False
         self._armed = False
         self._heartbeat_lost = False
-        self._heard_us: int | None = None  # None: not heard yet, or silent
+        # None means that the host has not sent anything yet, or is silent.
+        self._heard_us: int | None = None
         self._newest = NewestOrder(pins.chance, settings.words_only)
         self._old_order_until_us = 0
         self._status_seq = 0
@@ -232,7 +244,8 @@ class SlaveProgram:
             settings.lost_after_s,
         )
         self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)
-        self._stepped: SteppedShaft | None = None  # None: a DC motor meters
+        # None means that a DC motor turns the metering shaft.
+        self._stepped: SteppedShaft | None = None
         if settings.shaft_drive == "stepper":
             self._stepped = SteppedShaft(
                 settings.dose_steps_per_turn,
@@ -242,7 +255,8 @@ class SlaveProgram:
                 held_rpm=settings.held_rpm,
                 lost_after_s=settings.lost_after_s,
             )
-        self._steps = 0  # of the shaft's stepper since power-on
+        # Steps of the shaft's stepper since power-on.
+        self._steps = 0
         self._dose = -1
         self._dose_begin_us = 0
         self._report = ""
@@ -251,7 +265,7 @@ class SlaveProgram:
         self._next_control_us = 0
         self._next_status_us = 0
         self._control_us: int | None = None
-        # without power, and unless enabled, all are closed
+        # All valves are closed at power-on and unless enabled.
         self._wanted_valves = self._valves = 0
         pins.enable(False)
         pins.duty(0.0)
@@ -282,8 +296,8 @@ class SlaveProgram:
             self.send_status(now_us, now_us)
 
     def take_orders(self, now_us: int) -> None:
-        """Takes the host's orders: the newest is in force from here on, and `enabled` says
-        whether the drives are."""
+        """Takes the host's orders: the newest is in force from here on, and `enabled` tells whether
+        the drives are enabled."""
         if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
             self._heartbeat_lost, self._armed, self._heard_us = True, False, None
             self._newest.renew_word()
@@ -301,9 +315,11 @@ class SlaveProgram:
             self._pins.write(seal_frame(f"E1,{self._take_sequence()},{self._report}"))
 
     def _reject_order(self, kind: str, now_us: int) -> None:
-        """Counts a fault. An old order stops the board until enable 0 arrives. Before the first
-        order with the word the host does not know it, and its orders are old by no fault of the
-        line."""
+        """Counts a fault. An old order stops the board until enable 0 arrives.
+
+        Before the first order with the word the host does not know the word; its old orders are
+        then no fault of the line.
+        """
         self.receiver.reject(kind)
         if kind == "old_order":
             self._armed = False
@@ -345,7 +361,7 @@ class SlaveProgram:
         self._commanded_mm = min(opening_mm, self._settings.max_opening_mm)
 
     def _accept_order(self, fields: "list[bytes]") -> None:
-        """Accepts only newer orders; an order's word is its last field."""
+        """Accepts only newer orders; the word is the last field of an order."""
         if fields[0].endswith(b"3"):
             self._newest.accept_order(
                 parse_whole(fields[1], WORD_MODULUS - 1), parse_whole(fields[-1], WORD_MODULUS - 1)
@@ -375,8 +391,8 @@ class SlaveProgram:
             )
 
     def _turn_stepper(self, now_us: int, dt_s: float) -> None:
-        """Turns the stepper for a dose, or for metering; `_stop_shaft` has ended both when not
-        enabled."""
+        """Turns the stepper for a dose, or for metering; `_stop_shaft` has ended both where the
+        drives are not enabled."""
         if self._doser.running:
             steps = self._doser.step_dose(dt_s)
             if not self._doser.running:
@@ -392,7 +408,7 @@ class SlaveProgram:
             self._pins.dose_steps(steps)
 
     def _metered_rpm(self) -> float:
-        """Returns the set-point; the shaft waits for a gate that searches its switch."""
+        """Returns the set-point of the shaft, r/min; 0 while the gate searches for its switch."""
         return self._wanted_rpm if self._gate.homed else 0.0
 
     def _move_gate(self, enabled: bool, dt_s: float) -> None:
@@ -480,8 +496,8 @@ class SlaveProgram:
         )
 
     def _make_turned(self) -> bytes:
-        """Returns how far the shaft turned since power-on and the length of a turn: by its
-        encoder, by its stepper."""
+        """Returns the frame with the turns of the shaft since power-on and the counts per turn, for
+        the encoder and for the stepper."""
         settings = self._settings
         counts = (
             f"{self._pins.shaft_counts() % WORD_MODULUS},{settings.counts_per_turn:.3f}"

@@ -1,5 +1,5 @@
-"""How are the bytes of a device decoded? One file for each protocol: bytes in, readings out. No
-decoder opens a port or reads a clock.
+"""How are the bytes of a device decoded? Each protocol has one file that turns bytes into readings.
+No decoder opens a port or reads a clock.
 
 Files:
 
@@ -14,7 +14,7 @@ Files:
 - `lag_run`: How are response and drop time measured over shaft speed?
 - `lines`: How are bytes that arrive in any pieces cut into lines, and how are faults counted?
 - `nmea`: How is one NMEA 0183 sentence read?
-- `point_dose`: How is one dose a plant ordered (point-fertilisation paper)?
+- `point_dose`: How is the dose for one plant ordered (point-fertilisation paper)?
 - `probe`: Which device speaks on a line?
 - `rate_line`: Which target does another display send, and which rate does another controller apply?
 - `rate_module`: How does the host drive the metering shaft through a rate module on UDP?

@@ -1,10 +1,11 @@
-"""How are position and speed of AgOpenGPS decoded? UDP frames on loopback, port 17777, from the
-same computer.
+"""How are position and speed of AgOpenGPS decoded? The program sends UDP frames to port 17777 on
+loopback.
 
     80 81 7F <id> <length> <length bytes> <sum of all bytes from the third on, modulo 256>
 
-0x64 carries position and heading, 0xFE speed. See docs/rate-module.md for where the facts come
-from."""
+Frame 0x64 carries position and heading, frame 0xFE the speed. docs/rate-module.md names the
+sources.
+"""
 
 from __future__ import annotations
 
@@ -15,25 +16,31 @@ from topdress.control.readings import GnssFix
 from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
 from topdress.drivers.devices.nmea import MAX_SPEED_MPS
 
+# The three bytes with which every frame begins.
 HEAD = b"\x80\x81\x7f"
 POSITION, DRIVE = 0x64, 0xFE
+# The shortest body that holds the fields read here; newer versions append fields.
 MIN_FRAME_BYTES = {POSITION: 24, DRIVE: 8}
-# A speed older than this is not combined with a position, s.
+# Age beyond which a speed is not combined with a position, s.
 SPEED_VALID_S = 1.0
-_PLACE = struct.Struct("<ddd")  # longitude, latitude, heading
+# Longitude, latitude and heading, degrees, as little-endian doubles.
+_PLACE = struct.Struct("<ddd")
 
 
 class AgOpenGpsDecoder(Decoder[GnssFix]):
-    """Decodes bytes of the loopback to fixes; each position is a fix, with the newest speed.
+    """Decodes bytes of the loopback to fixes; each position is a fix with the newest speed.
 
-    The frames tell no fix quality and no time: quality is 1, `utc` None. Counted as rejected:
-    `bad_checksum`, `wrong_length`, `impossible_value`, `garbage` (bytes that belong to no
-    frame, once a run). Counted as ignored: every other frame as `pgn_<id in hexadecimal>`."""
+    The frames carry neither fix quality nor time: quality is 1 and `utc` is None. Counted as
+    rejected: `bad_checksum`, `wrong_length`, `impossible_value`, `garbage` (bytes outside of
+    frames, counted once for each run of them). Counted as ignored: every other frame as `pgn_<id in
+    hexadecimal>`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self._rest = b""
-        self._at = 0  # of `_rest`: read up to here
+        # Number of bytes of `_rest` that are already read.
+        self._at = 0
         self._in_garbage = False
         self._speed_mps: float | None = None
         self._speed_s = -math.inf
@@ -48,19 +55,20 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         ]
 
     def flush(self, time_s: float) -> list[GnssFix]:
-        """Ends a recording: a truncated frame is counted."""
+        """Ends a recording: a truncated frame is counted as rejected."""
         if self._rest:
             self.counts.reject("wrong_length")
             self._rest = b""
         return []
 
     def _find_next_frame(self) -> bytes | None:
-        """Returns the next frame whose sum is right; None: more bytes are needed, and the bytes
-        read are dropped.
+        """Returns the next frame with a correct checksum; None means that more bytes are needed,
+        and the bytes read are dropped.
 
-        Every byte is looked at once as the beginning of a frame, and summed at most once for
-        each head before it: no pattern of bytes costs more than the longest frame for every
-        three bytes."""
+        Every byte is examined once as the beginning of a frame and summed at most once for each
+        header before it. No sequence of bytes therefore costs more than the longest frame for every
+        three bytes.
+        """
         while True:
             start = self._rest.find(HEAD, self._at)
             if start < 0:
@@ -77,7 +85,8 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
                 return self._rest[start:end]
             self.counts.reject("bad_checksum")
             self._at = start + len(HEAD)
-            self._in_garbage = True  # what follows of that frame was counted with it
+            # The bytes that follow were counted with the frame that had a wrong checksum.
+            self._in_garbage = True
         self._rest, self._at = self._rest[self._at :], 0
         return None
 
@@ -94,7 +103,8 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         if len(body) < MIN_FRAME_BYTES[name]:
             raise Rejected("wrong_length")
         if name == DRIVE:
-            speed_mps = int.from_bytes(body[:2], "little") / 36.0  # tenths of km/h
+            # The frame holds tenths of km/h; 36 of them are 1 m/s.
+            speed_mps = int.from_bytes(body[:2], "little") / 36.0
             if speed_mps > MAX_SPEED_MPS:
                 raise Rejected("impossible_value")
             self._speed_mps, self._speed_s = speed_mps, time_s

@@ -1,7 +1,9 @@
 """How are frames of the slave board's line protocol, version 1, converted to records and back?
 
-The protocol is described in docs/protocol-slave-board.md; the names and ranges here are the
-same as there."""
+docs/protocol-slave-board.md describes the protocol with the names and ranges used here. A board's
+word is a random 32-bit number that it draws at power-on; a frame recorded under an earlier word is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -22,22 +24,26 @@ from topdress.drivers.devices.lines import Rejected
 
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
-# the same with how the sections' valves stand, from a board whose valves have switches
+# Status frame of a board whose section valves report their position by switches.
 STATUS_VALVES = "S2"
-# both, valves empty where it has none, and how hard shaft and gate work
+# Status frame with valves (empty without switches) and with the effort of shaft and gate.
 STATUS_EFFORT = "S3"
-# the same with the sections' valves; a board without them does not obey it
+# Command frame with the valves of the sections; a board without valves refuses it.
 COMMAND_VALVES = "T2"
-# both, with the board's word: what was recorded under another one is old
+# Command frame with the board's word, so that a recorded frame cannot be replayed.
 COMMAND_WORD = "T3"
-WORD = "W1"  # the board's word, in answer to ASK
-# how far the shaft turned, in answer to ASK_TURNED
+# The board's word, sent in answer to `ASK`.
+WORD = "W1"
+# The angle that the shaft has turned, sent in answer to `ASK_TURNED`.
 TURNED = "C1"
-# micros and pulses run over here; words, and counts of commands with one, are below it
+# Microseconds and pulses wrap at this number; words and command counts stay below it.
 COUNTER_MODULUS = WORD_MODULUS
-HOST_TIMEOUT_S = 1.0  # the board stops by itself after this
+# The board stops its drives after this time without a command, s.
+HOST_TIMEOUT_S = 1.0
 
+# A command frame has room for so many section valves.
 MAX_VALVES = 16
+# Ranges of the set-points, r/min and mm, beyond which the board refuses a command.
 COMMAND_SHAFT_RPM = (0.0, 300.0)
 COMMAND_OPENING_MM = (0.0, 100.0)
 STATUS_RANGES: dict[str, tuple[float, float]] = {
@@ -49,16 +55,19 @@ STATUS_RANGES: dict[str, tuple[float, float]] = {
     "roll_deg": (-60.0, 60.0),
 }
 MEASURED_FIELDS = tuple(STATUS_RANGES)
-# % of full duty, A or N m: as the machine file says
+# The effort is in % of full duty, A or N m, as the machine file states.
 EFFORT_RANGE = (0.0, 1000.0)
 
 _CRC = re.compile(rb"[0-9A-Fa-f]{4}")
 
 
 class CommandFrame(NamedTuple):
-    """Holds a frame from host to board: set-points. Every frame is also the heartbeat. `valves`:
-    bit 0 the leftmost section, 1 open; None: the machine has none. `word`: the board's; None: it
-    has none, and `seq` overflows at 65536 instead of 2^32."""
+    """Holds the set-points of a frame from host to board. Every frame is also the heartbeat.
+
+    `valves`: bit 0 is the leftmost section and 1 means open; None means that the machine has no
+    valves. `word`: the board's word; None means that the board has no word, and `seq` then wraps at
+    65536 instead of 2^32.
+    """
 
     seq: int
     shaft_rpm: float
@@ -69,13 +78,17 @@ class CommandFrame(NamedTuple):
 
 
 class StatusFrame(NamedTuple):
-    """Holds a frame from board to host. `None`: not fitted."""
+    """Holds a frame from board to host. None means that the sensor is not fitted."""
 
     seq: int
-    echo: int  # sequence number of the last command accepted
-    micros: int  # the board's clock now
-    pulses: int  # of the wheel, since power-on
-    pulse_micros: int  # the board's clock at the last pulse
+    # Sequence number of the last command that the board accepted.
+    echo: int
+    # Time of the frame on the board's clock, microseconds.
+    micros: int
+    # Pulses of the wheel since power-on.
+    pulses: int
+    # Time of the last pulse on the board's clock, microseconds.
+    pulse_micros: int
     shaft_rpm: float
     opening_mm: float
     hopper_kg: float | None = None
@@ -84,14 +97,15 @@ class StatusFrame(NamedTuple):
     roll_deg: float | None = None
     work_switch: bool | None = None
     flags: int = 0
-    valves_open: int | None = None  # bit 0 the leftmost section, 1 open
+    # Bit 0 is the leftmost section; 1 means open.
+    valves_open: int | None = None
     shaft_effort: float | None = None
     gate_effort: float | None = None
 
 
 class ShaftTurned(NamedTuple):
-    """Holds how far the shaft turned since power-on, below 2^32, and the board's length of a
-    turn. `None`: no encoder, or no metering stepper."""
+    """Holds how far the shaft has turned since power-on, modulo 2^32, and the board's counts per
+    turn. None means that the board has no encoder or no metering stepper."""
 
     seq: int
     counts: int | None
@@ -101,24 +115,24 @@ class ShaftTurned(NamedTuple):
 
 
 def calc_crc16(payload: bytes) -> int:
-    """Returns the CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected;
-    `123456789` gives 0x29B1."""
+    """Returns the CRC-16/CCITT-FALSE (polynomial 0x1021, start 0xFFFF, no reflection); `123456789`
+    gives 0x29B1."""
     return binascii.crc_hqx(payload, 0xFFFF)
 
 
 def is_repeated_sequence(seq: int, last: int | None) -> bool:
-    """Returns whether a sequence number is the last one or shortly before it, over the wrap at
-    65536."""
+    """Returns whether a sequence number repeats the last number or shortly precedes it, across the
+    wrap at 65536."""
     return last is not None and (last - seq) % SEQUENCE_MODULUS < REPEAT_WINDOW
 
 
 def encode_valves(valves: Sequence[bool]) -> int:
-    """Encodes valves: bit 0 is the leftmost section; 1: open."""
+    """Returns the valves as a bit mask: bit 0 is the leftmost section, 1 means open."""
     return sum(1 << k for k, on in enumerate(valves) if on is True)
 
 
 def decode_valves(mask: int) -> tuple[bool, ...]:
-    """Decodes all valves that a frame has room for, left to right; those that a machine lacks
+    """Returns all valves that a frame has room for, from left to right; valves that a machine lacks
     are closed."""
     return tuple([bool(mask >> k & 1) for k in range(MAX_VALVES)])
 
@@ -128,7 +142,8 @@ def encode_command(frame: CommandFrame) -> bytes:
 
     Raises
     ------
-    ValueError : a set-point that is not finite or that the protocol does not allow."""
+    ValueError : a set-point is not finite or outside of the range of the protocol.
+    """
     for name, value, (low, high) in (
         ("shaft_rpm", frame.shaft_rpm, COMMAND_SHAFT_RPM),
         ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM),
@@ -172,8 +187,8 @@ def decode_turned(frame: bytes) -> ShaftTurned:
 
 
 def decode_status(frame: bytes) -> StatusFrame:
-    """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
-    fault."""
+    """Returns the status of a frame as received, without `$` and line end. Raises ValueError with
+    the kind of fault."""
     name = next(
         (name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS
     )
@@ -209,8 +224,8 @@ def decode_status(frame: bytes) -> StatusFrame:
 
 
 def split_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
-    """Returns the fields after the frame's name, once CRC, name and number of fields are right.
-    Raises Rejected."""
+    """Returns the fields after the frame's name if CRC, name and number of fields are right. Raises
+    Rejected otherwise."""
     payload, star, crc = frame.partition(b"*")
     crc = crc.strip()
     if not star or not crc:

@@ -1,9 +1,10 @@
-"""How are the lines of canopy heads decoded? One ASCII line a sample: GreenSeeker, Crop Circle
-ACS-430 and ACS-435.
+"""How are the lines of canopy heads decoded? GreenSeeker, Crop Circle ACS-430 and ACS-435 send one
+ASCII line for each sample.
 
-Six heads come on six ports, one decoder each, or on one multiplexed line on which every line is
-preceded by the head that it belongs to, counted from 1 at the left: `H3,<the head's own line>`.
-See docs/protocol-heads.md."""
+Six heads use six ports with one decoder each, or one multiplexed line. Every multiplexed line
+begins with the number of its head, counted from 1 at the left: `H3,<the head's own line>`. See
+docs/protocol-heads.md.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +14,25 @@ from typing import NamedTuple
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.plugins import PluginFault, find_plugin
 
+# NDVI is a normalised difference and cannot leave -1 ... 1.
 LOWEST_NDVI = -1.0
 HIGHEST_NDVI = 1.0
+# Digits are limited so that no line of digits costs more than a short one.
 _NUMBER = re.compile(rb"[+-]?(\d{1,9}\.?\d{0,9}|\.\d{1,9})")
 _PRINTABLE = re.compile(rb"[ -~]*")
 _HEAD = re.compile(rb"H([1-9]\d?)")
 
 
 class HeadFields(NamedTuple):
-    """Defines the fields of a head's line; the first field is 1, and 0 stands for "not on the
-    line"."""
+    """Defines the fields of a head's line. The first field is 1; 0 means that the value is not on
+    the line."""
 
     fields: int
     ndvi: int
-    index_2: int = 0  # the head's second index, e.g. NDRE
+    # The field of the head's second index, such as NDRE.
+    index_2: int = 0
     baud: int = 38400
-    # what that is: ndre, or "" where the head's owner chooses it
+    # The name of the second index: `ndre`, or empty where the owner of the head chooses it.
     index_2_is: str = ""
 
 
@@ -40,8 +44,8 @@ PROTOCOLS: dict[str, HeadFields] = {
 
 
 def find_head_fields(protocol: str) -> HeadFields | None:
-    """Returns the fields of a built-in protocol or of a plug-in. Raises ValueError where a
-    plug-in cannot be loaded."""
+    """Returns the fields of a built-in protocol or of a plug-in; None for an unknown name. Raises
+    ValueError where a plug-in cannot be loaded."""
     if protocol in PROTOCOLS:
         return PROTOCOLS[protocol]
     found = find_plugin("devices", protocol)
@@ -56,8 +60,10 @@ def find_head_fields(protocol: str) -> HeadFields | None:
 class HeadSample(NamedTuple):
     """Holds one accepted sample of one head."""
 
-    time_s: float  # arrival on the loop's clock
-    head: int  # 1-based, from the left
+    # Arrival on the clock of the control loop, s.
+    time_s: float
+    # Number of the head, counted from 1 at the left.
+    head: int
     ndvi: float
     index_2: float | None = None
 
@@ -67,24 +73,23 @@ class HeadDecoder(LineDecoder[HeadSample]):
 
     Parameters
     ----------
-    fields : the line's layout, one of `PROTOCOLS` or the user's own.
-    head : the head (1-based) on this port; None where the line is multiplexed.
-    heads : how many heads there are; a higher number on a multiplexed line is rejected.
+    fields : layout of the line, one of `PROTOCOLS` or the user's own.
+    head : number of the head (from 1) on this port; None where the line is multiplexed.
+    heads : number of heads; a higher number on a multiplexed line is rejected.
 
     Raises
     ------
-    ValueError : a field map that points outside the line.
+    ValueError : the field map refers to a field outside of the line.
 
-    Counted as rejected: `wrong_field_count`, `not_a_number`, `out_of_range` (NDVI outside -1 to
-        1, or a second index
-    beyond 100 either way), `unprintable` (a byte that is no ASCII text, in any field),
-        `unknown_head` (multiplexed: no
-    `H<n>` in front, or no such head), `overlong`. Counted as ignored: `partial_first` (the line
-        that was under way when
-    the port was opened), `comment` (lines beginning with #). The lines carry no checksum: a
-        digit changed on the wire
-    into another digit cannot be seen here; the fusion of six heads by their median is what
-        withstands it."""
+    Counted as rejected: `wrong_field_count`, `not_a_number`, `out_of_range` (NDVI outside -1 to 1,
+    or a second index beyond 100 either way), `unprintable` (a byte that is no ASCII text, in any
+    field), `unknown_head` (a multiplexed line without `H<n>`, or with an unknown number),
+    `overlong`. Counted as ignored: `partial_first` (the line that was under way when the port was
+    opened), `comment` (lines beginning with #).
+
+    The lines carry no checksum: a digit that the line changed into another digit cannot be detected
+    here. The median of six heads limits its effect.
+    """
 
     longest = 200
 

@@ -1,14 +1,14 @@
-r"""How are the raw bytes of one device's line recorded, with times? Nothing is lost:
-`extract_received` gives the bytes back.
+r"""How are the raw bytes of one device's line recorded, with times? `extract_received` returns all
+bytes, so nothing is lost.
 
     # topdress-capture/1 gnss nmea0183 socket://127.0.0.1:4100
     12.345 < $GPGGA,...*47\r\n
     12.350 > $T1,...
 
-Times in s on the worker's clock (the run log's `time_s`, but for the time of its first row).
-One line for each line of the device, cut also where bytes came at different times; backslash
-and what is not printable ASCII as `\xNN`, ends of lines as `\r`, `\n`. Of datagrams each has a
-line of its own.
+Times are in s on the worker's clock (the run log's `time_s` plus the time of its first row). Each
+line of the device has its own line, cut also where bytes came at different times. Backslashes and
+bytes outside of printable ASCII are written as `\xNN`, line ends as `\r` and `\n`. Each datagram
+has its own line.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ def make_capture_lines(time_s: float, direction: str, data: bytes) -> bytes:
 
 
 def is_capture(data: bytes) -> bool:
-    """Tells whether `data` begins as a packet capture does."""
+    """Returns whether `data` begins with the first line of a capture."""
     return data.startswith(HEADER)
 
 
 def extract_received(capture: bytes) -> bytes:
-    """Returns all received bytes, in order. A truncated capture is read up to its last whole
-    line.
+    """Returns all received bytes in order. A truncated capture is read up to its last whole line.
 
     Raises
     ------
-    ValueError : a line that is none of a capture, with its number."""
+    ValueError : a line does not belong to a capture; the message gives its number.
+    """
     found = []
     for number, line in enumerate(capture.split(b"\n")[:-1], start=1):
         if line.startswith(b"#"):

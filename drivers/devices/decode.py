@@ -1,5 +1,6 @@
-"""What does a raw capture of one device contain, read through its real driver? The answer of
-`topdress decode`."""
+"""What does a raw capture of one device contain, read through its real driver? `topdress decode`
+prints the answer.
+"""
 
 from __future__ import annotations
 
@@ -22,33 +23,34 @@ from topdress.drivers.plugins import find_plugin
 
 Record = dict[str, float | int | str | None]
 
-# A capture has no arrival times: bytes are assumed to arrive at 9600 baud, the usual rate of a
-# receiver. Only rules about seconds depend on it (when a receiver's clock that jumped back is
-# trusted).
+# A capture of bare bytes has no arrival times, so bytes are assumed to arrive at 9600 baud, the
+# usual rate of a receiver, bytes/s. Only rules about seconds depend on this rate, such as when a
+# receiver's clock that jumped back is trusted.
 BYTES_PER_S = 960.0
+# The bytes are fed in pieces of 0.1 s, as a port would deliver them.
 PIECE_BYTES = 96
 
 
 def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
-    """Returns every accepted measurement of a capture, with the run log's column names, and the
+    """Returns every accepted measurement of a capture under the run log's column names, and the
     counts by kind.
 
     Parameters
     ----------
-    protocol : one of `PROTOCOLS`; a head protocol with `-multi` behind it is the multiplexed line.
-    data : the capture, whole: the bare bytes of the line, or what the console wrote
-        (`drivers.devices.capture`).
+    protocol : one of `PROTOCOLS`; a head protocol followed by `-multi` means the multiplexed line.
+    data : the whole capture: the bare bytes of the line, or a file of `drivers.devices.capture`.
 
     Returns
     -------
-    records : one dict per accepted epoch, sample or status line, in order; None where the
-        device did not say.
+    records : one dict for each accepted epoch, sample or status line, in order; None where the
+    device gave no value.
     counts : sentences or frames read, accepted, rejected by kind, ignored by kind.
 
     Raises
     ------
-    ValueError : an unknown protocol; the message lists the known ones. A capture of the
-        console's with a wrong line."""
+    ValueError : the protocol is unknown (the message lists the known names), or a line of the
+    capture is wrong.
+    """
     name = protocol.removesuffix("-multi")
     if protocol not in PROTOCOLS and find_plugin("devices", name) is not None:
         data = extract_received(data) if is_capture(data) else data
@@ -73,7 +75,7 @@ def _decode_all(
 
 
 def _decode_by_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
-    """Raises PluginFault."""
+    """Returns the records and counts of a plug-in's decoder. Raises PluginFault."""
     from topdress.drivers.plugin_process import PluginDecoder
 
     decoder = PluginDecoder(name)

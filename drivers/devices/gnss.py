@@ -1,16 +1,15 @@
 """How are the NMEA 0183 sentences of GNSS receivers decoded to fixes? GGA, RMC, VTG, GNS and GLL
-grouped into epochs of one UTC time, ZDA for the date.
+are grouped into epochs of one UTC time; ZDA gives the date.
 
-GNS, then GLL, are used for receivers that send no GGA, and talkers that are no receivers (IN,
-EC, ...) on lines without a receiver: a lesser source is ignored until the preferred one has been
-silent for 5 s.
+GNS, then GLL, are used for receivers that send no GGA. Talkers that are not receivers (IN, EC, ...)
+are used on lines without a receiver. A less preferred source is ignored until the preferred source
+has been silent for 5 s.
 
-Latency: a fix is handed over with the sentence that ended the last epochs (the last type that
-the last two epochs have in common), so nothing is added to the receiver's own sending time.
-Only the very first epoch, and one whose ending sentence was lost, wait for the next epoch to
-begin: one period. A sentence that comes after the hand-over and brings a speed which the fix
-did not have yet hands the same epoch over again, completed. `GnssFix.time_s` is always the
-arrival of the epoch's first sentence, so that a late hand-over never looks fresh.
+Latency: a fix is released with the last sentence type that the previous two epochs have in common,
+so the decoder adds nothing to the receiver's own sending time. Only the first epoch, and an epoch
+whose last sentence was lost, wait for the next epoch to begin: one period. A sentence that arrives
+after the release and adds a missing speed releases the completed epoch again. `GnssFix.time_s` is
+always the arrival of the first sentence of the epoch, so that a late release never appears fresh.
 """
 
 from __future__ import annotations
@@ -24,14 +23,16 @@ from topdress.drivers.devices.nmea import GNSS_TALKERS, Sentence, parse_sentence
 
 DAY_MS = 86_400_000
 PREFERRED_SENTENCES = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}
-# A lesser source of places counts when the preferred one has been silent for this long, s.
+# Silence of the preferred source of positions after which a less preferred source counts, s.
 PREFERRED_TIMEOUT_S = 5.0
-# A receiver whose time has run on behind the old one for this long has a new clock, s.
+# Time for which a receiver's earlier time must continue before it counts as a new clock, s.
 NEW_CLOCK_DELAY_S = 5.0
 
 
 @dataclass(slots=True)
 class _Epoch:
+    """Collects the sentences of one UTC time."""
+
     time_of_day_ms: int
     first_s: float
     sentences: dict[str, Sentence] = field(default_factory=dict)
@@ -46,22 +47,26 @@ class _Epoch:
 class GnssDecoder(LineDecoder[GnssFix]):
     """Decodes bytes to fixes.
 
-    Counted as rejected: `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`;
-    `time_backwards`: earlier than the epoch before, and a VTG that follows. After 5 s of time
-    running on from there it is taken for the receiver's new clock; `duplicate_epoch`: the same
-    talker says the same type for the same time again; the first stays; `garbage` (text that is
-    no sentence), `overlong`.
+    Counted as rejected:
+    - `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`, `overlong`;
+    - `time_backwards`: an epoch earlier than the epoch before, and a VTG that follows it. After 5 s
+    of continuing time the earlier time is accepted as the receiver's new clock;
+    - `duplicate_epoch`: the same talker repeats a type for the same time; the first sentence is
+    used;
+    - `garbage`: text that is no sentence.
 
-    Counted as ignored: every other sentence type by its name (ZDA too, though its date is
-    taken; GNS and GLL that stand behind GGA; talkers that stand behind a receiver, with their
-    type), `no_fix`, `comment` (lines beginning with #); `other_talker`: a second
-    constellation's sentence for the same epoch; the first stays; `no_epoch`: VTG carries no
-    time, and there is no epoch yet that it could belong to.
+    Counted as ignored:
+    - every other sentence type by its name: ZDA, although its date is used; GNS and GLL of a
+    receiver that sends GGA; talkers that are not receivers, with their type;
+    - `no_fix`, and `comment` for lines beginning with #;
+    - `other_talker`: the sentence of a second constellation for the same epoch; the first is used;
+    - `no_epoch`: VTG carries no time, and a VTG before the first epoch has no place.
 
     Parameters
     ----------
-    live : hand over at the earliest moment (see the module's text). False, for recordings: each
-        epoch once, whole, when the next one begins or at `flush`."""
+    live : whether fixes are released as early as possible (see the module's text). False, for
+    recordings, releases each epoch once, whole, when the next epoch begins or at `flush`.
+    """
 
     framed = True
 
@@ -70,15 +75,15 @@ class GnssDecoder(LineDecoder[GnssFix]):
         self._live = live
         self._epoch: _Epoch | None = None
         self._types_of_last_epochs: tuple[list[str], list[str]] = ([], [])
-        # newest date, and the time of day it came with
+        # The newest date, and the time of day with which the date came.
         self._dated: tuple[date, int] | None = None
-        # last backward time of day, arrival of the first
+        # The last backward time of day, and the arrival of the first backward time, s.
         self._behind: tuple[int, float] | None = None
-        # types of sentences, and "receiver" -> when they spoke last
+        # The last arrival of each sentence type, and of "receiver" for any GNSS talker, s.
         self._heard_s: dict[str, float] = {}
 
     def flush(self, time_s: float) -> list[GnssFix]:
-        """Ends a recording: returns the fixes of the last line and the last epoch."""
+        """Ends a recording and returns the fixes of the last line and the last epoch."""
         return super().flush(time_s) + self._close_epoch()
 
     def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
@@ -93,14 +98,18 @@ class GnssDecoder(LineDecoder[GnssFix]):
                 self._select_sentence(parse_sentence(sentence), time_s), time_s
             )
         except Ignored as kind:
-            if str(kind) == "no_fix":  # it speaks, and says that it does not know
+            # A receiver without a fix still counts as present.
+            if str(kind) == "no_fix":
                 self._note_talker(sentence[:2].decode(), sentence[2:5].decode(), time_s)
             raise
 
     def _select_sentence(self, sentence: Sentence, time_s: float) -> Sentence:
-        """Returns the sentence where no preferred one has spoken recently. Raises Ignored.
+        """Returns the sentence if no preferred source has spoken recently. Raises Ignored
+        otherwise.
 
-        A recording is read at one time: there, whoever has spoken once stands."""
+        All bytes of a recording may have the same time, so a source that has spoken once stays
+        preferred there.
+        """
         if sentence.type == "ZDA":
             assert sentence.date is not None and sentence.time_of_day_ms is not None
             self._dated = sentence.date, sentence.time_of_day_ms
@@ -143,8 +152,8 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return closed
 
     def _find_epoch(self, sentence: Sentence, time_s: float) -> tuple[_Epoch, list[GnssFix]]:
-        """Returns the epoch of a sentence, a new one where it begins one, and the fix of the
-        epoch that it closes."""
+        """Returns the epoch of a sentence, and the fix of the previous epoch where the sentence
+        begins a new epoch."""
         epoch = self._epoch
         if sentence.time_of_day_ms is None:
             if epoch is None:
@@ -165,7 +174,7 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return self._epoch, closed
 
     def _check_new_clock(self, time_of_day_ms: int, time_s: float) -> None:
-        """Accepts a backward time as the receiver's new clock, else rejects it."""
+        """Accepts a backward time as the receiver's new clock, or raises Rejected."""
         if self._behind is None or _calc_time_ahead_ms(time_of_day_ms, self._behind[0]) < 0:
             self._behind = time_of_day_ms, time_s
         self._behind = time_of_day_ms, self._behind[1]
@@ -208,10 +217,10 @@ class GnssDecoder(LineDecoder[GnssFix]):
         if self._dated is None:
             return None
         day, dated_ms = self._dated
-        # past midnight, and no RMC has given the new date yet
+        # The time is past midnight, and no RMC has given the new date yet.
         if time_of_day_ms < dated_ms - DAY_MS // 2:
             day += timedelta(days=1)
-        # the new date came ahead of the last epoch of the old one
+        # The new date arrived before the last epoch of the old date.
         elif time_of_day_ms > dated_ms + DAY_MS // 2:
             day -= timedelta(days=1)
         at = datetime(day.year, day.month, day.day, tzinfo=UTC) + timedelta(
@@ -221,6 +230,6 @@ class GnssDecoder(LineDecoder[GnssFix]):
 
 
 def _calc_time_ahead_ms(later_ms: int, earlier_ms: int) -> int:
-    """Returns how far one time of day is ahead of another, the shorter way round midnight: -12 h
-    to 12 h."""
+    """Returns the time in ms by which one time of day is ahead of another, by the shorter way round
+    midnight: -12 h to 12 h."""
     return (later_ms - earlier_ms + DAY_MS // 2) % DAY_MS - DAY_MS // 2

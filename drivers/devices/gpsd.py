@@ -1,5 +1,6 @@
-"""How are the JSON objects of gpsd decoded? One a line, over TCP: TPV is a fix, SKY its
-satellites; VERSION greets."""
+"""How are the JSON objects of gpsd decoded? Each TCP line is one object: TPV is a fix, SKY lists
+its satellites, VERSION is the greeting.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +14,20 @@ from topdress.drivers.devices.gnss import NEW_CLOCK_DELAY_S
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import MAX_HDOP, MAX_SPEED_MPS
 
+# Command that makes gpsd report every fix as JSON.
 WATCH = b'?WATCH={"enable":true,"json":true};\n'
-# gpsd's status in GGA's numbers
+# Fix quality of GGA for each status of gpsd (gpsd_json(5), TPV).
 QUALITY_OF_STATUS = {0: 1, 1: 1, 2: 2, 3: 4, 4: 5, 5: 6, 6: 6, 7: 1, 8: 8, 9: 3}
 _UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
 
 
 class GpsdDecoder(LineDecoder[GnssFix]):
-    """Decodes bytes of a gpsd connection to fixes. `WATCH` is sent after every connect.
+    """Decodes bytes of a gpsd connection to fixes. The cab sends `WATCH` after every connection.
 
     Counted as rejected: `malformed` (no JSON object), `impossible_value`, `time_backwards`,
     `duplicate_epoch`, `overlong`. Counted as ignored: every other class by its name, `no_fix`,
-    `other_device` (gpsd may serve several receivers; the first that has a fix stays)."""
+    `other_device` (gpsd may serve several receivers; the first receiver with a fix is used).
+    """
 
     longest = 16384
 
@@ -58,8 +61,8 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         return self._make_fix(said, time_s) if name == "TPV" else self._take_sky(said)
 
     def _take_poll(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
-        """Takes an answer to ?POLL, which has the newest reports of each receiver: those of the
-        used one count."""
+        """Returns the fixes in an answer to ?POLL, which has the newest reports of each receiver;
+        only the receiver in use counts."""
         found: list[GnssFix] | Ignored | Rejected = Ignored("POLL")
         for name, kind in (("sky", "SKY"), ("tpv", "TPV")):
             reports = said.get(name, [])
@@ -130,8 +133,8 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         ]
 
     def _is_new_clock(self, time_s: float) -> bool:
-        """Returns whether the receiver's time has run on behind the old one for long enough to
-        be its new clock."""
+        """Returns whether the receiver's earlier time has continued long enough to be its new
+        clock."""
         if self._behind_since_s is None:
             self._behind_since_s = time_s
         return time_s - self._behind_since_s >= NEW_CLOCK_DELAY_S
@@ -153,7 +156,7 @@ def _read_number(said: dict[str, Any], key: str, low: float, high: float) -> flo
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise Rejected("malformed")
-    # also for what is no number, and for whole ones of any length
+    # The comparison is also False for NaN, and it works for integers of any length.
     if not low <= value <= high:
         raise Rejected("impossible_value")
     return float(value)

@@ -1,5 +1,6 @@
-"""How are the lag rig's lines decoded and its orders encoded? Host side; see
-docs/protocol-lag-rig.md and lag paper, 1.2."""
+"""How are the lag rig's lines decoded and its orders encoded? This is the host's side; see
+docs/protocol-lag-rig.md and the lag paper, section 1.2.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +14,14 @@ from topdress.drivers.devices.board_frames import COUNTER_MODULUS, is_repeated_s
 from topdress.drivers.devices.lines import LineDecoder, Rejected
 
 ORDER, STATUS = "R1", "L1"
-# The least delay is searched in the last two blocks of this length, s: crystals drift by some 50
-# ppm.
+# The smallest delay is searched in the last two blocks of this length, s, because crystals drift by
+# some 50 ppm.
 CLOCK_BLOCK_S = 10.0
 
 
 class RigStatus(NamedTuple):
-    """Holds one line of the rig. Times are its own 32-bit clock; None: not yet."""
+    """Holds one line of the rig. Times are on the rig's 32-bit clock; None means that the event has
+    not happened yet."""
 
     seq: int
     run: int
@@ -33,8 +35,8 @@ class RigStatus(NamedTuple):
 
 
 class RigReadings(NamedTuple):
-    """Holds one accepted line. `start_s` is on the host's clock; `drop_s` on the rig's own,
-    which no link delays."""
+    """Holds one accepted line. `start_s` is on the host's clock; `drop_s` is measured by the rig's
+    own clock, which no link delays."""
 
     time_s: float
     run: int
@@ -47,14 +49,14 @@ class RigReadings(NamedTuple):
 
 
 class LagRig(LineDecoder[RigReadings]):
-    """Decodes bytes of the rig to readings and encodes orders. It opens nothing and reads no
-    clock.
+    """Decodes bytes of the rig to readings and encodes orders. It opens nothing and reads no clock.
 
-    The rig's clock is laid over the host's by the line of the last 10 to 20 s that came with
-    the least delay: `start_s` is late by that least delay (1 to 3 ms at 115 200 Bd, and less
-    than one tick where bytes are stamped once a tick).
+    The rig's clock is aligned with the host's clock by the line of the last 10 to 20 s that had the
+    smallest delay. `start_s` is late by that delay: 1 to 3 ms at 115 200 Bd, and less than one tick
+    where bytes are stamped once a tick.
 
-    Counted as rejected: as the slave board's lines, see `slave_board.SlaveBoard`."""
+    Rejected lines are counted as `slave_board.SlaveBoard` counts them.
+    """
 
     longest, framed, wrong = 200, True, ValueError
 
@@ -62,8 +64,10 @@ class LagRig(LineDecoder[RigReadings]):
         super().__init__()
         self._last_seq: int | None = None
         self._next_order = 0
-        self._micros: int | None = None  # the rig's clock, run on over its wraps
-        # host's clock less the rig's: least of the last block, of this one
+        # The rig's clock without its wraps, microseconds.
+        self._micros: int | None = None
+        # Host's clock minus the rig's clock, s: the minima of the last block and of the present
+        # block.
         self._offsets_s = [math.inf, math.inf]
         self._block_s = -math.inf
 
@@ -71,8 +75,8 @@ class LagRig(LineDecoder[RigReadings]):
         return [self._take_status(decode_rig_status(sentence), time_s)]
 
     def make_order(self, run: int, arm: bool) -> bytes:
-        """Returns an order: arm the rig for a run of that number, or idle. Repeating it is
-        harmless."""
+        """Returns an order that arms the rig for run number `run`, or sets it to idle. Repeating an
+        order has no effect."""
         count, self._next_order = self._next_order, (self._next_order + 1) % SEQUENCE_MODULUS
         return seal_frame(f"{ORDER},{count},{run % SEQUENCE_MODULUS},{arm:d}")
 
@@ -106,14 +110,14 @@ class LagRig(LineDecoder[RigReadings]):
         )
 
     def _unwrap_micros(self, status: RigStatus, micros: int | None) -> int | None:
-        """Converts an earlier time on the rig's clock to its unwrapped clock."""
+        """Converts an earlier time on the rig's clock to its unwrapped clock, microseconds."""
         assert self._micros is not None
         return None if micros is None else self._micros - (status.micros - micros) % COUNTER_MODULUS
 
 
 def decode_rig_status(frame: bytes) -> RigStatus:
-    """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
-    fault."""
+    """Returns the status of a frame as received, without `$` and line end. Raises ValueError with
+    the kind of fault."""
     fields = split_frame(frame, STATUS, 9)
     seq, run = (
         parse_whole(fields[0], SEQUENCE_MODULUS - 1),

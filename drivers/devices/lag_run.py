@@ -1,10 +1,12 @@
-"""How are response and drop time measured over shaft speed? The lag paper's procedure (section
-1.2 and tables 2 to 4): steps of 10 r/min, ten repeats.
+"""How are response and drop time measured over shaft speed? The procedure is that of the lag paper
+(section 1.2 and tables 2 to 4): steps of 10 r/min with ten repeats.
 
-Each run: the shaft stands and the plate is quiet; the rig is armed; the set-point is sent; at 2
-r/min the rig starts its clock, the first granule on the plate stops it. Response = command to 2
-r/min, drop = 2 r/min to landing. Pure: readings and times in, set-points and orders out. It
-never starts a shaft by itself: the caller's safety does."""
+Before each run the shaft stands and the plate is quiet. Then the rig is armed and the set-point is
+sent. At 2 r/min the rig starts its clock, and the first granule on the plate stops it. The response
+is the time from the command to 2 r/min, the drop time that from 2 r/min to the landing. The module
+is pure: readings and times enter, set-points and orders leave. It never starts a shaft by itself;
+the caller's safety does.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +16,24 @@ from typing import Literal, NamedTuple
 from topdress.drivers.board.lag_rig import ARMED, IDLE, LANDED, TURNING
 from topdress.drivers.devices.lag_rig import RigReadings
 
+# Shaft speed below which the shaft counts as standing, r/min.
 STANDING_RPM = 0.5
 Phase = Literal["settling", "arming", "running", "done"]
 
 
 class LagPlan(NamedTuple):
-    """Defines the runs, and the time-outs of their phases."""
+    """Defines the runs and the time-outs of their phases."""
 
     shaft_rpm: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
     repeats: int = 10
-    # standing, so that what was in the tubes has landed
+    # Standstill before a run, s, so that the granules in the tubes have landed.
     settle_s: float = 3.0
-    arm_s: float = 1.0  # the rig must say "armed" within
-    longest_s: float = 8.0  # from command to landing
-    tries: int = 3  # of one run, before it is left out
+    # Time within which the rig must report that it is armed, s.
+    arm_s: float = 1.0
+    # Longest time from the command to the landing, s.
+    longest_s: float = 8.0
+    # Number of attempts of a run before it is abandoned.
+    tries: int = 3
 
 
 class LagRun(NamedTuple):
@@ -40,23 +46,25 @@ class LagRun(NamedTuple):
 
     @property
     def lag_s(self) -> float:
-        """Time from the order of a change to its landing, s."""
+        """Time from the command of a change to the landing of its granules, s."""
         return self.response_s + self.drop_s
 
 
 class LagWish(NamedTuple):
-    """Holds what the procedure wants at this tick. `run`: number to order of the rig, with
-    `arm`; `said`: a failed run and its reason."""
+    """Holds the outputs of the procedure at this tick. `run` and `arm` are the order to the rig;
+    `said` describes a failed run with its reason."""
 
     shaft_rpm: float
     run: int
     arm: bool
     phase: Phase
-    said: str = ""  # a run that failed, and why
+    # Text about a run that failed, with its reason.
+    said: str = ""
 
 
 class _RigTest:
-    """Begins both procedures: the shaft must stand long enough for the tubes to empty."""
+    """Contains the beginning of both procedures: the shaft must stand long enough for the tubes to
+    empty."""
 
     def __init__(self, settle_s: float) -> None:
         self._settle_s = settle_s
@@ -72,11 +80,12 @@ class _RigTest:
 
 
 class LagTest(_RigTest):
-    """Measures the runs of a plan, one `tick` after the other; measured runs are in `runs`,
-    abandoned ones in `left_out`.
+    """Measures the runs of a plan; `run_tick` is called at every tick. Measured runs are in `runs`,
+    abandoned runs in `left_out`.
 
-    `allowed` False (hold-to-run released, an interlock): the shaft is wanted at 0 and the run
-    begins again later."""
+    While `allowed` is False (hold-to-run released, or an interlock) the set-point of the shaft is
+    0, and the run begins again later.
+    """
 
     def __init__(self, plan: LagPlan | None = None) -> None:
         plan = plan or LagPlan()
@@ -99,7 +108,8 @@ class LagTest(_RigTest):
 
     @property
     def present_run(self) -> tuple[float, int]:
-        """Returns shaft speed and replicate of the present or next run; zeros when done."""
+        """Returns shaft speed (r/min) and replicate of the present or next run; zeros when the plan
+        is done."""
         return self._todo[0] if self._todo else (0.0, 0)
 
     @property
@@ -108,11 +118,17 @@ class LagTest(_RigTest):
         return 1.0 - len(self._todo) / self._total if self._total else 1.0
 
     def run_tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> LagWish:
-        """Returns the wish of this tick. `rig`: the newest reading, however old; `now_s` on the
-        clock that stamped it.
+        """Returns the set-point and the rig's order of this tick.
 
-        In the tick whose wish turns to the run's speed, that speed must be sent at `now_s`: the
-        response is counted from then."""
+        In the tick whose set-point changes to the run's speed, that speed must be sent at `now_s`,
+        because the response is counted from then.
+
+        Parameters
+        ----------
+        now_s : time on the clock that stamped `rig`, s.
+        rig : the newest reading of the rig, however old; None before the first.
+        allowed : whether the shaft may turn.
+        """
         if self._phase == "done":
             return self._make_wish()
         if not allowed:
@@ -189,13 +205,13 @@ COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
 
 
 def make_bench_row(run: LagRun) -> str:
-    """Returns one run as a row of the table; times to a millisecond."""
+    """Returns one run as a row of the table, with times to a millisecond."""
     return f"{run.shaft_rpm:g},{run.replicate},{run.response_s:.3f},{run.drop_s:.3f}\n"
 
 
 def make_bench_table(runs: Iterable[LagRun]) -> str:
-    """Returns the runs as a lag bench table (CSV) with both measured times, by shaft speed;
-    their sum is the lag."""
+    """Returns the runs as a lag bench table (CSV) by shaft speed, with both measured times; their
+    sum is the lag."""
     ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))
     return ",".join(COLUMNS) + "\n" + "".join(map(make_bench_row, ordered))
 
@@ -211,23 +227,24 @@ class DropRun(NamedTuple):
 
 
 class DropWish(NamedTuple):
-    """Holds what is wanted now: `phase` of the person at the machine, `run` and `arm` of the
-    rig; `said`: a failed run and its reason."""
+    """Holds the outputs at this tick: `phase` for the person at the machine, `run` and `arm` for
+    the rig; `said` describes a failed run with its reason."""
 
     run: int
     arm: bool
     phase: DropPhase
-    said: str = ""  # a run that failed, and why
+    # Text about a run that failed, with its reason.
+    said: str = ""
 
 
 class DropTest(_RigTest):
-    """Measures drop times with the lag rig alone: the machine's own drive turns the shaft, which
-    this program does not command. It runs for as many ticks as wanted; measured runs are in
-    `runs`.
+    """Measures drop times with the lag rig alone, on a machine whose own drive turns the shaft
+    without this program. It runs until the user ends it; measured runs are in `runs`.
 
-    Each run: the shaft stands and the tubes are empty; the rig is armed; somebody starts the
-    shaft; the rig times from 2 r/min to the first granule on the plate (lag paper, 1.2).
-    Nothing is known of the response: nobody announced when the start was wanted."""
+    In each run the shaft stands and the tubes are empty, the rig is armed, and a person starts the
+    shaft. The rig measures the time from 2 r/min to the first granule on the plate (lag paper,
+    1.2). The response cannot be measured, because the time of the command is unknown.
+    """
 
     def __init__(self, settle_s: float = 3.0, longest_s: float = 8.0) -> None:
         super().__init__(settle_s)
@@ -236,8 +253,13 @@ class DropTest(_RigTest):
         self._phase: DropPhase = "stop"
 
     def run_tick(self, now_s: float, rig: RigReadings | None) -> DropWish:
-        """Returns the wish of this tick. `rig`: the newest reading, however old; `now_s` on the
-        clock that stamped it."""
+        """Returns the phase and the rig's order of this tick.
+
+        Parameters
+        ----------
+        now_s : time on the clock that stamped `rig`, s.
+        rig : the newest reading of the rig, however old; None before the first.
+        """
         said = ""
         mine = rig is not None and rig.run == self._number
         if self._phase == "stop":

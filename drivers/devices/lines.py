@@ -1,5 +1,6 @@
-"""How are bytes that arrive in any pieces cut into lines, and how are faults counted? The base
-of every line decoder."""
+"""How are bytes that arrive in any pieces cut into lines, and how are faults counted? Every line
+decoder is built on this module.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ _LINE_END = re.compile(rb"[\r\n]+")
 
 
 class LineCutter:
-    """Cuts a byte stream at CR and LF. A line longer than `longest` is dropped and counted as
+    """Cuts a byte stream at CR and LF. A line longer than `longest` bytes is dropped and counted as
     rejected `overlong`."""
 
     def __init__(self, counts: Counts, longest: int = 512) -> None:
@@ -39,7 +40,7 @@ class LineCutter:
         return lines
 
     def flush(self) -> list[bytes]:
-        """Returns the rest after the last line end as a line: for the end of a file."""
+        """Returns the bytes after the last line end as a line; for the end of a file."""
         rest, self._rest = self._rest, b""
         skipping, self._skipping = self._skipping, False
         return [rest] if rest and not skipping else []
@@ -47,7 +48,7 @@ class LineCutter:
 
 @dataclass(slots=True)
 class Counts:
-    """Counts what became of every sentence or frame: `read` = accepted + all rejected + all
+    """Counts the result of every sentence or frame: `read` = accepted + all rejected + all
     ignored."""
 
     read: int = 0
@@ -61,12 +62,12 @@ class Counts:
         self.accepted += 1
 
     def reject(self, kind: str, times: int = 1) -> None:
-        """Counts faulty lines by the kind of their fault."""
+        """Counts `times` faulty lines under the kind of their fault."""
         self.read += times
         self.rejected[kind] += times
 
     def ignore(self, kind: str) -> None:
-        """Counts one line that is of no use, by its kind."""
+        """Counts one valid but unused line under its kind."""
         self.read += 1
         self.ignored[kind] += 1
 
@@ -77,28 +78,31 @@ class Counts:
 
 
 class Rejected(ValueError):
-    """Reports a wrong sentence, frame or datagram; the argument is the kind under which it is
-    counted."""
+    """Reports a wrong sentence, frame or datagram; the argument is the kind under which the fault
+    is counted."""
 
 
 class Ignored(Exception):
-    """Reports a valid but unused sentence; the argument is the kind under which it is counted."""
+    """Reports a valid but unused sentence; the argument is the kind under which the sentence is
+    counted."""
 
 
 Said = TypeVar("Said")
 
 
 class Decoder(Generic[Said]):
-    """Decodes sentences of a protocol. It opens nothing and reads no clock. A protocol defines
-    `_said`."""
+    """Decodes the sentences of a protocol without opening a port or reading a clock. A subclass
+    defines `_said`."""
 
-    # what `_said` raises of a sentence that is wrong
+    # The exception that `_said` raises for a wrong sentence.
     wrong: ClassVar[type[Exception]] = Rejected
 
     def __init__(self) -> None:
         self.counts = Counts()
 
     def _counted(self, sentence: bytes, time_s: float) -> list[Said]:
+        """Returns the readings of one sentence, and counts the sentence as accepted, rejected or
+        ignored."""
         try:
             said = self._said(sentence, time_s)
         except Ignored as kind:
@@ -111,15 +115,17 @@ class Decoder(Generic[Said]):
         return said
 
     def _said(self, sentence: bytes, time_s: float) -> list[Said]:
-        """Decodes one sentence. Raises Rejected, Ignored."""
+        """Returns the readings of one sentence. Raises Rejected, Ignored."""
         raise NotImplementedError
 
 
 class LineDecoder(Decoder[Said]):
     """Decodes a protocol of lines, which arrive in any pieces."""
 
-    longest: ClassVar[int] = 512  # of a line, bytes
-    framed: ClassVar[bool] = False  # a line is frames that each begin with `$`
+    # Longest line, bytes.
+    longest: ClassVar[int] = 512
+    # Whether a line consists of frames that each begin with `$`.
+    framed: ClassVar[bool] = False
 
     def __init__(self) -> None:
         super().__init__()
@@ -130,11 +136,11 @@ class LineDecoder(Decoder[Said]):
         return [one for line in self._cutter.feed(data) for one in self._line(line, time_s)]
 
     def flush(self, time_s: float) -> list[Said]:
-        """Ends a recording: returns the readings of the last line, where it has no line end."""
+        """Ends a recording and returns the readings of a last line without a line end."""
         return [one for line in self._cutter.flush() for one in self._line(line, time_s)]
 
     def _line(self, line: bytes, time_s: float) -> list[Said]:
-        """Decodes one line; faults are counted by kind."""
+        """Returns the readings of one line; faults are counted by kind."""
         return [
             one
             for sentence in (self._frames(line) if self.framed else (line,))
@@ -142,8 +148,8 @@ class LineDecoder(Decoder[Said]):
         ]
 
     def _frames(self, line: bytes) -> list[bytes]:
-        """Returns the frames of a line, without their `$`: a truncated one is followed at once
-        by the next."""
+        """Returns the frames of a line without their `$`; a new frame may follow a truncated frame
+        at once."""
         before, *frames = line.split(b"$")
         if before.strip():
             self.counts.reject("garbage")

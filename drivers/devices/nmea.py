@@ -1,5 +1,6 @@
-"""How is one NMEA 0183 sentence read? Checksum, address, fields. pynmea2 reads the fields;
-ranges are checked here."""
+"""How is one NMEA 0183 sentence read? pynmea2 splits the fields; checksum, address and ranges are
+checked here.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +14,29 @@ from typing import Any, NamedTuple
 import pynmea2
 from topdress.drivers.devices.lines import Ignored, Rejected
 
-# Satellite receivers by constellation. Any other two letters are some program or instrument
-# that passes a place on (IN integrated navigation, EC chart display, II, ...); P begins what a
-# maker has for himself.
+# Talkers of satellite receivers by constellation. Any other two letters belong to a program or
+# instrument that passes a position on (IN integrated navigation, EC chart display, II, ...); P
+# begins the private sentences of a manufacturer.
 GNSS_TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD", "GI", "GQ", "QZ"})
 _TALKER = re.compile(r"[A-OQ-Z][A-Z0-9]|Q[A-Z]")
+# Number of fields that each type needs for the values read here.
 MIN_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8, "GNS": 8, "GLL": 6, "ZDA": 4}
 
 MPS_PER_KNOT = 1852.0 / 3600.0
-MAX_SPEED_MPS = 100.0  # anything above is no ground vehicle
-# of GPS; two digits of a year, as RMC has them, reach to 2099
+# Upper limit of a ground vehicle's speed, m/s.
+MAX_SPEED_MPS = 100.0
+# GPS begins in 1980; the two digits of a year in RMC reach to 2099.
 FIRST_YEAR, LAST_YEAR = 1980, 2099
-MAX_HDOP = 100.0  # receivers write 99.99 for "unknown"
+# Receivers write 99.99 for an unknown dilution of precision.
+MAX_HDOP = 100.0
+# Mode letters of GNS from the best fix to none.
 MODES_BY_WORTH = "RFPDAEMS"
-# RMC's mode in GGA's numbers
+# Fix quality of GGA for each mode of RMC.
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}
 
 _TIME = re.compile(r"\d{6}(\.\d+)?")
 _DATE = re.compile(r"\d{6}")
-# degrees and minutes; a digit less is one that was lost on the wire
+# Degrees take two digits, minutes two; a shorter number has lost a digit on the line.
 _LATITUDE = re.compile(r"\d{4}\.\d+")
 _LONGITUDE = re.compile(r"\d{5}\.\d+")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
@@ -40,7 +45,8 @@ _ADDRESS = re.compile(r"[A-Z][A-Z0-9]{2,7}")
 
 
 class Sentence(NamedTuple):
-    """Holds the content of a GGA, RMC, VTG, GNS, GLL or ZDA. `None`: not given."""
+    """Holds the content of a GGA, RMC, VTG, GNS, GLL or ZDA. None means that the field was
+    empty."""
 
     type: str
     talker: str
@@ -67,13 +73,14 @@ def seal_sentence(payload: str) -> bytes:
 
 
 def parse_sentence(sentence: bytes) -> Sentence:
-    """Reads one sentence, given without `$` and line end.
+    """Returns the content of one sentence, which comes without `$` and line end.
 
     Raises
     ------
     Rejected : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
     Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the
-        receiver says that it has no position or no speed."""
+    receiver reports no position or no speed.
+    """
     text = _verify_checksum(sentence)
     address, _, rest = text.partition(",")
     if not _ADDRESS.fullmatch(address):
@@ -93,7 +100,7 @@ def parse_sentence(sentence: bytes) -> Sentence:
 
 
 def _verify_checksum(sentence: bytes) -> str:
-    """Returns the text before `*` where its checksum is right."""
+    """Returns the text before `*` if its checksum is right. Raises Rejected otherwise."""
     payload, star, given = sentence.partition(b"*")
     given = given.strip()
     if not star or not given:
@@ -165,7 +172,8 @@ def _read_vtg(talker: str, fields: Any) -> Sentence:
 
 
 def _read_gns(talker: str, fields: Any) -> Sentence:
-    """Reads a GNS: of the mode letters, one for each constellation, the best is the fix's."""
+    """Returns the content of a GNS. It has a mode letter for each constellation; the best letter is
+    the mode of the fix."""
     modes = fields.data[5]
     if not modes or set(modes) - set(QUALITY_OF_MODE) - {"N"}:
         raise Rejected("malformed")
@@ -203,7 +211,7 @@ def _read_gll(talker: str, fields: Any) -> Sentence:
 
 
 def _read_zda(talker: str, fields: Any) -> Sentence:
-    """Reads a ZDA, which is empty before the receiver knows the day."""
+    """Returns the content of a ZDA, which is empty before the receiver knows the date."""
     day, month, year = fields.data[1:4]
     if not (fields.data[0] and day and month and year):
         raise Ignored("ZDA")
@@ -254,7 +262,7 @@ def _read_time_of_day_ms(fields: Any, at_field: int = 0) -> int:
     if not _TIME.fullmatch(fields.data[at_field]):
         raise Rejected("malformed")
     at = fields.timestamp
-    # pynmea2 hands back the text where it makes no sense
+    # pynmea2 returns the text itself where it cannot read a time.
     if not isinstance(at, time):
         raise Rejected("impossible_value")
     return (at.hour * 3600 + at.minute * 60 + at.second) * 1000 + round(at.microsecond / 1000)
@@ -273,8 +281,8 @@ def _read_date(fields: Any) -> date | None:
 
 
 def _read_position(fields: Any) -> tuple[float, float]:
-    """Returns latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's
-    "unknown", not a field."""
+    """Returns latitude and longitude in signed degrees. Exactly 0, 0 is a receiver's "unknown" and
+    raises Ignored."""
     if not (_LATITUDE.fullmatch(fields.lat) and _LONGITUDE.fullmatch(fields.lon)):
         raise Rejected("malformed")
     if fields.lat_dir not in ("N", "S") or fields.lon_dir not in ("E", "W"):

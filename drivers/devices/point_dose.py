@@ -1,9 +1,10 @@
-"""How is one dose a plant ordered (point-fertilisation paper)? As an angle of the shaft, sent to
-the board.
+"""How is the dose for one plant ordered (point-fertilisation paper)? The board receives an angle of
+the shaft.
 
-Doses go to the slave board on the same line as its targets, frames `D1` and `E1`
-(docs/protocol-slave-board.md). The targets with enable 1 and 0 r/min go on meanwhile: they are
-the heartbeat, and a stop ends the dose under way."""
+Doses go to the slave board on the line of its targets, in frames `D1` and `E1`
+(docs/protocol-slave-board.md). The targets with enable 1 and 0 r/min continue meanwhile: they are
+the heartbeat, and a stop ends the present dose.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +17,15 @@ from topdress.drivers.devices.board_frames import COUNTER_MODULUS, split_frame
 from topdress.drivers.devices.lines import Rejected
 
 DOSE, REPORT = "D1", "E1"
-# with the board's word, as `board_frames.COMMAND_WORD`
+# Dose frame with the board's word, as `board_frames.COMMAND_WORD`.
 DOSE_WORD = "D3"
+# Range of the angle, degrees: at most ten turns.
 ANGLE_RANGE_DEG = (0.0, 3600.0)
+# Range of the shaft's speed during a dose, r/min.
 SHAFT_RANGE_RPM = (1.0, 300.0)
-# Without a report for this long, s, it is unknown whether the dose was given.
+# Time without a report after which the result of a dose is unknown, s.
 UNHEARD_TIMEOUT_S = 0.3
-# A dose is overdue this long after the time of its angle, s.
+# Time beyond the duration of its angle after which a dose is overdue, s.
 DOSE_OVERDUE_S = 0.5
 
 
@@ -38,7 +41,7 @@ class DoseState(IntEnum):
 
 
 class DoseReport(NamedTuple):
-    """Holds one `E1`. Times are the board's 32-bit clock."""
+    """Holds one `E1` frame. Times are on the board's 32-bit clock, microseconds."""
 
     seq: int
     dose: int
@@ -49,8 +52,8 @@ class DoseReport(NamedTuple):
 
 
 class GivenDose(NamedTuple):
-    """Holds what is known of one dose. `took_s` goes from the board's receipt to its end, on the
-    board's clock."""
+    """Holds the state of one dose. `took_s` is the time from the board's receipt to the end of the
+    dose, on the board's clock."""
 
     number: int
     angle_deg: float
@@ -59,7 +62,7 @@ class GivenDose(NamedTuple):
     state: DoseState = DoseState.SENT
     turned_deg: float = 0.0
     took_s: float | None = None
-    # when the board first answered: link delay plus one tick
+    # Time of the board's first answer, s: link delay plus one tick after the sending.
     heard_s: float | None = None
 
     @property
@@ -71,8 +74,8 @@ class GivenDose(NamedTuple):
 def encode_dose(
     seq: int, dose: int, angle_deg: float, shaft_rpm: float, word: int | None = None
 ) -> bytes:
-    """Returns the line of a dose. Raises ValueError for a number that is not finite or not
-    allowed by the protocol."""
+    """Returns the line of a dose. Raises ValueError for a number that is not finite or not allowed
+    by the protocol."""
     for name, value, (low, high) in (
         ("angle_deg", angle_deg, ANGLE_RANGE_DEG),
         ("shaft_rpm", shaft_rpm, SHAFT_RANGE_RPM),
@@ -90,8 +93,8 @@ def encode_dose(
 
 
 def decode_dose_report(frame: bytes) -> DoseReport:
-    """Decodes a frame as received, without `$` and line end. Raises ValueError with the kind of
-    fault."""
+    """Returns the report of a frame as received, without `$` and line end. Raises ValueError with
+    the kind of fault."""
     fields = split_frame(frame, REPORT, 6)
     seq, dose = (
         parse_whole(fields[0], SEQUENCE_MODULUS - 1),
@@ -112,11 +115,12 @@ def decode_dose_report(frame: bytes) -> DoseReport:
 
 
 class PointDose:
-    """Gives one dose after the other. The sequence numbers are the board driver's: every frame
-    to the board counts.
+    """Gives one dose after the other. Doses share the sequence numbers of the board driver, because
+    every frame to the board counts.
 
     A dose is never sent twice: a missed plant is reported (LOST), but a double dose cannot be
-    undone."""
+    undone.
+    """
 
     def __init__(self, max_shaft_rpm: float = 201.0) -> None:
         self.newest: GivenDose | None = None
@@ -135,8 +139,8 @@ class PointDose:
 
         Raises
         ------
-        ValueError : a number that is not finite or not allowed; or the dose before is still
-            under way."""
+        ValueError : a number is not finite or not allowed, or the previous dose is not finished.
+        """
         if not self.is_ready:
             raise ValueError("dose: the one before is still under way")
         if not math.isfinite(shaft_rpm):
@@ -151,7 +155,8 @@ class PointDose:
         return line
 
     def take_report(self, report: DoseReport, now_s: float) -> None:
-        """Takes a report of the board; reports of older or settled doses change nothing."""
+        """Updates the dose by a report of the board; reports of older or finished doses change
+        nothing."""
         dose = self.newest
         if (
             dose is None
@@ -169,7 +174,7 @@ class PointDose:
         )
 
     def check_overdue(self, now_s: float) -> None:
-        """Gives up a dose without a report in time; it is called every tick."""
+        """Marks a dose without a report in time as LOST; the method is called every tick."""
         dose = self.newest
         if dose is None or dose.is_settled:
             return

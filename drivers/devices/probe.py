@@ -1,7 +1,8 @@
-"""Which device speaks on a line? Its bytes are given to every decoder, and the one that accepts
-most identifies it.
+"""Which device speaks on a line? Every decoder gets the bytes, and the decoder that accepts most
+messages identifies the device.
 
-It only listens: nothing is sent, so that probing can set no drive in motion."""
+A probe only listens: nothing is sent, so that probing can set no drive in motion.
+"""
 
 from __future__ import annotations
 
@@ -28,31 +29,37 @@ from topdress.drivers.devices.slave_board import SlaveBoard
 from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
 from topdress.drivers.ports import Clock, Port, escape_unprintable
 
-BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)  # the most usual first
-LISTEN_S = 1.2  # a receiver or head at 1 Hz is heard once
-MIN_MESSAGES = 2  # accepted messages that make a finding
+# Baud rates in the order of how common they are.
+BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)
+# Listening time for each rate, s: a device with 1 Hz sends at least one message.
+LISTEN_S = 1.2
+# Number of accepted messages that identify a device.
+MIN_MESSAGES = 2
 
 
 class ProbeFinding(NamedTuple):
-    """Holds the result. `protocol` empty: nothing known speaks there. `said`: the last line, or
-    why the port cannot be used."""
+    """Holds the result. An empty `protocol` means that no known device speaks there. `said` is the
+    last line, or the reason why the port cannot be used."""
 
     protocol: str = ""
     baud: int | None = None
     accepted: int = 0
     rejected: int = 0
     said: str = ""
-    opened: bool = True  # False: the port could not be opened
+    # False means that the port could not be opened.
+    opened: bool = True
 
 
 class Decoder(Protocol):
+    """Defines the decoders that a probe can use."""
+
     counts: Counts
 
     def feed(self, data: bytes, time_s: float) -> Sequence[object]: ...
 
 
 def make_decoders() -> dict[str, Decoder]:
-    """Returns a fresh decoder of every line protocol, the strictest first."""
+    """Returns a new decoder for every line protocol, the strictest first."""
     return {
         "slave-board/1": SlaveBoard(),
         "lag-rig/1": LagRig(),
@@ -70,11 +77,12 @@ def make_decoders() -> dict[str, Decoder]:
 
 
 def recognise_protocol(data: bytes) -> ProbeFinding:
-    """Returns the protocol of bytes that were heard on a line.
+    """Returns the protocol of the bytes received on a line.
 
-    The decoder that accepts most messages is named. Where none accepts any, the one that knows
-    most messages without using them is: an NMEA receiver without a fix, a gpsd that waits to be
-    asked. Head layouts of equal length cannot be separated: the first one is named.
+    The decoder that accepts most messages is named. Where none accepts any, the decoder that
+    recognises most messages without using them is named, for example for an NMEA receiver without a
+    fix or an idle gpsd. Head layouts with the same number of fields cannot be distinguished; the
+    first is named.
     """
     best, most = ProbeFinding(), (0, 0)
     for protocol, decoder in make_decoders().items():
@@ -103,10 +111,11 @@ def probe_port(
     sleep: Callable[[float], None] = time.sleep,
     listen_s: float = LISTEN_S,
 ) -> ProbeFinding:
-    """Listens at each baud rate in turn until something is recognised; takes at most `listen_s`
-    a rate.
+    """Listens at each baud rate in turn until a device is recognised; takes at most `listen_s`
+    seconds for each rate.
 
-    `open_at` opens the port at a rate; ValueError and OSError come through."""
+    `open_at` opens the port at a rate; its ValueError and OSError are raised to the caller.
+    """
     said = ""
     for baud in bauds:
         port = open_at(baud)
@@ -132,13 +141,13 @@ def probe_port(
             else state.last_error or "silent"
         )
         if not state.connects:
-            # it cannot be opened: not at another rate either
+            # A port that cannot be opened at this rate cannot be opened at another rate.
             return ProbeFinding(said=said, opened=False)
     return ProbeFinding(said=said)
 
 
 def recognise_either(heard: Sequence[bytes]) -> ProbeFinding:
-    """Identifies pieces of a line, or datagrams; the last line is part of the result."""
+    """Returns the finding for pieces of a line or for datagrams, with the last line as `said`."""
     found = recognise_protocol(b"".join(heard))
     if found.protocol:
         lines = re.split(rb"[\r\n]+", b"".join(heard))
@@ -152,7 +161,7 @@ def recognise_either(heard: Sequence[bytes]) -> ProbeFinding:
 
 
 def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
-    """Returns the rate modules heard, by number, with their names."""
+    """Returns the names of the rate modules that sent datagrams, by module number."""
     found: dict[int, str] = {}
     for data in datagrams:
         try:

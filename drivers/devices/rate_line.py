@@ -23,7 +23,8 @@ from typing import NamedTuple
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
-MAX_RATE_KG_HA = 2000.0  # as a job's rates
+# Upper limit of a rate, kg/ha, the same as for the rates of a job.
+MAX_RATE_KG_HA = 2000.0
 _RAVEN = re.compile(
     rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*"
 )
@@ -31,7 +32,7 @@ _OWN = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
 
 
 class ReportedRate(NamedTuple):
-    """Holds a rate: wanted where `is_target`, else applied."""
+    """Holds a rate in kg/ha: the target where `is_target`, otherwise the applied rate."""
 
     time_s: float
     rate_kg_ha: float
@@ -39,9 +40,9 @@ class ReportedRate(NamedTuple):
 
 
 class RateLineDecoder(LineDecoder[ReportedRate]):
-    """Decodes rates. unit_kg_ha: of a Raven sentence's number. Rejected: `bad_checksum`,
-    `garbage`, `impossible_value`, `overlong`; ignored: `said_once`, a Raven target that has not
-    come twice yet."""
+    """Decodes rates. `unit_kg_ha` is the unit of a Raven sentence's number. Counted as rejected:
+    `bad_checksum`, `garbage`, `impossible_value`, `overlong`; as ignored: `said_once`, a Raven
+    target that has not been repeated yet."""
 
     longest = 128
 
@@ -71,5 +72,5 @@ class RateLineDecoder(LineDecoder[ReportedRate]):
 
 
 def make_target_sentence(rate_kg_ha: float) -> bytes:
-    """Returns a target as `$PTDRT`."""
+    """Returns a target as a `$PTDRT` sentence."""
     return seal_sentence(f"PTDRT,{rate_kg_ha:.1f}")

@@ -1,7 +1,8 @@
-"""How does the host drive the metering shaft through a rate module on UDP? Its unit is one turn,
-so that units a minute are r/min. It opens nothing and reads no clock.
+"""How does the host drive the metering shaft through a rate module on UDP? The module's unit is one
+turn, so units per minute are r/min. This module opens nothing and reads no clock.
 
-The module stops its own motor only after 4 s without its console (a slave board after 1 s)."""
+The rate module stops its own motor only after 4 s without its console, a slave board after 1 s.
+"""
 
 from __future__ import annotations
 
@@ -26,32 +27,38 @@ from topdress.drivers.devices.rate_module_frames import (
     encode_target,
 )
 
-# Least interval of targets while the set-point changes, s.
+# Shortest interval of targets while the set-point changes, s.
 MIN_TARGET_INTERVAL_S = 0.1
-# Greatest interval of targets, s: the module stops after 4 s.
+# Longest interval of targets, s, because the module stops after 4 s without one.
 MAX_TARGET_INTERVAL_S = 0.5
+# Interval of the relay datagrams without a change, s.
 RELAY_INTERVAL_S = 1.0
-# After a stop the relay stays on for this long, s: without it the module neither controls nor
-# counts.
+# Time for which the relay stays on after a stop, s, because without it the module neither controls
+# nor counts.
 RUN_DOWN_S = 2.0
-# A module that reports for this long that it does not hear this console is no drive, s.
+# Time after which a module that reports no contact with this console is no drive, s.
 UNHEARD_TIMEOUT_S = 2.0
+# A reported shaft speed above this limit is rejected, r/min.
 MAX_SHAFT_RPM = 400.0
 
 
 class ModuleAddress(NamedTuple):
+    """Identifies one product of one module on the subnet."""
+
     module: int = 0
     sensor: int = 0
 
 
 class ModuleReadings(NamedTuple):
-    """Holds one accepted status of the module. `shaft_rpm` is None while the module does not
-    hear this console."""
+    """Holds one accepted status of the module. `shaft_rpm` is None while the module has no contact
+    with this console."""
 
     time_s: float
     shaft_rpm: Reading | None
-    turns: float  # of the shaft since the first status
-    pwm: int  # of FULL_PWM, either way: how hard it works
+    # Turns of the shaft since the first status.
+    turns: float
+    # Duty of the motor as -FULL_PWM ... FULL_PWM, the effort of the drive.
+    pwm: int
     hears_us: bool
     bin_empty: bool
 
@@ -60,14 +67,14 @@ class RateModule(Decoder[ModuleReadings]):
     """Decodes datagrams of one module to readings, and encodes set-points.
 
     Counted as rejected: `wrong_length`, `bad_checksum`, `out_of_range` (a shaft faster than 400
-    r/min). Counted as ignored: `unknown_message`, `other_module` (several modules share a
-    subnet).
+    r/min). Counted as ignored: `unknown_message`, `other_module` (several modules share a subnet).
 
     Parameters
     ----------
-    pulses_per_turn : of the module's encoder, per turn of the metering shaft.
-    max_shaft_rpm : set-points are cut to 0 ... this before they are sent.
-    drive : one of `rate_module_frames.CONTROL_TYPES`."""
+    pulses_per_turn : pulses of the module's encoder for one turn of the metering shaft.
+    max_shaft_rpm : set-points are limited to 0 ... `max_shaft_rpm` before they are sent, r/min.
+    drive : one of `rate_module_frames.CONTROL_TYPES`.
+    """
 
     def __init__(
         self,
@@ -78,9 +85,11 @@ class RateModule(Decoder[ModuleReadings]):
     ) -> None:
         super().__init__()
         self.label = ""
-        self.board: BoardStatus | None = None  # the newest 32401
+        # The newest datagram 32401.
+        self.board: BoardStatus | None = None
         self.board_s: float | None = None
-        self.trace: Trace | None = None  # the newest 32402
+        # The newest datagram 32402.
+        self.trace: Trace | None = None
         self._address = address
         self._pulses_per_turn = pulses_per_turn
         self._max_shaft_rpm = max_shaft_rpm
@@ -93,7 +102,8 @@ class RateModule(Decoder[ModuleReadings]):
         self._relays: int | None = None
         self._relays_s = -math.inf
         self._run_until_s = -math.inf
-        self._turns_rpm = 0.0  # as it reported last
+        # The speed that the module reported last, r/min.
+        self._turns_rpm = 0.0
 
     def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
         """Returns the readings of the datagrams that arrived at `time_s`, oldest first."""
@@ -122,17 +132,18 @@ class RateModule(Decoder[ModuleReadings]):
     ) -> list[bytes]:
         """Returns the datagrams due at `now_s`, often none; it is called every tick.
 
-        valves: of the sections, left to right, on the relays from the second on; closed unless
-        enabled. The first relay is the drive's own: without one that is set the module neither
-        controls nor counts.
+        `valves` are the valves of the sections from left to right, on the relays from the second
+        on; they are closed unless `enabled`. The first relay belongs to the drive: while no relay
+        is set the module neither controls nor counts.
 
-        A changed set-point is sent at once (at most every 0.1 s), a stop at once without that
-        limit, an unchanged one every 0.5 s; relays every second and on change. Not enabled, or
-        no set-point: 0 with the master off.
+        A changed set-point is sent at once, but at most every 0.1 s. A stop is sent at once without
+        that limit, an unchanged set-point every 0.5 s. Relays are sent every second and on change.
+        Without `enabled` or a set-point the module receives 0 with the master off.
 
         Raises
         ------
-        ValueError : a set-point that is not finite. Nothing is sent then; send a stop."""
+        ValueError : the set-point is not finite. Nothing is sent then; send a stop.
+        """
         running = enabled and shaft_rpm is not None
         rpm = 0.0
         if shaft_rpm is not None:
@@ -160,7 +171,7 @@ class RateModule(Decoder[ModuleReadings]):
     def _is_target_due(self, wanted: tuple[float, bool], now_s: float) -> bool:
         waited_s = now_s - self._sent_s
         if wanted == self._sent:
-            # commanded to stop, again and again
+            # A shaft that still turns after a stop gets the stop again and again.
             disobeys = wanted[0] == 0.0 and self._turns_rpm > 0.0
             return waited_s >= (MIN_TARGET_INTERVAL_S if disobeys else MAX_TARGET_INTERVAL_S)
         stops = wanted[0] == 0.0 or self._sent is None or wanted[1] != self._sent[1]
@@ -169,7 +180,7 @@ class RateModule(Decoder[ModuleReadings]):
     def _read_status(self, status: Status, time_s: float) -> ModuleReadings:
         if self._quantity is not None:
             moved = (status.quantity - self._quantity) % (U24 / 10.0)
-            # backwards: the module was restarted
+            # A quantity that runs backwards means that the module was restarted.
             self._turns += moved if moved < U24 / 20.0 else 0.0
         self._quantity = status.quantity
         if status.hears_you:

@@ -1,7 +1,8 @@
-"""How are datagrams of the open rate modules encoded and decoded? Little-endian, id first, sum
-of all bytes before it last (docs/rate-module.md).
+"""How are datagrams of the open rate modules encoded and decoded? Numbers are little-endian, the id
+comes first, the sum of all bytes before it last (docs/rate-module.md).
 
-A datagram counts when its length is exactly that of its id and its checksum is right."""
+A datagram counts when its length is exactly that of its id and its checksum is right.
+"""
 
 from __future__ import annotations
 
@@ -10,22 +11,31 @@ from typing import NamedTuple
 
 from topdress.drivers.devices.lines import Ignored, Rejected
 
-TARGET, RELAYS, SETTINGS = 32500, 32501, 32502  # to the module
-STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403  # from the module
+# Ids of datagrams to the module.
+TARGET, RELAYS, SETTINGS = 32500, 32501, 32502
+# Ids of datagrams from the module.
+STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403
+# Length of each datagram with id and checksum, bytes.
 LENGTHS = {TARGET: 14, RELAYS: 11, SETTINGS: 24, STATUS: 15, BOARD: 15, TRACE: 26, LABEL: 20}
+# Numbers of three bytes wrap at this number.
 U24 = 1 << 24
-FULL_PWM = 255  # either way
+# Full duty in either direction.
+FULL_PWM = 255
+# This number of a relay means that no relay is the flow master.
 NO_FLOW_MASTER = 255
 
 CONTROL_TYPES = ("valve", "combo_close", "motor", "motor_weights", "fan", "timed")
+# Bits of the command byte of a target.
 RESET_QUANTITY, MASTER_ON, LOG_PID, AUTO, CALIBRATING = 0x01, 0x10, 0x20, 0x40, 0x80
+# Bits of the state byte of a status (32400).
 HEARS_YOU, BIN_EMPTY = 0x01, 0x02
+# Bits of the state byte of a board status (32401).
 WORK_SWITCH, ETHERNET, PINS_OK, CONFIG_REJECTED = 0x01, 0x10, 0x20, 0x80
 
 
 class FlowTarget(NamedTuple):
-    """32500. `units_per_min` and `pulses_per_unit` travel in thousandths, 24 bits: below 16
-    777.216."""
+    """Holds datagram 32500. `units_per_min` and `pulses_per_unit` are sent in thousandths with 24
+    bits, so they stay below 16 777.216."""
 
     module: int
     sensor: int
@@ -36,16 +46,17 @@ class FlowTarget(NamedTuple):
     auto: bool = True
     reset_quantity: bool = False
     manual_pwm: int = 0
-    # the module tells every turn of its control loop (32402)
+    # Whether the module reports every step of its control loop (32402).
     log_pid: bool = False
 
 
+# A relay datagram has 16 bits.
 MAX_RELAYS = 16
 
 
 class Relays(NamedTuple):
-    """32501. Bit 0 of `relays` is the first; with none set the module neither controls nor
-    counts."""
+    """Holds datagram 32501. Bit 0 of `relays` is the first relay; with none set the module neither
+    controls nor counts."""
 
     module: int
     sensor: int
@@ -56,12 +67,13 @@ class Relays(NamedTuple):
 
 
 class Status(NamedTuple):
-    """32400, every 200 ms."""
+    """Holds datagram 32400, which the module sends every 200 ms."""
 
     module: int
     sensor: int
     units_per_min: float
-    quantity: float  # tenths of a unit in 24 bits: runs over
+    # Counted in tenths of a unit with 24 bits, so it wraps at 1 677 721.6.
+    quantity: float
     pwm: int
     hears_you: bool
     bin_empty: bool
@@ -69,7 +81,7 @@ class Status(NamedTuple):
 
 
 class BoardStatus(NamedTuple):
-    """32401, every 200 ms. `speed` in the module's own unit."""
+    """Holds datagram 32401, sent every 200 ms. `speed` is in the module's own unit."""
 
     module: int
     pressure: int
@@ -84,15 +96,15 @@ class BoardStatus(NamedTuple):
 
 
 class BoardLabel(NamedTuple):
-    """32403, every 2 s: what the board calls itself."""
+    """Holds datagram 32403, sent every 2 s: the name of the board."""
 
     module: int
     text: str
 
 
 class Trace(NamedTuple):
-    """32402, every turn of the module's own control loop while its log is on. Units as in
-    32400; `millis` since it was switched on."""
+    """Holds datagram 32402, sent at every step of the module's own control loop while its log is
+    on. Units are as in 32400; `millis` counts from the start of that log, ms."""
 
     module: int
     sensor: int
@@ -122,8 +134,8 @@ def seal_datagram(message: int, body: bytes) -> bytes:
 
 
 def encode_target(target: FlowTarget) -> bytes:
-    """Encodes a target. Raises ValueError for a number that is not finite or does not fit: a
-    wrapped set-point would be another one."""
+    """Returns a target as a datagram. Raises ValueError for a number that is not finite or does not
+    fit, because a wrapped set-point would be a different set-point."""
     command = CONTROL_TYPES.index(target.control) << 1
     for flag, mask in (
         (target.reset_quantity, RESET_QUANTITY),
@@ -195,14 +207,14 @@ def encode_board(board: BoardStatus) -> bytes:
 
 
 def encode_label(label: BoardLabel) -> bytes:
-    """Encodes a label of at most 16 letters of Latin-1."""
+    """Returns a label of at most 16 letters of Latin-1 as a datagram."""
     return seal_datagram(
         LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0")
     )
 
 
 def encode_trace(trace: Trace) -> bytes:
-    """Returns the datagram of a product's rate and target."""
+    """Returns the datagram with the rate and target of a product."""
     return seal_datagram(
         TRACE,
         bytes([_encode_address(trace.module, trace.sensor)])
@@ -220,7 +232,7 @@ def encode_trace(trace: Trace) -> bytes:
 
 
 def decode_heard(data: bytes) -> ModuleMessage:
-    """Decodes a datagram from a module. Raises Rejected, Ignored: `unknown_message`,
+    """Returns the content of a datagram from a module. Raises Rejected, Ignored: `unknown_message`,
     `wrong_length`, `bad_checksum`."""
     message, body = _open_datagram(data)
     if message == STATUS:
@@ -270,7 +282,8 @@ def decode_heard(data: bytes) -> ModuleMessage:
 
 
 def decode_command(data: bytes) -> FlowTarget | Relays:
-    """Decodes a datagram to a module, for the virtual one. Raises Rejected, Ignored."""
+    """Returns the content of a datagram to a module, for the virtual module. Raises Rejected,
+    Ignored."""
     message, body = _open_datagram(data)
     if message == TARGET:
         command, kind = body[7], body[7] >> 1 & 7
@@ -295,8 +308,8 @@ def decode_command(data: bytes) -> FlowTarget | Relays:
 
 
 def encode_thousandths(name: str, value: float) -> bytes:
-    """Encodes a number in three bytes, little-endian. Raises ValueError where it is not finite
-    or would overflow."""
+    """Returns a number in thousandths as three bytes, little-endian. Raises ValueError where it is
+    not finite or would overflow."""
     if not math.isfinite(value) or not 0 <= round(value * 1000.0) < U24:
         raise ValueError(f"rate module: {name} {value}, allowed is 0 to 16777.215")
     return round(value * 1000.0).to_bytes(3, "little")

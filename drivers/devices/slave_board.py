@@ -1,5 +1,6 @@
-"""How does the host talk to the slave board? Status lines to readings, set-points to command
-lines."""
+"""How does the host talk to the slave board? Status lines become readings, set-points become
+command lines.
+"""
 
 from __future__ import annotations
 
@@ -38,19 +39,21 @@ from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
 BOARD_WORD, SHAFT_TURNED = WORD.encode() + b",", TURNED.encode() + b","
-# Requests for the word without an answer, a second at 20 a second, after which the board has none.
+# Number of unanswered requests for the word, one with each command at 20 a second, after which the
+# board is taken to have no word.
 MAX_WORD_REQUESTS = 20
 
 
 class SetPointLimits(NamedTuple):
-    """Limits set-points to 0 ... these before they are sent."""
+    """Limits set-points to the range from 0 to these values before they are sent."""
 
     max_shaft_rpm: float = 100.0
     max_opening_mm: float = 60.0
 
 
 class BoardReadings(NamedTuple):
-    """Holds one accepted status line. `None`: not fitted, or (wheel) unknown."""
+    """Holds one accepted status line. None means that the sensor is not fitted or, for the wheel,
+    that the speed is unknown."""
 
     time_s: float
     shaft_rpm: Reading
@@ -80,8 +83,9 @@ class SlaveBoard(LineDecoder[BoardReadings]):
 
     Counted as rejected: `bad_crc`, `missing_crc`, `unknown_frame` (another name or version),
     `wrong_length` (number of fields), `not_a_number`, `out_of_range`, `repeated_sequence`,
-    `garbage`, `overlong`. `missed` counts the status lines that the sequence numbers say were
-    sent and never came. `dose`: what became of the doses sent by `give_dose`."""
+    `garbage`, `overlong`. `missed` counts the status lines that are missing by their sequence
+    numbers. `dose` holds the state of the doses sent by `give_dose`.
+    """
 
     longest, framed, wrong = 200, True, ValueError
 
@@ -94,27 +98,31 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self._wheel = WheelSpeed(wheel or WheelGeometry())
         self._last_seq: int | None = None
         self._next_command = 0
-        # the board's; None: it has none, or did not tell it yet
+        # The board's word; None means that the board has no word, or has not sent it yet.
         self._word: int | None = None
-        self._ask = False  # for the word, until the answer comes
+        # Whether the word is requested with every command until the answer arrives.
+        self._ask = False
         self._asked = 0
         self._sent_opening_mm = 0.0
-        self._valves = 0  # of the newest command
+        # The valves of the newest command.
+        self._valves = 0
         self.dose = PointDose(self._limits.max_shaft_rpm)
-        self.turned: ShaftTurned | None = None  # the newest answer to ASK_TURNED
+        # The newest answer to `ASK_TURNED`.
+        self.turned: ShaftTurned | None = None
 
     def make_command_line(self, command: DriveCommand | None, enabled: bool) -> bytes:
-        """Returns the next command line, heartbeat included; to be sent 10 times a second or
-        more. Before it stands the request for the board's word, where the board has not heard
-        anything under it yet.
+        """Returns the next command line, heartbeat included, to be sent at least 10 times a second.
+        A request for the board's word precedes it while the board has not received a frame with
+        that word.
 
-        Set-points are cut to the drive limits. Not enabled, or no command: the shaft's
-        set-point is 0, the gate's stays where it was, and every valve of a machine that has
-        some is closed.
+        Set-points are limited to the range of the drives. Without `enabled` or a command the
+        set-point of the shaft is 0, the gate keeps its set-point, and every valve of a machine with
+        valves is closed.
 
         Raises
         ------
-        ValueError : a set-point that is not finite. Nothing is sent then; send a stop."""
+        ValueError : a set-point is not finite. Nothing is sent then; send a stop.
+        """
         running = enabled and command is not None
         shaft_rpm, opening_mm = 0.0, self._sent_opening_mm
         if command is not None:
@@ -147,8 +155,8 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         return ASK + line
 
     def forget_board(self) -> None:
-        """Forgets the board, because another one, or an older program, may be there now: its
-        word is requested where there was one."""
+        """Forgets the board, because another board or an older program may be connected now. The
+        word is requested again from a board that had one."""
         self._ask, self._asked = self._word is not None, 0
 
     def give_dose(self, angle_deg: float, shaft_rpm: float, now_s: float) -> bytes:

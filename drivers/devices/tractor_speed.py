@@ -1,11 +1,11 @@
-"""Which speeds does the tractor announce? One ASCII sentence of the tractor's own computer or of
-a gateway to it.
+"""Which speeds does the tractor announce? The tractor's own computer or a gateway sends one ASCII
+sentence.
 
     $PTDSP,0.50,0.0,4.5,1.2,7.0*hh
 
-The first number is the acceleration it drives with, m/s2; then pairs: seconds from now, km/h
-(backwards negative). The first pair is at 0.0: what it aims at now. `hh` is NMEA's sum. Sent at
-least once a second; after 2 s it says nothing.
+The first number is the acceleration of the tractor, m/s2. Pairs follow: seconds from now and speed
+in km/h, negative backwards. The first pair, at 0.0, is the present target speed. `hh` is NMEA's
+checksum. The sentence is sent at least once a second and is valid for 2 s.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
 
 
 class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
-    """Decodes bytes to announced speeds. Rejected: `bad_checksum`, `wrong_fields`,
-    `impossible_value`, `overlong`, `garbage`; ignored: sentences of another name."""
+    """Decodes bytes to announced speeds. Counted as rejected: `bad_checksum`, `wrong_fields`,
+    `impossible_value`, `overlong`, `garbage`; as ignored: sentences with another name."""
 
     longest = 1024
 

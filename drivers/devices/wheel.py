@@ -1,5 +1,6 @@
-"""How fast does the wheel turn? Ground speed from its pulses and the board's own clock, so that
-the link's jitter has no effect."""
+"""How fast does the wheel turn? The ground speed is computed from pulses and the board's own clock,
+so that the jitter of the link has no effect.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +9,17 @@ from typing import NamedTuple
 
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS
 
-# The speed is the mean over at least this time, s; its delay is half of it, 0.25 s.
+# Shortest time over which the speed is averaged, s; the delay is half of it, 0.25 s.
 SPEED_WINDOW_S = 0.5
-STANDSTILL_S = 0.8  # no pulse for this long is standstill
-MAX_SPEED_MPS = 30.0  # above this the counts cannot be the wheel's
+# Time without a pulse that counts as standstill, s.
+STANDSTILL_S = 0.8
+# Above this speed the counts cannot come from the wheel, m/s.
+MAX_SPEED_MPS = 30.0
 
 
 class WheelGeometry(NamedTuple):
-    """Holds effective circumference and pulses a turn; one pulse is circumference / pulses of
-    way."""
+    """Holds the effective circumference and the pulses per turn; a pulse is circumference / pulses
+    of distance."""
 
     circumference_m: float = 2.50
     pulses_per_turn: float = 16.0
@@ -29,21 +32,26 @@ class WheelGeometry(NamedTuple):
 
 class WheelSpeed:
     """Measures the mean speed between two pulses at least `SPEED_WINDOW_S` apart (the filter
-    `wheel_window`; delay 0.25 s).
+    `wheel_window`, delay 0.25 s).
 
-    Between pulses the speed is at most one pulse's way over the time since the last pulse, so
-    that braking shows before the next pulse. Counters that jump back mean a restarted board and
-    begin anew."""
+    Between pulses the speed is at most the distance of one pulse divided by the time since the last
+    pulse, so that braking shows before the next pulse. A counter that jumps back means a restarted
+    board, and the measurement begins anew.
+    """
 
     def __init__(self, geometry: WheelGeometry) -> None:
         self._way_m = geometry.metres_per_pulse
-        # count, micros of that count; newest last
+        # Pulse counts with the board's time of each count, microseconds; newest last.
         self._pulses: deque[tuple[int, int]] = deque()
 
     def update_speed(self, micros: int, pulses: int, pulse_micros: int) -> float | None:
-        """Returns the speed, m/s, 0 at standstill; None where it is unknown (impossible counts).
-        `micros`, `pulse_micros`: the board's 32-bit clock now and at the last pulse; `pulses`:
-        32-bit count."""
+        """Returns the speed, m/s: 0 at standstill, None where it is unknown (impossible counts).
+
+        Parameters
+        ----------
+        micros, pulse_micros : the board's 32-bit clock now and at the last pulse, microseconds.
+        pulses : the board's 32-bit count of pulses.
+        """
         since_pulse_us = _subtract_wrapped(micros, pulse_micros)
         if since_pulse_us >= STANDSTILL_S * 1e6 or pulses == 0:
             self._pulses.clear()
@@ -90,5 +98,5 @@ class WheelSpeed:
 
 
 def _subtract_wrapped(later: int, earlier: int) -> int:
-    """Returns the difference of two 32-bit counters over their wrap."""
+    """Returns the difference of two 32-bit counters across their wrap."""
     return (later - earlier) % COUNTER_MODULUS

@@ -1,13 +1,13 @@
-"""How does a simulated machine speak like a real one? The plant of `control.simulation` behind
-the same bytes as the real devices.
+"""How does a simulated machine communicate like a real machine? The plant of `control.simulation`
+sends and receives the same bytes as the real devices.
 
 Files:
 
 - `board`: How does the virtual machine's slave board behave?
-- `extras`: What else can be connected to a virtual machine?
+- `extras`: Which devices can be connected to a virtual machine besides receiver, heads and board?
 - `faults`: Which faults can a line or a drive have?
 - `gpsd`: How does the virtual machine imitate gpsd?
 - `lag_rig`: How does a virtual lag rig work?
-- `machine`: How is a plant reached through ports and bytes only, as real devices would write them?
+- `machine`: How is a plant reached through ports and bytes only?
 - `served`: How is the virtual machine served to other programs?
 """

@@ -1,5 +1,6 @@
-"""How does the virtual machine's slave board behave? The board's own program, with the plant in
-place of its pins."""
+"""How does the virtual machine's slave board behave? It runs the board's own program, with the
+plant in place of the pins.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +32,14 @@ SENSED_FIELDS = (
     "opening_mm",
 )
 
-# of the shaft's encoder; the board believes what its settings say
+# Counts of the real encoder per turn of the shaft; the board uses the number in its settings
+# instead.
 TRUE_COUNTS_PER_TURN = 2000.0
 
 
 class _PlantPins(Pins):
-    """Connects the plant to the program. `sensed`: last readings of the plant; `inbox` from the
-    host, `said` to it; `turns` of the shaft."""
+    """Connects the plant to the board's program. `sensed` holds the plant's last readings, `inbox`
+    bytes from the host, `said` bytes to the host, `turns` those of the shaft."""
 
     sensed: SensorReadings
     turns = 0.0
@@ -53,44 +55,53 @@ class _PlantPins(Pins):
             setattr(self, name, tells)
 
     def read(self) -> bytes:
+        """Returns the bytes that the host has sent."""
         data, self.inbox = self.inbox, b""
         return data
 
     def write(self, data: bytes) -> None:
+        """Sends bytes to the host."""
         self.said += data
 
     def wheel(self) -> tuple[int, int]:
-        """Returns the wheel's pulses; a pulse without a known time counts at the end of its
-        tick."""
+        """Returns the wheel's pulses and the time of the last one; a pulse without a known time
+        counts at the end of its tick."""
         if self.sensed.wheel_pulses != self._pulses:
             self._pulses = self.sensed.wheel_pulses
             self._pulse_s = self.sensed.wheel_pulse_s or self.sensed.time_s
         return self._pulses, round(self._pulse_s * 1e6)
 
     def shaft_counts(self) -> int:
+        """Returns the counts of the shaft's encoder."""
         return round(self.turns * TRUE_COUNTS_PER_TURN)
 
     def valves_open(self) -> int | None:
+        """Returns the positions of the section valves as a bit mask; None without switches."""
         return None if self.sensed.valves_open is None else encode_valves(self.sensed.valves_open)
 
 
 class _CountingReceiver(Receiver):
+    """Receives frames and counts the rejected frames by kind."""
+
     def __init__(self, counts: Counts) -> None:
         super().__init__()
         self._counts = counts
 
     def reject(self, kind: str) -> None:
+        """Counts one rejected frame."""
         self._counts.reject(kind)
 
 
 class _PlantDoser(Doser):
-    """Turns a dose by the plant: one `DoseOrder` in place of steps."""
+    """Delivers a dose through the plant: one `DoseOrder` takes the place of motor steps."""
 
     turned_deg = 0.0
-    order: DoseOrder | None = None  # not yet at the plant
+    # The order that the plant has not taken yet.
+    order: DoseOrder | None = None
     takes_us = 0
 
     def start_dose(self, angle_deg: float, shaft_rpm: float) -> None:
+        """Stores the dose for the plant."""
         self.running, self.order = True, DoseOrder(angle_deg, shaft_rpm)
         self.turned_deg, self.takes_us = angle_deg, round(angle_deg / (6.0 * shaft_rpm) * 1e6)
 
@@ -98,9 +109,11 @@ class _PlantDoser(Doser):
 class VirtualBoard(SlaveProgram):
     """Simulates one board.
 
-    At rest the shaft stops and the gate keeps its set-point; at power-on that is `opening_mm`.
-    `chance`: of its words, as in the board's own program; None: an older board without words.
-    Set-points are taken unchanged: the host's limits hold."""
+    At rest the shaft stops and the gate keeps its set-point; at power-on the set-point is
+    `opening_mm`. `chance` is the source of the board's random words, as in the board's own program;
+    None simulates an older board without words. Set-points are taken unchanged, because the host
+    applies the limits.
+    """
 
     def __init__(
         self,
@@ -108,7 +121,8 @@ class VirtualBoard(SlaveProgram):
         chance: Callable[[], int | None] = lambda: secrets.randbits(32),
     ) -> None:
         self.counts = Counts()
-        self.driver_fault = False  # set by tests and by fault injection
+        # Tests and fault injection set this flag.
+        self.driver_fault = False
         self._plant = _PlantPins(chance, lambda: self.driver_fault)
         settings = BoardSettings()
         settings.max_shaft_rpm, settings.max_opening_mm = (
@@ -125,12 +139,12 @@ class VirtualBoard(SlaveProgram):
 
     @property
     def word(self) -> int | None:
-        """Returns the word under which it takes orders now."""
+        """Returns the word under which the board takes orders now."""
         return self._newest.word
 
     def feed_commands(self, data: bytes, now_s: float) -> None:
-        """Takes commands received at `now_s`; wrong ones are counted by kind and change nothing,
-        but an old one stops the board."""
+        """Takes commands received at `now_s`. Wrong commands are counted by kind and change
+        nothing, but an old command stops the board."""
         self._plant.inbox += data
         self.take_orders(_convert_to_us(now_s))
 
@@ -146,7 +160,7 @@ class VirtualBoard(SlaveProgram):
         ), self.enabled
 
     def take_dose(self, now_s: float) -> DoseOrder | None:
-        """Returns the dose that the plant begins in this step, once a step. A stop ends the
+        """Returns the dose that the plant begins in this step; called once a step. A stop ends the
         present dose."""
         now_us, dose = _convert_to_us(now_s), self._doser
         self.take_orders(now_us)
@@ -162,7 +176,7 @@ class VirtualBoard(SlaveProgram):
         return order
 
     def turn_encoder(self, shaft_rpm: float, for_s: float) -> None:
-        """Turns the encoder, whoever turns the shaft."""
+        """Turns the encoder by `for_s` seconds at `shaft_rpm`, whichever drive turns the shaft."""
         self._plant.turns += shaft_rpm / 60.0 * for_s
 
     def make_status(self, sensed: SensorReadings, now_s: float) -> bytes:

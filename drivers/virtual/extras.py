@@ -1,5 +1,6 @@
-"""What else can be connected to a virtual machine? Programs and modules besides receiver, heads
-and board."""
+"""Which devices can be connected to a virtual machine besides receiver, heads and board? They are
+programs and modules.
+"""
 
 from __future__ import annotations
 
@@ -26,23 +27,26 @@ from topdress.drivers.devices.rate_module_frames import (
     encode_trace,
 )
 
+# Interval of the status datagrams of a real module, s.
 STATUS_INTERVAL_S = 0.2
+# Interval of the datagram with the module's name, s.
 LABEL_INTERVAL_S = 2.0
 FIRMWARE = 1
+# Time without the console after which a real module stops its motor, s.
 CONSOLE_TIMEOUT_S = 4.0
 
 
 class MachineExtra:
-    """Defines an addition that is asked before and informed after every step of the plant."""
+    """Defines an addition that is called before and after every step of the plant."""
 
     def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
-        """Returns what the drives follow: the command unchanged or altered."""
+        """Returns the command that the drives follow: the given command, unchanged or altered."""
         return command, enabled
 
     def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
-        """Takes the readings of the sensors."""
+        """Takes the readings of the sensors after a step that began at `begin_s`."""
 
 
 class VirtualAgOpenGps(MachineExtra):
@@ -52,6 +56,7 @@ class VirtualAgOpenGps(MachineExtra):
         self._port = port
 
     def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
+        """Sends position and speed of a new fix."""
         if sensed.gnss is not None:
             for frame in make_agopengps_frames(sensed.gnss):
                 self._port.write(frame)
@@ -70,12 +75,17 @@ def _make_agopengps_frame(name: int, body: bytes) -> bytes:
 
 
 class VirtualRateModule(MachineExtra):
-    """Simulates a rate module: it turns the shaft at the commanded units a minute, and reports
+    """Simulates a rate module, which turns the shaft at the commanded units per minute and reports
     its counts.
 
-    pulses_per_turn : of its true encoder; a console that tells another number gets another speed.
-    listens : False is a module set to another comm mode: it reports, and ignores what UDP tells it.
-    label : what its board calls itself."""
+    Parameters
+    ----------
+    pulses_per_turn : pulses of its real encoder; a console that sends a different number gets a
+    different speed.
+    label : the name that the module reports.
+
+    `listens` False simulates a module in another communication mode: it reports but ignores UDP.
+    """
 
     def __init__(
         self,
@@ -102,6 +112,7 @@ class VirtualRateModule(MachineExtra):
     def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
+        """Returns the command with the shaft speed and valves of the module."""
         for data in self._port.read_each():
             self._take_datagram(data, begin_s)
         valves = self.find_valves(begin_s)
@@ -110,7 +121,7 @@ class VirtualRateModule(MachineExtra):
         ), True
 
     def find_valves(self, now_s: float) -> tuple[bool, ...]:
-        """Returns the relays from the second on; empty where none was ever set."""
+        """Returns the relays from the second on; empty before any were set."""
         self._valved = self._valved or self._relays > 1
         if not self._valved:
             return ()
@@ -130,6 +141,7 @@ class VirtualRateModule(MachineExtra):
         return target.units_per_min * target.pulses_per_unit / self._pulses_per_turn
 
     def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
+        """Sends the datagrams that are due after a step."""
         counts = bool(self._relays)
         command = self._target.pulses_per_unit if self._target else self._pulses_per_turn
         pulse_hz = max(0.0, sensed.shaft_rpm) / 60.0 * self._pulses_per_turn if counts else 0.0
@@ -141,7 +153,7 @@ class VirtualRateModule(MachineExtra):
         if begin_s < self._next_status_s:
             return
         self._next_status_s = begin_s + STATUS_INTERVAL_S - 1e-6
-        # of a plant whose drive tells how hard it works, in %
+        # Only a plant whose drive reports its effort (in %) has this reading.
         effort = getattr(sensed, "shaft_effort", None)
         pwm = 2.5 * self.find_shaft_rpm(begin_s) if effort is None else FULL_PWM * effort / 100.0
         if begin_s >= self._next_label_s:

@@ -1,5 +1,6 @@
-"""Which faults can a line or a drive have? Those of cables, plugs and cheap adapters, and drives
-that disobey; both on a time line: `KIND:DEVICE@FROM_S[+FOR_S]`."""
+"""Which faults can a line or a drive have? Cables, plugs and cheap adapters fail, and drives
+disobey. A time line lists the faults: `KIND:DEVICE@FROM_S[+FOR_S]`.
+"""
 
 from __future__ import annotations
 
@@ -14,29 +15,37 @@ from topdress.control.readings import DriveCommand
 from topdress.drivers.ports import Clock, Port, PortState
 from topdress.drivers.virtual.extras import MachineExtra
 
-WRONG_BAUD_RATIO = 2.0  # sent at twice the rate at which it is read
+# The sender uses twice the baud rate of the reader.
+WRONG_BAUD_RATIO = 2.0
 
 
 class PortFaults(NamedTuple):
-    """Holds the faults of the line towards the reader; all neutral: none. Shares are per line, 0
-    to 1."""
+    """Holds the faults of a line towards the reader; the defaults mean no fault. Shares are per
+    line, 0 to 1."""
 
-    unplugged: bool = False  # nothing in, nothing out, not connected
-    # the line goes on, but repeats what it said before
+    # No bytes pass in either direction and the port is not connected.
+    unplugged: bool = False
+    # The line stays alive but repeats its last message.
     frozen: bool = False
-    delay_s: float = 0.0  # everything arrives this much later
-    garbage_share: float = 0.0  # random bytes in front of a line
-    # a line loses its second half, its line end included
+    # Delay of all bytes, s.
+    delay_s: float = 0.0
+    # Share of lines preceded by random bytes.
+    garbage_share: float = 0.0
+    # Share of lines that lose their second half, line end included.
     half_share: float = 0.0
-    duplicate_share: float = 0.0  # a line comes twice
-    bit_flip_share: float = 0.0  # one bit of a line is turned over
-    wrong_baud: bool = False  # read at half the rate at which it is sent
+    # Share of lines that arrive twice.
+    duplicate_share: float = 0.0
+    # Share of lines in which one bit is inverted.
+    bit_flip_share: float = 0.0
+    # The line is read at half of the rate at which it is sent.
+    wrong_baud: bool = False
 
 
 class LineSpoiler:
-    """Spoils a stream on its way. Deterministic: the same seed spoils the same lines.
+    """Corrupts a byte stream on its way. The same seed corrupts the same lines.
 
-    `by_lines` False: every piece is a datagram and is spoilt like a line."""
+    With `by_lines` False every piece is a datagram and is corrupted like a line.
+    """
 
     def __init__(self, clock: Clock, seed: int = 0, by_lines: bool = True) -> None:
         self.faults = PortFaults()
@@ -48,7 +57,7 @@ class LineSpoiler:
         self._delayed: deque[tuple[float, bytes]] = deque()
 
     def put_bytes(self, data: bytes) -> None:
-        """Takes sent bytes. A line is passed on when it is whole."""
+        """Takes sent bytes. A line is passed on when it is complete."""
         if self.faults.unplugged:
             self._rest = b""
             self._delayed.clear()
@@ -62,7 +71,7 @@ class LineSpoiler:
             self._delayed.append((self._clock() + self.faults.delay_s, self._spoil_line(line)))
 
     def take_due(self) -> list[bytes]:
-        """Returns what arrives now, one line or datagram each."""
+        """Returns the lines or datagrams that arrive now."""
         now_s, found = self._clock(), []
         while self._delayed and self._delayed[0][0] <= now_s:
             found.append(self._delayed.popleft()[1])
@@ -90,8 +99,8 @@ class LineSpoiler:
 
 
 def read_at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:
-    """Returns the bytes of a receiver that samples `ratio` times more slowly than the sender
-    sends (8N1, least bit first)."""
+    """Returns the bytes that a receiver reads which samples `ratio` times more slowly than the
+    sender sends (8N1, least significant bit first)."""
     bits = [bit for byte in data for bit in (0, *(byte >> place & 1 for place in range(8)), 1)]
     found = bytearray()
     at = 0.0
@@ -101,25 +110,28 @@ def read_at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:
         samples = [start + (place + 0.5) * ratio for place in range(1, 10)]
         read = [bits[int(sample)] if sample < len(bits) else 1 for sample in samples]
         found.append(sum(bit << place for place, bit in enumerate(read[:8])))
-        # a missing stop bit: looks for the next start
+        # After a missing stop bit a UART looks for the next start bit.
         at = samples[-1] + (0.5 * ratio if read[8] else 1.0)
     return bytes(found)
 
 
-RUNAWAY_RPM = 70.0  # the nominal machine's set-point
-RUNAWAY_MM = 60.0  # wide open
+# The set-point of the nominal machine, r/min.
+RUNAWAY_RPM = 70.0
+# The gate of the nominal machine is fully open, mm.
+RUNAWAY_MM = 60.0
 
 
 class DriveRunaway(NamedTuple):
-    """Holds what the drives do by themselves; None: as commanded."""
+    """Holds the movement of the drives without a command; None means that the drive follows its
+    command."""
 
     shaft_rpm: float | None = None
     opening_mm: float | None = None
 
 
 class VirtualRunaway(MachineExtra):
-    """Overrides shaft and gate while `at` demands it; it is called with the time since `start_s`
-    of every step."""
+    """Overrides shaft and gate while `at` returns a runaway; `at` is called at every step with the
+    time since `start_s`, s."""
 
     def __init__(self, at: Callable[[float], DriveRunaway], start_s: float) -> None:
         self._at = at
@@ -128,6 +140,7 @@ class VirtualRunaway(MachineExtra):
     def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
+        """Returns the command with the drives that run away."""
         now = self._at(begin_s - self._start_s)
         if now.opening_mm is not None:
             command = command._replace(opening_mm=now.opening_mm)
@@ -146,7 +159,8 @@ FAULT_KINDS: dict[str, PortFaults] = {
     "bit_flips": PortFaults(bit_flip_share=0.3),
     "wrong_baud": PortFaults(wrong_baud=True),
 }
-DRIVE_FAULTS: dict[str, DriveRunaway] = {  # of the board's drives, not of its line
+# Faults of the board's drives instead of its line.
+DRIVE_FAULTS: dict[str, DriveRunaway] = {
     "shaft_turns": DriveRunaway(shaft_rpm=RUNAWAY_RPM),
     "gate_opens": DriveRunaway(opening_mm=RUNAWAY_MM),
 }
@@ -156,14 +170,17 @@ _GRAMMAR = re.compile(
 
 
 class TimedFault(NamedTuple):
+    """Holds one entry of the time line."""
+
     kind: str
-    device: str  # a device's name, or `heads` for all heads
+    # The name of a device, or `heads` for all heads.
+    device: str
     begin_s: float
     end_s: float = math.inf
 
 
 def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
-    """Reads one `--fault`. Raises ValueError with one plain line."""
+    """Returns the fault that one `--fault` describes. Raises ValueError with one plain line."""
     match = _GRAMMAR.fullmatch(text.strip())
     if match is None:
         raise ValueError(
@@ -194,7 +211,8 @@ def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
 
 
 def find_faults(timeline: Iterable[TimedFault], device: str, at_s: float) -> PortFaults:
-    """Returns the faults of one device's line at `at_s`; of faults of one kind the worst counts."""
+    """Returns the faults of one device's line at `at_s`; of several faults of one kind the worst
+    counts."""
     found = PortFaults()
     for fault in timeline:
         names = (device, "heads" if _is_head_name(device) else device)
@@ -212,7 +230,7 @@ def find_faults(timeline: Iterable[TimedFault], device: str, at_s: float) -> Por
 
 
 def find_runaway(timeline: Iterable[TimedFault], at_s: float) -> DriveRunaway:
-    """Returns what the board's drives do by themselves at `at_s`."""
+    """Returns the movement of the board's drives without a command at `at_s`."""
     found = DriveRunaway()
     for fault in timeline:
         if fault.kind in DRIVE_FAULTS and fault.begin_s <= at_s < fault.end_s:
@@ -231,8 +249,8 @@ def _is_head_name(device: str) -> bool:
 
 
 class ServedLine:
-    """Serves one device's byte line on all its ends: its bytes go, spoilt, to each end, and the
-    bytes of any end are read."""
+    """Serves one device's byte line on all its ends: the device's bytes go to each end with the
+    faults of the line, and bytes from any end are read."""
 
     def __init__(self, ends: Sequence[Port], clock: Clock, seed: int) -> None:
         self._ends = tuple(ends)
@@ -245,6 +263,7 @@ class ServedLine:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Addresses of all ends of the line."""
         return tuple(end.name for end in self._ends)
 
     def set_faults(self, faults: PortFaults) -> None:
@@ -255,7 +274,7 @@ class ServedLine:
         self._spoiler.faults = faults
 
     def plug(self, plugged: bool) -> None:
-        """Plugs or unplugs the line."""
+        """Plugs the line in or unplugs it."""
         for end in self._ends:
             end.plug(plugged)
 
@@ -265,7 +284,7 @@ class ServedLine:
         return b"".join(end.read() for end in self._ends)
 
     def write(self, data: bytes) -> None:
-        """Sends bytes, through the faults of the line."""
+        """Sends bytes with the faults of the line."""
         self._spoiler.put_bytes(data)
         self.send_due()
 
@@ -277,7 +296,7 @@ class ServedLine:
                 end.write(due)
 
     def state(self) -> PortState:
-        """Returns whether the line is there, and its traffic."""
+        """Returns whether the line is connected, and its traffic."""
         states = [end.state() for end in self._ends]
         return next((state for state in states if state.connected), states[0])
 

@@ -1,5 +1,6 @@
-"""How does the virtual machine imitate gpsd? It greets each client, answers its questions, and
-reports to those that watch."""
+"""How does the virtual machine imitate gpsd? The server greets each client, answers its questions,
+and reports to clients that watch.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +18,17 @@ from topdress.drivers.virtual.faults import LineSpoiler, PortFaults, ServedLine
 
 VERSION_REPORT = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
 DEVICE_PATH = "/dev/virtual"
-STATUS_OF_QUALITY = {2: 2, 4: 3, 5: 4}  # GGA's quality in gpsd's status
+# Status of gpsd for each fix quality of GGA (gpsd_json(5), TPV).
+STATUS_OF_QUALITY = {2: 2, 4: 3, 5: 4}
+# Longest command of a client, bytes; a client that sends more without a line end is dropped.
 MAX_QUESTION_BYTES = 4096
 MAX_CLIENTS = 16
-MAX_UNSENT_BYTES = 262_144  # bytes; a client that reads no more is let go
+# Unsent bytes after which a client that no longer reads is disconnected.
+MAX_UNSENT_BYTES = 262_144
 
 
 class ClientLine(Protocol):
-    """One client's connection, as the virtual gpsd needs it."""
+    """Defines one client's connection, as the virtual gpsd uses it."""
 
     def read(self) -> bytes: ...
 
@@ -34,16 +38,19 @@ class ClientLine(Protocol):
 
 
 class ClientList(Protocol):
+    """Defines a server with several clients."""
+
     def clients(self) -> Sequence[ClientLine]:
-        """Who is connected now."""
+        """Returns the clients that are connected now."""
         ...
 
 
 class VirtualGpsd(MachineExtra):
-    """Serves several clients, each with its own watch. Known are ?VERSION, ?DEVICES, ?WATCH,
-    ?POLL; all else is an ERROR.
+    """Serves several clients, each with its own watch. The commands ?VERSION, ?DEVICES, ?WATCH and
+    ?POLL are answered; all others get an ERROR.
 
-    line : the one client there can be, or all of those that there are."""
+    `line` is the connection of the only client, or a server with all clients.
+    """
 
     def __init__(self, line: Port | ClientList) -> None:
         self._line = line
@@ -52,6 +59,7 @@ class VirtualGpsd(MachineExtra):
     def alter_command(
         self, begin_s: float, command: DriveCommand, enabled: bool
     ) -> tuple[DriveCommand, bool]:
+        """Answers the commands that have arrived; the drives' command is unchanged."""
         lines: Sequence[ClientLine] = (
             self._line.clients() if hasattr(self._line, "clients") else (self._line,)
         )
@@ -64,13 +72,14 @@ class VirtualGpsd(MachineExtra):
         return command, enabled
 
     def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
+        """Reports a new fix to every client that watches."""
         if sensed.gnss is not None:
             for session in self._sessions.values():
                 session.report_fix(sensed.gnss)
 
 
 class _ClientSession:
-    """Serves one client: its questions, and whether it watches."""
+    """Serves one client: its commands and its watch."""
 
     def __init__(self, line: ClientLine) -> None:
         self._line = line
@@ -81,7 +90,7 @@ class _ClientSession:
         self._fix: dict[str, object] | None = None
 
     def take_questions(self) -> None:
-        """Answers what the client has asked."""
+        """Answers the commands that the client has sent."""
         state = self._line.state()
         if state.connected and state.connects != self._connects:
             self._connects, self._watched, self._rest = state.connects, False, b""
@@ -140,7 +149,8 @@ class _ClientSession:
             self._send_object({"class": "ERROR", "message": f"Unrecognized request '{name}'"})
 
     def _set_watch(self, given: str, devices: dict[str, object]) -> None:
-        """Sets the watch; without a value it reports its state, as gpsd does."""
+        """Sets the watch; a command without a value reports the state of the watch, as
+        gpsd does."""
         if given:
             try:
                 wanted = json.loads(given)
@@ -165,8 +175,9 @@ class GpsdServer:
     """Listens on a TCP port for several clients at once; each has its own line with the given
     faults.
 
-    Called from one thread; nothing blocks. Raises OSError where the address cannot be listened
-    on."""
+    One thread calls the server and no call blocks. Raises OSError where the server cannot listen on
+    the address.
+    """
 
     def __init__(
         self, host: str, number: int, clock: Clock, seed: int, terminal: Port | None = None
@@ -182,14 +193,16 @@ class GpsdServer:
 
     @property
     def name(self) -> str:
+        """Address at which the server listens."""
         return f"socket://{self._host}:{self.number}"
 
     @property
     def names(self) -> tuple[str, ...]:
+        """The address, as the only end of the line."""
         return (self.name,) if self._fixed is None else (self.name, *self._fixed.names)
 
     def clients(self) -> Sequence[ClientLine]:
-        """Clients that are connected now."""
+        """Returns the clients that are connected now."""
         self.send_due()
         return (*self._clients, *(() if self._fixed is None else (self._fixed,)))
 
@@ -204,7 +217,7 @@ class GpsdServer:
             self._fixed.set_faults(faults)
 
     def send_due(self) -> None:
-        """Accepts waiting clients, sends due bytes, and drops clients that have gone."""
+        """Accepts waiting clients, sends due bytes, and drops clients that have disconnected."""
         if self._server is None and not self._faults.unplugged:
             with contextlib.suppress(OSError):
                 self._server = _open_listener(self._host, self.number)
@@ -216,6 +229,7 @@ class GpsdServer:
             self._fixed.send_due()
 
     def state(self) -> PortState:
+        """Returns whether a client is connected, and the traffic of all clients."""
         said = UNPLUGGED if self._faults.unplugged else "" if self._clients else "no client yet"
         return PortState(bool(self._clients), self._connects, said, 0, 0, 0, 0, None, b"")
 
@@ -229,10 +243,11 @@ class GpsdServer:
         while self._server is not None and len(self._clients) < MAX_CLIENTS:
             try:
                 connection, _ = self._server.accept()
-            except OSError:  # nobody waits
+            # No client waits for a connection.
+            except OSError:
                 return
             connection.setblocking(False)
-            # a report waits for no other
+            # A report must not wait for more bytes to fill a packet.
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._connects += 1
             self._clients.append(_GpsdClient(connection, self._clock, self._seed, self._connects))
@@ -248,7 +263,7 @@ class GpsdServer:
 
 
 class _GpsdClient:
-    """Holds one connection that never blocks."""
+    """Holds one connection, whose calls never block."""
 
     def __init__(self, connection: socket.socket, clock: Clock, seed: int, number: int) -> None:
         self.open = True
@@ -275,7 +290,7 @@ class _GpsdClient:
         self.send_due()
 
     def send_due(self) -> None:
-        """Sends due bytes as far as the client takes them."""
+        """Sends due bytes as far as the client accepts them."""
         self._unsent += b"".join(self._spoiler.take_due())
         if not self._unsent or not self.open:
             return

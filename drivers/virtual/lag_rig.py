@@ -1,5 +1,6 @@
-"""How does a virtual lag rig work? The board's own program, with the plant's shaft as encoder
-and its granules on the plate."""
+"""How does a virtual lag rig work? It runs the rig's own program, with the plant's shaft as encoder
+and the plant's granules on the plate.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +12,16 @@ from topdress.drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from topdress.drivers.ports import Port
 from topdress.drivers.virtual.extras import MachineExtra
 
-ROUNDS_PER_STEP = 10  # of the rig's program, a step of the plant
+# Rounds of the rig's program in one step of the plant.
+ROUNDS_PER_STEP = 10
+# Reading of the plate's sensor without a granule, in counts of the converter.
 RESTING_PLATE = 500
+# Rise of that reading by one granule, in counts of the converter.
 GRANULE_SIGNAL = 80
+# Flow below which no granule leaves the outlet, kg/s.
 MIN_FLOW_KG_S = 1e-4
-MIN_DROP_S = 1e-6  # a drop time of nothing
+# Lower limit of a drop time, s, which prevents a division by zero.
+MIN_DROP_S = 1e-6
 
 
 class _Pins(RigPins):
@@ -39,7 +45,7 @@ class _Pins(RigPins):
 
 
 class VirtualLagRig(MachineExtra):
-    """Adds a lag rig to the virtual machine. `truth` returns what the plant really did in the
+    """Adds a lag rig to the virtual machine. `truth` returns the real state of the plant after the
     newest step."""
 
     def __init__(self, port: Port, truth: Callable[[], Truth | None]) -> None:
@@ -47,14 +53,17 @@ class VirtualLagRig(MachineExtra):
         self._settings = RigSettings()
         self._program = RigProgram(self._pins, self._settings)
         self._truth = truth
-        # way that a granule has gone, its own pace, more time it takes
+        # For each granule: covered share of the way, its own pace (1/s), and its additional time,
+        # s.
         self._falling: list[list[float]] = []
-        self._landing: list[float] = []  # when granules land, plant time; a heap
+        # Landing times on the plant's clock, s, as a heap.
+        self._landing: list[float] = []
         self._rounds = 0
         self._last_s = 0.0
         self._rpm = 0.0
 
     def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
+        """Advances the granules and the rig's program by one step."""
         truth = self._truth()
         if truth is None:
             return
@@ -96,6 +105,8 @@ class VirtualLagRig(MachineExtra):
             pins.counts, pins.newest_us = counts, round(now_s * 1e6)
         landed = False
         while self._landing and self._landing[0] <= now_s:
+            # A small ripple replaces the noise of a real sensor, so that the rig's threshold is
+            # tested.
             heapq.heappop(self._landing)
             landed = True
         self._rounds += 1

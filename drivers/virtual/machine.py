@@ -1,5 +1,6 @@
-"""How is a plant reached through ports and bytes only, as real devices would write them? A fix
-as NMEA, a canopy sample as the heads' lines, the drives as status lines."""
+"""How is a plant reached through ports and bytes only? It writes a fix as NMEA, a canopy sample as
+the heads' lines, and the drives as status lines.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +18,20 @@ from topdress.drivers.virtual.board import VirtualBoard
 from topdress.drivers.virtual.extras import MachineExtra
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
-# where a fix carries no UTC of its own
+# The time of a simulated fix that carries no UTC.
 FIRST_UTC = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)
 
 
 def make_gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
-    """Returns one epoch as GGA, RMC and VTG. Positions to 1e-7 minutes (0.2 mm), speeds to 0.001
-    knots.
+    """Returns one epoch as GGA, RMC and VTG. Positions have a resolution of 1e-7 minutes (0.2 mm),
+    speeds of 0.001 knots.
 
-    Without `fix.utc` the time is `FIRST_UTC` plus `fix.time_s`. Quality 0: no position is
-    written, status V."""
+    Without `fix.utc` the time is `FIRST_UTC` plus `fix.time_s`. Quality 0 writes no position and
+    status V.
+    """
     at = datetime.fromisoformat(fix.utc) if fix.utc else FIRST_UTC + timedelta(seconds=fix.time_s)
-    at = (at + timedelta(microseconds=500)).astimezone(UTC)  # cut to milliseconds below
+    # Half a millisecond is added, because the time is cut to milliseconds below.
+    at = (at + timedelta(microseconds=500)).astimezone(UTC)
     clock = f"{at:%H%M%S}.{at.microsecond // 1000:03d}"
     valid = fix.fix_quality > 0
     place = (
@@ -58,7 +61,8 @@ def make_head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> 
     """Returns one sample of one head in the given layout; `head` adds the multiplexed line's
     `H<n>,`.
 
-    The second index repeats the NDVI; fields that the driver does not read are 0."""
+    The second index repeats the NDVI; fields that the driver does not read are 0.
+    """
     fields = ["0"] * layout.fields
     for number in (layout.index_2, layout.ndvi):
         if number:
@@ -68,8 +72,8 @@ def make_head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> 
 
 
 def _format_minutes(degrees: float, width: int, letters: str) -> str:
-    """Returns `4807.0380000,N`: whole degrees, then minutes, rounded together so that 60 minutes
-    never appear."""
+    """Returns an angle as `4807.0380000,N`: whole degrees, then minutes, rounded together so that
+    60 minutes never appear."""
     ten_millionths = round(abs(degrees) * 60e7)
     whole, minutes = divmod(ten_millionths, 600_000_000)
     return (
@@ -78,9 +82,9 @@ def _format_minutes(degrees: float, width: int, letters: str) -> str:
     )
 
 
-# where the gate stands at power-on, as the nominal machine has it
+# The opening of the gate at power-on on the nominal machine, mm.
 INITIAL_OPENING_MM = 25.0
-# After a longer pause (a suspended computer) the rest of it is left out, s.
+# Longest pause that is simulated afterwards, s; a longer pause (a suspended computer) is skipped.
 MAX_CATCH_UP_S = 5.0
 
 
@@ -89,15 +93,16 @@ class VirtualMachine:
 
     Parameters
     ----------
-    plant : stepped `plant.dt_s` at a time; its time 0 is `start_s`.
+    plant : stepped by `plant.dt_s`; its time 0 is `start_s`.
     gnss, board : the machine's ends of those two lines.
-    heads : one end a head, or one end for all of them where the line is multiplexed.
-    layout : how a head writes its line.
-    opening_mm : where the plant's gate stands at its start.
-    multiplexed : all heads on the one port in `heads`, each line preceded by its head.
-    start_s : on the same clock as `advance`.
-    extras : what else is plugged in; those that steer the drives have the last word, in their
-        order."""
+    heads : one end for each head, or one end for all heads where the line is multiplexed.
+    layout : the layout of a head's line.
+    opening_mm : opening of the plant's gate at the start, mm.
+    multiplexed : whether all heads use the one port in `heads`, each line preceded by its head.
+    start_s : start on the clock that `advance_to` uses, s.
+    extras : further devices; those that alter the command do so in their order, the last one
+    decides.
+    """
 
     def __init__(
         self,
@@ -124,8 +129,9 @@ class VirtualMachine:
     def advance_to(self, now_s: float) -> int:
         """Steps the plant up to `now_s` and returns the number of steps.
 
-        Commands that have arrived act from the first of these steps on; what the sensors say
-        after a step is on its line at once."""
+        Commands that have arrived act from the first of these steps on; the readings after a step
+        are on their line at once.
+        """
         behind_s = now_s - self._start_s - self._steps * self._plant.dt_s
         if behind_s > MAX_CATCH_UP_S:
             self._start_s += behind_s - MAX_CATCH_UP_S
@@ -142,6 +148,7 @@ class VirtualMachine:
 
     def _step_plant(self) -> None:
         begin_s = self._start_s + self._steps * self._plant.dt_s
+        # The order is that of a real machine: command, drives, motion, and only then new readings.
         self.board.feed_commands(self._board_port.read(), begin_s)
         command, enabled = self.board.find_set_points(begin_s)
         command = command._replace(dose=self.board.take_dose(begin_s))
@@ -185,19 +192,21 @@ def make_virtual_cab(
     index: Literal["ndvi", "ndre"] = "ndvi",
     extras: Sequence[MachineExtra] = (),
 ) -> tuple[Cab, VirtualMachine]:
-    """Returns a cab and the virtual machine that it is connected to by ports in memory.
+    """Returns a cab and the virtual machine that is connected to it by ports in memory.
 
-    The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
+    The caller calls `machine.advance_to(now_s)` before `cab.read_measurements(now_s)` at every
+    tick.
 
     Parameters
     ----------
-    heads : how many canopy heads the plant has.
-    protocol : how they write, one of `canopy_heads.PROTOCOLS`.
-    opening_mm : where the plant's gate stands at its start.
-    index : which of the heads' indices counts.
-    extras : what else is plugged in, as `VirtualMachine` has them.
-    board : drive limits and wheel, where they differ from the nominal machine's; its port name
-        is not used."""
+    heads : number of the plant's canopy heads.
+    protocol : protocol of the heads, one of `canopy_heads.PROTOCOLS`.
+    opening_mm : opening of the plant's gate at the start, mm.
+    index : the head's index that determines the rate.
+    extras : further devices, as for `VirtualMachine`.
+    board : drive limits and wheel, where they differ from the nominal machine; its port name is not
+    used.
+    """
     head_names = (
         ("memory:heads",) if multiplexed else tuple(f"memory:head_{n}" for n in range(1, heads + 1))
     )

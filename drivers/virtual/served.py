@@ -1,5 +1,6 @@
-"""How is the virtual machine served to other programs? TCP ports, pseudo-terminals and UDP, with
-faults on a time line."""
+"""How is the virtual machine served to other programs? It uses TCP ports, pseudo-terminals and UDP,
+with faults on a time line.
+"""
 
 from __future__ import annotations
 
@@ -41,15 +42,16 @@ from topdress.drivers.virtual.lag_rig import VirtualLagRig
 from topdress.drivers.virtual.machine import INITIAL_OPENING_MM, VirtualMachine
 
 
-# A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays.
-# POSIX systems only.
+# This class needs a POSIX system. It is the virtual machine's end of a serial line, under a name
+# that survives reconnections.
 class TerminalPort(ThreadedPort):
-    """Serves the device's end; a program opens the name `link` like a serial port. It is
-    connected while one has it open.
+    """Serves the device's end; a program opens the name `link` like a serial port. The port is
+    connected while a program has it open.
 
     Raises
     ------
-    OSError : the system has no pseudo-terminals, or the link cannot be made."""
+    OSError : the system has no pseudo-terminals, or the link cannot be made.
+    """
 
     def __init__(self, link: Path, clock: Clock) -> None:
         self._link = link
@@ -64,7 +66,7 @@ class TerminalPort(ThreadedPort):
         )
 
     def disconnect(self) -> None:
-        """Unplugs: the terminal and its name disappear, as when a USB plug is pulled."""
+        """Unplugs the line: the terminal and its name disappear, as when a USB plug is pulled."""
         if self._master >= 0:
             with contextlib.suppress(OSError):
                 os.close(self._master)
@@ -101,33 +103,36 @@ class TerminalPort(ThreadedPort):
 
 
 class _MasterStream:
-    """Reads until the program closes its end, which raises OSError; bytes that it does not take
-    in time are lost."""
+    """Reads until the program closes its end, which raises OSError. Bytes that the program does not
+    read in time are lost."""
 
     def __init__(self, master: int) -> None:
         self._master = master
 
     def read(self) -> bytes:
+        """Returns the bytes that the program has written."""
         if not select.select([self._master], [], [], READ_WAIT_S)[0]:
             return b""
         return os.read(self._master, 4096)
 
     def write(self, data: bytes) -> None:
+        """Sends bytes to the program."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
 
     def close(self) -> None:
-        """Keeps the terminal, which outlives the program that had it open."""
+        """Keeps the terminal open, because it outlives the program that used it."""
 
 
-# A port that waits for one TCP client at a time: the virtual machine's end of a `socket://` line.
+# This port is the virtual machine's end of a `socket://` line and accepts one TCP client at a time.
 class ListeningPort(ThreadedPort):
-    """Listens at once; connected while a client is there; the next client is accepted when the
-    one before has gone.
+    """Listens at once and is connected while a client is connected. The next client is accepted
+    after the present client has disconnected.
 
     Raises
     ------
-    OSError : the address cannot be listened on."""
+    OSError : the port cannot listen on the address.
+    """
 
     def __init__(self, host: str, number: int, clock: Clock) -> None:
         self._server: socket.socket | None = socket.create_server((host, number))
@@ -143,7 +148,7 @@ class ListeningPort(ThreadedPort):
         )
 
     def disconnect(self) -> None:
-        """Unplugs: nobody can connect."""
+        """Unplugs the line, so that no client can connect."""
         if self._server is not None:
             with contextlib.suppress(OSError):
                 self._server.close()
@@ -155,7 +160,7 @@ class ListeningPort(ThreadedPort):
         self.disconnect()
 
     def _accept_client(self) -> SocketStream:
-        """Accepts a client on the reader's thread, the only one that uses the listening socket
+        """Accepts a client on the reader's thread, the only thread that uses the listening socket
         while the port is open."""
         if self._server is None:
             self._server = socket.create_server(self._address)
@@ -167,28 +172,35 @@ class ListeningPort(ThreadedPort):
         return SocketStream(connection)
 
 
+# First of the TCP ports that `topdress serve-machine` opens by default.
 FIRST_PORT = 4100
-TRUE_PULSES_PER_TURN = 360.0  # of the virtual rate module's encoder
+# Pulses of the virtual rate module's encoder for one turn of the shaft.
+TRUE_PULSES_PER_TURN = 360.0
 
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """Defines what is served and where. `first_port` 0: any free ports. Rate module and
-    AgOpenGPS: (host, port), or None."""
+    """Defines which devices are served and at which addresses. `first_port` 0 means any free ports.
+    Rate module and AgOpenGPS are (host, port), or None if they are not served."""
 
     host: str = "127.0.0.1"
     first_port: int = FIRST_PORT
     heads: int = 6
     protocol: str = "greenseeker"
     opening_mm: float = INITIAL_OPENING_MM
-    terminals: Path | None = None  # folder for the pseudo-terminals' names
-    rate_module: tuple[str, int] | None = None  # where the virtual module listens ...
-    console: tuple[str, int] = ("127.0.0.1", 29999)  # ... and where it answers
-    agopengps: tuple[str, int] | None = None  # where positions are sent to
+    # The folder for the names of the pseudo-terminals; None means TCP ports.
+    terminals: Path | None = None
+    # The address at which the virtual module listens.
+    rate_module: tuple[str, int] | None = None
+    # The address to which the virtual module answers.
+    console: tuple[str, int] = ("127.0.0.1", 29999)
+    # The address to which positions are sent.
+    agopengps: tuple[str, int] | None = None
     faults: Sequence[TimedFault] = field(default=())
 
     @property
     def devices(self) -> tuple[str, ...]:
+        """Names of the devices that are served."""
         heads = tuple(f"head_{n}" for n in range(1, self.heads + 1))
         more = [
             name
@@ -198,18 +210,21 @@ class ServeOptions:
         return ("gnss", *heads, "board", "gpsd", "lag_rig", *more)
 
     def replace_faults(self, faults: Sequence[TimedFault]) -> ServeOptions:
+        """Returns the same options with other faults."""
         return replace(self, faults=faults)
 
 
 class ServedAddress(NamedTuple):
+    """Holds the address of one served device."""
+
     device: str
     protocol: str
     url: str
 
 
 class ServedDatagrams:
-    """Serves a datagram line with faults in the direction away from the device; unplugged, in
-    both."""
+    """Serves a datagram line. Its faults act on the direction away from the device; unplugged acts
+    on both."""
 
     def __init__(self, inner: Datagrams, clock: Clock, seed: int) -> None:
         self._inner = inner
@@ -217,20 +232,25 @@ class ServedDatagrams:
 
     @property
     def name(self) -> str:
+        """Address of the line."""
         return self._inner.name
 
     def set_faults(self, faults: PortFaults) -> None:
+        """Sets the faults of the line from now on."""
         self._spoiler.faults = faults
 
     def read_each(self) -> list[bytes]:
+        """Returns the datagrams that have arrived."""
         self.send_due()
         found = self._inner.read_each()
         return [] if self._spoiler.faults.unplugged else found
 
     def read(self) -> bytes:
+        """Returns the bytes of all datagrams that have arrived."""
         return b"".join(self.read_each())
 
     def write(self, data: bytes) -> None:
+        """Sends one datagram with the faults of the line."""
         self._spoiler.put_bytes(data)
         self.send_due()
 
@@ -240,21 +260,25 @@ class ServedDatagrams:
             self._inner.write(data)
 
     def state(self) -> PortState:
+        """Returns whether the line is connected, and its traffic."""
         return self._inner.state()
 
     def plug(self, plugged: bool) -> None:
+        """Plugs the line in or unplugs it."""
         self._inner.plug(plugged)
 
     def close(self) -> None:
+        """Closes the machine's end."""
         self._inner.close()
 
 
 class ServedMachine:
-    """Serves a plant with all its protocols. `advance` is called often.
+    """Serves a plant with all its protocols. `advance_plant` is called often.
 
     Raises
     ------
-    OSError : a port is taken, or there are no pseudo-terminals."""
+    OSError : a port is in use, or the system has no pseudo-terminals.
+    """
 
     def __init__(self, plant: Plant, serve: ServeOptions, clock: Clock) -> None:
         self._serve = serve
@@ -271,7 +295,7 @@ class ServedMachine:
 
     @property
     def addresses(self) -> tuple[ServedAddress, ...]:
-        """Returns where each device is reached."""
+        """Returns the address of each device."""
         protocols = {
             "gnss": "nmea0183",
             "board": "slave-board/1",
@@ -287,7 +311,8 @@ class ServedMachine:
         )
 
     def advance_plant(self) -> list[str]:
-        """Steps the plant to the present, and returns the changes of faults in words."""
+        """Steps the plant to the present, and returns descriptions of the faults that began or
+        ended."""
         now_s = self._clock()
         changes = []
         for device, line in self._lines.items():
