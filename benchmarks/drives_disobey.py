@@ -9,7 +9,7 @@ counted, what the log's events tell, and after how many seconds it was said.
 Then (alone: `scale`) what shaft and scale say of each other: faults of the scale, of the
 shaft's reading, an outlet. Printed: what the ground got of what was wanted, by the plant, and
 when which alarm was said. The operator acknowledges what holds the work, and starts again after
-`RETRY_S`. `healthy SEED HOURS`: how many alarms a sound machine has.
+`BIND_RETRY_S`. `healthy SEED HOURS`: how many alarms a sound machine has.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from topdress.control.simulation.closed_loop import simulate_run
 from topdress.control.simulation.compiled_steps import COMPILED_STEPS
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, DriveRunaway
+from topdress.drivers.virtual.faults import RUNAWAY_OPENING_MM, RUNAWAY_SHAFT_RPM, DriveRunaway
 from verdict import exit_code
 
 LASTS_S = 30.0
@@ -299,7 +299,7 @@ def scale() -> dict[str, object]:
         "ready": STATES["ready"],
         "held": STATES["held, later"],
     }.items():
-        found = lied_to(begin, DriveRunaway(shaft_rpm=RUNAWAY_RPM), "flow_unordered")
+        found = lied_to(begin, DriveRunaway(shaft_rpm=RUNAWAY_SHAFT_RPM), "flow_unordered")
         after = "never" if found.said_s is None else f"{found.said_s:.1f}"
         print(
             f"| {name} | {found.plant_kg:.2f} | {found.counted_kg:.2f} | "
@@ -372,7 +372,7 @@ def main() -> int:
         show(
             "shaft turns",
             name,
-            lied_to(begin, DriveRunaway(shaft_rpm=RUNAWAY_RPM), "shaft_turns"),
+            lied_to(begin, DriveRunaway(shaft_rpm=RUNAWAY_SHAFT_RPM), "shaft_turns"),
             SHAFT_SAID_S,
         )
     for name in (
@@ -385,7 +385,7 @@ def main() -> int:
         show(
             "gate opens",
             name,
-            lied_to(STATES[name], DriveRunaway(opening_mm=RUNAWAY_MM), "gate_opens"),
+            lied_to(STATES[name], DriveRunaway(opening_mm=RUNAWAY_OPENING_MM), "gate_opens"),
             GATE_SAID_S,
         )
     for name in ("off, from the start", "ready", "held, from the order on", "working, switch up"):

@@ -31,21 +31,21 @@ from topdress.drivers.devices import (
     rate_module_frames,
 )
 from topdress.drivers.devices.board_frames import CommandFrame, encode_command
-from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder, HeadFields
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.lines import Ignored, Rejected
 from topdress.drivers.devices.nmea import parse_sentence
 from topdress.drivers.devices.rate_module_frames import (
     FlowTarget,
-    Relays,
-    Status,
+    ModuleStatus,
+    RelayStates,
     encode_relays,
     encode_target,
 )
 from topdress.drivers.devices.rate_module_frames import encode_status as encode_module
 from topdress.drivers.devices.slave_board import SlaveBoard
 from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
-from topdress.drivers.devices.tractor_speed import make_sentence as plan_sentence
+from topdress.drivers.devices.tractor_speed import make_speed_sentence as plan_sentence
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
 from topdress.drivers.virtual.extras import make_agopengps_frames
@@ -169,7 +169,7 @@ def dose_report(chance: random.Random) -> bytes:
 
 def module_status(chance: random.Random) -> bytes:
     return encode_module(
-        Status(
+        ModuleStatus(
             chance.randrange(16),
             chance.randrange(16),
             chance.uniform(0, 100),
@@ -185,7 +185,7 @@ def module_status(chance: random.Random) -> bytes:
 def module_commands(chance: random.Random) -> bytes:
     if chance.random() < 0.3:
         return encode_relays(
-            Relays(chance.randrange(16), chance.randrange(16), chance.randrange(2))
+            RelayStates(chance.randrange(16), chance.randrange(16), chance.randrange(2))
         )
     return encode_target(
         FlowTarget(
@@ -255,7 +255,7 @@ FEW = 3  # of a short run
 
 
 def heads(name: str, multiplexed: bool) -> Subject:
-    layout = PROTOCOLS[name]
+    layout = FIELDS_OF_PROTOCOL[name]
     return Subject(
         lambda chance: head_frame(layout, multiplexed, chance),
         lambda data: head_said(layout, multiplexed, data),

@@ -29,16 +29,16 @@ from topdress.drivers.cab_line import DatagramLine, DeviceLine
 from topdress.drivers.datagrams import Datagrams, UdpPort, open_line
 from topdress.drivers.device_status import DeviceStatus
 from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
-from topdress.drivers.devices.board_frames import ASK_TURNED, ShaftTurned
+from topdress.drivers.devices.board_frames import TURNED_REQUEST, ShaftTurned
 from topdress.drivers.devices.canopy_heads import HeadDecoder
 from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.devices.gpsd import WATCH, GpsdDecoder
+from topdress.drivers.devices.gpsd import WATCH_COMMAND, GpsdDecoder
 from topdress.drivers.devices.lag_rig import LagRig, RigReadings
 from topdress.drivers.devices.lines import Counts
 from topdress.drivers.devices.point_dose import GivenDose
 from topdress.drivers.devices.rate_line import RateLineDecoder
 from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
-from topdress.drivers.devices.rate_module_frames import FULL_PWM
+from topdress.drivers.devices.rate_module_frames import MAX_PWM
 from topdress.drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
 from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
 from topdress.drivers.devices.wheel import WheelGeometry
@@ -173,18 +173,18 @@ class Cab:
         self._rate_applied: Reading | None = None
         self._rate_line: tuple[DeviceLine, RateLineDecoder] | None = None
         if config.rate_line is not None:
-            said = RateLineDecoder(config.rate_line.unit_kg_ha)
+            rate_decoder = RateLineDecoder(config.rate_line.unit_kg_ha)
             self._rate_line = (
                 _make_device_line(
                     "rate_line",
                     "rate-line/1",
                     config.rate_line.port,
                     config.rate_line.baud,
-                    said,
+                    rate_decoder,
                     clock,
                     opener,
                 ),
-                said,
+                rate_decoder,
             )
         self._listening = self._list_listeners()
 
@@ -253,7 +253,7 @@ class Cab:
         if self._drives[1].dose.is_ready:
             self._dose_waits = None
             self.give_dose(now_s, *dose)
-        elif now_s - since_s > DOSE_WAIT_S:
+        elif now_s - since_s > MAX_DOSE_WAIT_S:
             self._dose_waits = None
             self.dropped_doses += 1
 
@@ -278,7 +278,7 @@ class Cab:
         return board.dose.newest
 
     @property
-    def newest_dose(self) -> GivenDose | None:
+    def find_newest_dose(self) -> GivenDose | None:
         """Returns the newest dose with its state; None before the first dose."""
         return self._drives[1].dose.newest if self._drives else None
 
@@ -289,7 +289,7 @@ class Cab:
             return None
         line, board = self._drives
         if not self._record_only:
-            line.write_bytes(self._clock(), ASK_TURNED)
+            line.write_bytes(self._clock(), TURNED_REQUEST)
         return board.turned
 
     def send_rig_order(self, run: int, arm: bool) -> None:
@@ -368,13 +368,13 @@ class Cab:
 
     def _read_rate_line(self, line: DeviceLine, decoder: RateLineDecoder, now_s: float) -> None:
         data = line.read_bytes(now_s)
-        said = decoder.feed(data, now_s) if data else []
-        for one in said:
+        rates = decoder.feed(data, now_s) if data else []
+        for one in rates:
             if one.is_target:
                 self._rate_asked = Reading(one.rate_kg_ha, one.time_s)
             else:
                 self._rate_applied = Reading(one.rate_kg_ha, one.time_s)
-        line.note_accepted(one.time_s for one in said)
+        line.note_accepted(one.time_s for one in rates)
 
     def _read_tractor(self, line: DeviceLine, decoder: TractorSpeedDecoder, now_s: float) -> None:
         data = line.read_bytes(now_s)
@@ -408,13 +408,13 @@ class Cab:
             and since_s is not None
             and not board.enabled
             and not board.driver_fault
-            and board.time_s - since_s > ENABLE_ECHO_S
+            and board.time_s - since_s > ENABLE_ECHO_TIMEOUT_S
         )
 
     def _find_work_switch(self, now_s: float) -> bool | None:
         """Returns the newest state of the work switch; a fitted switch that falls silent is unknown
         (None)."""
-        if self._switch_fitted and now_s - self._work_switch_s > SWITCH_VALID_S:
+        if self._switch_fitted and now_s - self._work_switch_s > WORK_SWITCH_VALID_S:
             return None
         return self._work_switch
 
@@ -476,11 +476,11 @@ BOARD_READINGS = (
     "gate_effort",
 )
 # Time for which a state of the work switch is valid, s: ten status lines at 20 a second.
-SWITCH_VALID_S = 0.5
+WORK_SWITCH_VALID_S = 0.5
 # Time for which a dose waits for the board to finish the previous dose, s.
-DOSE_WAIT_S = 0.1
+MAX_DOSE_WAIT_S = 0.1
 # Time from the first enable 1 to a status line that confirms it, s.
-ENABLE_ECHO_S = 0.3
+ENABLE_ECHO_TIMEOUT_S = 0.3
 
 
 class _GnssSource:
@@ -502,7 +502,7 @@ class _GnssSource:
         self.line = _make_device_line(
             "gnss", config.protocol, config.port, config.baud, self._decoder, clock, opener
         )
-        self._hello = WATCH if config.protocol == "gpsd" else b""
+        self._hello = WATCH_COMMAND if config.protocol == "gpsd" else b""
         self._greeted = 0
 
     def read_fix(self, now_s: float) -> GnssFix | None:
@@ -570,7 +570,7 @@ class _RateModuleLine:
             if readings.shaft_rpm is not None:
                 found["shaft_rpm"] = readings.shaft_rpm
                 found["shaft_effort"] = Reading(
-                    100.0 * abs(readings.pwm) / FULL_PWM, readings.time_s
+                    100.0 * abs(readings.pwm) / MAX_PWM, readings.time_s
                 )
                 if self._fixed_opening_mm is not None:
                     found["opening_mm"] = Reading(self._fixed_opening_mm, readings.time_s)

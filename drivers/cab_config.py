@@ -8,13 +8,13 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 from topdress.control.frozen_model import FrozenModel
 from topdress.drivers.datagrams import is_loopback, parse_udp_address, validate_line_url
-from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields, find_head_fields
-from topdress.drivers.plugins import CALLABLE, find_entry_points, find_plugin
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadFields, find_head_fields
+from topdress.drivers.plugins import CALLABLE_TYPE, find_entry_points, find_plugin
 
 # Largest number of canopy heads on one boom.
 MAX_HEADS = 12
 # UDP ports on which rate modules listen and to which they answer.
-MODULE_PORT, CONSOLE_PORT = 28888, 29999
+DEFAULT_MODULE_PORT, DEFAULT_CONSOLE_PORT = 28888, 29999
 # Time without messages after which a rate module stops its own motor, s.
 MODULE_TIMEOUT_S = 4.0
 
@@ -25,20 +25,22 @@ ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "
 
 
 # Receiver protocols that are built in; plug-ins add others by name.
-RECEIVERS = ("nmea0183", "gpsd", "agopengps")
+RECEIVER_PROTOCOLS = ("nmea0183", "gpsd", "agopengps")
 
 
 def _validate_receiver(name: str) -> str:
-    found = None if name in RECEIVERS else find_plugin("devices", name)
-    if name not in RECEIVERS and (found is None or found.is_a != CALLABLE):
+    found = None if name in RECEIVER_PROTOCOLS else find_plugin("devices", name)
+    if name not in RECEIVER_PROTOCOLS and (found is None or found.is_a != CALLABLE_TYPE):
         raise ValueError(
             f"protocol {name!r}: allowed is one of "
-            f"{', '.join((*RECEIVERS, *find_entry_points('devices')))}"
+            f"{', '.join((*RECEIVER_PROTOCOLS, *find_entry_points('devices')))}"
         )
     return name
 
 
-Receiver = Annotated[str, AfterValidator(_validate_receiver), Field(examples=list(RECEIVERS))]
+Receiver = Annotated[
+    str, AfterValidator(_validate_receiver), Field(examples=list(RECEIVER_PROTOCOLS))
+]
 
 
 class GnssConfig(FrozenModel):
@@ -54,7 +56,7 @@ class GnssConfig(FrozenModel):
     baud: Baud = 115200
 
     @model_validator(mode="after")
-    def _reachable(self) -> Self:
+    def _check_address(self) -> Self:
         if (self.protocol == "agopengps") != self.port.startswith("udp://"):
             wanted = (
                 "udp://127.0.0.1:17777"
@@ -80,7 +82,7 @@ class HeadLayout(FrozenModel):
     index_2: Annotated[int, Field(ge=0, le=40)] = 0
 
     @model_validator(mode="after")
-    def _inside_the_line(self) -> Self:
+    def _check_field_numbers(self) -> Self:
         if max(self.ndvi, self.index_2) > self.fields:
             raise ValueError(
                 f"ndvi {self.ndvi} and index_2 {self.index_2} must be at most fields {self.fields}"
@@ -105,10 +107,10 @@ class HeadsConfig(FrozenModel):
     index: Literal["ndvi", "ndre"] = "ndvi"
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _check_heads(self) -> Self:
         if find_head_fields(self.protocol) is None and self.layout is None:
             raise ValueError(
-                f"protocol {self.protocol!r}: allowed is one of {', '.join(PROTOCOLS)}, "
+                f"protocol {self.protocol!r}: allowed is one of {', '.join(FIELDS_OF_PROTOCOL)}, "
                 "or any name together with a layout"
             )
         if self.multiplexed and len(self.ports) != 1:
@@ -117,7 +119,7 @@ class HeadsConfig(FrozenModel):
             self.field_map.index_2_is != "ndre" if self.layout is None else self.layout.index_2 == 0
         ):
             able = ", ".join(
-                name for name, known in PROTOCOLS.items() if known.index_2_is == "ndre"
+                name for name, known in FIELDS_OF_PROTOCOL.items() if known.index_2_is == "ndre"
             )
             raise ValueError(
                 f"index ndre: heads of protocol {self.protocol} give NDVI: allowed with "
@@ -168,10 +170,10 @@ class RateModuleConfig(FrozenModel):
     """
 
     address: str | None = None
-    port: UdpPort = MODULE_PORT
+    port: UdpPort = DEFAULT_MODULE_PORT
     listen: str = "127.0.0.1"
     subnet: str | None = None
-    listen_port: UdpPort = CONSOLE_PORT
+    listen_port: UdpPort = DEFAULT_CONSOLE_PORT
     module: Annotated[int, Field(ge=0, le=15)] = 0
     sensor: Annotated[int, Field(ge=0, le=15)] = 0
     pulses_per_turn: Annotated[float, Field(ge=1, le=16777)]

@@ -15,9 +15,9 @@ from topdress.drivers.plugins import PluginFault
 from topdress.drivers.ports import Port
 
 # Window over which the message rate is counted, s; a device silent for longer has rate 0.
-RATE_SPAN_S = 2.0
+RATE_WINDOW_S = 2.0
 # Longest text of an error of a driver that the page Devices shows.
-MAX_ASIDE_CHARACTERS = 200
+MAX_FAULT_CHARACTERS = 200
 
 # "<" marks received bytes and ">" sent bytes, as in a capture file.
 Direction = Literal["<", ">"]
@@ -76,7 +76,7 @@ class DeviceLine:
         again. Sending continues, so that a drive can be stopped."""
         by_plugin = isinstance(error, PluginFault)
         why = str(error) if by_plugin else f"{type(error).__name__}: {error}"
-        self.aside = f"put aside: {why}"[:MAX_ASIDE_CHARACTERS]
+        self.aside = f"put aside: {why}"[:MAX_FAULT_CHARACTERS]
         self.blamed = f"{self.name} (plug-in {self._protocol})" if by_plugin else self.name
 
     def set_plugged(self, plugged: bool) -> None:
@@ -90,7 +90,7 @@ class DeviceLine:
         times_s = self._times_s
         age_s = now_s - times_s[-1] if times_s else None
         span_s = times_s[-1] - times_s[0] if times_s else 0.0
-        lively = age_s is not None and age_s < RATE_SPAN_S and span_s > 0.0
+        lively = age_s is not None and age_s < RATE_WINDOW_S and span_s > 0.0
         last = state.format_last_lines()
         return DeviceStatus(
             self.name,

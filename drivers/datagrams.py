@@ -24,16 +24,16 @@ from topdress.drivers.ports import (
 # Buffer for one datagram, bytes; every known message is shorter.
 MAX_DATAGRAM_BYTES = 2048
 # Largest number of datagrams that one read returns; in a flood older ones are dropped.
-MAX_WAITING = 64
+MAX_WAITING_DATAGRAMS = 64
 # Largest number of datagrams taken from the system in one read, other senders included; the system
 # may drop the rest.
-MAX_TAKEN = 512
-LOOPBACK = ipaddress.ip_network("127.0.0.0/8")
+MAX_TAKEN_DATAGRAMS = 512
+LOOPBACK_NETWORK = ipaddress.ip_network("127.0.0.0/8")
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 # Interval of attempts to bind a socket whose port another program uses, s.
-RETRY_S = 1.0
+BIND_RETRY_S = 1.0
 # UDP has no plug, so "connected" means that a datagram arrived within this time, s.
-SILENT_AFTER_S = 2.0
+CONNECTED_TIMEOUT_S = 2.0
 
 
 class Datagrams(Port, Protocol):
@@ -105,7 +105,7 @@ def is_loopback(host: str) -> bool:
 def _find_default_senders(host: str, to: tuple[str, int] | None) -> Network | None:
     """Returns the default senders. Raises ValueError where the destination is a host name."""
     if is_loopback(host):
-        return LOOPBACK
+        return LOOPBACK_NETWORK
     return None if to is None else ipaddress.ip_network(to[0])
 
 
@@ -127,7 +127,7 @@ class _TrafficCounters:
 
     def state(self, connects: int, last_error: str) -> PortState:
         """Returns the state of a port with this traffic."""
-        connected = self._last_s is not None and self._clock() - self._last_s < SILENT_AFTER_S
+        connected = self._last_s is not None and self._clock() - self._last_s < CONNECTED_TIMEOUT_S
         return PortState(
             connected,
             connects,
@@ -177,8 +177,8 @@ class UdpPort:
     def read_each(self) -> list[bytes]:
         """Returns the received datagrams."""
         self._bind_socket()
-        found: deque[bytes] = deque(maxlen=MAX_WAITING)
-        for _ in range(MAX_TAKEN):
+        found: deque[bytes] = deque(maxlen=MAX_WAITING_DATAGRAMS)
+        for _ in range(MAX_TAKEN_DATAGRAMS):
             if self._socket is None:
                 break
             try:
@@ -189,18 +189,18 @@ class UdpPort:
             except OSError as error:
                 self._last_error = str(error)
                 break
-            if not self._is_believed(sender[0]):
+            if not self._is_permitted(sender[0]):
                 self._traffic.dropped_in += len(data)
                 self._last_error = f"a datagram from {sender[0]} was refused"
                 continue
-            if len(found) == MAX_WAITING:
+            if len(found) == MAX_WAITING_DATAGRAMS:
                 self._traffic.dropped_in += len(found[0])
             found.append(data)
         for data in found:
             self._traffic.count_received(data)
         return list(found)
 
-    def _is_believed(self, host: str) -> bool:
+    def _is_permitted(self, host: str) -> bool:
         """Returns whether a sender is permitted. The answer for the newest sender is cached,
         because every datagram needs it."""
         if host != self._asked:
@@ -260,7 +260,7 @@ class UdpPort:
             or now_s < self._next_try_s
         ):
             return
-        self._next_try_s = now_s + RETRY_S
+        self._next_try_s = now_s + BIND_RETRY_S
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             made.setblocking(False)

@@ -9,7 +9,7 @@ import datetime as dt
 import time
 
 # A clock that was never set shows the same date.
-UNKNOWN_DATE = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
+DATE_OF_UNSET_CLOCK = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 # Exceptions of Python for a time that is no valid date.
 _DATE_ERRORS = (OverflowError, OSError, ValueError)
 _read_epoch_s = time.time
@@ -38,7 +38,7 @@ def read_local_now() -> dt.datetime:
     try:
         return dt.datetime.fromtimestamp(read_epoch_s())
     except _DATE_ERRORS:
-        return UNKNOWN_DATE.replace(tzinfo=None)
+        return DATE_OF_UNSET_CLOCK.replace(tzinfo=None)
 
 
 def read_today() -> dt.date:
@@ -59,7 +59,7 @@ def convert_to_utc(epoch_s: float) -> dt.datetime:
     try:
         return dt.datetime.fromtimestamp(epoch_s, dt.UTC)
     except _DATE_ERRORS:
-        return UNKNOWN_DATE
+        return DATE_OF_UNSET_CLOCK
 
 
 def format_file_time(changed_s: float) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 # Code points of the characters that are removed.
-STEERING_CODES = [
+CONTROL_CODES = [
     *(code for code in range(32) if chr(code) not in "\n\t"),
     *range(127, 160),
     0x061C,
@@ -24,19 +24,19 @@ STEERING_CODES = [
     *range(0x202A, 0x202F),
     *range(0x2066, 0x206A),
 ]
-_REMOVE_STEERING = dict.fromkeys(STEERING_CODES)
+_CONTROL_REMOVAL = dict.fromkeys(CONTROL_CODES)
 
 
-def remove_steering(text: str) -> str:
+def remove_control_characters(text: str) -> str:
     """Returns the text without characters that control a terminal. All other characters stay."""
-    return text if text.isprintable() else text.translate(_REMOVE_STEERING)
+    return text if text.isprintable() else text.translate(_CONTROL_REMOVAL)
 
 
 def join_lines(text: str) -> str:
     """Returns the text as one line, for a message that quotes a file with any content."""
     return " ".join(
         part
-        for part in map(str.strip, remove_steering(text.replace("\r", "\n")).splitlines())
+        for part in map(str.strip, remove_control_characters(text.replace("\r", "\n")).splitlines())
         if part
     )
 

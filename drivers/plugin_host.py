@@ -26,11 +26,11 @@ from queue import SimpleQueue
 from typing import Any, BinaryIO
 
 # Latin-1 maps each byte to one character, so JSON can hold any bytes.
-ENCODING = "latin-1"
+JSON_BYTES_ENCODING = "latin-1"
 # PR_SET_PDEATHSIG of prctl(2).
 _LINUX_PARENT_DEATH_SIGNAL = 1
 # Signal 9 cannot be caught by a hanging plug-in.
-_SIGKILL = 9
+_KILL_SIGNAL = 9
 
 
 class PluginHost:
@@ -44,7 +44,7 @@ class PluginHost:
             "load": self._load_plugin,
             "make": self._make_decoder,
             "feed": lambda asked: self._describe_fixes(
-                self._decoder.feed(asked["data"].encode(ENCODING), asked["time_s"])
+                self._decoder.feed(asked["data"].encode(JSON_BYTES_ENCODING), asked["time_s"])
             ),
             "flush": lambda asked: self._describe_fixes(self._decoder.flush(asked["time_s"])),
             "read": lambda asked: self._loaded(Path(asked["path"])),
@@ -120,7 +120,7 @@ def _end_with_parent() -> None:
         with suppress(OSError, AttributeError):
             import ctypes
 
-            ctypes.CDLL(None).prctl(_LINUX_PARENT_DEATH_SIGNAL, _SIGKILL)
+            ctypes.CDLL(None).prctl(_LINUX_PARENT_DEATH_SIGNAL, _KILL_SIGNAL)
 
 
 def _queue_requests(requests: BinaryIO, queue: SimpleQueue[bytes]) -> None:
@@ -130,7 +130,7 @@ def _queue_requests(requests: BinaryIO, queue: SimpleQueue[bytes]) -> None:
     os._exit(0)
 
 
-def main(group: str, name: str) -> None:
+def run_plugin_host(group: str, name: str) -> None:
     """Answers requests until the input ends."""
     requests, answers = _take_pipes()
     _end_with_parent()

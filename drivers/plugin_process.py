@@ -26,7 +26,7 @@ from typing import Any, get_args, get_type_hints
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.lines import Counts
 from topdress.drivers.plain_text import join_lines
-from topdress.drivers.plugin_host import ENCODING
+from topdress.drivers.plugin_host import JSON_BYTES_ENCODING
 from topdress.drivers.plugins import Group, Plugin, PluginFault
 
 # Time-out of loading, s; a large package needs some seconds to import on a small computer.
@@ -39,14 +39,14 @@ FORMAT_TIMEOUT_S = 60.0
 MAX_ANSWER_BYTES = 256 << 20
 # Largest number of bytes of a line that wait for the plug-in: five seconds at 115,200 baud.
 MAX_WAITING_BYTES = 64 << 10
-_UTC = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+Z", re.ASCII)
+_UTC_TIME = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+Z", re.ASCII)
 # Time within which a killed process must end, s.
-END_TIMEOUT_S = 1.0
+KILL_TIMEOUT_S = 1.0
 # Number of bytes of an answer in one read.
-PIECE_BYTES = 64 << 10
+READ_CHUNK_BYTES = 64 << 10
 # Largest length of a message about a plug-in, characters.
-MAX_WHY_CHARACTERS = 200
-_COMMAND = (
+MAX_REASON_CHARACTERS = 200
+_HOST_COMMAND = (
     *(sys.executable, "-P", "-c"),
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from topdress.drivers.plugin_host import main; main(*sys.argv[2:])",
@@ -66,7 +66,7 @@ class PluginProcess:
             # The pipes are unbuffered, because a thread cannot close a buffered pipe in which
             # another thread waits.
             self._process = subprocess.Popen(
-                [*_COMMAND, json.dumps(sys.path), f"topdress.{group}", name],
+                [*_HOST_COMMAND, json.dumps(sys.path), f"topdress.{group}", name],
                 bufsize=0,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -99,7 +99,7 @@ class PluginProcess:
         with suppress(OSError):
             self._kill_process()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(END_TIMEOUT_S)
+            self._process.wait(KILL_TIMEOUT_S)
         if self._asks.acquire(blocking=False):
             for pipe in (self._process.stdin, self._process.stdout):
                 if pipe is not None:
@@ -114,7 +114,7 @@ class PluginProcess:
         while rest:
             rest = rest[self._process.stdin.write(rest) or 0 :]
         pieces, count = list[bytes](), 0
-        while piece := os.read(self._process.stdout.fileno(), PIECE_BYTES):
+        while piece := os.read(self._process.stdout.fileno(), READ_CHUNK_BYTES):
             pieces.append(piece)
             count += len(piece)
             if count > MAX_ANSWER_BYTES:
@@ -145,7 +145,7 @@ class PluginProcess:
             self._process.kill()
 
     def _make_fault(self, why: str) -> PluginFault:
-        return PluginFault(self._group, self._name, join_lines(why)[:MAX_WHY_CHARACTERS])
+        return PluginFault(self._group, self._name, join_lines(why)[:MAX_REASON_CHARACTERS])
 
 
 def describe_plugin(group: Group, name: str) -> Plugin:
@@ -183,7 +183,9 @@ class PluginDecoder:
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Returns the fixes that these bytes complete. Raises PluginFault."""
         return self._read_fixes(
-            self._send_request(FEED_TIMEOUT_S, "feed", data=data.decode(ENCODING), time_s=time_s)
+            self._send_request(
+                FEED_TIMEOUT_S, "feed", data=data.decode(JSON_BYTES_ENCODING), time_s=time_s
+            )
         )
 
     def flush(self, time_s: float) -> list[GnssFix]:
@@ -214,7 +216,7 @@ class PluginDecoder:
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             self.close()
             why = join_lines(f"gives what is no list of GnssFix with counts: {error}")
-            raise PluginFault("devices", self._name, why[:MAX_WHY_CHARACTERS]) from None
+            raise PluginFault("devices", self._name, why[:MAX_REASON_CHARACTERS]) from None
 
 
 class PluginReceiver:
@@ -326,7 +328,7 @@ def _read_fix(values: Any) -> GnssFix:
     fix = GnssFix(*read)
     if not isfinite(fix.time_s):
         raise ValueError(f"time_s {fix.time_s}")
-    if fix.utc is not None and not _UTC.fullmatch(fix.utc):
+    if fix.utc is not None and not _UTC_TIME.fullmatch(fix.utc):
         raise ValueError(f"utc {fix.utc}")
     if fix.utc is not None:
         datetime.fromisoformat(fix.utc)

@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple
 
 Group = Literal["devices", "formats", "effects"]
 # Type of a plug-in that is a function or class instead of a value.
-CALLABLE = "callable"
+CALLABLE_TYPE = "callable"
 
 
 class EffectPlugin(NamedTuple):

@@ -26,12 +26,12 @@ Clock = Callable[[], float]
 
 # Largest number of received bytes that wait for a read, 1.4 s at 115 200 Bd. It limits the duration
 # of a tick's read in a flood; older bytes are dropped and counted.
-MAX_BUFFERED_BYTES = 16384
+MAX_RECEIVED_BYTES = 16384
 # Largest number of writes that wait for sending. The oldest is dropped and counted, because only
 # the newest command matters.
 MAX_QUEUED_WRITES = 64
 # Interval at which a reader thread checks its stop flag, s.
-READ_WAIT_S = 0.05
+READ_TIMEOUT_S = 0.05
 # Time after which a write counts as failed, s; a board stops after 1 s without a command.
 WRITE_TIMEOUT_S = 0.5
 # Time after which a connection attempt counts as failed, s.
@@ -40,7 +40,7 @@ CONNECT_TIMEOUT_S = 3.0
 FIRST_BACK_OFF_S = 0.25
 MAX_BACK_OFF_S = 2.0
 # Kinds of URLs (docs/devices.md); `drivers.datagrams` adds udp.
-SCHEMES = ("socket", "rfc2217")
+URL_SCHEMES = ("socket", "rfc2217")
 UNPLUGGED = "unplugged"
 # Number of newest bytes that are kept to show the last raw lines.
 RAW_TAIL_BYTES = 512
@@ -101,7 +101,7 @@ class Stream(Protocol):
     line is lost."""
 
     def read(self) -> bytes:
-        """Waits at most `READ_WAIT_S` for the first byte, then returns the available bytes."""
+        """Waits at most `READ_TIMEOUT_S` for the first byte, then returns the available bytes."""
         ...
 
     def write(self, data: bytes) -> None: ...
@@ -138,7 +138,7 @@ class _Inbox:
         now_s = self._clock()
         with self._lock:
             self._pending += data
-            surplus = len(self._pending) - MAX_BUFFERED_BYTES
+            surplus = len(self._pending) - MAX_RECEIVED_BYTES
             if surplus > 0:
                 del self._pending[:surplus]
                 self._dropped_in += surplus
@@ -197,7 +197,7 @@ class MemoryPort:
 
     def write(self, data: bytes) -> None:
         """Sends bytes to the other end."""
-        if self._connected and self._other is not None:
+        if self._is_connected and self._other is not None:
             self._other._inbox.put_bytes(data)
             self._inbox.out += len(data)
         else:
@@ -206,9 +206,9 @@ class MemoryPort:
     def state(self) -> PortState:
         """Returns whether the line is connected, and its traffic."""
         return self._inbox.state(
-            self._connected,
+            self._is_connected,
             self._connects,
-            "" if self._connected else "closed" if self._plugged else UNPLUGGED,
+            "" if self._is_connected else "closed" if self._plugged else UNPLUGGED,
         )
 
     def plug(self, plugged: bool) -> None:
@@ -221,7 +221,7 @@ class MemoryPort:
         self._open = False
 
     @property
-    def _connected(self) -> bool:
+    def _is_connected(self) -> bool:
         other = self._other
         return self._open and self._plugged and other is not None and other._open and other._plugged
 
@@ -243,12 +243,12 @@ class SerialStream:
         self._serial: serial.Serial | serial.rfc2217.Serial
         # RFC 2217 does not support a time-out of writes.
         if parse_scheme(url) == "rfc2217":
-            self._serial = serial.rfc2217.Serial(url, baudrate=baud, timeout=READ_WAIT_S)
+            self._serial = serial.rfc2217.Serial(url, baudrate=baud, timeout=READ_TIMEOUT_S)
         else:
             self._serial = serial.Serial(
                 url,
                 baudrate=baud,
-                timeout=READ_WAIT_S,
+                timeout=READ_TIMEOUT_S,
                 write_timeout=WRITE_TIMEOUT_S,
                 exclusive=True,
             )
@@ -281,7 +281,7 @@ class SocketStream:
 
     def read(self) -> bytes:
         """Returns the received bytes. Raises OSError where the connection has ended."""
-        if not select.select([self._socket], [], [], READ_WAIT_S)[0]:
+        if not select.select([self._socket], [], [], READ_TIMEOUT_S)[0]:
             return b""
         data = self._socket.recv(4096)
         if not data:
@@ -502,7 +502,7 @@ def parse_scheme(url: str) -> str:
     scheme, found, _ = url.partition("://")
     if not found:
         return ""
-    if scheme not in SCHEMES:
+    if scheme not in URL_SCHEMES:
         raise ValueError(
             f"port {url}: allowed is a serial device (/dev/ttyUSB0, COM3), socket://HOST:PORT, "
             "rfc2217://HOST:PORT or udp://HOST:PORT"

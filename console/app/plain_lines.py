@@ -7,7 +7,7 @@ from __future__ import annotations
 from rich.segment import Segment
 from textual.color import Color
 from textual.filter import LineFilter
-from topdress.drivers.plain_text import remove_steering
+from topdress.drivers.plain_text import remove_control_characters
 
 
 class PlainLines(LineFilter):
@@ -20,6 +20,8 @@ class PlainLines(LineFilter):
         if all(segment.control or segment.text.isprintable() for segment in segments):
             return segments
         return [
-            segment if segment.control else Segment(remove_steering(segment.text), segment.style)
+            segment
+            if segment.control
+            else Segment(remove_control_characters(segment.text), segment.style)
             for segment in segments
         ]

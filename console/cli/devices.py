@@ -33,15 +33,17 @@ def list_devices(
 ) -> None:
     """List the ports and what speaks on them. Listens only: nothing is sent to any device."""
     from serial.tools.list_ports import comports
-    from topdress.drivers.cab_config import CONSOLE_PORT
-    from topdress.drivers.devices.probe import BAUDS
+    from topdress.drivers.cab_config import DEFAULT_CONSOLE_PORT
+    from topdress.drivers.devices.probe import PROBE_BAUD_RATES
 
     descriptions = {one.device: one.description or "" for one in sorted(comports())}
     urls = list(ports) if ports else list(descriptions)
     if not urls and not as_json:
         typer.echo("no serial port on this computer")
     if not ports and not no_probe:
-        descriptions[every := f"udp://0.0.0.0:{CONSOLE_PORT}"] = "rate modules on the network"
+        descriptions[every := f"udp://0.0.0.0:{DEFAULT_CONSOLE_PORT}"] = (
+            "rate modules on the network"
+        )
         urls.append(every)
     failed = False
     for url in urls:
@@ -52,7 +54,11 @@ def list_devices(
             if url.startswith("udp://")
             else _probe_port(
                 url,
-                [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS),
+                [baud]
+                if baud
+                else [115200]
+                if url.startswith("socket://")
+                else list(PROBE_BAUD_RATES),
                 seconds,
             )
         )
@@ -76,13 +82,13 @@ def _probe_port(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
     found = probe_port(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
     if not found.protocol:
         return (
-            f"{'nothing known speaks' if found.opened else 'cannot be opened'}: {found.said}",
+            f"{'nothing known speaks' if found.opened else 'cannot be opened'}: {found.detail}",
             found.opened,
         )
     rate = "" if url.startswith("socket://") else f" at {found.baud} Bd"
     said = (
         f"{found.protocol}{rate}: {found.accepted} understood, {found.rejected} rejected; "
-        f"last: {found.said}"
+        f"last: {found.detail}"
     )
     return said, True
 

@@ -24,11 +24,11 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
     """Measure `runs` runs and write `out`; interrupted, the measured runs stay there. Raises
     CommandError."""
     from topdress.drivers.cab import Cab, CabConfig
-    from topdress.drivers.devices.lag_run import DropTest, make_drop_table
+    from topdress.drivers.devices.lag_run import DropProcedure, make_drop_table
     from topdress.drivers.files.atomic import write_atomically
 
     cab = Cab(CabConfig.model_validate({"lag_rig": {"port": rig}}), time.monotonic)
-    test, started_s, phase, kept = DropTest(), time.monotonic(), "", 0
+    test, started_s, phase, kept = DropProcedure(), time.monotonic(), "", 0
     typer.echo("no board: this program turns nothing; only drop times are measured (Ctrl-C ends)")
     try:
         while len(test.runs) < runs:
@@ -41,8 +41,8 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
                 )
             wish = test.run_tick(now_s, cab.rig_readings)
             cab.send_rig_order(wish.run, wish.arm)
-            if wish.said:
-                typer.echo(f"failed: {wish.said}")
+            if wish.failure:
+                typer.echo(f"failed: {wish.failure}")
             if len(test.runs) > kept:
                 kept = len(test.runs)
                 write_atomically(out, make_drop_table(test.runs))

@@ -12,7 +12,7 @@ import textwrap
 from typing import Annotated, Any
 
 import typer
-from topdress.drivers.plain_text import STEERING_CODES, remove_steering
+from topdress.drivers.plain_text import CONTROL_CODES, remove_control_characters
 
 AsJson = Annotated[
     bool, typer.Option("--json", help="The answer as JSON, alone on standard output.")
@@ -22,7 +22,7 @@ LINE_START = "\r\x1b[K"  # our own lines of progress begin with it
 
 
 RED, BLUE, NO_MORE = "\x1b[31m", "\x1b[34m", "\x1b[0m"
-_STEERING_NUMBERS = {code: f"\\u{code:04x}" for code in STEERING_CODES}
+_STEERING_NUMBERS = {code: f"\\u{code:04x}" for code in CONTROL_CODES}
 CONTINUATION = "    "  # of what a line goes on with
 
 
@@ -31,7 +31,7 @@ class PlainText(io.TextIOWrapper):
     shown on one."""
 
     def write(self, text: str) -> int:
-        super().write(remove_steering(text))
+        super().write(remove_control_characters(text))
         return len(text)
 
 
@@ -48,7 +48,7 @@ class PlainOutput(io.TextIOWrapper):
 
     def write(self, text: str) -> int:
         own = LINE_START if text.startswith(LINE_START) else ""
-        said = remove_steering(text[len(own) :])
+        said = remove_control_characters(text[len(own) :])
         if own:
             self._progress_stands = bool(said) and not said.endswith("\n")
         elif text:

@@ -71,7 +71,7 @@ def serve_virtual_machine(
     virtual` connects to it."""
     from topdress.control.machine.fault_injection import parse_planted
     from topdress.control.simulation.assembly import add_simulated_field, make_plant
-    from topdress.drivers.cab_config import MODULE_PORT
+    from topdress.drivers.cab_config import DEFAULT_MODULE_PORT
     from topdress.drivers.files.setup import load_setup
     from topdress.drivers.virtual.faults import parse_fault
     from topdress.drivers.virtual.served import ServedMachine, ServeOptions
@@ -89,7 +89,7 @@ def serve_virtual_machine(
         heads=setup.machine.geometry.heads,
         opening_mm=setup.machine.set_points.opening_mm,
         terminals=pty,
-        rate_module=(host, MODULE_PORT) if rate_module else None,
+        rate_module=(host, DEFAULT_MODULE_PORT) if rate_module else None,
         agopengps=("127.0.0.1", 17777) if agopengps else None,
     )
     serve = plain.replace_faults([parse_fault(text, plain.devices) for text in fault or ()])

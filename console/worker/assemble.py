@@ -39,7 +39,7 @@ from topdress.drivers.cab import BoardConfig, Cab, CabConfig
 from topdress.drivers.cab_config import MODULE_TIMEOUT_S
 from topdress.drivers.cab_line import DeviceLine
 from topdress.drivers.device_status import DeviceStatus
-from topdress.drivers.devices.board_frames import HOST_TIMEOUT_S
+from topdress.drivers.devices.board_frames import BOARD_STOP_TIMEOUT_S
 from topdress.drivers.devices.lag_rig import RigReadings
 from topdress.drivers.files.config import ConfigError, Loaded
 from topdress.drivers.files.kinds import CAB, MACHINE
@@ -267,7 +267,7 @@ def _find_drive_stop_s(cab: Loaded[Any] | None) -> float | None:
     if cab is None:
         return None
     assert isinstance(cab.model, CabConfig)
-    return MODULE_TIMEOUT_S if cab.model.rate_module is not None else HOST_TIMEOUT_S
+    return MODULE_TIMEOUT_S if cab.model.rate_module is not None else BOARD_STOP_TIMEOUT_S
 
 
 def fix_gate_opening(machine: Machine, opening_mm: float) -> Machine:

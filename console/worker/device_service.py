@@ -187,13 +187,13 @@ class _LineTest:
         found = probe.recognise_either(self._heard)
         if not found.protocol and other_rates:
             found = self._probe_other_rates()
-        if not found.protocol and not found.said:
+        if not found.protocol and not found.detail:
             state = self._line.port.state()
             found = found._replace(
-                said=state.last_error or (state.format_last_lines() or ["silent"])[-1]
+                detail=state.last_error or (state.format_last_lines() or ["silent"])[-1]
             )
         self.result = DeviceTest(
-            False, found.protocol, found.baud, found.accepted, found.rejected, found.said
+            False, found.protocol, found.baud, found.accepted, found.rejected, found.detail
         )
 
     def _probe_other_rates(self) -> probe.ProbeFinding:
@@ -203,9 +203,9 @@ class _LineTest:
         try:
             return probe.probe_port(
                 lambda baud: self._opener(line.port.name, baud, time.monotonic),
-                [baud for baud in probe.BAUDS if baud != line.baud],
+                [baud for baud in probe.PROBE_BAUD_RATES if baud != line.baud],
             )
         except (OSError, ValueError) as error:
-            return probe.ProbeFinding(said=str(error))
+            return probe.ProbeFinding(detail=str(error))
         finally:
             line.port.plug(line.plugged)

@@ -14,7 +14,7 @@ from topdress.console.worker.parts import Bench
 from topdress.console.worker.side_files import SideFiles
 from topdress.control.loop import ControlLoop
 from topdress.control.orders import Answer, Do, Order, State
-from topdress.drivers.devices.lag_run import LagPlan, LagTest, make_bench_row, make_bench_table
+from topdress.drivers.devices.lag_run import LagPlan, LagProcedure, make_bench_row, make_bench_table
 
 
 class LagBench:
@@ -22,7 +22,7 @@ class LagBench:
 
     def __init__(self, bench: Bench, loop: ControlLoop, files: SideFiles) -> None:
         self._bench, self._loop, self._files = bench, loop, files
-        self._test: LagTest | None = None
+        self._test: LagProcedure | None = None
         self._table: Path | None = None
         self._written = 0
         self._said = ""
@@ -32,7 +32,7 @@ class LagBench:
         self._sent_rpm: float | None = None
 
     @property
-    def current_test(self) -> LagTest | None:
+    def current_test(self) -> LagProcedure | None:
         """Lag test in progress, or None."""
         return self._test
 
@@ -48,7 +48,7 @@ class LagBench:
         """
         if self._bench.rig_readings is None:
             return Answer(False, "no_lag_rig")
-        self._test, self._table, self._written, self._said = LagTest(plan), table, 0, ""
+        self._test, self._table, self._written, self._said = LagProcedure(plan), table, 0, ""
         if table is not None:
             self._files.queue_append(table, make_bench_table(()).encode())
         return Answer(True)
@@ -77,7 +77,7 @@ class LagBench:
             # A new calibration run starts without a command, so the next one must be sent again.
             self._sent_rpm = None
         wish = self._test.run_tick(now_s, self._bench.rig_readings, allowed)
-        self._phase, self._said = wish.phase, wish.said or self._said
+        self._phase, self._said = wish.phase, wish.failure or self._said
         self._bench.send_rig_order(wish.run, wish.arm)
         if allowed and wish.shaft_rpm != self._sent_rpm:
             answer = self._loop.handle_order(Order(Do.CALIBRATE_SHAFT, wish.shaft_rpm))
@@ -89,7 +89,7 @@ class LagBench:
         test = self._test
         if test is None:
             return None
-        shaft_rpm, replicate = test.present_run
+        shaft_rpm, replicate = test.find_present_run
         return LagTestView(
             self._phase,
             shaft_rpm,

@@ -12,7 +12,7 @@ SEQUENCE_MODULUS = 1 << 16
 # 20 a second.
 WORD_MODULUS = 1 << 32
 # A line may repeat at most this many of the newest frames without an alarm.
-REPEAT_WINDOW = 16
+MAX_REPEATED_FRAMES = 16
 
 
 def _make_crc_table() -> "array[int]":
@@ -26,14 +26,14 @@ def _make_crc_table() -> "array[int]":
     return table
 
 
-_CRC = _make_crc_table()
+_CRC_TABLE = _make_crc_table()
 
 
 def calc_crc16(data: bytes) -> int:
     """Returns the CRC-16/CCITT-FALSE, computed byte by byte."""
     crc = 0xFFFF
     for byte in data:
-        crc = ((crc << 8) & 0xFF00) ^ _CRC[(crc >> 8) ^ byte]
+        crc = ((crc << 8) & 0xFF00) ^ _CRC_TABLE[(crc >> 8) ^ byte]
     return crc
 
 
@@ -187,5 +187,5 @@ class NewestOrder:
         else:
             raise ValueError("old_order")
         if not newer:
-            raise ValueError("repeated_sequence" if behind < REPEAT_WINDOW else "old_order")
+            raise ValueError("repeated_sequence" if behind < MAX_REPEATED_FRAMES else "old_order")
         self.last = count

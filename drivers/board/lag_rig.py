@@ -14,15 +14,15 @@ from .framing import SEQUENCE_MODULUS, WORD_MODULUS, Receiver, parse_whole, seal
 from .motion import SpeedMeter
 
 # Interval of the status lines, microseconds.
-STATUS_US = 50000
+STATUS_INTERVAL_US = 50000
 # Shaft speed at which the response ends and the drop time begins, r/min (lag paper, 1.2).
-START_RPM = 2.0
+MIN_TURNING_RPM = 2.0
 # States of the rig in a status line.
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
 # Flags of a status line: the shaft turned, or the plate moved, before the run began.
 TURNED_BEFORE, PLATE_BEFORE = 1, 2
 # Weight of a sample in the running mean and noise of the plate.
-MEAN_SHARE = 1.0 / 64.0
+SAMPLE_WEIGHT = 1.0 / 64.0
 
 
 class RigSettings:
@@ -64,7 +64,7 @@ class RigProgram:
         self.receiver = Receiver()
         self.state = IDLE
         self._pins, self._settings = pins, settings
-        self._slow_us = 60e6 / (START_RPM * settings.counts_per_turn)
+        self._slow_us = 60e6 / (MIN_TURNING_RPM * settings.counts_per_turn)
         self._meter = SpeedMeter(settings.counts_per_turn, 100000)
         self._run = 0
         self._flags = 0
@@ -85,7 +85,7 @@ class RigProgram:
             except ValueError as kind:
                 self.receiver.reject(str(kind.args[0]))
         landed = self._has_plate_moved()
-        said = self.state
+        last_state = self.state
         if self.state == ARMED:
             if landed:
                 self._flags |= PLATE_BEFORE
@@ -93,8 +93,8 @@ class RigProgram:
                 self.state, self._start_us = TURNING, count_us
         elif self.state == TURNING and landed:
             self.state, self._land_us = LANDED, now_us
-        if self.state != said or now_us >= self._next_status_us:
-            self._next_status_us = now_us + STATUS_US
+        if self.state != last_state or now_us >= self._next_status_us:
+            self._next_status_us = now_us + STATUS_INTERVAL_US
             self._pins.write(self._make_status(now_us, counts))
 
     def _obey_order(self, fields: "list[bytes]", counts: int, now_us: int) -> None:
@@ -115,7 +115,7 @@ class RigProgram:
         elif self.state == IDLE or run != self._run:
             self.state, self._run, self._flags = ARMED, run, 0
             self._counts_armed = counts
-            if abs(self._meter.measure_rpm(now_us, counts)) >= START_RPM:
+            if abs(self._meter.measure_rpm(now_us, counts)) >= MIN_TURNING_RPM:
                 self._flags = TURNED_BEFORE
 
     def _has_plate_moved(self) -> bool:
@@ -126,8 +126,8 @@ class RigProgram:
         above = value - self._mean
         if above > max(self._settings.least_step, self._settings.noises * self._noise):
             return True
-        self._mean += MEAN_SHARE * above
-        self._noise += MEAN_SHARE * (abs(above) - self._noise)
+        self._mean += SAMPLE_WEIGHT * above
+        self._noise += SAMPLE_WEIGHT * (abs(above) - self._noise)
         return False
 
     def _make_status(self, now_us: int, counts: int) -> bytes:

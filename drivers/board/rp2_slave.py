@@ -19,10 +19,10 @@ ROUND_US = 1000
 # A connection to ground at power-on skips the program, so that `mpremote` can access the board.
 SERVICE_PIN = 22
 # Interval of inclination samples, microseconds.
-TILT_US = 50000
+TILT_INTERVAL_US = 50000
 # Weight of a reading in the running mean of the effort: some 10 ms, which removes the switching of
 # the driver.
-EFFORT_SHARE = 0.1
+EFFORT_SAMPLE_WEIGHT = 0.1
 # A divider of 100 kOhm and 10 kOhm reduces the supply voltage to the converter's range of 3.3 V.
 VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0
 
@@ -172,12 +172,12 @@ class Rp2Pins(Board, Pins):
 
     def poll_sensors(self, now_us: int) -> None:
         """Polls scale, inclination and current sensor; called every round."""
-        self._amps += EFFORT_SHARE * (
+        self._amps += EFFORT_SAMPLE_WEIGHT * (
             self._current.read_u16() * self._settings.amps_per_count - self._amps
         )
         if self._scale:
             self._scale.poll_conversion()
-        if self._tilt and now_us - self._tilt_us >= TILT_US:
+        if self._tilt and now_us - self._tilt_us >= TILT_INTERVAL_US:
             self._tilt.poll_sample((now_us - self._tilt_us) * 1e-6)
             self._tilt_us = now_us
 

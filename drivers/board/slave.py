@@ -40,15 +40,15 @@ from .framing import (
 from .motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
 
 # Silence of the host after which the drives stop, microseconds.
-SILENT_HOST_US = 1000000
+HOST_TIMEOUT_US = 1000000
 # Period of the shaft control, microseconds.
-CONTROL_US = 10000
+CONTROL_PERIOD_US = 10000
 # Interval of the status lines, microseconds.
-STATUS_US = 25000
+STATUS_INTERVAL_US = 25000
 # The report of a dose is repeated for this time, microseconds, because a line may lose it.
-REPORT_US = 300000
+REPORT_REPEAT_US = 300000
 # An old order is reported in the status for this time, microseconds.
-OLD_ORDER_US = 1000000
+OLD_ORDER_REPORT_US = 1000000
 # Steps beyond this length of a round are dropped, s, because in one burst they would stall the
 # motor.
 MAX_STEPPED_ROUND_S = 0.005
@@ -292,13 +292,13 @@ class SlaveProgram:
         if now_us >= self._next_control_us:
             self._control_shaft(enabled, now_us)
         if now_us >= self._next_status_us:
-            self._next_status_us = now_us + STATUS_US
+            self._next_status_us = now_us + STATUS_INTERVAL_US
             self.send_status(now_us, now_us)
 
     def take_orders(self, now_us: int) -> None:
         """Takes the host's orders: the newest is in force from here on, and `enabled` tells whether
         the drives are enabled."""
-        if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
+        if self._heard_us is not None and now_us - self._heard_us >= HOST_TIMEOUT_US:
             self._heartbeat_lost, self._armed, self._heard_us = True, False, None
             self._newest.renew_word()
         for fields in self.receiver.feed_bytes(self._pins.read()):
@@ -324,7 +324,7 @@ class SlaveProgram:
         if kind == "old_order":
             self._armed = False
             if self._newest.used or self._newest.word is None:
-                self._old_order_until_us = now_us + OLD_ORDER_US
+                self._old_order_until_us = now_us + OLD_ORDER_REPORT_US
 
     def _obey_order(self, fields: "list[bytes]", now_us: int) -> None:
         """Obeys an order. Raises ValueError with the kind of fault; nothing has changed then."""
@@ -400,14 +400,16 @@ class SlaveProgram:
                     self._dose, DOSE_DONE, self._doser.turned_deg, self._dose_begin_us, now_us
                 )
         elif self._stepped is not None and self.enabled:
-            steps = self._stepped.step_shaft(self._metered_rpm(), min(dt_s, MAX_STEPPED_ROUND_S))
+            steps = self._stepped.step_shaft(
+                self._find_metered_rpm(), min(dt_s, MAX_STEPPED_ROUND_S)
+            )
         else:
             return
         if steps:
             self._steps += steps
             self._pins.dose_steps(steps)
 
-    def _metered_rpm(self) -> float:
+    def _find_metered_rpm(self) -> float:
         """Returns the set-point of the shaft, r/min; 0 while the gate searches for its switch."""
         return self._wanted_rpm if self._gate.homed else 0.0
 
@@ -428,14 +430,14 @@ class SlaveProgram:
             pins.gate_steps(steps)
 
     def _control_shaft(self, enabled: bool, now_us: int) -> None:
-        self._next_control_us = now_us + CONTROL_US
+        self._next_control_us = now_us + CONTROL_PERIOD_US
         dt_s = 0.0 if self._control_us is None else (now_us - self._control_us) * 1e-6
         self._control_us = now_us
         self.shaft_rpm = self._meter.measure_rpm(
             now_us, self._pins.shaft_counts() if self._encoder else self._steps
         )
         if enabled and self._stepped is None:
-            self._pins.duty(self._shaft.update_duty(self._metered_rpm(), self.shaft_rpm, dt_s))
+            self._pins.duty(self._shaft.update_duty(self._find_metered_rpm(), self.shaft_rpm, dt_s))
         elif self._stepped is not None and self._encoder:
             self._stepped.compare_encoder(self.shaft_rpm, dt_s)
 
@@ -445,7 +447,7 @@ class SlaveProgram:
         self._report = (
             f"{dose},{state},{turned_deg:.3f},{begin_us % WORD_MODULUS},{end_us % WORD_MODULUS}"
         )
-        self._report_until_us = end_us + REPORT_US
+        self._report_until_us = end_us + REPORT_REPEAT_US
         self._pins.write(seal_frame(f"E1,{self._take_sequence()},{self._report}"))
 
     def _make_status(self, now_us: int, clock_us: int) -> bytes:

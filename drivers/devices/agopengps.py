@@ -17,14 +17,14 @@ from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
 from topdress.drivers.devices.nmea import MAX_SPEED_MPS
 
 # The three bytes with which every frame begins.
-HEAD = b"\x80\x81\x7f"
-POSITION, DRIVE = 0x64, 0xFE
+FRAME_HEADER = b"\x80\x81\x7f"
+POSITION_ID, SPEED_ID = 0x64, 0xFE
 # The shortest body that holds the fields read here; newer versions append fields.
-MIN_FRAME_BYTES = {POSITION: 24, DRIVE: 8}
+MIN_FRAME_BYTES = {POSITION_ID: 24, SPEED_ID: 8}
 # Age beyond which a speed is not combined with a position, s.
 SPEED_VALID_S = 1.0
 # Longitude, latitude and heading, degrees, as little-endian doubles.
-_PLACE = struct.Struct("<ddd")
+_POSITION_FIELDS = struct.Struct("<ddd")
 
 
 class AgOpenGpsDecoder(Decoder[GnssFix]):
@@ -51,7 +51,7 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         return [
             fix
             for frame in iter(self._find_next_frame, None)
-            for fix in self._counted(frame, time_s)
+            for fix in self._decode_and_count(frame, time_s)
         ]
 
     def flush(self, time_s: float) -> list[GnssFix]:
@@ -70,9 +70,9 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         three bytes.
         """
         while True:
-            start = self._rest.find(HEAD, self._at)
+            start = self._rest.find(FRAME_HEADER, self._at)
             if start < 0:
-                self._skip_to_place(max(self._at, len(self._rest) - len(HEAD) + 1))
+                self._skip_to_place(max(self._at, len(self._rest) - len(FRAME_HEADER) + 1))
                 break
             self._skip_to_place(start)
             if len(self._rest) < start + 5 or len(self._rest) < (
@@ -84,7 +84,7 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
                 self._at = end
                 return self._rest[start:end]
             self.counts.reject("bad_checksum")
-            self._at = start + len(HEAD)
+            self._at = start + len(FRAME_HEADER)
             # The bytes that follow were counted with the frame that had a wrong checksum.
             self._in_garbage = True
         self._rest, self._at = self._rest[self._at :], 0
@@ -96,20 +96,20 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
             self._in_garbage = True
         self._at = place
 
-    def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[GnssFix]:
         name, body = sentence[3], sentence[5:-1]
         if name not in MIN_FRAME_BYTES:
             raise Ignored(f"pgn_{name:02x}")
         if len(body) < MIN_FRAME_BYTES[name]:
             raise Rejected("wrong_length")
-        if name == DRIVE:
+        if name == SPEED_ID:
             # The frame holds tenths of km/h; 36 of them are 1 m/s.
             speed_mps = int.from_bytes(body[:2], "little") / 36.0
             if speed_mps > MAX_SPEED_MPS:
                 raise Rejected("impossible_value")
             self._speed_mps, self._speed_s = speed_mps, time_s
             return []
-        lon_deg, lat_deg, heading_deg = _PLACE.unpack_from(body)
+        lon_deg, lat_deg, heading_deg = _POSITION_FIELDS.unpack_from(body)
         fine = all(map(math.isfinite, (lon_deg, lat_deg, heading_deg))) and (
             abs(lat_deg) <= 90.0
             and abs(lon_deg) <= 180.0

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from topdress.drivers.board.framing import (
-    REPEAT_WINDOW,
+    MAX_REPEATED_FRAMES,
     SEQUENCE_MODULUS,
     WORD_MODULUS,
     parse_number,
@@ -22,30 +22,30 @@ from topdress.drivers.board.framing import (
 )
 from topdress.drivers.devices.lines import Rejected
 
-VERSION = 1
-COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
+PROTOCOL_VERSION = 1
+COMMAND_FRAME, STATUS_FRAME = f"T{PROTOCOL_VERSION}", f"S{PROTOCOL_VERSION}"
 # Status frame of a board whose section valves report their position by switches.
-STATUS_VALVES = "S2"
+STATUS_FRAME_VALVES = "S2"
 # Status frame with valves (empty without switches) and with the effort of shaft and gate.
-STATUS_EFFORT = "S3"
+STATUS_FRAME_EFFORT = "S3"
 # Command frame with the valves of the sections; a board without valves refuses it.
-COMMAND_VALVES = "T2"
+COMMAND_FRAME_VALVES = "T2"
 # Command frame with the board's word, so that a recorded frame cannot be replayed.
-COMMAND_WORD = "T3"
+COMMAND_FRAME_WORD = "T3"
 # The board's word, sent in answer to `ASK`.
-WORD = "W1"
-# The angle that the shaft has turned, sent in answer to `ASK_TURNED`.
-TURNED = "C1"
+WORD_FRAME = "W1"
+# The angle that the shaft has turned, sent in answer to `TURNED_REQUEST`.
+TURNED_FRAME = "C1"
 # Microseconds and pulses wrap at this number; words and command counts stay below it.
 COUNTER_MODULUS = WORD_MODULUS
 # The board stops its drives after this time without a command, s.
-HOST_TIMEOUT_S = 1.0
+BOARD_STOP_TIMEOUT_S = 1.0
 
 # A command frame has room for so many section valves.
-MAX_VALVES = 16
+MAX_SECTION_VALVES = 16
 # Ranges of the set-points, r/min and mm, beyond which the board refuses a command.
-COMMAND_SHAFT_RPM = (0.0, 300.0)
-COMMAND_OPENING_MM = (0.0, 100.0)
+SHAFT_SET_POINT_RANGE_RPM = (0.0, 300.0)
+OPENING_SET_POINT_RANGE_MM = (0.0, 100.0)
 STATUS_RANGES: dict[str, tuple[float, float]] = {
     "shaft_rpm": (-10.0, 400.0),
     "opening_mm": (-10.0, 110.0),
@@ -58,7 +58,7 @@ MEASURED_FIELDS = tuple(STATUS_RANGES)
 # The effort is in % of full duty, A or N m, as the machine file states.
 EFFORT_RANGE = (0.0, 1000.0)
 
-_CRC = re.compile(rb"[0-9A-Fa-f]{4}")
+_CRC_DIGITS = re.compile(rb"[0-9A-Fa-f]{4}")
 
 
 class CommandFrame(NamedTuple):
@@ -123,7 +123,7 @@ def calc_crc16(payload: bytes) -> int:
 def is_repeated_sequence(seq: int, last: int | None) -> bool:
     """Returns whether a sequence number repeats the last number or shortly precedes it, across the
     wrap at 65536."""
-    return last is not None and (last - seq) % SEQUENCE_MODULUS < REPEAT_WINDOW
+    return last is not None and (last - seq) % SEQUENCE_MODULUS < MAX_REPEATED_FRAMES
 
 
 def encode_valves(valves: Sequence[bool]) -> int:
@@ -134,7 +134,7 @@ def encode_valves(valves: Sequence[bool]) -> int:
 def decode_valves(mask: int) -> tuple[bool, ...]:
     """Returns all valves that a frame has room for, from left to right; valves that a machine lacks
     are closed."""
-    return tuple([bool(mask >> k & 1) for k in range(MAX_VALVES)])
+    return tuple([bool(mask >> k & 1) for k in range(MAX_SECTION_VALVES)])
 
 
 def encode_command(frame: CommandFrame) -> bytes:
@@ -145,41 +145,42 @@ def encode_command(frame: CommandFrame) -> bytes:
     ValueError : a set-point is not finite or outside of the range of the protocol.
     """
     for name, value, (low, high) in (
-        ("shaft_rpm", frame.shaft_rpm, COMMAND_SHAFT_RPM),
-        ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM),
+        ("shaft_rpm", frame.shaft_rpm, SHAFT_SET_POINT_RANGE_RPM),
+        ("opening_mm", frame.opening_mm, OPENING_SET_POINT_RANGE_MM),
     ):
         if not low <= value <= high:
             raise ValueError(f"board command: {name} {value}, allowed is {low:g} to {high:g}")
-    if frame.valves is not None and not 0 <= frame.valves < 1 << MAX_VALVES:
+    if frame.valves is not None and not 0 <= frame.valves < 1 << MAX_SECTION_VALVES:
         raise ValueError(
-            f"board command: valves {frame.valves}, allowed is 0 to {(1 << MAX_VALVES) - 1}"
+            f"board command: valves {frame.valves}, allowed is 0 to {(1 << MAX_SECTION_VALVES) - 1}"
         )
-    said = f"{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
+    set_points = f"{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
     valves = "" if frame.valves is None else f",{frame.valves}"
     if frame.word is not None:
-        return seal_frame(
-            f"{COMMAND_WORD},{frame.seq % COUNTER_MODULUS},{said}{valves or ','},{frame.word}"
-        )
-    return seal_frame(
-        f"{COMMAND_VALVES if valves else COMMAND},{frame.seq % SEQUENCE_MODULUS},{said}{valves}"
-    )
+        count = frame.seq % COUNTER_MODULUS
+        return seal_frame(f"{COMMAND_FRAME_WORD},{count},{set_points}{valves or ','},{frame.word}")
+    name = COMMAND_FRAME_VALVES if valves else COMMAND_FRAME
+    return seal_frame(f"{name},{frame.seq % SEQUENCE_MODULUS},{set_points}{valves}")
 
 
-ASK, ASK_TURNED = seal_frame("A1"), seal_frame("A2")
+WORD_REQUEST, TURNED_REQUEST = seal_frame("A1"), seal_frame("A2")
 
 
 def decode_word(frame: bytes) -> tuple[int, int]:
     """Returns sequence number and word. Raises ValueError with the kind of fault."""
-    fields = split_frame(frame, WORD, 2)
+    fields = split_frame(frame, WORD_FRAME, 2)
     return parse_whole(fields[0], SEQUENCE_MODULUS - 1), parse_whole(fields[1], COUNTER_MODULUS - 1)
 
 
 def decode_turned(frame: bytes) -> ShaftTurned:
     """Returns the turns of the shaft. Raises ValueError with the kind of fault."""
-    seq, *said = split_frame(frame, TURNED, 5)
+    seq, *set_points = split_frame(frame, TURNED_FRAME, 5)
     (counts, per_count), (steps, per_step) = (
-        (parse_whole(said[k], COUNTER_MODULUS - 1), parse_number(said[k + 1], 1.0, 100000.0))
-        if said[k]
+        (
+            parse_whole(set_points[k], COUNTER_MODULUS - 1),
+            parse_number(set_points[k + 1], 1.0, 100000.0),
+        )
+        if set_points[k]
         else (None, None)
         for k in (0, 2)
     )
@@ -190,9 +191,16 @@ def decode_status(frame: bytes) -> StatusFrame:
     """Returns the status of a frame as received, without `$` and line end. Raises ValueError with
     the kind of fault."""
     name = next(
-        (name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS
+        (
+            name
+            for name in (STATUS_FRAME_VALVES, STATUS_FRAME_EFFORT)
+            if frame.startswith(name.encode())
+        ),
+        STATUS_FRAME,
     )
-    fields = split_frame(frame, name, {STATUS: 13, STATUS_VALVES: 14, STATUS_EFFORT: 16}[name])
+    fields = split_frame(
+        frame, name, {STATUS_FRAME: 13, STATUS_FRAME_VALVES: 14, STATUS_FRAME_EFFORT: 16}[name]
+    )
     seq, echo = (parse_whole(text, SEQUENCE_MODULUS - 1) for text in fields[:2])
     micros, pulses, pulse_micros = (parse_whole(text, COUNTER_MODULUS - 1) for text in fields[2:5])
     shaft_rpm = parse_number(fields[5], *STATUS_RANGES["shaft_rpm"])
@@ -203,7 +211,7 @@ def decode_status(frame: bytes) -> StatusFrame:
     ]
     hopper_kg, supply_v, pitch_deg, roll_deg = fitted
     work_switch = bool(parse_whole(fields[11], 1)) if fields[11] else None
-    valved = name == STATUS_VALVES or (name == STATUS_EFFORT and fields[13] != b"")
+    valved = name == STATUS_FRAME_VALVES or (name == STATUS_FRAME_EFFORT and fields[13] != b"")
     return StatusFrame(
         seq,
         echo,
@@ -218,7 +226,7 @@ def decode_status(frame: bytes) -> StatusFrame:
         roll_deg,
         work_switch,
         parse_whole(fields[12], 255),
-        parse_whole(fields[13], (1 << MAX_VALVES) - 1) if valved else None,
+        parse_whole(fields[13], (1 << MAX_SECTION_VALVES) - 1) if valved else None,
         *(parse_number(text, *EFFORT_RANGE) if text else None for text in fields[14:]),
     )
 
@@ -230,7 +238,7 @@ def split_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
     crc = crc.strip()
     if not star or not crc:
         raise Rejected("missing_crc")
-    if not _CRC.fullmatch(crc) or int(crc, 16) != calc_crc16(payload):
+    if not _CRC_DIGITS.fullmatch(crc) or int(crc, 16) != calc_crc16(payload):
         raise Rejected("bad_crc")
     name, *fields = payload.split(b",")
     if name != kind.encode():

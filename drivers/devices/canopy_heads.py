@@ -15,12 +15,12 @@ from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.plugins import PluginFault, find_plugin
 
 # NDVI is a normalised difference and cannot leave -1 ... 1.
-LOWEST_NDVI = -1.0
-HIGHEST_NDVI = 1.0
+MIN_NDVI = -1.0
+MAX_NDVI = 1.0
 # Digits are limited so that no line of digits costs more than a short one.
 _NUMBER = re.compile(rb"[+-]?(\d{1,9}\.?\d{0,9}|\.\d{1,9})")
 _PRINTABLE = re.compile(rb"[ -~]*")
-_HEAD = re.compile(rb"H([1-9]\d?)")
+_HEAD_PREFIX = re.compile(rb"H([1-9]\d?)")
 
 
 class HeadFields(NamedTuple):
@@ -36,7 +36,7 @@ class HeadFields(NamedTuple):
     index_2_is: str = ""
 
 
-PROTOCOLS: dict[str, HeadFields] = {
+FIELDS_OF_PROTOCOL: dict[str, HeadFields] = {
     "greenseeker": HeadFields(fields=5, ndvi=3, index_2=4),
     "acs430": HeadFields(fields=5, ndvi=2, index_2=1, index_2_is="ndre"),
     "acs435": HeadFields(fields=8, ndvi=2, index_2=1, index_2_is="ndre"),
@@ -46,8 +46,8 @@ PROTOCOLS: dict[str, HeadFields] = {
 def find_head_fields(protocol: str) -> HeadFields | None:
     """Returns the fields of a built-in protocol or of a plug-in; None for an unknown name. Raises
     ValueError where a plug-in cannot be loaded."""
-    if protocol in PROTOCOLS:
-        return PROTOCOLS[protocol]
+    if protocol in FIELDS_OF_PROTOCOL:
+        return FIELDS_OF_PROTOCOL[protocol]
     found = find_plugin("devices", protocol)
     if found is None or found.is_a != HeadFields.__name__:
         return None
@@ -106,7 +106,7 @@ class HeadDecoder(LineDecoder[HeadSample]):
         self._heads = heads
         self._first = True
 
-    def _said(self, sentence: bytes, time_s: float) -> list[HeadSample]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[HeadSample]:
         first, self._first = self._first, False
         if sentence.startswith(b"#"):
             raise Ignored("comment")
@@ -121,7 +121,7 @@ class HeadDecoder(LineDecoder[HeadSample]):
         head = self._head
         if head is None:
             prefix, _, line = line.partition(b",")
-            match = _HEAD.fullmatch(prefix)
+            match = _HEAD_PREFIX.fullmatch(prefix)
             head = int(match[1]) if match else 0
             if not 1 <= head <= self._heads:
                 raise Rejected("unknown_head")
@@ -137,6 +137,6 @@ class HeadDecoder(LineDecoder[HeadSample]):
                 raise Rejected("not_a_number")
             values.append(float(text))
         ndvi, index_2 = values
-        if not LOWEST_NDVI <= ndvi <= HIGHEST_NDVI or abs(index_2) > 100.0:
+        if not MIN_NDVI <= ndvi <= MAX_NDVI or abs(index_2) > 100.0:
             raise Rejected("out_of_range")
         return HeadSample(time_s, head, ndvi, index_2 if self._map.index_2 else None)

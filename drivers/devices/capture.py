@@ -15,16 +15,16 @@ from __future__ import annotations
 
 import re
 
-HEADER = b"# topdress-capture/1"
-_ESCAPED = {13: "\\r", 10: "\\n", 92: "\\\\"}
-_BACK = {b"\\r": b"\r", b"\\n": b"\n", b"\\\\": b"\\"}
+CAPTURE_HEADER = b"# topdress-capture/1"
+_ESCAPE_OF_BYTE = {13: "\\r", 10: "\\n", 92: "\\\\"}
+_BYTE_OF_ESCAPE = {b"\\r": b"\r", b"\\n": b"\n", b"\\\\": b"\\"}
 _ESCAPE = re.compile(rb"\\(?:x[0-9a-f]{2}|[rn\\])")
-_LINE = re.compile(rb"-?[0-9]+\.[0-9]{3} ([<>]) (.*)")
+_CAPTURE_LINE = re.compile(rb"-?[0-9]+\.[0-9]{3} ([<>]) (.*)")
 
 
 def make_capture_header(name: str, protocol: str, port: str) -> bytes:
     """Returns the first line of a capture."""
-    return HEADER + f" {name} {protocol} {port}\n".encode("ascii", "backslashreplace")
+    return CAPTURE_HEADER + f" {name} {protocol} {port}\n".encode("ascii", "backslashreplace")
 
 
 def make_capture_lines(time_s: float, direction: str, data: bytes) -> bytes:
@@ -37,7 +37,7 @@ def make_capture_lines(time_s: float, direction: str, data: bytes) -> bytes:
 
 def is_capture(data: bytes) -> bool:
     """Returns whether `data` begins with the first line of a capture."""
-    return data.startswith(HEADER)
+    return data.startswith(CAPTURE_HEADER)
 
 
 def extract_received(capture: bytes) -> bytes:
@@ -51,7 +51,7 @@ def extract_received(capture: bytes) -> bytes:
     for number, line in enumerate(capture.split(b"\n")[:-1], start=1):
         if line.startswith(b"#"):
             continue
-        match = _LINE.fullmatch(line)
+        match = _CAPTURE_LINE.fullmatch(line)
         if match is None:
             raise ValueError(
                 f"line {number}: {line[:40]!r}: allowed is TIME_S < BYTES or TIME_S > BYTES"
@@ -63,10 +63,11 @@ def extract_received(capture: bytes) -> bytes:
 
 def _escape_bytes(data: bytes) -> str:
     return "".join(
-        _ESCAPED.get(byte) or (chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}") for byte in data
+        _ESCAPE_OF_BYTE.get(byte) or (chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}")
+        for byte in data
     )
 
 
 def _unescape_match(match: re.Match[bytes]) -> bytes:
     text = match[0]
-    return _BACK.get(text) or bytes.fromhex(text[2:].decode())
+    return _BYTE_OF_ESCAPE.get(text) or bytes.fromhex(text[2:].decode())

@@ -10,7 +10,7 @@ from typing import Any
 
 from topdress.control.readings import GnssFix
 from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
-from topdress.drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, find_head_fields
 from topdress.drivers.devices.capture import extract_received, is_capture
 from topdress.drivers.devices.gnss import GnssDecoder
@@ -28,7 +28,7 @@ Record = dict[str, float | int | str | None]
 # receiver's clock that jumped back is trusted.
 BYTES_PER_S = 960.0
 # The bytes are fed in pieces of 0.1 s, as a port would deliver them.
-PIECE_BYTES = 96
+CHUNK_BYTES = 96
 
 
 def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
@@ -52,23 +52,25 @@ def decode_capture(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     capture is wrong.
     """
     name = protocol.removesuffix("-multi")
-    if protocol not in PROTOCOLS and find_plugin("devices", name) is not None:
+    if protocol not in DECODER_OF_PROTOCOL and find_plugin("devices", name) is not None:
         data = extract_received(data) if is_capture(data) else data
         layout = find_head_fields(name)
         if layout is not None:
             return _decode_heads(layout, name != protocol, data)
         return _decode_by_plugin(name, data)
-    if protocol not in PROTOCOLS:
-        raise ValueError(f"protocol {protocol!r}: allowed is one of {', '.join(sorted(PROTOCOLS))}")
-    return PROTOCOLS[protocol](extract_received(data) if is_capture(data) else data)
+    if protocol not in DECODER_OF_PROTOCOL:
+        raise ValueError(
+            f"protocol {protocol!r}: allowed is one of {', '.join(sorted(DECODER_OF_PROTOCOL))}"
+        )
+    return DECODER_OF_PROTOCOL[protocol](extract_received(data) if is_capture(data) else data)
 
 
 def _decode_all(
     decoder: Any, to_record: Callable[[Any], Record], data: bytes
 ) -> tuple[list[Record], Counts]:
     readings = []
-    for start in range(0, len(data), PIECE_BYTES):
-        readings += decoder.feed(data[start : start + PIECE_BYTES], start / BYTES_PER_S)
+    for start in range(0, len(data), CHUNK_BYTES):
+        readings += decoder.feed(data[start : start + CHUNK_BYTES], start / BYTES_PER_S)
     readings += decoder.flush(len(data) / BYTES_PER_S)
     counts: Counts = decoder.counts
     return [to_record(reading) for reading in readings], counts
@@ -131,8 +133,10 @@ def _make_board_record(readings: BoardReadings) -> Record:
 def _decode_rate_line(data: bytes) -> tuple[list[Record], Counts]:
     return _decode_all(
         RateLineDecoder(),
-        lambda said: {
-            "target_rate_kg_ha" if said.is_target else "applied_rate_kg_ha": said.rate_kg_ha
+        lambda measurement: {
+            "target_rate_kg_ha"
+            if measurement.is_target
+            else "applied_rate_kg_ha": measurement.rate_kg_ha
         },
         data,
     )
@@ -149,7 +153,7 @@ def _decode_tractor(data: bytes) -> tuple[list[Record], Counts]:
     )
 
 
-PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
+DECODER_OF_PROTOCOL: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
     "gnss": lambda data: _decode_all(GnssDecoder(live=False), _make_fix_record, data),
     "gpsd": lambda data: _decode_all(GpsdDecoder(), _make_fix_record, data),
     "agopengps": lambda data: _decode_all(AgOpenGpsDecoder(), _make_fix_record, data),

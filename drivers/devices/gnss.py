@@ -86,13 +86,13 @@ class GnssDecoder(LineDecoder[GnssFix]):
         """Ends a recording and returns the fixes of the last line and the last epoch."""
         return super().flush(time_s) + self._close_epoch()
 
-    def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
+    def _decode_line(self, line: bytes, time_s: float) -> list[GnssFix]:
         if not line.startswith(b"#"):
-            return super()._line(line, time_s)
+            return super()._decode_line(line, time_s)
         self.counts.ignore("comment")
         return []
 
-    def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[GnssFix]:
         try:
             return self._take_sentence(
                 self._select_sentence(parse_sentence(sentence), time_s), time_s
@@ -135,9 +135,9 @@ class GnssDecoder(LineDecoder[GnssFix]):
 
     def _take_sentence(self, sentence: Sentence, time_s: float) -> list[GnssFix]:
         epoch, closed = self._find_epoch(sentence, time_s)
-        said = epoch.sentences.get(sentence.type)
-        if said is not None:
-            if said.talker == sentence.talker:
+        earlier = epoch.sentences.get(sentence.type)
+        if earlier is not None:
+            if earlier.talker == sentence.talker:
                 raise Rejected("duplicate_epoch")
             raise Ignored("other_talker")
         brings_speed = sentence.speed_mps is not None and not epoch.has_speed

@@ -15,10 +15,10 @@ from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import MAX_HDOP, MAX_SPEED_MPS
 
 # Command that makes gpsd report every fix as JSON.
-WATCH = b'?WATCH={"enable":true,"json":true};\n'
+WATCH_COMMAND = b'?WATCH={"enable":true,"json":true};\n'
 # Fix quality of GGA for each status of gpsd (gpsd_json(5), TPV).
 QUALITY_OF_STATUS = {0: 1, 1: 1, 2: 2, 3: 4, 4: 5, 5: 6, 6: 6, 7: 1, 8: 8, 9: 3}
-_UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
+_UTC_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
 
 
 class GpsdDecoder(LineDecoder[GnssFix]):
@@ -39,39 +39,39 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         self._satellites: int | None = None
         self._hdop: float | None = None
 
-    def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[GnssFix]:
         try:
-            said = json.loads(sentence)
+            report = json.loads(sentence)
         except (ValueError, RecursionError):
-            said = None
-        if not isinstance(said, dict):
+            report = None
+        if not isinstance(report, dict):
             raise Rejected("malformed")
-        return self._take_object(said, time_s)
+        return self._take_object(report, time_s)
 
-    def _take_object(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
-        name = said.get("class")
+    def _take_object(self, report: dict[str, Any], time_s: float) -> list[GnssFix]:
+        name = report.get("class")
         if not isinstance(name, str):
             raise Rejected("malformed")
         if name == "POLL":
-            return self._take_poll(said, time_s)
+            return self._take_poll(report, time_s)
         if name not in ("TPV", "SKY"):
             raise Ignored(name if name.isalpha() and len(name) < 20 else "other")
-        if self._device is not None and said.get("device", self._device) != self._device:
+        if self._device is not None and report.get("device", self._device) != self._device:
             raise Ignored("other_device")
-        return self._make_fix(said, time_s) if name == "TPV" else self._take_sky(said)
+        return self._make_fix(report, time_s) if name == "TPV" else self._take_sky(report)
 
-    def _take_poll(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
+    def _take_poll(self, report: dict[str, Any], time_s: float) -> list[GnssFix]:
         """Returns the fixes in an answer to ?POLL, which has the newest reports of each receiver;
         only the receiver in use counts."""
         found: list[GnssFix] | Ignored | Rejected = Ignored("POLL")
         for name, kind in (("sky", "SKY"), ("tpv", "TPV")):
-            reports = said.get(name, [])
+            reports = report.get(name, [])
             if not isinstance(reports, list) or not all(isinstance(one, dict) for one in reports):
                 raise Rejected("malformed")
-            for report in reports:
+            for one_report in reports:
                 try:
                     taken: list[GnssFix] | Ignored | Rejected = self._take_object(
-                        {**report, "class": kind}, time_s
+                        {**one_report, "class": kind}, time_s
                     )
                 except (Ignored, Rejected) as why:
                     taken = why
@@ -81,32 +81,35 @@ class GpsdDecoder(LineDecoder[GnssFix]):
             raise found
         return found
 
-    def _take_sky(self, said: dict[str, Any]) -> list[GnssFix]:
-        hdop, used = _read_number(said, "hdop", 0.0, MAX_HDOP), _read_number(said, "uSat", 0, 200)
+    def _take_sky(self, report: dict[str, Any]) -> list[GnssFix]:
+        hdop, used = (
+            _read_number(report, "hdop", 0.0, MAX_HDOP),
+            _read_number(report, "uSat", 0, 200),
+        )
         if hdop is None and used is None:
             raise Ignored("SKY")
         self._hdop = hdop if hdop is not None else self._hdop
         self._satellites = int(used) if used is not None else self._satellites
         return []
 
-    def _make_fix(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
-        mode = _read_number(said, "mode", 0, 3)
+    def _make_fix(self, report: dict[str, Any], time_s: float) -> list[GnssFix]:
+        mode = _read_number(report, "mode", 0, 3)
         if mode is None:
             raise Rejected("malformed")
         if mode < 2:
             raise Ignored("no_fix")
         lat_deg, lon_deg = (
-            _read_number(said, "lat", -90.0, 90.0),
-            _read_number(said, "lon", -180.0, 180.0),
+            _read_number(report, "lat", -90.0, 90.0),
+            _read_number(report, "lon", -180.0, 180.0),
         )
         if lat_deg is None or lon_deg is None:
             raise Ignored("no_fix")
         if lat_deg == 0.0 and lon_deg == 0.0:
             raise Rejected("impossible_value")
-        status = _read_number(said, "status", 0, 9)
-        heading_deg = _read_number(said, "track", 0.0, 360.0)
-        speed_mps = _read_number(said, "speed", 0.0, MAX_SPEED_MPS)
-        utc = said.get("time")
+        status = _read_number(report, "status", 0, 9)
+        heading_deg = _read_number(report, "track", 0.0, 360.0)
+        speed_mps = _read_number(report, "speed", 0.0, MAX_SPEED_MPS)
+        utc = report.get("time")
         if utc is not None and not _is_utc_text(utc):
             raise Rejected("malformed")
         if utc is not None:
@@ -115,7 +118,7 @@ class GpsdDecoder(LineDecoder[GnssFix]):
             if utc < self._utc and not self._is_new_clock(time_s):
                 raise Rejected("time_backwards")
             self._utc, self._behind_since_s = utc, None
-        device = said.get("device")
+        device = report.get("device")
         if isinstance(device, str):
             self._device = device
         return [
@@ -140,18 +143,18 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         return time_s - self._behind_since_s >= NEW_CLOCK_DELAY_S
 
 
-def _is_utc_text(said: object) -> bool:
-    if not (isinstance(said, str) and _UTC.fullmatch(said)):
+def _is_utc_text(report: object) -> bool:
+    if not (isinstance(report, str) and _UTC_TIME.fullmatch(report)):
         return False
     try:
-        datetime.fromisoformat(said[:19])
+        datetime.fromisoformat(report[:19])
     except ValueError:
         return False
     return True
 
 
-def _read_number(said: dict[str, Any], key: str, low: float, high: float) -> float | None:
-    value = said.get(key)
+def _read_number(report: dict[str, Any], key: str, low: float, high: float) -> float | None:
+    value = report.get(key)
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):

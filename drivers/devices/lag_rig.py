@@ -13,7 +13,7 @@ from topdress.drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, 
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, is_repeated_sequence, split_frame
 from topdress.drivers.devices.lines import LineDecoder, Rejected
 
-ORDER, STATUS = "R1", "L1"
+ORDER_FRAME, STATUS_FRAME = "R1", "L1"
 # The smallest delay is searched in the last two blocks of this length, s, because crystals drift by
 # some 50 ppm.
 CLOCK_BLOCK_S = 10.0
@@ -71,14 +71,14 @@ class LagRig(LineDecoder[RigReadings]):
         self._offsets_s = [math.inf, math.inf]
         self._block_s = -math.inf
 
-    def _said(self, sentence: bytes, time_s: float) -> list[RigReadings]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[RigReadings]:
         return [self._take_status(decode_rig_status(sentence), time_s)]
 
     def make_order(self, run: int, arm: bool) -> bytes:
         """Returns an order that arms the rig for run number `run`, or sets it to idle. Repeating an
         order has no effect."""
         count, self._next_order = self._next_order, (self._next_order + 1) % SEQUENCE_MODULUS
-        return seal_frame(f"{ORDER},{count},{run % SEQUENCE_MODULUS},{arm:d}")
+        return seal_frame(f"{ORDER_FRAME},{count},{run % SEQUENCE_MODULUS},{arm:d}")
 
     def _take_status(self, status: RigStatus, time_s: float) -> RigReadings:
         if is_repeated_sequence(status.seq, self._last_seq):
@@ -118,7 +118,7 @@ class LagRig(LineDecoder[RigReadings]):
 def decode_rig_status(frame: bytes) -> RigStatus:
     """Returns the status of a frame as received, without `$` and line end. Raises ValueError with
     the kind of fault."""
-    fields = split_frame(frame, STATUS, 9)
+    fields = split_frame(frame, STATUS_FRAME, 9)
     seq, run = (
         parse_whole(fields[0], SEQUENCE_MODULUS - 1),
         parse_whole(fields[1], SEQUENCE_MODULUS - 1),

@@ -17,7 +17,7 @@ from topdress.drivers.board.lag_rig import ARMED, IDLE, LANDED, TURNING
 from topdress.drivers.devices.lag_rig import RigReadings
 
 # Shaft speed below which the shaft counts as standing, r/min.
-STANDING_RPM = 0.5
+MAX_STANDSTILL_RPM = 0.5
 Phase = Literal["settling", "arming", "running", "done"]
 
 
@@ -50,19 +50,19 @@ class LagRun(NamedTuple):
         return self.response_s + self.drop_s
 
 
-class LagWish(NamedTuple):
+class LagOutputs(NamedTuple):
     """Holds the outputs of the procedure at this tick. `run` and `arm` are the order to the rig;
-    `said` describes a failed run with its reason."""
+    `failure` describes a failed run with its reason."""
 
     shaft_rpm: float
     run: int
     arm: bool
     phase: Phase
     # Text about a run that failed, with its reason.
-    said: str = ""
+    failure: str = ""
 
 
-class _RigTest:
+class _RigProcedure:
     """Contains the beginning of both procedures: the shaft must stand long enough for the tubes to
     empty."""
 
@@ -71,15 +71,19 @@ class _RigTest:
         self._since_s: float | None = None
         self._number = 0
 
-    def _has_stood(self, now_s: float, rig: RigReadings | None) -> bool:
-        if rig is None or now_s - rig.time_s >= 0.5 or abs(rig.shaft_rpm.value) >= STANDING_RPM:
+    def _is_rig_settled(self, now_s: float, rig: RigReadings | None) -> bool:
+        if (
+            rig is None
+            or now_s - rig.time_s >= 0.5
+            or abs(rig.shaft_rpm.value) >= MAX_STANDSTILL_RPM
+        ):
             self._since_s = None
         elif self._since_s is None:
             self._since_s = now_s
         return self._since_s is not None and now_s - self._since_s >= self._settle_s
 
 
-class LagTest(_RigTest):
+class LagProcedure(_RigProcedure):
     """Measures the runs of a plan; `run_tick` is called at every tick. Measured runs are in `runs`,
     abandoned runs in `left_out`.
 
@@ -107,7 +111,7 @@ class LagTest(_RigTest):
         return self._phase == "done"
 
     @property
-    def present_run(self) -> tuple[float, int]:
+    def find_present_run(self) -> tuple[float, int]:
         """Returns shaft speed (r/min) and replicate of the present or next run; zeros when the plan
         is done."""
         return self._todo[0] if self._todo else (0.0, 0)
@@ -117,7 +121,7 @@ class LagTest(_RigTest):
         """Returns the completed share of the plan, 0 to 1."""
         return 1.0 - len(self._todo) / self._total if self._total else 1.0
 
-    def run_tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> LagWish:
+    def run_tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> LagOutputs:
         """Returns the set-point and the rig's order of this tick.
 
         In the tick whose set-point changes to the run's speed, that speed must be sent at `now_s`,
@@ -130,18 +134,18 @@ class LagTest(_RigTest):
         allowed : whether the shaft may turn.
         """
         if self._phase == "done":
-            return self._make_wish()
+            return self._make_outputs()
         if not allowed:
             self._restart_run()
-            return self._make_wish()
+            return self._make_outputs()
         if self._phase == "settling":
-            if self._has_stood(now_s, rig):
+            if self._is_rig_settled(now_s, rig):
                 self._phase, self._since_s, self._number = "arming", now_s, self._number + 1
         elif self._phase == "arming":
             self._await_arming(now_s, rig)
         else:
-            return self._make_wish(self._watch_run(now_s, rig))
-        return self._make_wish()
+            return self._make_outputs(self._watch_run(now_s, rig))
+        return self._make_outputs()
 
     def _await_arming(self, now_s: float, rig: RigReadings | None) -> None:
         if rig is not None and rig.run == self._number and rig.state == ARMED:
@@ -190,18 +194,18 @@ class LagTest(_RigTest):
     def _restart_run(self) -> None:
         self._phase, self._since_s = "settling", None
 
-    def _make_wish(self, said: str = "") -> LagWish:
+    def _make_outputs(self, failure: str = "") -> LagOutputs:
         running = self._phase == "running"
-        return LagWish(
+        return LagOutputs(
             self._todo[0][0] if running else 0.0,
             self._number,
             self._phase in ("arming", "running"),
             self._phase,
-            said,
+            failure,
         )
 
 
-COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
+BENCH_COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
 
 
 def make_bench_row(run: LagRun) -> str:
@@ -213,7 +217,7 @@ def make_bench_table(runs: Iterable[LagRun]) -> str:
     """Returns the runs as a lag bench table (CSV) by shaft speed, with both measured times; their
     sum is the lag."""
     ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))
-    return ",".join(COLUMNS) + "\n" + "".join(map(make_bench_row, ordered))
+    return ",".join(BENCH_COLUMNS) + "\n" + "".join(map(make_bench_row, ordered))
 
 
 DropPhase = Literal["stop", "arming", "start", "falling"]
@@ -226,18 +230,18 @@ class DropRun(NamedTuple):
     drop_s: float
 
 
-class DropWish(NamedTuple):
+class DropOutputs(NamedTuple):
     """Holds the outputs at this tick: `phase` for the person at the machine, `run` and `arm` for
-    the rig; `said` describes a failed run with its reason."""
+    the rig; `failure` describes a failed run with its reason."""
 
     run: int
     arm: bool
     phase: DropPhase
     # Text about a run that failed, with its reason.
-    said: str = ""
+    failure: str = ""
 
 
-class DropTest(_RigTest):
+class DropProcedure(_RigProcedure):
     """Measures drop times with the lag rig alone, on a machine whose own drive turns the shaft
     without this program. It runs until the user ends it; measured runs are in `runs`.
 
@@ -252,7 +256,7 @@ class DropTest(_RigTest):
         self._longest_s = longest_s
         self._phase: DropPhase = "stop"
 
-    def run_tick(self, now_s: float, rig: RigReadings | None) -> DropWish:
+    def run_tick(self, now_s: float, rig: RigReadings | None) -> DropOutputs:
         """Returns the phase and the rig's order of this tick.
 
         Parameters
@@ -260,17 +264,17 @@ class DropTest(_RigTest):
         now_s : time on the clock that stamped `rig`, s.
         rig : the newest reading of the rig, however old; None before the first.
         """
-        said = ""
+        failure = ""
         mine = rig is not None and rig.run == self._number
         if self._phase == "stop":
-            if self._has_stood(now_s, rig):
+            if self._is_rig_settled(now_s, rig):
                 self._phase, self._number = "arming", self._number + 1
         elif rig is None or not mine:
             pass
         elif self._phase == "arming" and rig.state >= ARMED:
             self._phase = "start"
         elif rig.state == LANDED:
-            said = self._record_landing(rig)
+            failure = self._record_landing(rig)
         elif rig.state == TURNING and self._phase == "start":
             self._phase, self._since_s = "falling", now_s
         elif (
@@ -278,9 +282,9 @@ class DropTest(_RigTest):
             and self._since_s is not None
             and now_s - self._since_s > self._longest_s
         ):
-            said = "nothing landed"
+            failure = "nothing landed"
             self._restart_run()
-        return DropWish(self._number, self._phase != "stop", self._phase, said)
+        return DropOutputs(self._number, self._phase != "stop", self._phase, failure)
 
     def _record_landing(self, rig: RigReadings) -> str:
         self._restart_run()

@@ -87,10 +87,10 @@ class Ignored(Exception):
     counted."""
 
 
-Said = TypeVar("Said")
+Output = TypeVar("Output")
 
 
-class Decoder(Generic[Said]):
+class Decoder(Generic[Output]):
     """Decodes the sentences of a protocol without opening a port or reading a clock. A subclass
     defines `_said`."""
 
@@ -100,11 +100,11 @@ class Decoder(Generic[Said]):
     def __init__(self) -> None:
         self.counts = Counts()
 
-    def _counted(self, sentence: bytes, time_s: float) -> list[Said]:
+    def _decode_and_count(self, sentence: bytes, time_s: float) -> list[Output]:
         """Returns the readings of one sentence, and counts the sentence as accepted, rejected or
         ignored."""
         try:
-            said = self._said(sentence, time_s)
+            readings = self._decode_sentence(sentence, time_s)
         except Ignored as kind:
             self.counts.ignore(str(kind))
             return []
@@ -112,14 +112,14 @@ class Decoder(Generic[Said]):
             self.counts.reject(str(kind))
             return []
         self.counts.accept()
-        return said
+        return readings
 
-    def _said(self, sentence: bytes, time_s: float) -> list[Said]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[Output]:
         """Returns the readings of one sentence. Raises Rejected, Ignored."""
         raise NotImplementedError
 
 
-class LineDecoder(Decoder[Said]):
+class LineDecoder(Decoder[Output]):
     """Decodes a protocol of lines, which arrive in any pieces."""
 
     # Longest line, bytes.
@@ -131,23 +131,23 @@ class LineDecoder(Decoder[Said]):
         super().__init__()
         self._cutter = LineCutter(self.counts, self.longest)
 
-    def feed(self, data: bytes, time_s: float) -> list[Said]:
+    def feed(self, data: bytes, time_s: float) -> list[Output]:
         """Returns the readings completed by `data`, which arrived at `time_s`; oldest first."""
-        return [one for line in self._cutter.feed(data) for one in self._line(line, time_s)]
+        return [one for line in self._cutter.feed(data) for one in self._decode_line(line, time_s)]
 
-    def flush(self, time_s: float) -> list[Said]:
+    def flush(self, time_s: float) -> list[Output]:
         """Ends a recording and returns the readings of a last line without a line end."""
-        return [one for line in self._cutter.flush() for one in self._line(line, time_s)]
+        return [one for line in self._cutter.flush() for one in self._decode_line(line, time_s)]
 
-    def _line(self, line: bytes, time_s: float) -> list[Said]:
+    def _decode_line(self, line: bytes, time_s: float) -> list[Output]:
         """Returns the readings of one line; faults are counted by kind."""
         return [
             one
-            for sentence in (self._frames(line) if self.framed else (line,))
-            for one in self._counted(sentence, time_s)
+            for sentence in (self._split_frames(line) if self.framed else (line,))
+            for one in self._decode_and_count(sentence, time_s)
         ]
 
-    def _frames(self, line: bytes) -> list[bytes]:
+    def _split_frames(self, line: bytes) -> list[bytes]:
         """Returns the frames of a line without their `$`; a new frame may follow a truncated frame
         at once."""
         before, *frames = line.split(b"$")

@@ -20,22 +20,22 @@ from topdress.drivers.devices.lines import Ignored, Rejected
 GNSS_TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD", "GI", "GQ", "QZ"})
 _TALKER = re.compile(r"[A-OQ-Z][A-Z0-9]|Q[A-Z]")
 # Number of fields that each type needs for the values read here.
-MIN_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8, "GNS": 8, "GLL": 6, "ZDA": 4}
+MIN_FIELD_COUNT = {"GGA": 10, "RMC": 9, "VTG": 8, "GNS": 8, "GLL": 6, "ZDA": 4}
 
 MPS_PER_KNOT = 1852.0 / 3600.0
 # Upper limit of a ground vehicle's speed, m/s.
 MAX_SPEED_MPS = 100.0
 # GPS begins in 1980; the two digits of a year in RMC reach to 2099.
-FIRST_YEAR, LAST_YEAR = 1980, 2099
+FIRST_GPS_YEAR, LAST_RMC_YEAR = 1980, 2099
 # Receivers write 99.99 for an unknown dilution of precision.
 MAX_HDOP = 100.0
 # Mode letters of GNS from the best fix to none.
-MODES_BY_WORTH = "RFPDAEMS"
+MODES_BEST_FIRST = "RFPDAEMS"
 # Fix quality of GGA for each mode of RMC.
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}
 
-_TIME = re.compile(r"\d{6}(\.\d+)?")
-_DATE = re.compile(r"\d{6}")
+_TIME_DIGITS = re.compile(r"\d{6}(\.\d+)?")
+_DATE_DIGITS = re.compile(r"\d{6}")
 # Degrees take two digits, minutes two; a shorter number has lost a digit on the line.
 _LATITUDE = re.compile(r"\d{4}\.\d+")
 _LONGITUDE = re.compile(r"\d{5}\.\d+")
@@ -88,9 +88,9 @@ def parse_sentence(sentence: bytes) -> Sentence:
     talker, kind = address[:2], address[2:]
     if len(address) != 5 or not _TALKER.fullmatch(talker):
         raise Ignored(address)
-    if kind not in MIN_FIELDS:
+    if kind not in MIN_FIELD_COUNT:
         raise Ignored(kind)
-    if rest.count(",") + 1 < MIN_FIELDS[kind]:
+    if rest.count(",") + 1 < MIN_FIELD_COUNT[kind]:
         raise Rejected("malformed")
     try:
         fields = pynmea2.parse("$" + text)
@@ -177,7 +177,7 @@ def _read_gns(talker: str, fields: Any) -> Sentence:
     modes = fields.data[5]
     if not modes or set(modes) - set(QUALITY_OF_MODE) - {"N"}:
         raise Rejected("malformed")
-    best = next((mode for mode in MODES_BY_WORTH if mode in modes), "N")
+    best = next((mode for mode in MODES_BEST_FIRST if mode in modes), "N")
     if best == "N":
         raise Ignored("no_fix")
     lat_deg, lon_deg = _read_position(fields)
@@ -220,7 +220,7 @@ def _read_zda(talker: str, fields: Any) -> Sentence:
         utc_date = date(*numbers)
     except ValueError:
         raise Rejected("impossible_value") from None
-    if not FIRST_YEAR <= utc_date.year <= LAST_YEAR:
+    if not FIRST_GPS_YEAR <= utc_date.year <= LAST_RMC_YEAR:
         raise Rejected("impossible_value")
     return Sentence("ZDA", talker, time_of_day_ms=_read_time_of_day_ms(fields), date=utc_date)
 
@@ -259,7 +259,7 @@ def _read_heading_deg(text: str) -> float | None:
 
 
 def _read_time_of_day_ms(fields: Any, at_field: int = 0) -> int:
-    if not _TIME.fullmatch(fields.data[at_field]):
+    if not _TIME_DIGITS.fullmatch(fields.data[at_field]):
         raise Rejected("malformed")
     at = fields.timestamp
     # pynmea2 returns the text itself where it cannot read a time.
@@ -272,7 +272,7 @@ def _read_date(fields: Any) -> date | None:
     text = fields.data[8]
     if not text:
         return None
-    if not _DATE.fullmatch(text):
+    if not _DATE_DIGITS.fullmatch(text):
         raise Rejected("malformed")
     day = fields.datestamp
     if not isinstance(day, date):

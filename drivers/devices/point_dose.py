@@ -16,15 +16,15 @@ from topdress.drivers.board.framing import SEQUENCE_MODULUS, parse_number, parse
 from topdress.drivers.devices.board_frames import COUNTER_MODULUS, split_frame
 from topdress.drivers.devices.lines import Rejected
 
-DOSE, REPORT = "D1", "E1"
-# Dose frame with the board's word, as `board_frames.COMMAND_WORD`.
-DOSE_WORD = "D3"
+DOSE_FRAME, REPORT_FRAME = "D1", "E1"
+# Dose frame with the board's word, as `board_frames.COMMAND_FRAME_WORD`.
+DOSE_FRAME_WORD = "D3"
 # Range of the angle, degrees: at most ten turns.
 ANGLE_RANGE_DEG = (0.0, 3600.0)
 # Range of the shaft's speed during a dose, r/min.
 SHAFT_RANGE_RPM = (1.0, 300.0)
 # Time without a report after which the result of a dose is unknown, s.
-UNHEARD_TIMEOUT_S = 0.3
+REPORT_TIMEOUT_S = 0.3
 # Time beyond the duration of its angle after which a dose is overdue, s.
 DOSE_OVERDUE_S = 0.5
 
@@ -83,9 +83,9 @@ def encode_dose(
         if not low <= value <= high:
             raise ValueError(f"dose: {name} {value}, allowed is {low:g} to {high:g}")
     name, count, tail = (
-        (DOSE, seq % SEQUENCE_MODULUS, "")
+        (DOSE_FRAME, seq % SEQUENCE_MODULUS, "")
         if word is None
-        else (DOSE_WORD, seq % COUNTER_MODULUS, f",{word}")
+        else (DOSE_FRAME_WORD, seq % COUNTER_MODULUS, f",{word}")
     )
     return seal_frame(
         f"{name},{count},{dose % SEQUENCE_MODULUS},{angle_deg:.3f},{shaft_rpm:.3f}{tail}"
@@ -95,7 +95,7 @@ def encode_dose(
 def decode_dose_report(frame: bytes) -> DoseReport:
     """Returns the report of a frame as received, without `$` and line end. Raises ValueError with
     the kind of fault."""
-    fields = split_frame(frame, REPORT, 6)
+    fields = split_frame(frame, REPORT_FRAME, 6)
     seq, dose = (
         parse_whole(fields[0], SEQUENCE_MODULUS - 1),
         parse_whole(fields[1], SEQUENCE_MODULUS - 1),
@@ -179,6 +179,6 @@ class PointDose:
         if dose is None or dose.is_settled:
             return
         turning_s = dose.angle_deg / (6.0 * dose.shaft_rpm)
-        limit_s = UNHEARD_TIMEOUT_S if dose.state is DoseState.SENT else turning_s + DOSE_OVERDUE_S
+        limit_s = REPORT_TIMEOUT_S if dose.state is DoseState.SENT else turning_s + DOSE_OVERDUE_S
         if now_s - dose.sent_s > limit_s:
             self.newest = dose._replace(state=DoseState.LOST)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
-from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.gpsd import GpsdDecoder
 from topdress.drivers.devices.lag_rig import LagRig
@@ -21,8 +21,8 @@ from topdress.drivers.devices.rate_line import RateLineDecoder
 from topdress.drivers.devices.rate_module_frames import (
     BoardLabel,
     BoardStatus,
-    Status,
-    Trace,
+    ModuleStatus,
+    ModuleTrace,
     decode_heard,
 )
 from topdress.drivers.devices.slave_board import SlaveBoard
@@ -30,22 +30,22 @@ from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
 from topdress.drivers.ports import Clock, Port, escape_unprintable
 
 # Baud rates in the order of how common they are.
-BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)
+PROBE_BAUD_RATES = (115200, 38400, 9600, 57600, 19200, 4800)
 # Listening time for each rate, s: a device with 1 Hz sends at least one message.
-LISTEN_S = 1.2
+PROBE_LISTEN_S = 1.2
 # Number of accepted messages that identify a device.
-MIN_MESSAGES = 2
+MIN_ACCEPTED_MESSAGES = 2
 
 
 class ProbeFinding(NamedTuple):
-    """Holds the result. An empty `protocol` means that no known device speaks there. `said` is the
-    last line, or the reason why the port cannot be used."""
+    """Holds the result. An empty `protocol` means that no known device speaks there. `detail` is
+    the last line, or the reason why the port cannot be used."""
 
     protocol: str = ""
     baud: int | None = None
     accepted: int = 0
     rejected: int = 0
-    said: str = ""
+    detail: str = ""
     # False means that the port could not be opened.
     opened: bool = True
 
@@ -70,9 +70,9 @@ def make_decoders() -> dict[str, Decoder]:
         "gpsd": GpsdDecoder(),
         **{
             f"{name} (multiplexed)": HeadDecoder(layout, head=None)
-            for name, layout in PROTOCOLS.items()
+            for name, layout in FIELDS_OF_PROTOCOL.items()
         },
-        **{name: HeadDecoder(layout) for name, layout in PROTOCOLS.items()},
+        **{name: HeadDecoder(layout) for name, layout in FIELDS_OF_PROTOCOL.items()},
     }
 
 
@@ -93,7 +93,7 @@ def recognise_protocol(data: bytes) -> ProbeFinding:
             for kind, times in counts.ignored.items()
             if kind not in ("comment", "partial_first")
         )
-        enough = MIN_MESSAGES if protocol not in ("gpsd",) else 1
+        enough = MIN_ACCEPTED_MESSAGES if protocol not in ("gpsd",) else 1
         if (
             understood >= enough
             and (counts.accepted, understood) > most
@@ -109,14 +109,14 @@ def probe_port(
     bauds: Sequence[int],
     clock: Clock = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-    listen_s: float = LISTEN_S,
+    listen_s: float = PROBE_LISTEN_S,
 ) -> ProbeFinding:
     """Listens at each baud rate in turn until a device is recognised; takes at most `listen_s`
     seconds for each rate.
 
     `open_at` opens the port at a rate; its ValueError and OSError are raised to the caller.
     """
-    said = ""
+    detail = ""
     for baud in bauds:
         port = open_at(baud)
         heard = b""
@@ -126,7 +126,7 @@ def probe_port(
                 sleep(0.02)
                 heard += port.read()
                 found = recognise_protocol(heard) if heard.endswith(b"\n") else ProbeFinding()
-                if found.protocol and found.accepted >= 2 * MIN_MESSAGES:
+                if found.protocol and found.accepted >= 2 * MIN_ACCEPTED_MESSAGES:
                     break
             state = port.state()
         finally:
@@ -134,25 +134,25 @@ def probe_port(
         found = recognise_protocol(heard)
         last = state.format_last_lines()
         if found.protocol:
-            return found._replace(baud=baud, said=last[0] if last else "")
-        said = (
+            return found._replace(baud=baud, detail=last[0] if last else "")
+        detail = (
             f"{len(heard)} bytes that no driver understands"
             if heard
             else state.last_error or "silent"
         )
         if not state.connects:
             # A port that cannot be opened at this rate cannot be opened at another rate.
-            return ProbeFinding(said=said, opened=False)
-    return ProbeFinding(said=said)
+            return ProbeFinding(detail=detail, opened=False)
+    return ProbeFinding(detail=detail)
 
 
 def recognise_either(heard: Sequence[bytes]) -> ProbeFinding:
-    """Returns the finding for pieces of a line or for datagrams, with the last line as `said`."""
+    """Returns the finding for pieces of a line or for datagrams, with the last line as `detail`."""
     found = recognise_protocol(b"".join(heard))
     if found.protocol:
         lines = re.split(rb"[\r\n]+", b"".join(heard))
         whole = [line for line in lines[:-1] if line]
-        return found._replace(said=escape_unprintable(whole[-1]) if whole else "")
+        return found._replace(detail=escape_unprintable(whole[-1]) if whole else "")
     modules = recognise_modules(heard)
     if modules:
         number, label = next(iter(modules.items()))
@@ -168,7 +168,7 @@ def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
             heard = decode_heard(data)
         except (Rejected, Ignored):
             continue
-        if isinstance(heard, (Status, BoardStatus, Trace)):
+        if isinstance(heard, (ModuleStatus, BoardStatus, ModuleTrace)):
             found.setdefault(heard.module, "")
         elif isinstance(heard, BoardLabel):
             found[heard.module] = heard.text

@@ -25,10 +25,10 @@ from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
 # Upper limit of a rate, kg/ha, the same as for the rates of a job.
 MAX_RATE_KG_HA = 2000.0
-_RAVEN = re.compile(
+_RAVEN_SENTENCE = re.compile(
     rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*"
 )
-_OWN = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
+_TOPDRESS_SENTENCE = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
 
 
 class ReportedRate(NamedTuple):
@@ -51,9 +51,9 @@ class RateLineDecoder(LineDecoder[ReportedRate]):
         self._unit_kg_ha = unit_kg_ha
         self._before = -1.0
 
-    def _said(self, sentence: bytes, time_s: float) -> list[ReportedRate]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[ReportedRate]:
         text = sentence.strip()
-        own, raven = _OWN.fullmatch(text), _RAVEN.fullmatch(text)
+        own, raven = _TOPDRESS_SENTENCE.fullmatch(text), _RAVEN_SENTENCE.fullmatch(text)
         if own is None and raven is None:
             raise Rejected("garbage")
         if own is not None and calc_checksum(own[1]) != int(own[3], 16):

@@ -15,13 +15,13 @@ from topdress.drivers.devices.board_frames import encode_valves
 from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
 from topdress.drivers.devices.rate_module_frames import (
     MAX_RELAYS,
-    U24,
+    MODULUS_24_BITS,
     BoardLabel,
     BoardStatus,
     FlowTarget,
-    Relays,
-    Status,
-    Trace,
+    ModuleStatus,
+    ModuleTrace,
+    RelayStates,
     decode_heard,
     encode_relays,
     encode_target,
@@ -35,11 +35,11 @@ MAX_TARGET_INTERVAL_S = 0.5
 RELAY_INTERVAL_S = 1.0
 # Time for which the relay stays on after a stop, s, because without it the module neither controls
 # nor counts.
-RUN_DOWN_S = 2.0
+RELAY_RUN_DOWN_S = 2.0
 # Time after which a module that reports no contact with this console is no drive, s.
-UNHEARD_TIMEOUT_S = 2.0
+CONTACT_TIMEOUT_S = 2.0
 # A reported shaft speed above this limit is rejected, r/min.
-MAX_SHAFT_RPM = 400.0
+MAX_REPORTED_SHAFT_RPM = 400.0
 
 
 class ModuleAddress(NamedTuple):
@@ -89,7 +89,7 @@ class RateModule(Decoder[ModuleReadings]):
         self.board: BoardStatus | None = None
         self.board_s: float | None = None
         # The newest datagram 32402.
-        self.trace: Trace | None = None
+        self.trace: ModuleTrace | None = None
         self._address = address
         self._pulses_per_turn = pulses_per_turn
         self._max_shaft_rpm = max_shaft_rpm
@@ -107,21 +107,21 @@ class RateModule(Decoder[ModuleReadings]):
 
     def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
         """Returns the readings of the datagrams that arrived at `time_s`, oldest first."""
-        return [said for data in datagrams for said in self._counted(data, time_s)]
+        return [readings for data in datagrams for readings in self._decode_and_count(data, time_s)]
 
-    def _said(self, sentence: bytes, time_s: float) -> list[ModuleReadings]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[ModuleReadings]:
         heard = decode_heard(sentence)
         if heard.module != self._address.module or (
-            isinstance(heard, Status | Trace) and heard.sensor != self._address.sensor
+            isinstance(heard, ModuleStatus | ModuleTrace) and heard.sensor != self._address.sensor
         ):
             raise Ignored("other_module")
-        if isinstance(heard, Status):
-            if heard.units_per_min > MAX_SHAFT_RPM:
+        if isinstance(heard, ModuleStatus):
+            if heard.units_per_min > MAX_REPORTED_SHAFT_RPM:
                 raise Rejected("out_of_range")
             return [self._read_status(heard, time_s)]
         if isinstance(heard, BoardLabel):
             self.label = heard.text
-        elif isinstance(heard, Trace):
+        elif isinstance(heard, ModuleTrace):
             self.trace = heard
         else:
             self.board, self.board_s = heard, time_s
@@ -151,14 +151,14 @@ class RateModule(Decoder[ModuleReadings]):
                 raise ValueError(f"rate module: shaft_rpm {shaft_rpm}: allowed are finite numbers")
             rpm = min(max(shaft_rpm, 0.0), self._max_shaft_rpm) if running else 0.0
         if running:
-            self._run_until_s = now_s + RUN_DOWN_S
+            self._run_until_s = now_s + RELAY_RUN_DOWN_S
         relays = int(now_s < self._run_until_s)
         if running:
             relays |= encode_valves(valves[: MAX_RELAYS - 1]) << 1
         found = []
         if relays != self._relays or now_s - self._relays_s >= RELAY_INTERVAL_S:
             self._relays, self._relays_s = relays, now_s
-            found.append(encode_relays(Relays(*self._address, relays)))
+            found.append(encode_relays(RelayStates(*self._address, relays)))
         if self._is_target_due((rpm, running), now_s):
             self._sent, self._sent_s = (rpm, running), now_s
             found.append(
@@ -177,11 +177,11 @@ class RateModule(Decoder[ModuleReadings]):
         stops = wanted[0] == 0.0 or self._sent is None or wanted[1] != self._sent[1]
         return stops or waited_s >= MIN_TARGET_INTERVAL_S
 
-    def _read_status(self, status: Status, time_s: float) -> ModuleReadings:
+    def _read_status(self, status: ModuleStatus, time_s: float) -> ModuleReadings:
         if self._quantity is not None:
-            moved = (status.quantity - self._quantity) % (U24 / 10.0)
+            moved = (status.quantity - self._quantity) % (MODULUS_24_BITS / 10.0)
             # A quantity that runs backwards means that the module was restarted.
-            self._turns += moved if moved < U24 / 20.0 else 0.0
+            self._turns += moved if moved < MODULUS_24_BITS / 20.0 else 0.0
         self._quantity = status.quantity
         if status.hears_you:
             self._unheard_since_s = None
@@ -190,7 +190,7 @@ class RateModule(Decoder[ModuleReadings]):
         self._turns_rpm = status.units_per_min
         deaf = (
             self._unheard_since_s is not None
-            and time_s - self._unheard_since_s >= UNHEARD_TIMEOUT_S
+            and time_s - self._unheard_since_s >= CONTACT_TIMEOUT_S
         )
         return ModuleReadings(
             time_s,

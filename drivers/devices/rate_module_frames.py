@@ -12,17 +12,25 @@ from typing import NamedTuple
 from topdress.drivers.devices.lines import Ignored, Rejected
 
 # Ids of datagrams to the module.
-TARGET, RELAYS, SETTINGS = 32500, 32501, 32502
+TARGET_ID, RELAYS_ID, SETTINGS_ID = 32500, 32501, 32502
 # Ids of datagrams from the module.
-STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403
+STATUS_ID, BOARD_ID, TRACE_ID, LABEL_ID = 32400, 32401, 32402, 32403
 # Length of each datagram with id and checksum, bytes.
-LENGTHS = {TARGET: 14, RELAYS: 11, SETTINGS: 24, STATUS: 15, BOARD: 15, TRACE: 26, LABEL: 20}
+LENGTH_OF_ID = {
+    TARGET_ID: 14,
+    RELAYS_ID: 11,
+    SETTINGS_ID: 24,
+    STATUS_ID: 15,
+    BOARD_ID: 15,
+    TRACE_ID: 26,
+    LABEL_ID: 20,
+}
 # Numbers of three bytes wrap at this number.
-U24 = 1 << 24
+MODULUS_24_BITS = 1 << 24
 # Full duty in either direction.
-FULL_PWM = 255
+MAX_PWM = 255
 # This number of a relay means that no relay is the flow master.
-NO_FLOW_MASTER = 255
+NO_FLOW_MASTER_RELAY = 255
 
 CONTROL_TYPES = ("valve", "combo_close", "motor", "motor_weights", "fan", "timed")
 # Bits of the command byte of a target.
@@ -54,7 +62,7 @@ class FlowTarget(NamedTuple):
 MAX_RELAYS = 16
 
 
-class Relays(NamedTuple):
+class RelayStates(NamedTuple):
     """Holds datagram 32501. Bit 0 of `relays` is the first relay; with none set the module neither
     controls nor counts."""
 
@@ -63,10 +71,10 @@ class Relays(NamedTuple):
     relays: int
     power_mask: int = 0
     inverted_mask: int = 0
-    flow_master: int = NO_FLOW_MASTER
+    flow_master: int = NO_FLOW_MASTER_RELAY
 
 
-class Status(NamedTuple):
+class ModuleStatus(NamedTuple):
     """Holds datagram 32400, which the module sends every 200 ms."""
 
     module: int
@@ -102,7 +110,7 @@ class BoardLabel(NamedTuple):
     text: str
 
 
-class Trace(NamedTuple):
+class ModuleTrace(NamedTuple):
     """Holds datagram 32402, sent at every step of the module's own control loop while its log is
     on. Units are as in 32400; `millis` counts from the start of that log, ms."""
 
@@ -119,7 +127,7 @@ class Trace(NamedTuple):
     firmware: int
 
 
-ModuleMessage = Status | BoardStatus | BoardLabel | Trace
+ModuleMessage = ModuleStatus | BoardStatus | BoardLabel | ModuleTrace
 
 
 def calc_checksum(data: bytes) -> int:
@@ -144,12 +152,12 @@ def encode_target(target: FlowTarget) -> bytes:
         (target.log_pid, LOG_PID),
     ):
         command |= mask * flag
-    if not -FULL_PWM <= target.manual_pwm <= FULL_PWM:
+    if not -MAX_PWM <= target.manual_pwm <= MAX_PWM:
         raise ValueError(
-            f"rate module: manual_pwm {target.manual_pwm}, allowed is -{FULL_PWM} to {FULL_PWM}"
+            f"rate module: manual_pwm {target.manual_pwm}, allowed is -{MAX_PWM} to {MAX_PWM}"
         )
     return seal_datagram(
-        TARGET,
+        TARGET_ID,
         bytes([_encode_address(target.module, target.sensor)])
         + encode_thousandths("units_per_min", target.units_per_min)
         + encode_thousandths("pulses_per_unit", target.pulses_per_unit)
@@ -159,10 +167,10 @@ def encode_target(target: FlowTarget) -> bytes:
     )
 
 
-def encode_relays(relays: Relays) -> bytes:
+def encode_relays(relays: RelayStates) -> bytes:
     """Returns the datagram that sets the relays."""
     return seal_datagram(
-        RELAYS,
+        RELAYS_ID,
         bytes([_encode_address(relays.module, relays.sensor)])
         + b"".join(
             word.to_bytes(2, "little")
@@ -172,14 +180,14 @@ def encode_relays(relays: Relays) -> bytes:
     )
 
 
-def encode_status(status: Status) -> bytes:
+def encode_status(status: ModuleStatus) -> bytes:
     """Returns the datagram of a module's status."""
     flags = HEARS_YOU * status.hears_you | BIN_EMPTY * status.bin_empty
     return seal_datagram(
-        STATUS,
+        STATUS_ID,
         bytes([_encode_address(status.module, status.sensor)])
         + encode_thousandths("units_per_min", status.units_per_min)
-        + (round(status.quantity * 10.0) % U24).to_bytes(3, "little")
+        + (round(status.quantity * 10.0) % MODULUS_24_BITS).to_bytes(3, "little")
         + status.pwm.to_bytes(2, "little", signed=True)
         + bytes([flags])
         + min(round(status.pulse_hz * 10.0), 0xFFFF).to_bytes(2, "little"),
@@ -195,11 +203,11 @@ def encode_board(board: BoardStatus) -> bytes:
         | CONFIG_REJECTED * board.config_rejected
     )
     return seal_datagram(
-        BOARD,
+        BOARD_ID,
         bytes([board.module])
         + board.pressure.to_bytes(2, "little")
         + round(board.speed * 10.0).to_bytes(2, "little")
-        + (board.wheel_count % U24).to_bytes(3, "little")
+        + (board.wheel_count % MODULUS_24_BITS).to_bytes(3, "little")
         + bytes([board.board_type])
         + board.firmware.to_bytes(2, "little")
         + bytes([flags]),
@@ -209,14 +217,15 @@ def encode_board(board: BoardStatus) -> bytes:
 def encode_label(label: BoardLabel) -> bytes:
     """Returns a label of at most 16 letters of Latin-1 as a datagram."""
     return seal_datagram(
-        LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0")
+        LABEL_ID,
+        bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0"),
     )
 
 
-def encode_trace(trace: Trace) -> bytes:
+def encode_trace(trace: ModuleTrace) -> bytes:
     """Returns the datagram with the rate and target of a product."""
     return seal_datagram(
-        TRACE,
+        TRACE_ID,
         bytes([_encode_address(trace.module, trace.sensor)])
         + (trace.millis % (1 << 32)).to_bytes(4, "little")
         + encode_thousandths("target", trace.target)
@@ -235,9 +244,9 @@ def decode_heard(data: bytes) -> ModuleMessage:
     """Returns the content of a datagram from a module. Raises Rejected, Ignored: `unknown_message`,
     `wrong_length`, `bad_checksum`."""
     message, body = _open_datagram(data)
-    if message == STATUS:
+    if message == STATUS_ID:
         flags = body[9]
-        return Status(
+        return ModuleStatus(
             body[0] >> 4,
             body[0] & 15,
             int.from_bytes(body[1:4], "little") / 1000.0,
@@ -247,7 +256,7 @@ def decode_heard(data: bytes) -> ModuleMessage:
             bool(flags & BIN_EMPTY),
             int.from_bytes(body[10:12], "little") / 10.0,
         )
-    if message == BOARD:
+    if message == BOARD_ID:
         flags = body[11]
         return BoardStatus(
             body[0],
@@ -261,11 +270,11 @@ def decode_heard(data: bytes) -> ModuleMessage:
             bool(flags & PINS_OK),
             bool(flags & CONFIG_REJECTED),
         )
-    if message == LABEL:
+    if message == LABEL_ID:
         return BoardLabel(body[0], body[1:].rstrip(b"\0 ").decode("latin-1"))
-    if message == TRACE:
+    if message == TRACE_ID:
         signed = [int.from_bytes(body[at : at + 2], "little", signed=True) for at in (14, 16, 18)]
-        return Trace(
+        return ModuleTrace(
             body[0] >> 4,
             body[0] & 15,
             int.from_bytes(body[1:5], "little"),
@@ -281,11 +290,11 @@ def decode_heard(data: bytes) -> ModuleMessage:
     raise Ignored("unknown_message")
 
 
-def decode_command(data: bytes) -> FlowTarget | Relays:
+def decode_command(data: bytes) -> FlowTarget | RelayStates:
     """Returns the content of a datagram to a module, for the virtual module. Raises Rejected,
     Ignored."""
     message, body = _open_datagram(data)
-    if message == TARGET:
+    if message == TARGET_ID:
         command, kind = body[7], body[7] >> 1 & 7
         if kind >= len(CONTROL_TYPES):
             raise Rejected("out_of_range")
@@ -301,16 +310,16 @@ def decode_command(data: bytes) -> FlowTarget | Relays:
             int.from_bytes(body[8:10], "little", signed=True),
             bool(command & LOG_PID),
         )
-    if message == RELAYS:
+    if message == RELAYS_ID:
         relays, power, inverted = (int.from_bytes(body[at : at + 2], "little") for at in (1, 3, 5))
-        return Relays(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])
+        return RelayStates(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])
     raise Ignored("unknown_message")
 
 
 def encode_thousandths(name: str, value: float) -> bytes:
     """Returns a number in thousandths as three bytes, little-endian. Raises ValueError where it is
     not finite or would overflow."""
-    if not math.isfinite(value) or not 0 <= round(value * 1000.0) < U24:
+    if not math.isfinite(value) or not 0 <= round(value * 1000.0) < MODULUS_24_BITS:
         raise ValueError(f"rate module: {name} {value}, allowed is 0 to 16777.215")
     return round(value * 1000.0).to_bytes(3, "little")
 
@@ -323,9 +332,9 @@ def _encode_address(module: int, sensor: int) -> int:
 
 def _open_datagram(data: bytes) -> tuple[int, bytes]:
     message = int.from_bytes(data[:2], "little")
-    if message not in LENGTHS:
+    if message not in LENGTH_OF_ID:
         raise Ignored("unknown_message")
-    if len(data) != LENGTHS[message]:
+    if len(data) != LENGTH_OF_ID[message]:
         raise Rejected("wrong_length")
     if calc_checksum(data[:-1]) != data[-1]:
         raise Rejected("bad_checksum")

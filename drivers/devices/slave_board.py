@@ -19,9 +19,9 @@ from topdress.drivers.board.slave import (
     WORD_UNUSED,
 )
 from topdress.drivers.devices.board_frames import (
-    ASK,
-    TURNED,
-    WORD,
+    TURNED_FRAME,
+    WORD_FRAME,
+    WORD_REQUEST,
     CommandFrame,
     ShaftTurned,
     StatusFrame,
@@ -34,11 +34,11 @@ from topdress.drivers.devices.board_frames import (
     is_repeated_sequence,
 )
 from topdress.drivers.devices.lines import LineDecoder, Rejected
-from topdress.drivers.devices.point_dose import REPORT, PointDose, decode_dose_report
+from topdress.drivers.devices.point_dose import REPORT_FRAME, PointDose, decode_dose_report
 from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
-DOSE_REPORT = REPORT.encode() + b","
-BOARD_WORD, SHAFT_TURNED = WORD.encode() + b",", TURNED.encode() + b","
+DOSE_REPORT_PREFIX = REPORT_FRAME.encode() + b","
+BOARD_WORD_PREFIX, SHAFT_TURNED_PREFIX = WORD_FRAME.encode() + b",", TURNED_FRAME.encode() + b","
 # Number of unanswered requests for the word, one with each command at 20 a second, after which the
 # board is taken to have no word.
 MAX_WORD_REQUESTS = 20
@@ -107,7 +107,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         # The valves of the newest command.
         self._valves = 0
         self.dose = PointDose(self._limits.max_shaft_rpm)
-        # The newest answer to `ASK_TURNED`.
+        # The newest answer to `TURNED_REQUEST`.
         self.turned: ShaftTurned | None = None
 
     def make_command_line(self, command: DriveCommand | None, enabled: bool) -> bytes:
@@ -152,7 +152,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self._asked += 1
         if self._asked >= MAX_WORD_REQUESTS:
             self._word, self._ask = None, False
-        return ASK + line
+        return WORD_REQUEST + line
 
     def forget_board(self) -> None:
         """Forgets the board, because another board or an older program may be connected now. The
@@ -166,18 +166,18 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self._next_command += 1
         return line
 
-    def _said(self, sentence: bytes, time_s: float) -> list[BoardReadings]:
-        if sentence.startswith(DOSE_REPORT):
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[BoardReadings]:
+        if sentence.startswith(DOSE_REPORT_PREFIX):
             report = decode_dose_report(sentence)
             self._count_sequence(report.seq)
             self.dose.take_report(report, time_s)
             return []
-        if sentence.startswith(BOARD_WORD):
+        if sentence.startswith(BOARD_WORD_PREFIX):
             seq, word = decode_word(sentence)
             self._count_sequence(seq)
             self._word, self._ask, self._asked = word, False, 0
             return []
-        if sentence.startswith(SHAFT_TURNED):
+        if sentence.startswith(SHAFT_TURNED_PREFIX):
             turned = decode_turned(sentence)
             self._count_sequence(turned.seq)
             self.turned = turned

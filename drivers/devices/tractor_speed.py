@@ -16,7 +16,7 @@ from topdress.control.readings import MAX_ANNOUNCED_POINTS, SpeedPlan, is_announ
 from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
 from topdress.drivers.devices.nmea import calc_checksum, seal_sentence
 
-HEAD = b"PTDSP,"
+SENTENCE_HEADER = b"PTDSP,"
 _SENTENCE = re.compile(rb"\$([^*$]*)\*([0-9A-Fa-f]{2})")
 _NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
 
@@ -27,16 +27,16 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
 
     longest = 1024
 
-    def _said(self, sentence: bytes, time_s: float) -> list[SpeedPlan]:
+    def _decode_sentence(self, sentence: bytes, time_s: float) -> list[SpeedPlan]:
         found = _SENTENCE.fullmatch(sentence.strip())
         if found is None:
             raise Rejected("garbage")
         body, sum_ = found.groups()
         if calc_checksum(body) != int(sum_, 16):
             raise Rejected("bad_checksum")
-        if not body.startswith(HEAD):
+        if not body.startswith(SENTENCE_HEADER):
             raise Ignored("other_sentence")
-        fields = body[len(HEAD) :].split(b",")
+        fields = body[len(SENTENCE_HEADER) :].split(b",")
         if (
             len(fields) % 2 == 0
             or not 3 <= len(fields) <= 1 + 2 * MAX_ANNOUNCED_POINTS
@@ -54,7 +54,7 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
         return [announced]
 
 
-def make_sentence(announced: SpeedPlan) -> bytes:
+def make_speed_sentence(announced: SpeedPlan) -> bytes:
     """Returns an announcement as bytes, for a gateway or a virtual tractor."""
     pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in announced.points)
     return seal_sentence(f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}")

@@ -12,9 +12,9 @@ from topdress.drivers.devices.board_frames import COUNTER_MODULUS
 # Shortest time over which the speed is averaged, s; the delay is half of it, 0.25 s.
 SPEED_WINDOW_S = 0.5
 # Time without a pulse that counts as standstill, s.
-STANDSTILL_S = 0.8
+STANDSTILL_TIMEOUT_S = 0.8
 # Above this speed the counts cannot come from the wheel, m/s.
-MAX_SPEED_MPS = 30.0
+MAX_WHEEL_SPEED_MPS = 30.0
 
 
 class WheelGeometry(NamedTuple):
@@ -53,7 +53,7 @@ class WheelSpeed:
         pulses : the board's 32-bit count of pulses.
         """
         since_pulse_us = _subtract_wrapped(micros, pulse_micros)
-        if since_pulse_us >= STANDSTILL_S * 1e6 or pulses == 0:
+        if since_pulse_us >= STANDSTILL_TIMEOUT_S * 1e6 or pulses == 0:
             self._pulses.clear()
             return 0.0
         if self._pulses and not self._is_continuing(pulses, pulse_micros):
@@ -92,7 +92,7 @@ class WheelSpeed:
             * self._way_m
             / (_subtract_wrapped(last_us, first_us) * 1e-6)
         )
-        if speed_mps > MAX_SPEED_MPS:
+        if speed_mps > MAX_WHEEL_SPEED_MPS:
             return None
         return min(speed_mps, self._way_m / since_pulse_s) if since_pulse_s > 0.0 else speed_mps
 

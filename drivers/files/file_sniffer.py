@@ -9,7 +9,7 @@ from collections.abc import Collection
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from topdress.drivers.devices.capture import HEADER as CAPTURE
+from topdress.drivers.devices.capture import CAPTURE_HEADER as CAPTURE
 from topdress.drivers.files.limits import DAMAGED_ZIP, read_json
 from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES as SHEETS
 from topdress.drivers.plain_text import OneLineError

@@ -13,15 +13,15 @@ from topdress.drivers.board.framing import Receiver
 from topdress.drivers.board.motion import Doser
 from topdress.drivers.board.slave import DOSE_DONE, BoardSettings, Pins, SlaveProgram
 from topdress.drivers.devices.board_frames import (
-    COMMAND_OPENING_MM,
-    COMMAND_SHAFT_RPM,
-    MAX_VALVES,
+    MAX_SECTION_VALVES,
+    OPENING_SET_POINT_RANGE_MM,
+    SHAFT_SET_POINT_RANGE_RPM,
     decode_valves,
     encode_valves,
 )
 from topdress.drivers.devices.lines import Counts
 
-SENSED_FIELDS = (
+STATUS_SENSOR_FIELDS = (
     "hopper_kg",
     "supply_v",
     "pitch_deg",
@@ -39,18 +39,21 @@ TRUE_COUNTS_PER_TURN = 2000.0
 
 class _PlantPins(Pins):
     """Connects the plant to the board's program. `sensed` holds the plant's last readings, `inbox`
-    bytes from the host, `said` bytes to the host, `turns` those of the shaft."""
+    bytes from the host, `outbox` bytes to the host, `turns` those of the shaft."""
 
     sensed: SensorReadings
     turns = 0.0
 
     def __init__(self, chance: Callable[[], int | None], driver_fault: Callable[[], bool]) -> None:
-        self.inbox = self.said = b""
+        self.inbox = self.outbox = b""
         self._pulses, self._pulse_s = 0, 0.0
         for name, tells in (
             ("chance", chance),
             ("driver_fault", driver_fault),
-            *((name, lambda name=name: getattr(self.sensed, name)) for name in SENSED_FIELDS),
+            *(
+                (name, lambda name=name: getattr(self.sensed, name))
+                for name in STATUS_SENSOR_FIELDS
+            ),
         ):
             setattr(self, name, tells)
 
@@ -61,7 +64,7 @@ class _PlantPins(Pins):
 
     def write(self, data: bytes) -> None:
         """Sends bytes to the host."""
-        self.said += data
+        self.outbox += data
 
     def wheel(self) -> tuple[int, int]:
         """Returns the wheel's pulses and the time of the last one; a pulse without a known time
@@ -126,10 +129,10 @@ class VirtualBoard(SlaveProgram):
         self._plant = _PlantPins(chance, lambda: self.driver_fault)
         settings = BoardSettings()
         settings.max_shaft_rpm, settings.max_opening_mm = (
-            COMMAND_SHAFT_RPM[1],
-            COMMAND_OPENING_MM[1],
+            SHAFT_SET_POINT_RANGE_RPM[1],
+            OPENING_SET_POINT_RANGE_MM[1],
         )
-        settings.valves = MAX_VALVES
+        settings.valves = MAX_SECTION_VALVES
         super().__init__(self._plant, settings)
         self.receiver = _CountingReceiver(self.counts)
         self._doser: _PlantDoser = _PlantDoser(1.0, 1.0)
@@ -184,8 +187,8 @@ class VirtualBoard(SlaveProgram):
         self._plant.sensed, self.shaft_rpm = sensed, sensed.shaft_rpm
         self.take_orders(_convert_to_us(now_s))
         self.send_status(_convert_to_us(now_s), _convert_to_us(sensed.time_s))
-        said, self._plant.said = self._plant.said, b""
-        return said
+        outbox, self._plant.outbox = self._plant.outbox, b""
+        return outbox
 
     def _obey_order(self, fields: list[bytes], now_us: int) -> None:
         super()._obey_order(fields, now_us)

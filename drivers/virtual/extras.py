@@ -9,17 +9,17 @@ import struct
 from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.datagrams import Datagrams
-from topdress.drivers.devices.agopengps import DRIVE, HEAD, POSITION
+from topdress.drivers.devices.agopengps import FRAME_HEADER, POSITION_ID, SPEED_ID
 from topdress.drivers.devices.lines import Ignored, Rejected
 from topdress.drivers.devices.rate_module_frames import (
-    FULL_PWM,
+    MAX_PWM,
     MAX_RELAYS,
     BoardLabel,
     BoardStatus,
     FlowTarget,
-    Relays,
-    Status,
-    Trace,
+    ModuleStatus,
+    ModuleTrace,
+    RelayStates,
     decode_command,
     encode_board,
     encode_label,
@@ -31,7 +31,7 @@ from topdress.drivers.devices.rate_module_frames import (
 STATUS_INTERVAL_S = 0.2
 # Interval of the datagram with the module's name, s.
 LABEL_INTERVAL_S = 2.0
-FIRMWARE = 1
+FIRMWARE_VERSION = 1
 # Time without the console after which a real module stops its motor, s.
 CONSOLE_TIMEOUT_S = 4.0
 
@@ -66,11 +66,13 @@ def make_agopengps_frames(fix: GnssFix) -> tuple[bytes, bytes]:
     """Returns the frames of speed and position."""
     speed = round((fix.speed_mps or 0.0) * 36.0).to_bytes(2, "little")
     place = struct.pack("<ddd", fix.lon_deg, fix.lat_deg, fix.heading_deg or 0.0)
-    return _make_agopengps_frame(DRIVE, speed + bytes(6)), _make_agopengps_frame(POSITION, place)
+    return _make_agopengps_frame(SPEED_ID, speed + bytes(6)), _make_agopengps_frame(
+        POSITION_ID, place
+    )
 
 
 def _make_agopengps_frame(name: int, body: bytes) -> bytes:
-    frame = HEAD + bytes([name, len(body)]) + body
+    frame = FRAME_HEADER + bytes([name, len(body)]) + body
     return frame + bytes([sum(frame[2:]) & 0xFF])
 
 
@@ -155,18 +157,18 @@ class VirtualRateModule(MachineExtra):
         self._next_status_s = begin_s + STATUS_INTERVAL_S - 1e-6
         # Only a plant whose drive reports its effort (in %) has this reading.
         effort = getattr(sensed, "shaft_effort", None)
-        pwm = 2.5 * self.find_shaft_rpm(begin_s) if effort is None else FULL_PWM * effort / 100.0
+        pwm = 2.5 * self.find_shaft_rpm(begin_s) if effort is None else MAX_PWM * effort / 100.0
         if begin_s >= self._next_label_s:
             self._next_label_s = begin_s + LABEL_INTERVAL_S - 1e-6
             self._port.write(encode_label(self._label))
         self._port.write(
             encode_status(
-                Status(
+                ModuleStatus(
                     self._module,
                     self._sensor,
                     min(units_per_min, 16777.0),
                     self._quantity,
-                    min(FULL_PWM, round(pwm)),
+                    min(MAX_PWM, round(pwm)),
                     self._is_hearing(begin_s),
                     False,
                     min(pulse_hz, 6553.0),
@@ -181,7 +183,7 @@ class VirtualRateModule(MachineExtra):
                     0.0,
                     sensed.wheel_pulses,
                     1,
-                    FIRMWARE,
+                    FIRMWARE_VERSION,
                     bool(sensed.work_switch),
                     True,
                     True,
@@ -190,11 +192,11 @@ class VirtualRateModule(MachineExtra):
             )
         )
 
-    def _make_trace(self, target: FlowTarget, units_per_min: float, now_s: float) -> Trace:
+    def _make_trace(self, target: FlowTarget, units_per_min: float, now_s: float) -> ModuleTrace:
         wanted = target.units_per_min if target.master_on else 0.0
         applied = min(units_per_min, 16777.0)
         error = min(8388.0, max(-8388.0, wanted - applied))
-        return Trace(
+        return ModuleTrace(
             self._module,
             self._sensor,
             round(1000.0 * now_s),
@@ -205,7 +207,7 @@ class VirtualRateModule(MachineExtra):
             0,
             min(255, round(2.5 * self.find_shaft_rpm(now_s))),
             1,
-            FIRMWARE,
+            FIRMWARE_VERSION,
         )
 
     def _is_hearing(self, now_s: float) -> bool:
@@ -219,7 +221,7 @@ class VirtualRateModule(MachineExtra):
             return
         if not self.listens or (command.module, command.sensor) != (self._module, self._sensor):
             return
-        if isinstance(command, Relays):
+        if isinstance(command, RelayStates):
             self._relays = command.relays
             return
         self._target, self._target_s = command, now_s

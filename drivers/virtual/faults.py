@@ -41,7 +41,7 @@ class PortFaults(NamedTuple):
     wrong_baud: bool = False
 
 
-class LineSpoiler:
+class LineCorrupter:
     """Corrupts a byte stream on its way. The same seed corrupts the same lines.
 
     With `by_lines` False every piece is a datagram and is corrupted like a line.
@@ -68,7 +68,7 @@ class LineSpoiler:
         else:
             lines = [data] if data else []
         for line in lines:
-            self._delayed.append((self._clock() + self.faults.delay_s, self._spoil_line(line)))
+            self._delayed.append((self._clock() + self.faults.delay_s, self._corrupt_line(line)))
 
     def take_due(self) -> list[bytes]:
         """Returns the lines or datagrams that arrive now."""
@@ -77,7 +77,7 @@ class LineSpoiler:
             found.append(self._delayed.popleft()[1])
         return [piece for piece in found if piece]
 
-    def _spoil_line(self, line: bytes) -> bytes:
+    def _corrupt_line(self, line: bytes) -> bytes:
         faults, chance = self.faults, self._random.random
         if faults.frozen and self._last_line:
             return self._last_line
@@ -116,9 +116,9 @@ def read_at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:
 
 
 # The set-point of the nominal machine, r/min.
-RUNAWAY_RPM = 70.0
+RUNAWAY_SHAFT_RPM = 70.0
 # The gate of the nominal machine is fully open, mm.
-RUNAWAY_MM = 60.0
+RUNAWAY_OPENING_MM = 60.0
 
 
 class DriveRunaway(NamedTuple):
@@ -149,7 +149,7 @@ class VirtualRunaway(MachineExtra):
         return command._replace(shaft_rpm=now.shaft_rpm), True
 
 
-FAULT_KINDS: dict[str, PortFaults] = {
+LINE_FAULTS: dict[str, PortFaults] = {
     "unplug": PortFaults(unplugged=True),
     "garbage": PortFaults(garbage_share=0.5),
     "half_lines": PortFaults(half_share=0.5),
@@ -161,10 +161,10 @@ FAULT_KINDS: dict[str, PortFaults] = {
 }
 # Faults of the board's drives instead of its line.
 DRIVE_FAULTS: dict[str, DriveRunaway] = {
-    "shaft_turns": DriveRunaway(shaft_rpm=RUNAWAY_RPM),
-    "gate_opens": DriveRunaway(opening_mm=RUNAWAY_MM),
+    "shaft_turns": DriveRunaway(shaft_rpm=RUNAWAY_SHAFT_RPM),
+    "gate_opens": DriveRunaway(opening_mm=RUNAWAY_OPENING_MM),
 }
-_GRAMMAR = re.compile(
+_FAULT_GRAMMAR = re.compile(
     r"(?P<kind>[a-z_]+):(?P<device>[a-z_0-9]+)@(?P<begin>[\d.]+)(\+(?P<lasts>[\d.]+))?"
 )
 
@@ -181,13 +181,13 @@ class TimedFault(NamedTuple):
 
 def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
     """Returns the fault that one `--fault` describes. Raises ValueError with one plain line."""
-    match = _GRAMMAR.fullmatch(text.strip())
+    match = _FAULT_GRAMMAR.fullmatch(text.strip())
     if match is None:
         raise ValueError(
             f"fault {text!r}: not understood: allowed KIND:DEVICE@FROM_S[+FOR_S], e.g. "
             "unplug:gnss@60+10"
         )
-    kinds = [*FAULT_KINDS, *DRIVE_FAULTS]
+    kinds = [*LINE_FAULTS, *DRIVE_FAULTS]
     if match["kind"] not in kinds:
         raise ValueError(
             f"fault {text!r}: unknown kind {match['kind']}: allowed {', '.join(kinds)}"
@@ -217,13 +217,13 @@ def find_faults(timeline: Iterable[TimedFault], device: str, at_s: float) -> Por
     for fault in timeline:
         names = (device, "heads" if _is_head_name(device) else device)
         if (
-            fault.kind in FAULT_KINDS
+            fault.kind in LINE_FAULTS
             and fault.begin_s <= at_s < fault.end_s
             and fault.device in names
         ):
             worse = {
                 name: max(value, getattr(found, name))
-                for name, value in FAULT_KINDS[fault.kind]._asdict().items()
+                for name, value in LINE_FAULTS[fault.kind]._asdict().items()
             }
             found = PortFaults(**worse)
     return found
@@ -254,7 +254,7 @@ class ServedLine:
 
     def __init__(self, ends: Sequence[Port], clock: Clock, seed: int) -> None:
         self._ends = tuple(ends)
-        self._spoiler = LineSpoiler(clock, seed=seed)
+        self._spoiler = LineCorrupter(clock, seed=seed)
 
     @property
     def name(self) -> str:

@@ -14,14 +14,14 @@ from topdress.control.readings import DriveCommand, GnssFix
 from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.ports import UNPLUGGED, Clock, Port, PortState
 from topdress.drivers.virtual.extras import MachineExtra
-from topdress.drivers.virtual.faults import LineSpoiler, PortFaults, ServedLine
+from topdress.drivers.virtual.faults import LineCorrupter, PortFaults, ServedLine
 
 VERSION_REPORT = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
 DEVICE_PATH = "/dev/virtual"
 # Status of gpsd for each fix quality of GGA (gpsd_json(5), TPV).
 STATUS_OF_QUALITY = {2: 2, 4: 3, 5: 4}
 # Longest command of a client, bytes; a client that sends more without a line end is dropped.
-MAX_QUESTION_BYTES = 4096
+MAX_COMMAND_BYTES = 4096
 MAX_CLIENTS = 16
 # Unsent bytes after which a client that no longer reads is disconnected.
 MAX_UNSENT_BYTES = 262_144
@@ -40,7 +40,7 @@ class ClientLine(Protocol):
 class ClientList(Protocol):
     """Defines a server with several clients."""
 
-    def clients(self) -> Sequence[ClientLine]:
+    def list_clients(self) -> Sequence[ClientLine]:
         """Returns the clients that are connected now."""
         ...
 
@@ -61,14 +61,14 @@ class VirtualGpsd(MachineExtra):
     ) -> tuple[DriveCommand, bool]:
         """Answers the commands that have arrived; the drives' command is unchanged."""
         lines: Sequence[ClientLine] = (
-            self._line.clients() if hasattr(self._line, "clients") else (self._line,)
+            self._line.list_clients() if hasattr(self._line, "list_clients") else (self._line,)
         )
         sessions = {
             id(line): self._sessions.get(id(line)) or _ClientSession(line) for line in lines
         }
         self._sessions = sessions
         for session in sessions.values():
-            session.take_questions()
+            session.answer_commands()
         return command, enabled
 
     def take_readings(self, sensed: SensorReadings, begin_s: float) -> None:
@@ -89,17 +89,17 @@ class _ClientSession:
         self._sky: dict[str, object] | None = None
         self._fix: dict[str, object] | None = None
 
-    def take_questions(self) -> None:
+    def answer_commands(self) -> None:
         """Answers the commands that the client has sent."""
         state = self._line.state()
         if state.connected and state.connects != self._connects:
             self._connects, self._watched, self._rest = state.connects, False, b""
             self._send_object(VERSION_REPORT)
         *questions, self._rest = (self._rest + self._line.read()).replace(b"\n", b";").split(b";")
-        self._rest = self._rest[-MAX_QUESTION_BYTES:]
+        self._rest = self._rest[-MAX_COMMAND_BYTES:]
         for question in questions:
             if question.strip():
-                self._answer_question(question.strip().decode("ascii", "replace"))
+                self._answer_command(question.strip().decode("ascii", "replace"))
 
     def report_fix(self, fix: GnssFix) -> None:
         """Sends one fix to a client that watches."""
@@ -124,7 +124,7 @@ class _ClientSession:
             self._send_object(self._sky)
             self._send_object(self._fix)
 
-    def _answer_question(self, question: str) -> None:
+    def _answer_command(self, question: str) -> None:
         name, _, given = question.partition("=")
         devices: dict[str, object] = {
             "class": "DEVICES",
@@ -138,8 +138,8 @@ class _ClientSession:
             self._set_watch(given, devices)
         elif name == "?POLL":
             reports = {
-                "tpv": [] if self._fix is None else [_drop_unknown(self._fix)],
-                "sky": [] if self._sky is None else [_drop_unknown(self._sky)],
+                "tpv": [] if self._fix is None else [_drop_unknown_values(self._fix)],
+                "sky": [] if self._sky is None else [_drop_unknown_values(self._sky)],
             }
             time = None if self._fix is None else self._fix["time"]
             self._send_object(
@@ -163,12 +163,12 @@ class _ClientSession:
             self._send_object(devices)
         self._send_object({"class": "WATCH", "enable": self._watched, "json": True})
 
-    def _send_object(self, said: dict[str, Any]) -> None:
-        self._line.write(json.dumps(_drop_unknown(said)).encode() + b"\n")
+    def _send_object(self, report: dict[str, Any]) -> None:
+        self._line.write(json.dumps(_drop_unknown_values(report)).encode() + b"\n")
 
 
-def _drop_unknown(said: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in said.items() if value is not None}
+def _drop_unknown_values(report: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in report.items() if value is not None}
 
 
 class GpsdServer:
@@ -201,7 +201,7 @@ class GpsdServer:
         """The address, as the only end of the line."""
         return (self.name,) if self._fixed is None else (self.name, *self._fixed.names)
 
-    def clients(self) -> Sequence[ClientLine]:
+    def list_clients(self) -> Sequence[ClientLine]:
         """Returns the clients that are connected now."""
         self.send_due()
         return (*self._clients, *(() if self._fixed is None else (self._fixed,)))
@@ -230,8 +230,10 @@ class GpsdServer:
 
     def state(self) -> PortState:
         """Returns whether a client is connected, and the traffic of all clients."""
-        said = UNPLUGGED if self._faults.unplugged else "" if self._clients else "no client yet"
-        return PortState(bool(self._clients), self._connects, said, 0, 0, 0, 0, None, b"")
+        last_error = (
+            UNPLUGGED if self._faults.unplugged else "" if self._clients else "no client yet"
+        )
+        return PortState(bool(self._clients), self._connects, last_error, 0, 0, 0, 0, None, b"")
 
     def close(self) -> None:
         """Closes every connection."""
@@ -268,7 +270,7 @@ class _GpsdClient:
     def __init__(self, connection: socket.socket, clock: Clock, seed: int, number: int) -> None:
         self.open = True
         self._connection, self._number = connection, number
-        self._spoiler = LineSpoiler(clock, seed=seed + number)
+        self._spoiler = LineCorrupter(clock, seed=seed + number)
         self._unsent = b""
 
     def set_faults(self, faults: PortFaults) -> None:
@@ -276,7 +278,7 @@ class _GpsdClient:
 
     def read(self) -> bytes:
         try:
-            data = self._connection.recv(MAX_QUESTION_BYTES) if self.open else b""
+            data = self._connection.recv(MAX_COMMAND_BYTES) if self.open else b""
         except BlockingIOError:
             return b""
         except OSError:

@@ -15,9 +15,9 @@ from topdress.drivers.virtual.extras import MachineExtra
 # Rounds of the rig's program in one step of the plant.
 ROUNDS_PER_STEP = 10
 # Reading of the plate's sensor without a granule, in counts of the converter.
-RESTING_PLATE = 500
+RESTING_PLATE_COUNTS = 500
 # Rise of that reading by one granule, in counts of the converter.
-GRANULE_SIGNAL = 80
+GRANULE_COUNTS = 80
 # Flow below which no granule leaves the outlet, kg/s.
 MIN_FLOW_KG_S = 1e-4
 # Lower limit of a drop time, s, which prevents a division by zero.
@@ -29,7 +29,7 @@ class _Pins(RigPins):
         self._port = port
         self.turns = 0.0
         self.counts = self.newest_us = self.before_us = 0
-        self.value = RESTING_PLATE
+        self.value = RESTING_PLATE_COUNTS
 
     def read(self) -> bytes:
         return self._port.read()
@@ -74,7 +74,7 @@ class VirtualLagRig(MachineExtra):
         step_s, from_rpm = truth.time_s - self._last_s, self._rpm
         for part in range(1, ROUNDS_PER_STEP + 1):
             share = part / ROUNDS_PER_STEP
-            self._run_round(
+            self._run_program_round(
                 self._last_s + share * step_s,
                 from_rpm + share * (truth.shaft_rpm - from_rpm),
                 step_s / ROUNDS_PER_STEP,
@@ -95,7 +95,7 @@ class VirtualLagRig(MachineExtra):
                 heapq.heappush(self._landing, self._last_s + (1.0 - granule[0]) / pace + granule[2])
         self._falling = still
 
-    def _run_round(self, now_s: float, rpm: float, dt_s: float) -> None:
+    def _run_program_round(self, now_s: float, rpm: float, dt_s: float) -> None:
         pins = self._pins
         pins.turns += rpm / 60.0 * dt_s
         counts = int(pins.turns * self._settings.counts_per_turn)
@@ -110,5 +110,5 @@ class VirtualLagRig(MachineExtra):
             heapq.heappop(self._landing)
             landed = True
         self._rounds += 1
-        pins.value = RESTING_PLATE + GRANULE_SIGNAL * landed + self._rounds * 7 % 5
+        pins.value = RESTING_PLATE_COUNTS + GRANULE_COUNTS * landed + self._rounds * 7 % 5
         self._program.run_round(round(now_s * 1e6))

@@ -11,7 +11,7 @@ from typing import Literal
 from topdress.control.readings import GnssFix
 from topdress.control.simulation.plant import Plant
 from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
-from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadFields
 from topdress.drivers.devices.nmea import MPS_PER_KNOT, seal_sentence
 from topdress.drivers.ports import Clock, MemoryPort, Port, make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
@@ -19,17 +19,21 @@ from topdress.drivers.virtual.extras import MachineExtra
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
 # The time of a simulated fix that carries no UTC.
-FIRST_UTC = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)
+DEFAULT_FIRST_UTC = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)
 
 
 def make_gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
     """Returns one epoch as GGA, RMC and VTG. Positions have a resolution of 1e-7 minutes (0.2 mm),
     speeds of 0.001 knots.
 
-    Without `fix.utc` the time is `FIRST_UTC` plus `fix.time_s`. Quality 0 writes no position and
-    status V.
+    Without `fix.utc` the time is `DEFAULT_FIRST_UTC` plus `fix.time_s`. Quality 0 writes no
+    position and status V.
     """
-    at = datetime.fromisoformat(fix.utc) if fix.utc else FIRST_UTC + timedelta(seconds=fix.time_s)
+    at = (
+        datetime.fromisoformat(fix.utc)
+        if fix.utc
+        else DEFAULT_FIRST_UTC + timedelta(seconds=fix.time_s)
+    )
     # Half a millisecond is added, because the time is cut to milliseconds below.
     at = (at + timedelta(microseconds=500)).astimezone(UTC)
     clock = f"{at:%H%M%S}.{at.microsecond // 1000:03d}"
@@ -112,7 +116,7 @@ class VirtualMachine:
         board: Port,
         start_s: float,
         *,
-        layout: HeadFields = PROTOCOLS["greenseeker"],
+        layout: HeadFields = FIELDS_OF_PROTOCOL["greenseeker"],
         multiplexed: bool = False,
         opening_mm: float = INITIAL_OPENING_MM,
         extras: Sequence[MachineExtra] = (),
@@ -227,7 +231,7 @@ def make_virtual_cab(
         [pairs[name][1] for name in head_names],
         pairs["memory:board"][1],
         clock(),
-        layout=PROTOCOLS[protocol],
+        layout=FIELDS_OF_PROTOCOL[protocol],
         multiplexed=multiplexed,
         opening_mm=opening_mm,
         extras=extras,

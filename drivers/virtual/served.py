@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 from topdress.control.simulation.plant import Plant
 from topdress.drivers.datagrams import Datagrams, UdpPort
-from topdress.drivers.devices.canopy_heads import PROTOCOLS
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL
 from topdress.drivers.ports import (
-    READ_WAIT_S,
+    READ_TIMEOUT_S,
     Clock,
     Port,
     PortState,
@@ -29,7 +29,7 @@ from topdress.drivers.virtual.extras import MachineExtra, VirtualAgOpenGps, Virt
 from topdress.drivers.virtual.faults import (
     DRIVE_FAULTS,
     DriveRunaway,
-    LineSpoiler,
+    LineCorrupter,
     PortFaults,
     ServedLine,
     TimedFault,
@@ -59,7 +59,7 @@ class TerminalPort(ThreadedPort):
         self._make_terminal()
         super().__init__(
             str(link),
-            self._wait_for_a_program,
+            self._wait_for_program,
             clock,
             first_back_off_s=0.01,
             longest_back_off_s=0.01,
@@ -78,7 +78,7 @@ class TerminalPort(ThreadedPort):
         super().close()
         self.disconnect()
 
-    def _wait_for_a_program(self) -> _MasterStream:
+    def _wait_for_program(self) -> _MasterStream:
         if self._master < 0:
             self._make_terminal()
         poll = select.poll()
@@ -111,7 +111,7 @@ class _MasterStream:
 
     def read(self) -> bytes:
         """Returns the bytes that the program has written."""
-        if not select.select([self._master], [], [], READ_WAIT_S)[0]:
+        if not select.select([self._master], [], [], READ_TIMEOUT_S)[0]:
             return b""
         return os.read(self._master, 4096)
 
@@ -136,7 +136,7 @@ class ListeningPort(ThreadedPort):
 
     def __init__(self, host: str, number: int, clock: Clock) -> None:
         self._server: socket.socket | None = socket.create_server((host, number))
-        self._server.settimeout(READ_WAIT_S)
+        self._server.settimeout(READ_TIMEOUT_S)
         self.number: int = self._server.getsockname()[1]
         self._address = host, self.number
         super().__init__(
@@ -164,7 +164,7 @@ class ListeningPort(ThreadedPort):
         while the port is open."""
         if self._server is None:
             self._server = socket.create_server(self._address)
-            self._server.settimeout(READ_WAIT_S)
+            self._server.settimeout(READ_TIMEOUT_S)
         try:
             connection, _ = self._server.accept()
         except TimeoutError:
@@ -173,7 +173,7 @@ class ListeningPort(ThreadedPort):
 
 
 # First of the TCP ports that `topdress serve-machine` opens by default.
-FIRST_PORT = 4100
+DEFAULT_FIRST_PORT = 4100
 # Pulses of the virtual rate module's encoder for one turn of the shaft.
 TRUE_PULSES_PER_TURN = 360.0
 
@@ -184,7 +184,7 @@ class ServeOptions:
     Rate module and AgOpenGPS are (host, port), or None if they are not served."""
 
     host: str = "127.0.0.1"
-    first_port: int = FIRST_PORT
+    first_port: int = DEFAULT_FIRST_PORT
     heads: int = 6
     protocol: str = "greenseeker"
     opening_mm: float = INITIAL_OPENING_MM
@@ -228,7 +228,7 @@ class ServedDatagrams:
 
     def __init__(self, inner: Datagrams, clock: Clock, seed: int) -> None:
         self._inner = inner
-        self._spoiler = LineSpoiler(clock, seed=seed, by_lines=False)
+        self._spoiler = LineCorrupter(clock, seed=seed, by_lines=False)
 
     @property
     def name(self) -> str:
@@ -376,7 +376,7 @@ class ServedMachine:
             [lines[name] for name in heads],
             lines["board"],
             self._start_s,
-            layout=PROTOCOLS[serve.protocol],
+            layout=FIELDS_OF_PROTOCOL[serve.protocol],
             opening_mm=serve.opening_mm,
             extras=extras,
         )

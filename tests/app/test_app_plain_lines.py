@@ -15,7 +15,7 @@ import pytest
 from topdress.console.app.terminal import STALLED_S, TerminalPulse
 from topdress.console.link import Link
 from topdress.console.running import WorkerAddress
-from topdress.drivers.plain_text import remove_steering
+from topdress.drivers.plain_text import remove_control_characters
 
 STEERING = (
     "\x1b]0;taken\x07",
@@ -31,12 +31,14 @@ STEERING = (
 
 @pytest.mark.parametrize("text", STEERING)
 def test_what_steers_is_left_out(text: str) -> None:
-    assert remove_steering(text).isprintable() and remove_steering(f"job {text}").startswith("job ")
+    assert remove_control_characters(text).isprintable() and remove_control_characters(
+        f"job {text}"
+    ).startswith("job ")
 
 
 def test_plain_text_stays() -> None:
     for text in ("", "Weizen Süd 12 %", "作业 1", "two\nlines\tof text", "10 m² ≤ 5 °"):
-        assert remove_steering(text) is text or remove_steering(text) == text
+        assert remove_control_characters(text) is text or remove_control_characters(text) == text
 
 
 def drawn(app) -> str:

@@ -36,8 +36,9 @@ def clock_is(monkeypatch):
 )
 def test_what_no_date_can_be_made_of_is_a_clock_that_is_not_set(clock_is, asked):
     clock_is(asked)
-    assert day_clock.read_utc_now() == day_clock.UNKNOWN_DATE and day_clock.read_today() == dt.date(
-        1970, 1, 1
+    assert (
+        day_clock.read_utc_now() == day_clock.DATE_OF_UNSET_CLOCK
+        and day_clock.read_today() == dt.date(1970, 1, 1)
     )
     assert day_clock.read_local_now().year == 1970 and day_clock.read_utc_now().tzinfo is dt.UTC
 
@@ -55,7 +56,7 @@ def test_what_can_be_said_is_said(clock_is):
     )
     assert (
         day_clock.convert_to_utc(YEAR_7000_S).year == 7000
-        and day_clock.convert_to_utc(1e15) == day_clock.UNKNOWN_DATE
+        and day_clock.convert_to_utc(1e15) == day_clock.DATE_OF_UNSET_CLOCK
     )
 
 

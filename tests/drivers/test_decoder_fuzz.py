@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from topdress.control.readings import MAX_ANNOUNCED_MPS, GnssFix, SpeedPlan
 from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
-from topdress.drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL as HEAD_PROTOCOLS
 from topdress.drivers.devices.canopy_heads import HeadDecoder
 from topdress.drivers.devices.capture import (
     extract_received,
@@ -21,7 +21,7 @@ from topdress.drivers.devices.capture import (
     make_capture_header,
     make_capture_lines,
 )
-from topdress.drivers.devices.decode import PROTOCOLS, decode_capture
+from topdress.drivers.devices.decode import DECODER_OF_PROTOCOL, decode_capture
 from topdress.drivers.devices.gnss import GnssDecoder
 from topdress.drivers.devices.probe import (
     probe_port,
@@ -30,10 +30,10 @@ from topdress.drivers.devices.probe import (
     recognise_protocol,
 )
 from topdress.drivers.devices.rate_line import MAX_RATE_KG_HA, make_target_sentence
-from topdress.drivers.devices.rate_module_frames import Status
+from topdress.drivers.devices.rate_module_frames import ModuleStatus
 from topdress.drivers.devices.rate_module_frames import encode_status as encode_module
 from topdress.drivers.devices.slave_board import SlaveBoard
-from topdress.drivers.devices.tractor_speed import make_sentence
+from topdress.drivers.devices.tractor_speed import make_speed_sentence
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.board import VirtualBoard
 from topdress.drivers.virtual.extras import make_agopengps_frames
@@ -107,7 +107,7 @@ def clean(protocol: str) -> bytes:
         )
     if protocol == "tractor":
         return b"".join(
-            make_sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5))
+            make_speed_sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5))
             for tick in range(40)
         )
     if protocol == "rate_line":
@@ -142,14 +142,14 @@ def spoilt(draw, protocol: str) -> bytes:
     return bytes(data)
 
 
-@pytest.mark.parametrize("protocol", sorted(PROTOCOLS))
+@pytest.mark.parametrize("protocol", sorted(DECODER_OF_PROTOCOL))
 def test_a_clean_stream_is_accepted_whole(protocol):
     records, counts = decode_capture(protocol, clean(protocol))
     assert not counts.rejected and not counts.ignored
     assert len(records) == 40
 
 
-@pytest.mark.parametrize("protocol", sorted(PROTOCOLS))
+@pytest.mark.parametrize("protocol", sorted(DECODER_OF_PROTOCOL))
 @SHORT
 @given(data=st.data())
 def test_spoilt_streams(protocol, data):
@@ -360,12 +360,12 @@ def test_the_rate_is_found_and_nothing_is_sent():
         return host
 
     found = probe_port(open_at, (115200, 38400, 9600), at, at.sleep)
-    assert (found.protocol, found.baud, found.said) == ("greenseeker", 38400, "0,0,0.500,0.500,0")
+    assert (found.protocol, found.baud, found.detail) == ("greenseeker", 38400, "0,0,0.500,0.500,0")
     assert len(ends) == 2 and all(end.read() == b"" for end in ends)
 
 
 def test_modules_on_the_network_are_named():
-    status = encode_module(Status(3, 0, 0.0, 0.0, 0, True, False, 0.0))
+    status = encode_module(ModuleStatus(3, 0, 0.0, 0.0, 0, True, False, 0.0))
     assert recognise_modules([status, b"noise", status[:-1] + b"\0"]) == {3: ""}
 
 
@@ -384,7 +384,9 @@ def test_a_port_that_cannot_be_read_is_one_plain_line():
 
 def test_pieces_of_a_line_or_datagrams_are_told_with_the_last_of_them():
     found = recognise_either([HEARD["greenseeker"][:30], HEARD["greenseeker"][30:] + b"0,0.1"])
-    assert (found.protocol, found.said) == ("greenseeker", "0,0,0.500,0.500,0")
-    modules = recognise_either([encode_module(Status(3, 0, 0.0, 0.0, 0, True, False, 0.0))] * 2)
-    assert (modules.protocol, modules.said) == ("rate-module/udp", "3")
+    assert (found.protocol, found.detail) == ("greenseeker", "0,0,0.500,0.500,0")
+    modules = recognise_either(
+        [encode_module(ModuleStatus(3, 0, 0.0, 0.0, 0, True, False, 0.0))] * 2
+    )
+    assert (modules.protocol, modules.detail) == ("rate-module/udp", "3")
     assert recognise_either([b"hello\r\n"]).protocol == ""

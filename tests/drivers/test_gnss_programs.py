@@ -18,7 +18,7 @@ from topdress.drivers.datagrams import make_datagram_pair
 from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
 from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.gnss import GnssDecoder
-from topdress.drivers.devices.gpsd import WATCH, GpsdDecoder
+from topdress.drivers.devices.gpsd import WATCH_COMMAND, GpsdDecoder
 from topdress.drivers.ports import make_memory_pair
 from topdress.drivers.virtual.extras import make_agopengps_frames
 from topdress.drivers.virtual.faults import PortFaults
@@ -142,10 +142,10 @@ def test_gpsd_is_asked_to_speak_at_every_connect(clock):
     )
     cab.read_measurements(100.0)
     cab.read_measurements(100.1)
-    assert device.read() == WATCH
+    assert device.read() == WATCH_COMMAND
     host.state = lambda: device.state()._replace(connects=2)
     cab.read_measurements(100.2)
-    assert device.read() == WATCH
+    assert device.read() == WATCH_COMMAND
 
 
 def test_the_virtual_gpsd_speaks_when_asked(clock, fake_plant):

@@ -15,11 +15,11 @@ from topdress.drivers.board.lag_rig import ARMED, LANDED
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.devices.lag_rig import LagRig, RigReadings
 from topdress.drivers.devices.lag_run import (
+    DropProcedure,
     DropRun,
-    DropTest,
     LagPlan,
+    LagProcedure,
     LagRun,
-    LagTest,
     make_bench_table,
     make_drop_table,
 )
@@ -118,7 +118,7 @@ def bench(clock):
     return cab, virtual, machine
 
 
-def go(bench, clock, test: LagTest, seconds: float, allowed=lambda: True) -> list[str]:
+def go(bench, clock, test: LagProcedure, seconds: float, allowed=lambda: True) -> list[str]:
     cab, virtual, _ = bench
     said = []
     for tick in range(round(seconds / 0.02)):
@@ -128,15 +128,15 @@ def go(bench, clock, test: LagTest, seconds: float, allowed=lambda: True) -> lis
         wish = test.run_tick(clock.now_s, cab.rig_readings, allowed())
         cab.send_rig_order(wish.run, wish.arm)
         cab.send_command(clock.now_s, DriveCommand(wish.shaft_rpm, 25.0), tick > 10 and allowed())
-        if wish.said:
-            said.append(wish.said)
+        if wish.failure:
+            said.append(wish.failure)
         if test.is_done:
             break
     return said
 
 
 def test_the_procedure_finds_the_models_lags(bench, clock):
-    test = LagTest(LagPlan(shaft_rpm=(10.0, 40.0, 70.0), repeats=3))
+    test = LagProcedure(LagPlan(shaft_rpm=(10.0, 40.0, 70.0), repeats=3))
     assert go(bench, clock, test, 120.0) == []
     assert test.is_done and test.progress == 1.0 and not test.left_out and len(test.runs) == 9
     fall = bench[2].fall
@@ -151,7 +151,7 @@ def test_the_procedure_finds_the_models_lags(bench, clock):
 
 
 def test_a_released_button_stops_the_shaft_and_the_run_begins_again(bench, clock):
-    test = LagTest(LagPlan(shaft_rpm=(40.0,), repeats=1))
+    test = LagProcedure(LagPlan(shaft_rpm=(40.0,), repeats=1))
     cab, *_ = bench
     go(bench, clock, test, 4.0)
     assert not test.runs and test.run_tick(clock.now_s, cab.rig_readings, True).shaft_rpm == 40.0
@@ -167,7 +167,7 @@ def rig_says(
     return RigReadings(now_s, run, state, Reading(rpm, now_s), start_s, drop_s, turned, plate)
 
 
-def until_running(test: LagTest, now_s: float) -> tuple[float, int]:
+def until_running(test: LagProcedure, now_s: float) -> tuple[float, int]:
     state = 0
     run = 0
     for _ in range(1000):
@@ -188,7 +188,7 @@ def until_running(test: LagTest, now_s: float) -> tuple[float, int]:
     ],
 )
 def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, said):
-    test = LagTest(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=2))
+    test = LagProcedure(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=2))
     now_s = 0.0
     for _ in range(2):
         now_s, run = until_running(test, now_s)
@@ -204,22 +204,23 @@ def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, sai
             plate=landed.get("plate", False),
         )
         wish = test.run_tick(now_s + 2.0, said_now, True)
-        assert said in wish.said and wish.shaft_rpm == 0.0
+        assert said in wish.failure and wish.shaft_rpm == 0.0
         now_s += 2.0
     assert test.is_done and not test.runs and said in test.left_out[0][2]
 
 
 def test_nothing_lands_is_said_after_the_longest_wait():
-    test = LagTest(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=1, longest_s=3.0))
+    test = LagProcedure(LagPlan(shaft_rpm=(40.0,), repeats=1, tries=1, longest_s=3.0))
     now_s, run = until_running(test, 0.0)
     assert test.run_tick(now_s + 2.9, rig_says(now_s + 2.9, run, ARMED), True).shaft_rpm == 40.0
     assert (
-        "did not turn" in test.run_tick(now_s + 3.1, rig_says(now_s + 3.1, run, ARMED), True).said
+        "did not turn"
+        in test.run_tick(now_s + 3.1, rig_says(now_s + 3.1, run, ARMED), True).failure
     )
 
 
 def test_a_silent_rig_starts_nothing():
-    test = LagTest()
+    test = LagProcedure()
     wishes = [test.run_tick(tick * 0.05, rig_says(0.0), True) for tick in range(400)]
     assert {wish.shaft_rpm for wish in wishes} == {0.0}
     assert {
@@ -243,14 +244,14 @@ def test_the_bench_table():
 def test_drop_times_of_a_shaft_that_somebody_else_turns(bench, clock):
     """The hand starts the shaft half a second after it was asked to, at 60 r/min."""
     cab, virtual, machine = bench
-    test, phases, asked_s = DropTest(), [], None
+    test, phases, asked_s = DropProcedure(), [], None
     for tick in range(1500):
         clock.now_s += 0.02
         virtual.advance_to(clock.now_s)
         cab.read_measurements(clock.now_s)
         wish = test.run_tick(clock.now_s, cab.rig_readings)
         cab.send_rig_order(wish.run, wish.arm)
-        assert not wish.said
+        assert not wish.failure
         phases += [wish.phase] if phases[-1:] != [wish.phase] else []
         asked_s = None if wish.phase not in ("start", "falling") else asked_s or clock.now_s
         turns = asked_s is not None and clock.now_s - asked_s > 0.5
@@ -269,12 +270,12 @@ def test_drop_times_of_a_shaft_that_somebody_else_turns(bench, clock):
     [({"turned": True}, "before the rig was ready"), ({"plate": True}, "the plate was touched")],
 )
 def test_a_drop_that_cannot_be_right_is_not_kept(flag, said):
-    test = DropTest(settle_s=1.0)
+    test = DropProcedure(settle_s=1.0)
     for tick in range(60):
         wish = test.run_tick(tick * 0.05, rig_says(tick * 0.05))
     assert (wish.run, wish.arm, wish.phase) == (1, True, "arming")
     assert test.run_tick(3.1, rig_says(3.1, 1, ARMED)).phase == "start"
-    assert said in test.run_tick(5.0, rig_says(5.0, 1, LANDED, 50.0, 3.5, 1.4, **flag)).said
+    assert said in test.run_tick(5.0, rig_says(5.0, 1, LANDED, 50.0, 3.5, 1.4, **flag)).failure
     assert (
         not test.runs
         and test.run_tick(5.1, rig_says(5.1, 1, LANDED, 50.0, 3.5, 1.4)).phase == "stop"
@@ -282,13 +283,13 @@ def test_a_drop_that_cannot_be_right_is_not_kept(flag, said):
 
 
 def test_granules_that_never_come_are_told_after_the_longest_wait():
-    test = DropTest(settle_s=1.0, longest_s=4.0)
+    test = DropProcedure(settle_s=1.0, longest_s=4.0)
     for tick in range(60):
         test.run_tick(tick * 0.05, rig_says(tick * 0.05))
     test.run_tick(3.1, rig_says(3.1, 1, ARMED))
     assert test.run_tick(4.0, rig_says(4.0, 1, 2, 30.0, 3.9)).phase == "falling"
-    assert test.run_tick(7.9, rig_says(7.9, 1, 2, 30.0, 3.9)).said == ""
-    assert test.run_tick(8.1, rig_says(8.1, 1, 2, 30.0, 3.9)).said == "nothing landed"
+    assert test.run_tick(7.9, rig_says(7.9, 1, 2, 30.0, 3.9)).failure == ""
+    assert test.run_tick(8.1, rig_says(8.1, 1, 2, 30.0, 3.9)).failure == "nothing landed"
 
 
 def test_the_table_of_drops():

@@ -16,8 +16,8 @@ from topdress.control.readings import DriveCommand
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.datagrams import UdpPort
 from topdress.drivers.ports import (
-    MAX_BUFFERED_BYTES,
     MAX_QUEUED_WRITES,
+    MAX_RECEIVED_BYTES,
     SerialStream,
     ThreadedPort,
     make_memory_pair,
@@ -61,7 +61,7 @@ def test_memory_pair_both_ways_in_order(clock):
 
 def test_memory_pair_closed_or_flooded(clock):
     host, device = make_memory_pair("x", clock)
-    device.write(b"a" * (MAX_BUFFERED_BYTES - 1) + b"bc")
+    device.write(b"a" * (MAX_RECEIVED_BYTES - 1) + b"bc")
     assert host.state().dropped_in == 1
     assert host.read()[-3:] == b"abc"
     device.close()

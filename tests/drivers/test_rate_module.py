@@ -11,12 +11,17 @@ import struct
 import pytest
 from topdress.control.readings import DriveCommand
 from topdress.drivers.cab import Cab, CabConfig
-from topdress.drivers.datagrams import MAX_WAITING, UdpPort, make_datagram_pair, parse_udp_address
+from topdress.drivers.datagrams import (
+    MAX_WAITING_DATAGRAMS,
+    UdpPort,
+    make_datagram_pair,
+    parse_udp_address,
+)
 from topdress.drivers.devices.probe import recognise_modules
 from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
 from topdress.drivers.devices.rate_module_frames import (
     FlowTarget,
-    Relays,
+    RelayStates,
     decode_command,
     encode_target,
 )
@@ -59,7 +64,7 @@ def test_a_target_is_these_fourteen_bytes():
 def test_the_first_command_brings_relays_and_target():
     """32501 is mandatory: without a relay bit the module neither controls nor counts."""
     told = [decode_command(data) for data in module().make_datagrams(60.0, True, 0.0)]
-    assert told == [Relays(0, 0, 1), FlowTarget(0, 0, 60.0, 360.0, "motor", True, True)]
+    assert told == [RelayStates(0, 0, 1), FlowTarget(0, 0, 60.0, 360.0, "motor", True, True)]
 
 
 def test_commands_go_on_change_and_as_often_as_the_module_needs():
@@ -73,7 +78,7 @@ def test_commands_go_on_change_and_as_often_as_the_module_needs():
     assert (60, 61.0) in targets, "a change at once"
     gaps = [(after - before) * 0.05 for (before, _), (after, _) in itertools.pairwise(targets)]
     assert max(gaps) <= 0.55, "far from the 4 s after which the module stops"
-    relays = [tick for tick, told in sent if isinstance(told, Relays)]
+    relays = [tick for tick, told in sent if isinstance(told, RelayStates)]
     assert max(b - a for a, b in itertools.pairwise(relays)) <= 21
 
 
@@ -89,7 +94,7 @@ def test_a_stop_is_sent_in_the_same_tick_and_the_relay_stays_for_the_run_down():
         for data in driver.make_datagrams(None, False, 0.1 + tick * 0.05)
     ]
     assert all(told.units_per_min == 0.0 for told in later if isinstance(told, FlowTarget))
-    assert [told.relays for told in later if isinstance(told, Relays)][:3] == [1, 1, 0]
+    assert [told.relays for told in later if isinstance(told, RelayStates)][:3] == [1, 1, 0]
 
 
 @pytest.mark.parametrize(
@@ -375,7 +380,7 @@ def test_a_stranger_is_not_heard(clock):
     )
     for _ in range(100):
         module.sendto(b"again", ("127.0.0.1", port.number))
-    assert len(port.read_each()) == MAX_WAITING, "of a flood the newest are given"
+    assert len(port.read_each()) == MAX_WAITING_DATAGRAMS, "of a flood the newest are given"
     for one in (port, module, stranger):
         one.close()
 
@@ -464,13 +469,13 @@ def test_valves_hang_on_the_relays_from_the_second_on_and_close_with_the_drive()
         decode_command(data)
         for data in driver.make_datagrams(60.0, True, 0.2, (False, False, True))
     ]
-    assert [told.relays for told in closed if isinstance(told, Relays)] == [0b1001], (
+    assert [told.relays for told in closed if isinstance(told, RelayStates)] == [0b1001], (
         "at once, on change"
     )
     stopped = [
         decode_command(data) for data in driver.make_datagrams(60.0, False, 0.4, (True, True, True))
     ]
-    assert [told.relays for told in stopped if isinstance(told, Relays)] == [0b0001]
+    assert [told.relays for told in stopped if isinstance(told, RelayStates)] == [0b0001]
     for data in driver.make_datagrams(60.0, True, 0.6, (True, True, True)):
         near.write(data)
     assert any(virtual.alter_command(0.6, DriveCommand(0.0, 25.0), True)[0].valves)
@@ -481,4 +486,4 @@ def test_valves_hang_on_the_relays_from_the_second_on_and_close_with_the_drive()
 
 def test_relays_without_valves_are_as_they_were():
     told = [decode_command(data) for data in module().make_datagrams(60.0, True, 0.0)]
-    assert [one.relays for one in told if isinstance(one, Relays)] == [1]
+    assert [one.relays for one in told if isinstance(one, RelayStates)] == [1]

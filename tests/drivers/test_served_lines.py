@@ -100,11 +100,11 @@ def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
     ],
 )
 def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_plant, fault, kind):
-    from topdress.drivers.virtual.faults import FAULT_KINDS
+    from topdress.drivers.virtual.faults import LINE_FAULTS
 
     cab, machine = make_virtual_cab(fake_plant, clock)
     board, line = cab._drives[1], ServedLine((machine._board_port,), clock, seed=0)
-    line.set_faults(FAULT_KINDS[fault])
+    line.set_faults(LINE_FAULTS[fault])
     machine._board_port = line
     for _ in range(200):
         clock.now_s += 0.05

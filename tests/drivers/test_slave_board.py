@@ -12,7 +12,7 @@ from topdress.control.simulation.plant import SensorReadings
 from topdress.drivers.board.framing import seal_frame
 from topdress.drivers.cab import Cab, CabConfig
 from topdress.drivers.devices.board_frames import (
-    ASK,
+    WORD_REQUEST,
     CommandFrame,
     calc_crc16,
     decode_status,
@@ -243,7 +243,9 @@ def test_a_board_that_does_not_answer_is_no_longer_asked_for_its_word(board_line
     lines = [
         host.make_command_line(DriveCommand(70.0, 25.0), True) for _ in range(MAX_WORD_REQUESTS + 5)
     ]
-    assert [line.startswith(ASK) for line in lines] == [True] * MAX_WORD_REQUESTS + [False] * 5
+    assert [line.startswith(WORD_REQUEST) for line in lines] == [True] * MAX_WORD_REQUESTS + [
+        False
+    ] * 5
     assert b",12345*" in lines[0] and b"12345" not in lines[-1]
 
 
@@ -320,7 +322,7 @@ def bench(clock) -> Bench:
 def test_a_commanded_dose_reaches_the_board_once_and_is_reported_done(bench):
     bench.run(10, doses={0: DOSE})
     assert bench.begun == [DOSE]
-    dose = bench.cab.newest_dose
+    dose = bench.cab.find_newest_dose
     assert dose is not None and dose.state is DoseState.DONE and dose.turned_deg == 120.0
     assert dose.took_s == pytest.approx(0.2004, abs=1e-3)
     assert not bench.board.counts.rejected
@@ -336,7 +338,7 @@ def test_a_dose_that_comes_too_soon_waits_for_the_one_before_or_is_dropped_and_c
 def test_a_stop_ends_the_dose_and_one_that_waits(bench):
     bench.run(5, doses={0: DoseOrder(720.0, 99.8), 4: DOSE})
     bench.run(3, enabled=False)
-    dose = bench.cab.newest_dose
+    dose = bench.cab.find_newest_dose
     assert dose is not None and dose.state is DoseState.ABORTED and 60.0 < dose.turned_deg < 250.0
     bench.run(10)
     assert len(bench.begun) == 1, "nothing is given by itself afterwards"

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from topdress.control.readings import SpeedPlan
 from topdress.drivers.cab import Cab
 from topdress.drivers.cab_config import CabConfig
-from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
+from topdress.drivers.devices.canopy_heads import FIELDS_OF_PROTOCOL, HeadDecoder, HeadFields
 from topdress.drivers.devices.decode import decode_capture
 from topdress.drivers.devices.nmea import calc_checksum
-from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder, make_sentence
+from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder, make_speed_sentence
 from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 WAY_M = 0.15625
@@ -105,7 +105,7 @@ def framed(body: bytes) -> bytes:
 def test_a_plan_comes_through_in_any_pieces() -> None:
     for size in (1, 3, 7, 100):
         decoder, found = TractorSpeedDecoder(), []
-        data = make_sentence(PLAN) * 3
+        data = make_speed_sentence(PLAN) * 3
         for k in range(0, len(data), size):
             found += decoder.feed(data[k : k + size], 3.0)
         assert [one.points[1] for one in found] == [pytest.approx((1.2, 2.0))] * 3
@@ -133,7 +133,7 @@ def test_what_is_wrong_is_counted_and_told_to_nobody(line: bytes, kind: str) -> 
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.one_of(st.binary(max_size=60), st.just(make_sentence(PLAN))), max_size=8))
+@given(st.lists(st.one_of(st.binary(max_size=60), st.just(make_speed_sentence(PLAN))), max_size=8))
 def test_no_bytes_break_it(pieces: list[bytes]) -> None:
     decoder = TractorSpeedDecoder()
     for k, piece in enumerate(pieces):
@@ -165,7 +165,7 @@ def test_from_the_cabs_port_to_control() -> None:
         lambda *_: line,
     )
     assert cab.read_measurements(0.0).speed_told is None
-    line.waiting = make_sentence(PLAN)
+    line.waiting = make_speed_sentence(PLAN)
     told = cab.read_measurements(1.0).speed_told
     assert (
         told is not None
@@ -178,7 +178,7 @@ def test_from_the_cabs_port_to_control() -> None:
 
 
 def test_a_capture_is_decoded() -> None:
-    records, counts = decode_capture("tractor", make_sentence(PLAN))
+    records, counts = decode_capture("tractor", make_speed_sentence(PLAN))
     assert counts.accepted == 1 and records[0]["speed_mps_in_1.2_s"] == pytest.approx(2.0)
 
 
@@ -190,21 +190,21 @@ def test_a_capture_is_decoded() -> None:
     ("layout", "line", "ndvi", "index_2"),
     [
         pytest.param(
-            PROTOCOLS["greenseeker"],
+            FIELDS_OF_PROTOCOL["greenseeker"],
             b"12.500,7,0.612,0.745,1\r\n",
             0.612,
             0.745,
             id="greenseeker: 3rd and 4th",
         ),
         pytest.param(
-            PROTOCOLS["acs430"],
+            FIELDS_OF_PROTOCOL["acs430"],
             b"0.210,0.655,18.1,27.7,5.8\r\n",
             0.655,
             0.21,
             id="crop circle 430: 2nd and 1st",
         ),
         pytest.param(
-            PROTOCOLS["acs435"],
+            FIELDS_OF_PROTOCOL["acs435"],
             b"0.210,0.655,18.1,27.7,5.8,0,0,0\r\n",
             0.655,
             0.21,
@@ -219,7 +219,7 @@ def test_which_field_is_which(layout, line, ndvi, index_2):
 
 
 def test_rates_and_lengths_of_crop_circle():
-    assert (PROTOCOLS["acs430"].baud, PROTOCOLS["acs435"].fields) == (38400, 8)
+    assert (FIELDS_OF_PROTOCOL["acs430"].baud, FIELDS_OF_PROTOCOL["acs435"].fields) == (38400, 8)
 
 
 @pytest.mark.parametrize(
@@ -237,24 +237,24 @@ def test_rates_and_lengths_of_crop_circle():
     ],
 )
 def test_wrong_lines_are_named(line, kind):
-    decoder = HeadDecoder(PROTOCOLS["greenseeker"])
+    decoder = HeadDecoder(FIELDS_OF_PROTOCOL["greenseeker"])
     assert decoder.feed(b"1,1,0.5,0.5,1\r\n" + line + b"\r\n", 0.0)[1:] == []
     assert dict(decoder.counts.rejected) == {kind: 1}
 
 
 def test_the_line_under_way_when_the_port_opens_is_no_error():
-    decoder = HeadDecoder(PROTOCOLS["greenseeker"])
+    decoder = HeadDecoder(FIELDS_OF_PROTOCOL["greenseeker"])
     assert len(decoder.feed(b".612,0.745,1\r\n1,1,0.5,0.5,1\r\n", 0.0)) == 1
     assert not decoder.counts.rejected
     assert decoder.counts.ignored == {"partial_first": 1}
 
 
 def test_a_whole_first_line_counts():
-    assert len(HeadDecoder(PROTOCOLS["greenseeker"]).feed(b"1,1,0.5,0.5,1\r\n", 0.0)) == 1
+    assert len(HeadDecoder(FIELDS_OF_PROTOCOL["greenseeker"]).feed(b"1,1,0.5,0.5,1\r\n", 0.0)) == 1
 
 
 def test_multiplexed_lines_keep_their_heads_apart():
-    decoder = HeadDecoder(PROTOCOLS["greenseeker"], head=None, heads=6)
+    decoder = HeadDecoder(FIELDS_OF_PROTOCOL["greenseeker"], head=None, heads=6)
     samples = decoder.feed(
         b"H1,1,1,0.5,0.5,1\nH6,1,1,0.6,0.5,1\nH7,1,1,0.7,0.5,1\n1,1,0.8,0.5,1\nH2,1,1,0.9\n", 0.0
     )

@@ -14,9 +14,9 @@ from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.run_log import RunLogWriter
 from topdress.drivers.files.run_meta import make_run_meta
 from topdress.drivers.files.setup import load_setup
-from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, DriveRunaway
+from topdress.drivers.virtual.faults import RUNAWAY_OPENING_MM, RUNAWAY_SHAFT_RPM, DriveRunaway
 
-SHAFT, GATE = DriveRunaway(shaft_rpm=RUNAWAY_RPM), DriveRunaway(opening_mm=RUNAWAY_MM)
+SHAFT, GATE = DriveRunaway(shaft_rpm=RUNAWAY_SHAFT_RPM), DriveRunaway(opening_mm=RUNAWAY_OPENING_MM)
 
 
 @pytest.fixture(scope="module")
