@@ -204,7 +204,7 @@ def make_virtual_cab(
     Parameters
     ----------
     heads : number of the plant's canopy heads.
-    protocol : protocol of the heads, one of `canopy_heads.PROTOCOLS`.
+    protocol : protocol of the heads, one of `canopy_heads.FIELDS_OF_PROTOCOL`.
     opening_mm : opening of the plant's gate at the start, mm.
     index : the head's index that determines the rate.
     extras : further devices, as for `VirtualMachine`.
