@@ -49,7 +49,7 @@ MAX_REASON_CHARACTERS = 200
 _HOST_COMMAND = (
     *(sys.executable, "-P", "-c"),
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from topdress.drivers.plugin_host import main; main(*sys.argv[2:])",
+    "from topdress.drivers.plugin_host import run_plugin_host as run; run(*sys.argv[2:])",
 )
 
 
