@@ -86,9 +86,9 @@ class GnssDecoder(LineDecoder[GnssFix]):
         """Ends a recording and returns the fixes of the last line and the last epoch."""
         return super().flush(time_s) + self._close_epoch()
 
-    def _decode_line(self, line: bytes, time_s: float) -> list[GnssFix]:
+    def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
         if not line.startswith(b"#"):
-            return super()._decode_line(line, time_s)
+            return super()._line(line, time_s)
         self.counts.ignore("comment")
         return []
 

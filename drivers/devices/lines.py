@@ -133,13 +133,13 @@ class LineDecoder(Decoder[Output]):
 
     def feed(self, data: bytes, time_s: float) -> list[Output]:
         """Returns the readings completed by `data`, which arrived at `time_s`; oldest first."""
-        return [one for line in self._cutter.feed(data) for one in self._decode_line(line, time_s)]
+        return [one for line in self._cutter.feed(data) for one in self._line(line, time_s)]
 
     def flush(self, time_s: float) -> list[Output]:
         """Ends a recording and returns the readings of a last line without a line end."""
-        return [one for line in self._cutter.flush() for one in self._decode_line(line, time_s)]
+        return [one for line in self._cutter.flush() for one in self._line(line, time_s)]
 
-    def _decode_line(self, line: bytes, time_s: float) -> list[Output]:
+    def _line(self, line: bytes, time_s: float) -> list[Output]:
         """Returns the readings of one line; faults are counted by kind."""
         return [
             one
