@@ -11,7 +11,7 @@ Files:
 - `day_clock`: Which day is it by the computer's clock?
 - `device_status`: What is the state of one device in the cab?
 - `devices`: How are the bytes of a device decoded?
-- `files`: Which files does topdress read and write
+- `files`: Which files does topdress read and write?
 - `plain_text`: Which characters of foreign text may a terminal show?
 - `plugin_host`: How does the code of a plug-in run in its own process?
 - `plugin_process`: How is the code of a plug-in called safely?

@@ -1,54 +1,54 @@
-"""Which files does topdress read and write: configuration, run logs, replay, tables of other
-programs?
+"""Which files does topdress read and write? They are configuration, run logs, replay, and tables of
+other programs.
 
 Files:
 
-- `any_log`: How is a log of any program opened as a run log
-- `archives`: Which files does a folder or a zip hold, by their names
-- `atomic`: How are files written so that they are either whole or not there?
+- `any_log`: How is a log of any program opened as a run log?
+- `archives`: Which files does a folder or a zip contain?
+- `atomic`: How are files written completely or not at all?
 - `bench_table`: How are bench tables (CSV) read
-- `calibration_log`: What do the calibrations from a run log read from it?
-- `columns`: How are tables held in memory?
-- `config`: How is a configuration file read
-- `config_error`: What is wrong with a configuration file?
-- `config_words`: How do pydantic's errors read in an operator's words
-- `exports`: How is a run log exported as what was applied where
-- `extras`: Which parts of topdress are installed on their own (extras of pyproject.toml)
-- `farm_lines`: Which lines does a farm's book hold, as `topdress record` keeps it
-- `fields`: How are fields of other programs read and written
+- `calibration_log`: Which columns does a calibration need from a run log?
+- `columns`: How are tables stored in memory?
+- `config`: How is a configuration file read?
+- `config_error`: Which errors does a configuration file have?
+- `config_words`: How do pydantic's errors appear in an operator's words?
+- `exports`: How is a run log exported as applied work
+- `extras`: Which optional parts of topdress (extras of pyproject.toml) are installed
+- `farm_lines`: Which lines does a farm record contain, as `topdress record` writes it
+- `fields`: How are fields of other programs read and written?
 - `file_sniffer`: Which kind of file is a file, by its first bytes and its name
-- `foreign`: How are logs of other programs corrected, whose names
-- `geopackage`: How is a GeoPackage (OGC 12-128r19) read by SQLite
-- `growing_log`: What has been added since the last reading to a log that another program is still
-- `header_names`: Which of this program's columns does a header name, in any letter case
-- `imports`: How do logs of any machine become topdress run logs
+- `foreign`: How are foreign logs corrected, whose names
+- `geopackage`: How is a GeoPackage (OGC 12-128r19) read by SQLite?
+- `growing_log`: Which rows have been added since the last reading to a log that another program is
+- `header_names`: Which topdress columns does a header name?
+- `imports`: How do logs of any machine become topdress run logs?
 - `kinds`: Which kinds of configuration files does topdress know?
-- `kml`: How are KML (OGC 12-007r2) and KMZ read
-- `layers`: How are shapes with attributes read from GeoJSON, shapefiles, GeoPackage, KML and KMZ
+- `kml`: How are KML (OGC 12-007r2) and KMZ read?
+- `layers`: How are shapes with attributes read from GeoJSON, shapefiles, GeoPackage, KML and KMZ?
 - `lenient_line_reader`: Which lines of a log can be read
-- `limits`: How much is read of any file?
-- `lock`: How does a single process hold a lock that the system returns when the process ends
-- `log_store`: How is a run log kept as Parquet
-- `log_text`: How is a log row written as a line of text
-- `ogr`: How are shapes with attributes written to formats of GDAL (KML, KMZ, GeoPackage)
-- `opened`: What does a file hold: a log, a bench table, a map or a field? Every command asks here
-- `outlines`: How much do a map's outlines overlap or cross, counted before they are repaired
-- `parquet_limits`: How much does a Parquet file hold, by its footer and the headers of its pages
-- `plain`: How do models become plain data, JSON schema, and back?
+- `limits`: How much of a file is read?
+- `lock`: How does a single process hold a lock?
+- `log_store`: How is a run log stored as Parquet?
+- `log_text`: How is a log row written as a line of text?
+- `ogr`: How are shapes with attributes written to formats of GDAL (KML, KMZ, GeoPackage)?
+- `opened`: Which content does a file have
+- `outlines`: How often do a map's outlines overlap or cross?
+- `parquet_limits`: How much content does a Parquet file have?
+- `plain`: How do models become plain data and JSON schema, and how are they read back?
 - `prescriptions`: How are prescription files read and written
-- `read_log`: How are run logs read: our own up to their last whole row
-- `replay`: What was the control loop given, and what did it order, by its log?
-- `run_log`: How are run logs (docs/format-run-log.md) written
-- `run_meta`: What does NAME.yaml next to a run log say
-- `settings`: What does a user want of the console?
-- `settings_theme`: Which theme has a user made
-- `setup`: What does a run need from its configuration files
-- `shape_sets`: Which files make a shapefile, wherever they lie
-- `sheet_text`: What do the cells of a workbook's sheets hold
-- `stated_units`: Which units does a file state elsewhere than in a column's name or its cells
-- `table`: How are tables of any origin (CSV and its relatives
-- `trial`: Which plots does a trial have, what did a log do and read in each
+- `read_log`: How are run logs read? Topdress's own logs are read up to their last whole row
+- `replay`: Which measurements did the control loop receive, and which commands did it give
+- `run_log`: How are run logs (docs/format-run-log.md) written?
+- `run_meta`: With which software, machine, crop, job and files was a run made?
+- `settings`: Which settings of the console does a user choose?
+- `settings_theme`: Which theme has a user made?
+- `setup`: Which configuration does a run need?
+- `shape_sets`: Which files form a shapefile?
+- `sheet_text`: What content do a workbook's sheets have
+- `stated_units`: Which units does a file state outside of a column's name and cells?
+- `table`: How are tables of any origin read as columns by name?
+- `trial`: Which plots does a trial have, and which amounts were applied, read
 - `weather`: How is daily weather read from a CSV file
-- `xml_text`: How does topdress read XML: elements and their texts, no entities
-- `yaml_text`: How does topdress read and write YAML: YAML 1.2 scalars, no duplicate keys, no bombs
+- `xml_text`: How does topdress read XML?
+- `yaml_text`: How does topdress read and write YAML?
 """

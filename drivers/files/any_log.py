@@ -1,5 +1,6 @@
-"""How is a log of any program opened as a run log: our own as it is, another's through the
-import file next to it, else where nothing is unsure?"""
+"""How is a log of any program opened as a run log? A topdress log is read directly, a foreign log
+by the import file next to it or, if nothing is unsure, by a guess.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +18,13 @@ from topdress.drivers.files.opened import FileContent
 from topdress.drivers.files.read_log import RunLog, build_log, read_filled_log
 from topdress.drivers.files.run_meta import RunMeta
 
-# Import file of a single log, and of a folder (docs/import.md).
+# Names of the import file of a single log, and of a folder (docs/import.md).
 OWN_IMPORT_SUFFIX, FOLDER_IMPORT_FILE = ".import.yaml", "import.yaml"
 
 
 def find_import_file(log: Path) -> Path | None:
-    """Returns `LOG.import.yaml` next to LOG.csv, else `import.yaml` in its folder; None where
-    there is neither."""
+    """Returns `LOG.import.yaml` next to LOG.csv, else `import.yaml` in its folder; None without
+    either."""
     for place in (log.with_suffix(OWN_IMPORT_SUFFIX), log.with_name(FOLDER_IMPORT_FILE)):
         if place.is_file() and place != log:
             return place
@@ -35,14 +36,14 @@ if TYPE_CHECKING:
     from topdress.drivers.files.imports.mapping import ImportFile
     from topdress.drivers.files.imports.raw import RawTable
 
-# Suffixes of texts; other kinds under these names are refused.
+# Suffixes of texts; files of other kinds under these names are refused.
 TEXT_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
-# Kinds of files that often get such a name.
+# Kinds of files that often carry a text suffix by mistake.
 NON_TEXT_KINDS = ("zip", "kmz", "excel", "office", "parquet", "gzip")
 
 
 def open_any_log(path: Path, without: Collection[str] = ()) -> RunLog:
-    """Opens a log of any program as a run log.
+    """Returns a log of any program as a run log.
 
     Parameters
     ----------
@@ -51,12 +52,12 @@ def open_any_log(path: Path, without: Collection[str] = ()) -> RunLog:
 
     Returns
     -------
-    the log; times and numbers as our own.
+    the log, with times and numbers in topdress's own units.
 
     Raises
     ------
-    TableError : the log cannot be used, or the import is not sure of all (with the open questions).
-    OSError : it cannot be opened.
+    TableError : the log cannot be used, or the import is unsure (with the open questions).
+    OSError : the file cannot be opened.
     """
     if (
         path.is_file()
@@ -70,22 +71,23 @@ def open_any_log(path: Path, without: Collection[str] = ()) -> RunLog:
             return read_filled_log(path, without)
         except TableError:
             if is_log_store(path) or "time_s" in [name.strip().lower() for name in file.names]:
-                # our own; of another's with names as ours the import knows more
+                # A topdress log that fails is not imported. A foreign log may use the same names,
+                # and the import knows more about it.
                 raise
     raw, mapping, said_by = read_with_mapping(path)
-    # Imported here: our own logs need no import.
+    # This import is slow and a topdress log does not need it.
     from topdress.drivers.files.imports.log_file import build_run_log
 
     imported = _convert_and_join(raw, mapping)
     log = build_run_log(path, imported, mapping, said_by)
-    # Findings of the import first, each once.
+    # The findings of the import come first, each once.
     odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
     return replace(log, findings=(*odd, *(one for one in log.findings if one not in odd)))
 
 
 def convert_log_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Columns:
-    """Returns the columns that `open_any_log` would give for lines of a log, whose sidecar wants
-    all columns. Raises TableError."""
+    """Returns the columns that `open_any_log` would return for some lines of a log whose sidecar
+    requests all columns. Raises TableError."""
     from topdress.drivers.files.imports.log_file import build_read_columns
 
     return build_log(path, build_read_columns(_convert_and_join(raw, mapping)), RunMeta()).columns
@@ -101,16 +103,16 @@ def _convert_and_join(raw: RawTable, mapping: ImportFile) -> JoinedFiles:
 def read_with_mapping(
     path: Path, data: bytes | None = None
 ) -> tuple[RawTable, ImportFile, Path | None]:
-    """Reads a table with the import file next to it, or with a guess in which nothing is unsure.
+    """Returns a table with the import file next to it, or with a guess in which nothing is unsure.
 
     Parameters
     ----------
     path : the log.
-    data : lines of it, in place of the whole file.
+    data : some of its lines, which replace the whole file.
 
     Returns
     -------
-    table, mapping, and the import file's path (None : guessed).
+    the table, the mapping, and the path of the import file (None for a guess).
 
     Raises
     ------

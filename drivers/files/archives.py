@@ -1,5 +1,6 @@
-"""Which files does a folder or a zip hold, by their names, without those that operating systems
-put next to them?"""
+"""Which files does a folder or a zip contain? The answer omits the files that operating systems
+add.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +13,26 @@ from pathlib import Path, PurePosixPath
 from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPES, check_limit
 from topdress.drivers.plain_text import RefusedInput
 
-# Folders within folders that are searched.
+# Depth of folders within folders that are searched.
 MAX_FOLDER_DEPTH = 4
-# Suffixes of files that a map or a field may consist of.
+# Suffixes of the files that a map or a field may consist of.
 MAP_SUFFIXES = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
-# Folders that macOS and Windows add.
+# Folders that macOS and Windows add to a disk or zip.
 HIDDEN_FOLDERS = ("__macosx", "$recycle.bin", "system volume information")
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Reads the files of a folder. Names are paths with slashes, from the top."""
+    """Reads the files of a folder. Names are paths with slashes, relative to the folder."""
 
     path: Path
-    deep: bool = True  # False: the folder's own files only
+    # False restricts the search to the folder's own files.
+    deep: bool = True
 
-    # Returns the names of all files, sorted.
+    # The names are sorted, so that the first match does not depend on the disk.
     @cached_property
     def names(self) -> list[str]:
+        """Names of all files, sorted."""
         found = []
         for folder, folders, files in os.walk(self.path):
             place = Path(folder).relative_to(self.path)
@@ -45,7 +48,7 @@ class Folder:
         return file.read_bytes()
 
     def label(self, name: str) -> str:
-        """Returns a file's name for messages."""
+        """Returns the name of a file for messages."""
         return str(self.path / name)
 
 
@@ -62,9 +65,10 @@ class ZipArchive:
         except DAMAGED_ZIP as error:
             raise RefusedInput(self.path, "not readable as a zip: {why}", why=error) from None
 
-    # Returns the names of all files, sorted.
+    # The names are sorted, so that the first match does not depend on the zip.
     @cached_property
     def names(self) -> list[str]:
+        """Names of all files, sorted."""
         found = [
             info.filename
             for info in self._archive.infolist()
@@ -72,8 +76,8 @@ class ZipArchive:
         ]
         return sorted(name for name in found if _is_listed_file(name))
 
-    # Returns the bytes of a file. Raises RefusedInput, OSError.
     def read(self, name: str) -> bytes:
+        """Returns the bytes of a file. Raises RefusedInput, OSError."""
         try:
             check_limit(SHAPES, self._archive.getinfo(name).file_size, self.label(name))
             return self._archive.read(name)
@@ -81,6 +85,7 @@ class ZipArchive:
             raise RefusedInput(self.label(name), "not readable: {why}", why=error) from None
 
     def label(self, name: str) -> str:
+        """Returns the name of a file in the zip for messages."""
         return f"{self.path}/{name}"
 
 
@@ -88,25 +93,25 @@ Files = Folder | ZipArchive
 
 
 def open_archive(path: Path) -> Files:
-    """Returns a zip, else a folder."""
+    """Returns a reader for a zip or a folder."""
     return ZipArchive(path) if path.suffix.lower() == ".zip" and path.is_file() else Folder(path)
 
 
 def has_time_log(files: Files) -> bool:
-    """Tells whether a task that was worked is in it."""
+    """Returns whether the files include the time log of a task that was worked."""
     names = (PurePosixPath(name).name.lower() for name in files.names)
     return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
 
 
 def find_parent_folder(name: str) -> str:
-    """Returns the folder of a name, with its slash; empty: the top."""
+    """Returns the folder of a name, with its slash; empty for a name at the top."""
     folder = PurePosixPath(name).parent.as_posix()
     return "" if folder == "." else f"{folder}/"
 
 
 def choose_names(found: list[str], inside: str) -> list[str]:
-    """Returns the names that are, end in, or hold as a folder what was chosen, in either case of
-    letters."""
+    """Returns the names that equal, end in, or contain as a folder the text `inside`, regardless of
+    case."""
     wanted = inside.casefold().strip("/")
     return [
         name
@@ -120,15 +125,15 @@ def choose_names(found: list[str], inside: str) -> list[str]:
 
 
 def _is_listed_file(name: str) -> bool:
-    """Tells whether a file is neither macOS's nor Windows's own."""
-    # Zips made on Windows may hold backslashes.
+    """Returns whether a file was not added by macOS or Windows."""
+    # Zips made on Windows may contain backslashes.
     parts = name.replace("\\", "/").split("/")
-    # macOS keeps attributes in files of this name.
+    # macOS stores attributes in files with this prefix.
     return not any(part.lower() in HIDDEN_FOLDERS or part.startswith("._") for part in parts)
 
 
 def list_opened_files(path: Path) -> tuple[Path, ...]:
-    """Returns all files that a reader of `path` may open: those of its task or of a field of
+    """Returns all files that a reader of `path` may open: the files of its task or of a field of
     AgOpenGPS, and the companions of a shapefile."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix.lower() == ".xml":

@@ -1,5 +1,6 @@
-"""How are files written so that they are either whole or not there? They are written next to
-their place, then renamed; a taken name is never taken again."""
+"""How are files written completely or not at all? They are written under a temporary name in the
+same folder and then renamed. An existing name is never overwritten by a new log.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +12,14 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> None:
-    """Replaces a file in one step: after a power loss the old or the new file is there.
+    """Replaces a file in one step: after a power loss either the old or the new file exists.
 
     Parameters
     ----------
     path : the file.
-    content : bytes, or text for UTF-8.
-    kept : returns when the disk has it; else `keep` is still to be called.
+    content : bytes, or text that is written as UTF-8.
+    kept : whether the function returns only when the disk has the file; otherwise `sync_to_disk`
+    must follow.
 
     Raises
     ------
@@ -31,7 +33,7 @@ def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> Non
             file.flush()
             if kept:
                 os.fsync(file.fileno())
-        # mkstemp makes files that only their owner can read.
+        # mkstemp creates files that only their owner can read.
         os.chmod(name, 0o666 & ~_FILE_UMASK)
         os.replace(name, path)
     except BaseException:
@@ -43,18 +45,19 @@ def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> Non
 
 
 def sync_to_disk(path: Path) -> None:
-    """Returns when a written file, and its name, survive a power loss. Raises OSError."""
+    """Returns when a written file, and its name, would survive a power loss. Raises OSError."""
     with open(path, "r+b") as file:
         os.fsync(file.fileno())
     _sync_folder(path.parent)
 
 
-# Bytes that are searched for the last whole line: twice the longest row.
+# Number of bytes that are searched for the last whole line: twice the longest row.
 MAX_LINE_BYTES = 65_536
 
 
 class CutShortError(OSError):
-    """Another program removed bytes that were written. `left`: as many remain."""
+    """Reports that another program removed bytes that were written. `left` is the number of
+    remaining bytes."""
 
     def __init__(self, left: int) -> None:
         super().__init__("the file was cut short by another program")
@@ -62,13 +65,23 @@ class CutShortError(OSError):
 
 
 class NewFile:
-    """Appends bytes to a file of its own, unbuffered, as a log writer needs it, and knows when
-    they are kept."""
+    """Appends bytes to a file of its own without a buffer, as a log writer needs it, and reports
+    when the disk has them."""
 
     def __init__(self, path: Path, overwrite: bool = False, go_on_at: int | None = None) -> None:
-        """Creates `path`, or continues the existing file. Raises FileExistsError where it exists
-        already (unless `overwrite`), else OSError. go_on_at: continues after this many of its
-        bytes, or after its last whole line before."""
+        """Creates `path`, or continues the existing file.
+
+        Parameters
+        ----------
+        overwrite : whether an existing file may be replaced.
+        go_on_at : number of bytes of the existing file after which writing continues, or after the
+        last whole line before.
+
+        Raises
+        ------
+        FileExistsError : the file exists and `overwrite` is False.
+        OSError : the file cannot be created.
+        """
         self.path = path
         self._file = io.FileIO(path, ("w+" if overwrite else "x+") if go_on_at is None else "r+")
         if go_on_at is not None:
@@ -78,24 +91,24 @@ class NewFile:
             self._file.seek(0, os.SEEK_END)
 
     def write(self, data: bytearray) -> int:
-        """Returns the number of bytes taken, perhaps fewer than given. Raises CutShortError (they
-        would follow a hole), OSError."""
+        """Returns the number of bytes written, perhaps fewer than given. Raises CutShortError where
+        they would follow a hole, OSError."""
         left = os.fstat(self._file.fileno()).st_size
         if left < self._file.tell():
             raise CutShortError(left)
         return self._file.write(data) or 0
 
     def sync(self) -> None:
-        """Returns when everything written survives a power loss. Raises OSError, also where the
-        file was deleted."""
+        """Returns when everything written would survive a power loss. Raises OSError, also where
+        the file was deleted."""
         os.fsync(self._file.fileno())
         if not self.stands:
             raise OSError("the file was deleted, or is no longer where it was started")
 
     @property
     def stands(self) -> bool:
-        """Tells whether the file at `path` is still this file: not deleted, moved, or on a disk
-        that was removed and came back."""
+        """Returns whether the file at `path` is still this file: not deleted, not moved, and not on
+        a disk that was removed and returned."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path))
         except OSError:
@@ -107,13 +120,13 @@ class NewFile:
         return self._file.readall()
 
     def close(self) -> None:
+        """Closes the file."""
         self._file.close()
 
 
 def create_new_file(path: Path, overwrite: bool = False) -> NewFile:
-    """Creates a file at `path`, or at NAME-2, NAME-3, ... where that name or its sidecar
-    NAME.yaml is taken; with `overwrite` at `path` itself. Missing folders are made. Raises
-    OSError."""
+    """Creates a file at `path`, or at NAME-2, NAME-3, ... where that name or its sidecar NAME.yaml
+    exists; with `overwrite` at `path` itself. Missing folders are created. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if overwrite:
         return NewFile(path, overwrite=True)
@@ -135,19 +148,19 @@ def find_sidecar(log: Path) -> Path:
 
 
 def _read_umask() -> int:
-    """Returns the process's umask. It can only be read by setting it, for all threads: what
-    another thread creates at that moment is open to nobody else."""
+    """Returns the process's umask. The umask can only be read by setting it, for all threads; a
+    file that another thread creates at that moment is private."""
     umask = os.umask(0o077)
     os.umask(umask)
     return umask
 
 
-# Read before there are threads.
+# The umask is read at import, before threads exist.
 _FILE_UMASK = _read_umask()
 
 
 def _sync_folder(folder: Path) -> None:
-    """Makes a rename durable; systems that cannot open a folder do so by themselves."""
+    """Makes a rename durable; systems that cannot open a folder make it durable by themselves."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
@@ -161,7 +174,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def find_free_path(folder: Path, stem: str, *endings: str) -> Path:
-    """Returns a path with the first ending whose name is free with every ending."""
+    """Returns a path with the first ending, whose name is free with every ending."""
     name, number = stem, 2
     while any((folder / f"{name}{ending}").exists() for ending in endings):
         name, number = f"{stem}-{number}", number + 1

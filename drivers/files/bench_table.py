@@ -1,5 +1,6 @@
-"""How are bench tables (CSV) read: lag, catch, weigh, heads, place? The columns show which kind
-it is."""
+"""How are bench tables (CSV) read: lag, catch, weigh, heads, place? The columns determine the kind
+of table.
+"""
 
 from __future__ import annotations
 
@@ -20,23 +21,23 @@ from topdress.drivers.files.table import read_table
 
 __all__ = ["BenchTable", "read_bench_table"]
 
-# Text columns that identify a row; nothing is compared by them.
+# Text columns that identify a row; rows are not compared by them.
 _ID_COLUMNS = ("plot", "id", "name", "date", "remark", "note")
-# More different texts are remarks, not settings to compare.
+# A column with more different texts holds remarks instead of settings to compare.
 _MAX_LABELS = 6
-# Findings that change no number.
+# Findings of the reader that change no number.
 _HARMLESS_FINDINGS = ("crlf", "no_last_line_end", "separator", "decimal_comma")
 
 
 def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
-    """Reads a bench table.
+    """Returns a bench table.
 
     The label column is the first text column with at least two and at most six values.
 
     Parameters
     ----------
     path : the table.
-    kind : one of lag, catch, weigh, heads, place where the columns leave it open.
+    kind : one of lag, catch, weigh, heads, place; needed where the columns leave the kind open.
 
     Returns
     -------
@@ -44,7 +45,7 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
 
     Raises
     ------
-    TableError : a line with file, column or row, value, and what is allowed.
+    TableError : a line with file, column or row, value, and the permitted values.
     """
     path = Path(path)
     if kind is not None and kind not in KINDS:
@@ -71,9 +72,9 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
         raise TableError("", str(error)) from None
 
 
-# Returns the kind of table that the columns make. Raises TableError where they make none or
-# several.
 def _find_table_kind(path: Path, names: tuple[str, ...]) -> str:
+    """Returns the kind of table that the columns determine. Raises TableError where they determine
+    none or several."""
     found = recognise_kind(names)
     if found is not None:
         return found
@@ -92,8 +93,8 @@ def _find_table_kind(path: Path, names: tuple[str, ...]) -> str:
     )
 
 
-# Returns the column whose few texts label the rows; empty: there is none.
 def _find_label_column(columns: dict[str, np.ndarray]) -> str:
+    """Returns the column whose few texts label the rows; empty without such a column."""
     for name, values in columns.items():
         if values.dtype == object and name not in _ID_COLUMNS:
             kinds = {str(text) for text in values}

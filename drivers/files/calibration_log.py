@@ -1,4 +1,4 @@
-"""What do the calibrations from a run log read from it?"""
+"""Which columns does a calibration need from a run log?"""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from topdress.control.calibration.wheel_fit import WheelLog
 from topdress.control.machine.machine import Machine
 from topdress.drivers.files.read_log import RunLog
 
-# Columns of the canopy heads; a machine has up to six.
+# Columns of the canopy heads; a run log has six of them.
 HEAD_COLUMNS = tuple(f"ndvi_{number}" for number in range(1, 7))
 # Shaft speed above which material flows, r/min.
 TURNING_RPM = 1.0
 
 
-# Returns what the calibration of the wheel needs: times, places, speeds, and where material flows.
 def read_wheel_log(log: RunLog) -> WheelLog:
+    """Returns the data for the calibration of the wheel: times, positions, speeds, and where
+    material flows."""
     rpm = log.numbers("shaft_rpm")
-    # A shaft without a sensor follows its command.
+    # The command replaces the reading of a shaft without a sensor.
     if not log.has("shaft_rpm"):
         rpm = log.numbers("shaft_rpm_cmd")
     return WheelLog(
@@ -31,13 +32,13 @@ def read_wheel_log(log: RunLog) -> WheelLog:
 
 
 def read_head_columns(log: RunLog) -> NDArray[np.float64]:
-    """Returns NDVI (n, heads) of the columns that the log has."""
+    """Returns NDVI with shape (n, heads) from the columns that the log has."""
     return np.column_stack([log.numbers(name) for name in HEAD_COLUMNS])
 
 
 def find_wheel_circumference(log: RunLog, machine: Machine) -> float:
-    """Returns the wheel circumference, m, with which the log's wheel speed was counted: of the
-    log's own machine, else of this machine."""
+    """Returns the wheel circumference, m, by which the log's wheel speed was computed: from the
+    log's own machine, otherwise from this machine."""
     own = log.meta.machine if log.meta is not None else None
     speed = own.get("speed") if own is not None else None
     found = speed.get("wheel_circumference_m") if isinstance(speed, dict) else None

@@ -1,7 +1,8 @@
-"""How are tables held in memory? As columns by name, each a numpy array of the same length.
+"""How are tables stored in memory? A table is a mapping from column names to numpy arrays of equal
+length.
 
-Numbers are float64 (NaN: not known), times datetime64[us] (NaT: not known), texts are objects or,
-in tables of other programs, numpy's strings of any length, a quarter of their size ("": not known).
+Numbers are float64 (NaN: unknown), times datetime64[us] (NaT: unknown). Texts are objects or, in
+foreign tables, numpy's strings of any length, which need a quarter of the memory ("": unknown).
 """
 
 from __future__ import annotations
@@ -17,46 +18,53 @@ from numpy.typing import NDArray
 
 Columns = dict[str, NDArray[Any]]
 
-# Numpy's strings of any length.
+# Numpy's type for strings of any length.
 TEXT_TYPE = np.dtypes.StringDType()
-# Microseconds, as times of other programs have them.
+# Microseconds are the finest resolution that foreign programs write.
 TIME_TYPE = np.dtype("datetime64[us]")
-# Rows whose cells are Python objects at the same time: a million would take a gigabyte.
+# Number of rows whose cells exist as Python objects at the same time; a million rows would need a
+# gigabyte.
 BLOCK_ROWS = 20_000
 
 
 def is_text_column(column: NDArray[Any]) -> bool:
+    """Returns whether a column holds texts."""
     return column.dtype.kind in "OT"
 
 
 def is_number_column(column: NDArray[Any]) -> bool:
+    """Returns whether a column holds numbers."""
     return column.dtype.kind == "f"
 
 
 def is_time_column(column: NDArray[Any]) -> bool:
+    """Returns whether a column holds times."""
     return column.dtype.kind == "M"
 
 
 def count_rows(columns: Columns) -> int:
+    """Returns the number of rows."""
     return len(next(iter(columns.values()))) if columns else 0
 
 
 def select_rows(columns: Columns, rows: Any) -> Columns:
-    """Returns the rows of a slice, a mask or row numbers."""
+    """Returns the rows that a slice, a mask or row numbers select."""
     return {name: column[rows] for name, column in columns.items()}
 
 
 def make_text_column(cells: Iterable[str]) -> NDArray[Any]:
+    """Returns texts as a column (n,)."""
     return np.array(cells if isinstance(cells, Sequence) else list(cells), TEXT_TYPE)
 
 
 def map_texts(change: Callable[[str], str], column: NDArray[Any]) -> NDArray[Any]:
+    """Returns a text column with `change` applied to each different text."""
     return make_text_column([change(text) for text in column.tolist()])
 
 
 def make_texts_array(values: Sequence[str | None]) -> NDArray[Any]:
-    """Returns texts without blanks around; equal texts share one object, so that a million
-    states cost only a million references."""
+    """Returns texts without surrounding blanks. Equal texts share one object, so that a million
+    states need only a million references."""
     shared: dict[str, str] = {}
     array = np.empty(len(values), object)
     array[:] = [
@@ -66,32 +74,33 @@ def make_texts_array(values: Sequence[str | None]) -> NDArray[Any]:
 
 
 def count_microseconds(times: NDArray[Any]) -> NDArray[np.float64]:
-    """Returns microseconds since 1970 (n,); NaN: not known. A double holds each of them until
-    the year 2255."""
+    """Returns microseconds since 1970 (n,); NaN for unknown times. A double represents them exactly
+    until the year 2255."""
     times = times.astype(TIME_TYPE)
     return np.where(np.isnat(times), np.nan, times.astype(np.int64))
 
 
 def count_differences(column: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns differences from row to row, where both are known."""
+    """Returns the differences between consecutive rows, where both are known."""
     steps = np.diff(column)
     return steps[~np.isnan(steps)]
 
 
 def select_known(column: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the known values of a column."""
     return column[~np.isnan(column)]
 
 
 def calc_median(values: NDArray[np.float64]) -> float:
-    """Returns the median; 0 where there are no values."""
+    """Returns the median; 0 for no values."""
     return float(np.median(values)) if values.size else 0.0
 
 
 def list_known_or_none(column: NDArray[Any]) -> list[Any]:
-    """Returns Python's own values; None: not known."""
+    """Returns a column as Python values; None for unknown."""
     if is_text_column(column):
         return [text or None for text in column.tolist()]
-    # NaN, not known, is not equal to itself.
+    # NaN, which means unknown, is not equal to itself.
     return [None if value != value else value for value in column.tolist()]
 
 
@@ -101,15 +110,16 @@ def format_numbers(column: NDArray[np.float64]) -> list[str]:
 
 
 def make_unknown_like(column: NDArray[Any], rows: int) -> NDArray[Any]:
-    """Returns a column of the same kind in which nothing is known."""
+    """Returns a column of the same type with `rows` unknown values."""
     if is_text_column(column):
         return np.full(rows, "", TEXT_TYPE)
     return np.full(rows, "NaT", TIME_TYPE) if is_time_column(column) else np.full(rows, np.nan)
 
 
 def stack_tables(tables: Sequence[Columns]) -> Columns:
-    """Returns tables one below the other, columns by their names; missing columns are not known
-    in a table's rows. A column of texts in one table and numbers in another holds texts."""
+    """Returns several tables as one, row after row, matched by column names. Values of a missing
+    column are unknown. A column that holds texts in one table and numbers in another becomes a text
+    column."""
     stacked: Columns = {}
     for name in dict.fromkeys(name for table in tables for name in table):
         there = [table[name] for table in tables if name in table]
@@ -132,7 +142,7 @@ def stack_tables(tables: Sequence[Columns]) -> Columns:
 def format_csv(
     columns: Columns, cell_texts: Callable[[str, NDArray[Any]], Sequence[str | None]]
 ) -> str:
-    """Returns header and rows as text, as a run log has them. cell_texts: returns the texts of
+    """Returns header and rows as text in the format of a run log. `cell_texts` returns the texts of
     some rows of a named column."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")

@@ -1,8 +1,8 @@
-"""How is a configuration file read: YAML into a pydantic model, or a plain line for each error?
+"""How is a configuration file read? YAML becomes a pydantic model, or every error a plain line.
 
     huanghai.yaml: key flow.gain_percent: value 700: allowed -50 to 100 (line 12)
 
-It knows no particular model: `drivers.files.kinds` holds those of topdress.
+The module knows no particular model: `drivers.files.kinds` lists topdress's own.
 """
 
 from __future__ import annotations
@@ -29,19 +29,20 @@ Model = TypeVar("Model", bound=BaseModel, covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Kind(Generic[Model]):
-    """Describes a kind of configuration file: its `format:` field, the folder under configs/
-    with the shipped files, and its model."""
+    """Describes a kind of configuration file: its `format:` field, the folder under configs/ with
+    the shipped files, and its model."""
 
     format: str
     folder: str
     model: type[Model]
-    # Converts an older file's data to today's form.
+    # Converts an older file's data to the present form.
     of_today: Callable[[dict[str, Any]], dict[str, Any]] = dict
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded(Generic[Model]):
-    """Holds a configuration as read; `sha256` is of exactly the bytes that were read."""
+    """Holds a configuration as read; `sha256` is the checksum of exactly the bytes that
+    were read."""
 
     model: Model
     path: Path
@@ -52,13 +53,13 @@ Kinds = Mapping[str, Kind[BaseModel]]
 
 
 def load_config(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M]:
-    """Reads a configuration file of a known kind.
+    """Returns a configuration file of a given kind.
 
     Parameters
     ----------
     where : a path (relative to the folder `base`, else to the working folder) or the name of a
-        shipped file.
-    kind : that the file must have.
+    shipped file.
+    kind : the kind that the file must have.
     base : folder of relative paths.
 
     Returns
@@ -75,7 +76,7 @@ def load_config(where: str | Path, kind: Kind[M], base: Path | None = None) -> L
 
 
 def load_any_config(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[BaseModel]]:
-    """Reads a file of any registered kind, recognised by its `format:` field. Raises
+    """Returns a file of any registered kind, recognised by its `format:` field. Raises
     ConfigError."""
     path = resolve_config_path(where, [kind.folder for kind in kinds.values()])
     data, lines, sha256 = _read_config(path)
@@ -97,14 +98,14 @@ def load_any_config(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], L
 
 
 def validate_config(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
-    """Returns a model from plain data, e.g. the machine in a run log's sidecar; `label` stands
-    in for the file's name. Raises ConfigError."""
+    """Returns a model from plain data, such as the machine in a run log's sidecar; `label` replaces
+    the file's name in messages. Raises ConfigError."""
     return _validate_data(dict(data), kind, label, {})
 
 
 def save_config(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> None:
-    """Writes a configuration that `load` reads back to an equal model, whole or not at all.
-    Raises OSError."""
+    """Writes a configuration that `load_config` reads back to an equal model, completely or not at
+    all. Raises OSError."""
     data = {"format": kind.format} | convert_to_plain(model)
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     write_atomically(path, head + dump_yaml(data))
@@ -132,8 +133,7 @@ def calc_sha256(path: Path) -> str:
 
 
 def find_shipped_files(folder: str) -> dict[str, Path]:
-    """Returns the configurations that come with topdress in a folder, e.g. `machines`: name ->
-    path."""
+    """Returns the paths of the shipped configurations in a folder, such as `machines`, by name."""
     place = Path(str(resources.files("topdress.configs"))) / folder
     return {path.stem: path for path in sorted(place.glob("*.yaml"))}
 
@@ -141,7 +141,7 @@ def find_shipped_files(folder: str) -> dict[str, Path]:
 def resolve_config_path(
     where: str | Path, folders: Iterable[str], base: Path | None = None
 ) -> Path:
-    """Returns the path of a path or of a shipped name (no folder and no .yaml in it). Raises
+    """Returns the path of a path or of a shipped name (without folder and .yaml). Raises
     ConfigError."""
     text = str(where)
     if (
@@ -172,8 +172,8 @@ def resolve_config_path(
     return names[text]
 
 
-# Returns a file's data, the line of each key, and the checksum. Raises ConfigError.
 def _read_config(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
+    """Returns a file's data, the line of each key, and the checksum. Raises ConfigError."""
     label = str(path)
     try:
         with path.open("rb") as file:
@@ -200,10 +200,10 @@ def _read_config(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
     return data, lines, hashlib.sha256(raw).hexdigest()
 
 
-# Returns the model of a file's data. Raises ConfigError.
 def _validate_data(
     data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPath, int]
 ) -> M:
+    """Returns the model of a file's data. Raises ConfigError."""
     found = data.get("format")
     if found is None:
         raise ConfigError([f"{label}: key format: missing: allowed {kind.format}"])
@@ -214,8 +214,8 @@ def _validate_data(
     if "format" not in kind.model.model_fields:
         data = {k: v for k, v in data.items() if k != "format"}
     try:
-        # JSON in strict mode: a number is never read from a text or from true, yet lists, dates
-        # and choices are.
+        # The JSON mode of pydantic is strict: it never reads a number from a text or from true, but
+        # it accepts lists, dates and choices.
         return kind.model.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
         raise ConfigError(explain_errors(error, kind.model, data, label, lines)) from None

@@ -1,5 +1,6 @@
-"""What is wrong with a configuration file? This module stands alone, for callers that only
-report it."""
+"""Which errors does a configuration file have? This module imports nothing else, for callers that
+only report the errors.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from topdress.drivers.plain_text import join_lines
 
 
 class ConfigError(Exception):
-    """The configuration is wrong. `lines`: a sentence for each error, ready to be shown."""
+    """Reports a wrong configuration. `lines` holds a sentence for each error, ready for display."""
 
     def __init__(self, lines: Iterable[str]) -> None:
         self.lines = tuple(map(join_lines, lines))

@@ -1,4 +1,6 @@
-"""How do pydantic's errors read in an operator's words: file, key, value, what is allowed, line?"""
+"""How do pydantic's errors appear in an operator's words? Each line has file, key, value, the
+permitted values and the line number.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,11 @@ from pydantic_core import ErrorDetails
 from topdress.drivers.files.plain import make_model_schema
 from topdress.drivers.files.yaml_text import KeyPath
 
-# Letters of a value in a message.
+# Largest number of letters of a value in a message.
 _MAX_VALUE_LENGTH = 60
-# Keys in a message.
+# Largest number of keys in a message.
 _MAX_NAMES = 15
-# Errors that the models raise, already in plain words.
+# Types of errors that the models raise with plain words.
 _OWN_ERROR_TYPES = frozenset({"value_error", "assertion_error", "size_of_effect"})
 
 
@@ -34,10 +36,8 @@ def explain_errors(
         path = _find_key_path(data, detail)
         if path not in found:
             found[path] = _make_sentence(detail, path, data, schema)
-    # Where one member of a union failed further inside, the file meant that one: what the
-    # others say is left out.
-    # If a member of a union failed further inside, the file meant that member: the others' errors
-    # are left out.
+    # If one member of a union failed further inside, the file meant that member, and the errors of
+    # the other members are omitted.
     outer = {path[:length] for path in found for length in range(len(path))}
     ordered = sorted(
         found.keys() - outer, key=lambda path: (_find_line(path, lines) or 0, str(path))
@@ -46,13 +46,13 @@ def explain_errors(
 
 
 def suggest_nearest(word: str, words: Iterable[str]) -> str:
-    """Returns `; did you mean X?`, or an empty text."""
+    """Returns `; did you mean X?` for the nearest word, or an empty text."""
     close = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
     return f"; did you mean {close[0]}?" if close else ""
 
 
 def describe_allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
-    """Returns what a JSON schema permits, in words; empty where it says nothing."""
+    """Returns the values that a JSON schema permits, in words; empty without a restriction."""
     if sub is None:
         return ""
     sub = _resolve_reference(sub, root)
@@ -98,8 +98,8 @@ def _make_sentence(
     return start + (f"allowed {words}" if words else detail["msg"][:1].lower() + detail["msg"][1:])
 
 
-# Returns the model's JSON schema; empty where it has none.
 def _make_schema(model: type[BaseModel]) -> Mapping[str, Any]:
+    """Returns the model's JSON schema; empty without a schema."""
     try:
         return make_model_schema(model)
     # A model with parts that no schema describes still gets its lines, without ranges.
@@ -107,7 +107,7 @@ def _make_schema(model: type[BaseModel]) -> Mapping[str, Any]:
         return {}
 
 
-# Stands for a value that the data do not have; None is a value.
+# This object means that the data have no such value, because None is a value.
 _NOWHERE = object()
 
 
@@ -122,7 +122,7 @@ def _find_value(data: object, path: KeyPath) -> object:
 
 
 def _find_key_path(data: object, detail: ErrorDetails) -> KeyPath:
-    """Returns pydantic's place without the names of union members, which are no keys of the
+    """Returns pydantic's location without the names of union members, which are no keys of the
     file."""
     path: list[str | int] = []
     # A model may name the wrong key itself.
@@ -139,15 +139,15 @@ def _find_key_path(data: object, detail: ErrorDetails) -> KeyPath:
 
 
 def _format_key_path(path: KeyPath) -> str:
-    """Returns a path as `a.b[2].c`, members of lists counted from 1."""
+    """Returns a path as `a.b[2].c`, with members of lists counted from 1."""
     text = ""
     for step in path:
         text += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if text else step
     return text
 
 
-# Returns the line of a key, or of the nearest key above it.
 def _find_line(path: KeyPath, lines: Mapping[KeyPath, int]) -> int | None:
+    """Returns the line of a key, or of the nearest key above it."""
     for length in range(len(path), -1, -1):
         if path[:length] in lines:
             return lines[path[:length]]
@@ -158,8 +158,8 @@ def _format_line(line: int | None) -> str:
     return f" (line {line})" if line is not None else ""
 
 
-# Returns a value as it may stand in the file.
 def _format_value(value: object) -> str:
+    """Returns a value as it would appear in the file."""
     if isinstance(value, str):
         text = value if value[:1].isalpha() and value == value.strip() else f'"{value}"'
     elif value is None:
@@ -192,8 +192,8 @@ def _iter_options(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Iterator[M
         yield from _iter_options(member, root)
 
 
-# Returns the schema at a path of keys; None: there is none.
 def _find_subschema(root: Mapping[str, Any], path: KeyPath) -> Mapping[str, Any] | None:
+    """Returns the schema at a path of keys; None for an unknown path."""
     here: Mapping[str, Any] = root
     for step in path:
         for option in _iter_options(here, root):
@@ -246,7 +246,7 @@ def _format_figure(number: float) -> str:
     return f"{number:.15g}"
 
 
-# Examples of dates and times.
+# Examples of dates and times in messages.
 _DATE_EXAMPLES = {
     "date": "a date such as 2025-03-20",
     "date-time": "a time such as 2025-03-20T06:30:00Z",
@@ -291,7 +291,7 @@ def _allowed_group(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
     return f"keys {', '.join(names[:_MAX_NAMES])}" if names else "keys and values"
 
 
-# Describes a schema by its type.
+# Functions that describe a schema, by its type.
 _DESCRIBE_OF_TYPE = {
     "number": _allowed_number,
     "integer": _allowed_number,

@@ -1,5 +1,6 @@
-"""Which parts of topdress are installed on their own (extras of pyproject.toml), which of them
-are there, and what installs the others?"""
+"""Which optional parts of topdress (extras of pyproject.toml) are installed, and which command
+installs the others?
+"""
 
 from __future__ import annotations
 
@@ -10,9 +11,10 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
 
-# Name of the package.
+# Name of the package on package indexes.
 OWN_PACKAGE = "topdress"
-# Extras of pyproject.toml: what each is for, and the modules that show that it is there.
+# Purpose of each extra of pyproject.toml, and the modules whose presence shows that the extra is
+# installed.
 EXTRAS = {
     "diagnosis": ("diagnosis and its live check", ("numba",)),
     "parquet": ("logs as Parquet, read and written", ("polars",)),
@@ -22,29 +24,31 @@ EXTRAS = {
     "mqtt": ("what the machine does, to an MQTT broker", ("paho",)),
     "fleet": ("a season of logs on many computers", ("distributed", "fsspec", "cryptography")),
 }
-# File in an environment that pipx made; with uv behind it that has no pip.
+# Name of the file in every environment that pipx creates; such an environment has no pip if uv
+# created it.
 PIPX_METADATA = "pipx_metadata.json"
 # A requirement in the package's metadata that belongs to an extra.
 _EXTRA_REQUIREMENT = re.compile(
     r"""^(?P<what>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]"""
 )
-# There in a clone only.
+# This file exists only in a clone.
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
-# A package's name before its version.
+# The name of a package before its version.
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 
 
 class MissingExtra(ValueError):
-    """The command needs packages that are not there; a line says what installs them."""
+    """Reports that a command needs packages that are not installed; its line names the command that
+    installs them."""
 
 
 def is_extra_installed(extra: str) -> bool:
-    """Tells whether the extra's modules can be imported; none is imported."""
+    """Returns whether the extra's modules can be imported, without importing any."""
     return all(find_spec(module) is not None for module in EXTRAS[extra][1])
 
 
 def require_extras(what: str, *extras: str) -> None:
-    """Refuses a command whose extras are missing. what: the command's subject. Raises
+    """Refuses a command whose extras are missing. `what` is the command's subject. Raises
     MissingExtra."""
     if missing := [extra for extra in extras if not is_extra_installed(extra)]:
         raise MissingExtra(
@@ -55,7 +59,7 @@ def require_extras(what: str, *extras: str) -> None:
 
 
 def find_extra(module: str) -> str | None:
-    """Returns the extra that brings a module; None: no extra does."""
+    """Returns the extra that installs a module; None if no extra does."""
     return next(
         (extra for extra, (_, modules) in EXTRAS.items() if module.partition(".")[0] in modules),
         None,
@@ -63,8 +67,8 @@ def find_extra(module: str) -> str | None:
 
 
 def list_requirements(extra: str) -> tuple[str, ...]:
-    """Returns an extra's packages with their lowest versions (`numba>=0.61`); in a clone those
-    of pyproject.toml."""
+    """Returns an extra's packages with their lowest versions (`numba>=0.61`); a clone reads them
+    from pyproject.toml."""
     if _PROJECT.is_file():
         return tuple(
             tomllib.loads(_PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"][
@@ -76,13 +80,13 @@ def list_requirements(extra: str) -> tuple[str, ...]:
 
 
 def parse_package_name(requirement: str) -> str:
-    """Returns a requirement's package: `numba` of `numba>=0.61`."""
+    """Returns the package name of a requirement: `numba` for `numba>=0.61`."""
     found = _NAME.match(requirement)
     return found[0] if found else requirement
 
 
 def find_version(package: str) -> str | None:
-    """Returns the installed version; None: the package is not there."""
+    """Returns the installed version; None for a package that is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -90,8 +94,8 @@ def find_version(package: str) -> str | None:
 
 
 def find_installer() -> tuple[str, ...]:
-    """Returns the command that installs packages next to topdress. Its environment shows which:
-    pipx keeps a file in it, uv's have no pip, and a clone's has it."""
+    """Returns the command that installs packages next to topdress. The environment shows which:
+    pipx keeps a file in it, uv's have no pip, and a clone's has pip."""
     environment = Path(sys.prefix)
     if (environment / PIPX_METADATA).is_file():
         return ("pipx", "inject", environment.name)
@@ -106,6 +110,6 @@ def format_install_line(*packages: str) -> str:
 
 
 def format_extra_line(*extras: str) -> str:
-    """Returns the command line that installs the extras' packages; topdress itself is not
-    searched in any index."""
+    """Returns the command line that installs the extras' packages without searching topdress itself
+    in an index."""
     return format_install_line(*(one for extra in extras for one in list_requirements(extra)))

@@ -1,5 +1,6 @@
-"""Which lines does a farm's book hold, as `topdress record` keeps it, and how much nitrogen did
-a field get in a year?"""
+"""Which lines does a farm record contain, as `topdress record` writes it, and how much nitrogen did
+a field get in a year?
+"""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 
 from topdress.drivers.plain_text import OneLineError
 
-# Columns of the book, a contract with its readers.
+# Columns of the farm record, a contract with its readers.
 RECORD_COLUMNS = (
     "date",
     "begin_utc",
@@ -38,17 +39,17 @@ RECORD_COLUMNS = (
     "simulated",
     "log",
 )
-# Begin of the file, by which it is recognised.
+# Beginning of the file, by which it is recognised.
 RECORD_BEGIN = ",".join(RECORD_COLUMNS[:5]).encode()
 
 
 class FarmRecordError(OneLineError):
-    """The file is no farm record, or a line of it has no nitrogen; a line names it and what is
-    allowed."""
+    """Reports that a file is no farm record, or that a line lacks its nitrogen. The message names
+    the line and the permitted values."""
 
 
 class FieldYear(NamedTuple):
-    """Holds what passes gave a field in a year, over its whole area."""
+    """Holds the nitrogen from all passes of a year as a mean over the whole field."""
 
     n_kg_ha: float
     passes: int
@@ -63,16 +64,16 @@ def sum_year_nitrogen(
 ) -> FieldYear:
     """Returns the nitrogen that a field got in a year.
 
-    Simulated passes do not count.
+    Simulated passes are not counted.
 
     Parameters
     ----------
-    path : the farm's book.
+    path : the farm record.
     names : client, farm and field of the job. A line belongs to the field unless both name another
-        client or farm.
-    begins : first day of the year; a line without a date counts.
-    area_ha : of the field.
-    own_logs : names of logs that do not count: those of the job that is continued.
+    client or farm.
+    begins : first day of the year; a line without a date is counted.
+    area_ha : area of the field, ha.
+    own_logs : names of logs that are not counted, because they belong to the job that is continued.
 
     Returns
     -------
@@ -81,7 +82,7 @@ def sum_year_nitrogen(
     Raises
     ------
     FarmRecordError : the file is no farm record, or a line has no nitrogen.
-    OSError : it cannot be opened.
+    OSError : the file cannot be opened.
     """
     if not path.exists():
         raise FarmRecordError(
@@ -112,8 +113,8 @@ def sum_year_nitrogen(
 
 
 def read_record_rows(path: Path) -> list[list[Any]]:
-    """Returns the lines below the head, cells as COLUMNS; none where the file is not there.
-    Raises FarmRecordError, OSError."""
+    """Returns the lines below the header with cells in the order of `RECORD_COLUMNS`; none for a
+    missing file. Raises FarmRecordError, OSError."""
     if not path.exists():
         return []
     with path.open(encoding="utf-8-sig", newline="") as file:

@@ -1,5 +1,6 @@
-"""Which kind of file is a file, by its first bytes and its name, and what would read it?
-Refusals tell the operator."""
+"""Which kind of file is a file, by its first bytes and its name, and which command reads it?
+Refusals state both for the operator.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +15,19 @@ from topdress.drivers.files.limits import DAMAGED_ZIP, read_json
 from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES as SHEETS
 from topdress.drivers.plain_text import OneLineError
 
-# Bytes at the begin that are examined.
+# Number of bytes at the beginning that are examined.
 SNIFFED_BYTES = 4096
-# Share of the bytes of a text that text may hold.
+# Share of bytes that must be text in a text file.
 MIN_TEXT_SHARE = 0.95
 
 
 class WrongKindError(OneLineError):
-    """The file is of a kind that is not read here; a line says so."""
+    """Reports a file of a kind that is not read here, in one line."""
 
 
 class FileKind(NamedTuple):
-    """Describes a kind of file. `id`: by which commands name what they take. `words`: what it
-    is. `instead`: what reads it, or what to do."""
+    """Describes a kind of file. Commands list the kinds that they accept by `id`. `words` describes
+    the kind, `instead` names the command that reads it or another remedy."""
 
     id: str
     words: str
@@ -98,16 +99,16 @@ FILE_KINDS = {
         FileKind("text", "a text", ""),
     )
 }
-# Kinds that may hold a table.
+# Kinds that may contain a table.
 TABLE_KINDS = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
 # Suffixes of tables.
 TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".log", ".dat", *SHEETS})
-# Suffixes of other programs' logs, and of our stores.
+# Suffixes of foreign logs, and of topdress's Parquet stores.
 FOREIGN_SUFFIXES = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
 # Types of a shapefile's points: plain, with height, with measure (ESRI).
 POINT_TYPES = (1, 11, 21)
 
-# First bytes of formats, as file(1) knows them.
+# First bytes of formats, as file(1) lists them.
 _MAGIC_BYTES = (
     (b"II*\0", "geotiff"),
     (b"MM\0*", "geotiff"),
@@ -127,21 +128,21 @@ _MAGIC_BYTES = (
     (b"\xd0\xcf\x11\xe0", "excel"),
     (b"\0\0\x27\x0a", "shp"),
 )
-# Suffixes that machines' displays write for their makers' own programs.
+# Suffixes that machine displays write for the programs of their manufacturers.
 _MAKER_OF_SUFFIX = {
     **dict.fromkeys((".fdshape", ".fdl", ".fdd", ".gsy", ".gsd"), "deere"),
     **dict.fromkeys((".agdata", ".agsetup", ".ilf", ".yld"), "agleader"),
     **dict.fromkeys((".cn1", ".vy1"), "cnh"),
     ".2020": "planting",
 }
-# Suffixes of a shapefile's other files.
+# Suffixes of the other files of a shapefile.
 _SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
 # The first element of an XML file.
 _ROOT_TAG = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
 _KIND_OF_ROOT = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
-# Begin of a sentence of NMEA 0183.
+# Beginning of a sentence of NMEA 0183.
 _NMEA = re.compile(rb"^[$!](G[A-Z]|BD|PQ|PM|II)[A-Z]{3},", re.MULTILINE)
-# Our configuration files name their format.
+# Every configuration file of topdress names its format.
 _CONFIG = re.compile(rb"^format:\s*[\"']?topdress-", re.MULTILINE)
 _HTML = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
 
@@ -197,7 +198,8 @@ def _sniff_zip(path: Path) -> str:
 def _sniff_text(head: bytes) -> str:
     begin = head.lstrip(b"\xef\xbb\xbf \r\n\t")
     if head[:2] in (b"\xff\xfe", b"\xfe\xff") or head[1:8:2] == b"\0\0\0\0":
-        return "text"  # UTF-16
+        # A byte order mark of UTF-16 identifies a text.
+        return "text"
     if begin.startswith(b"<"):
         if _HTML.match(begin):
             return "html"
@@ -227,18 +229,19 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
     Parameters
     ----------
     path : the file.
-    takes : ids of kinds.
-    reads : what is read here, in words.
+    takes : ids of the permitted kinds.
+    reads : description of the permitted content.
 
     Raises
     ------
-    WrongKindError : the file is missing, or of another kind, with what would read it.
-    OSError : it cannot be opened.
+    WrongKindError : the file is missing, or of another kind; the message names the command that
+    reads it.
+    OSError : the file cannot be opened.
     """
     if not path.exists():
         raise WrongKindError(f"{path}: no such file")
     if not (path.is_file() or path.is_dir()):
-        # to open a pipe waits for its writer, and takes the bytes from its reader
+        # Opening a pipe would wait for its writer and take the bytes from its reader.
         return
     kind = sniff_file_kind(path)
     if kind.id not in takes:
@@ -247,7 +250,7 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
 
 
 def has_worked_points(path: Path) -> bool:
-    """Tells whether a file that might be a map of areas holds worked places instead. Raises
+    """Returns whether a file that might be a map of areas contains worked points instead. Raises
     OSError."""
     is_json = path.suffix.lower() in (".geojson", ".json") and not path.is_dir()
     try:
@@ -269,7 +272,7 @@ def _has_geojson_points(path: Path) -> bool:
 
 
 def _has_file_points(path: Path) -> bool:
-    """Tells whether a task was worked and prescribes nothing, or no shapefile has areas."""
+    """Returns whether a task was worked and prescribes nothing, or no shapefile has areas."""
     from topdress.drivers.files.prescriptions.task_files import find_task_sets, read_task_tree
     from topdress.drivers.files.shape_sets import find_shape_sets
 

@@ -1,5 +1,6 @@
-"""How are logs of other programs corrected, whose names, times and values are not as in
-docs/format-run-log.md?"""
+"""How are foreign logs corrected, whose names, times and values differ from
+docs/format-run-log.md?
+"""
 
 from __future__ import annotations
 
@@ -23,21 +24,23 @@ from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.imports.words import COLUMN_OF_WHOLE_NAME, DATE_NAMES
 
 Times = NDArray[np.float64]
-# Share of the cells of times: if more are numbers, the others are no dates.
+# Share of numbers in a time column above which the other cells are not dates.
 _MAX_NUMBER_SHARE = 0.5
-# Column of a speed in km/h.
+# Name of a column with a speed in km/h.
 _KMH_COLUMN = "speed_kmh"
 
 
 class _ColumnUse(NamedTuple):
-    """Names columns and what is lost without them. `all_needed`: else one of them is enough."""
+    """Names columns and the result that is lost without them. If `all_needed` is False, one of them
+    is enough."""
 
     columns: tuple[str, ...]
-    all_needed: bool  # else one of them is enough
+    # False means that one of the columns is enough.
+    all_needed: bool
     without: str
 
 
-# In the order of the messages.
+# The order is that of the messages.
 _COLUMN_USES = (
     _ColumnUse(
         ("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"
@@ -61,8 +64,7 @@ _COLUMN_USES = (
 
 def rename_log_header(names: tuple[str, ...]) -> RenamedHeader:
     """Returns the header with the published names, where a column has another well-known name,
-    other letters or its unit. Of several columns with the time one becomes `time_s`, seconds
-    before dates."""
+    different case or a unit. Of several time columns one becomes `time_s`, seconds before dates."""
     plain = [name.strip().lower() for name in names]
     times = (
         {}
@@ -79,8 +81,8 @@ def rename_log_header(names: tuple[str, ...]) -> RenamedHeader:
 
 
 def find_needed_columns(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
-    """Returns the columns that must be read so that the wanted ones are the same as if all had
-    been read."""
+    """Returns the columns that must be read so that the requested columns are the same as after
+    reading all."""
     evidence = {"time_s", "lat_deg", "lon_deg", _KMH_COLUMN, *SPEED_COLUMNS}
     return {*wanted, *evidence} if "time_s" in names else {*wanted, *evidence, "utc"}
 
@@ -93,7 +95,7 @@ def examine_columns(
     Parameters
     ----------
     path : the log, for messages.
-    columns : as read.
+    columns : the columns as read.
     names : all columns of the file, of which `columns` may be a part.
 
     Raises
@@ -157,13 +159,13 @@ def find_time_column(
     Parameters
     ----------
     path : the log, for messages.
-    columns : as read.
+    columns : the columns as read.
     names : all columns of the file.
-    findings : grows by what was done.
+    findings : list to which the corrections are appended.
 
     Raises
     ------
-    TableError : there is no time.
+    TableError : the log has no time column.
     """
     if "time_s" in columns:
         return _convert_dates(columns["time_s"], findings)
@@ -212,8 +214,8 @@ def _convert_dates(values: NDArray[Any], findings: list[Finding]) -> Times:
     return np.asarray(values, dtype=np.float64)
 
 
-# Returns a text's number; NaN: it is none.
 def _parse_float(text: Any) -> float:
+    """Returns the number in a text; NaN without a number."""
     try:
         return float(text)
     except ValueError:
@@ -221,8 +223,8 @@ def _parse_float(text: Any) -> float:
 
 
 def parse_utc_seconds(utc: NDArray[Any]) -> Times:
-    """Returns seconds since 1970 (n,) of ISO 8601 texts in any zone that they name (else UTC),
-    or of days as spreadsheets count them; NaN where there are none."""
+    """Returns seconds since 1970 (n,) of ISO 8601 texts in the zone that they name (else UTC), or
+    of spreadsheet day numbers; NaN for other texts."""
     return np.array([_parse_utc_second(str(text).strip()) for text in utc.tolist()])
 
 

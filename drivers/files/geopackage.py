@@ -1,5 +1,6 @@
-"""How is a GeoPackage (OGC 12-128r19) read by SQLite: read only, just its tables and views,
-within a limited time?"""
+"""How is a GeoPackage (OGC 12-128r19) read by SQLite? Only its tables and views are read, without
+writing and within a limited time.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +18,21 @@ from topdress.drivers.files.limits import GEOPACKAGE, MB, check_limit
 from topdress.drivers.files.stated_units import StatedUnit, find_markup_units, find_text_units
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
-# Time for everything that SQLite does with a file, s: a file of 256 MB takes 2 s.
+# Time limit for all work of SQLite on a file, s; a file of 256 MB takes 2 s.
 MAX_READ_S = 20.0
-# Instructions of SQLite's machine between two checks of the clock: a millisecond.
+# Number of instructions of SQLite's virtual machine between two checks of the clock, about a
+# millisecond.
 CLOCK_CHECK_STEPS = 20_000
-# Bytes of a cell.
+# Largest size of a cell, bytes.
 MAX_VALUE_BYTES = 64 * MB
-# Bytes that SQLite may use: what a view sorts stays in memory, and is given up beyond.
+# Largest memory of SQLite, bytes. A view sorts in memory, and the query is refused beyond this
+# size.
 MAX_HEAP_BYTES = 256 * MB
-# Bytes that an empty row takes here.
+# Memory that an empty row needs in Python, bytes.
 EMPTY_ROW_BYTES = 200
-# Bytes of an envelope by its code in a geometry's header (OGC 12-128r19, 2.1.3).
+# Length of an envelope by its code in a geometry's header, bytes (OGC 12-128r19, 2.1.3).
 ENVELOPE_BYTES = (0, 32, 48, 48, 64)
-# Everything that a query of a table needs; all else is denied.
+# The actions that a query of a table needs; SQLite denies all others.
 ALLOWED_ACTIONS = (
     sqlite3.SQLITE_SELECT,
     sqlite3.SQLITE_READ,
@@ -46,8 +49,8 @@ s.definition
 
 
 class _LayerTable(NamedTuple):
-    """Describes a table of shapes. `crs`: EPSG:number or the like; None: not known;
-    `definition`: the same as well-known text."""
+    """Describes a table of shapes. `crs` is EPSG:number or similar, None for an unknown system;
+    `definition` is the same system as well-known text."""
 
     name: str
     shape_column: str
@@ -61,7 +64,7 @@ def read_geopackage(path: Path, longest_s: float = MAX_READ_S) -> list[Layer]:
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
             raise RefusedInput(path, "no GeoPackage: its first bytes are not those of SQLite")
-    # SQLite keeps what is not yet in the file here.
+    # SQLite keeps changes that are not yet in the file in a second file, the write-ahead log.
     wal = path.with_name(f"{path.name}-wal")
     if wal.is_file() and wal.stat().st_size:
         raise RefusedInput(
@@ -71,7 +74,7 @@ def read_geopackage(path: Path, longest_s: float = MAX_READ_S) -> list[Layer]:
     until_s = time.monotonic() + longest_s
     try:
         with closing(
-            # Read only: not even SQLite's own lock files are made.
+            # In this mode not even SQLite's own lock files are created.
             sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
         ) as base:
             _restrict_database(base, until_s)
@@ -82,7 +85,7 @@ def read_geopackage(path: Path, longest_s: float = MAX_READ_S) -> list[Layer]:
                 path, "not readable as GeoPackage: {why}", why=str(error)[:150]
             ) from None
         if time.monotonic() < until_s:
-            # The interrupt came while SQLite was at work, which ended it.
+            # The interrupt arrived while SQLite was running, and SQLite then ended the query.
             raise KeyboardInterrupt from None
         raise RefusedInput(
             path,
@@ -92,7 +95,7 @@ def read_geopackage(path: Path, longest_s: float = MAX_READ_S) -> list[Layer]:
 
 
 def _restrict_database(base: sqlite3.Connection, until_s: float) -> None:
-    """Forbids writing, attaching, loading and setting, whatever the file's own schema says, and
+    """Forbids writing, attaching, loading and setting, whatever the file's own schema contains, and
     limits time and memory."""
     for setting in (
         "trusted_schema=OFF",
@@ -129,13 +132,13 @@ def _list_layer_tables(base: sqlite3.Connection) -> list[_LayerTable]:
     ]
 
 
-# Returns a table's shapes in degrees, with attributes and units.
 def _read_layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
+    """Returns a table's shapes in degrees, with attributes and units."""
     quoted = '"' + table.name.replace('"', '""') + '"'
     keys = {
         row[1]
         for row in base.execute(f"PRAGMA table_info({quoted})")
-        # Keys are no attributes.
+        # Primary keys are no attributes.
         if row[5] and str(row[2]).upper() == "INTEGER"
     }
     found = base.execute(f"SELECT * FROM {quoted}")
@@ -170,7 +173,7 @@ def _read_layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Lay
 
 
 def _iter_limited_rows(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
-    """Yields rows, as long as they are no more than a file of the largest size can hold. Raises
+    """Yields rows up to the number that a file of the largest size can hold. Raises
     BeyondLimits."""
     taken = 0
     for row in rows:
@@ -180,8 +183,8 @@ def _iter_limited_rows(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, 
 
 
 def _extract_wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
-    """Returns a shape without its header (2.1.3); None: the row has no shape.
-    Raises RefusedInput."""
+    """Returns a shape without its header (2.1.3); None for a row without a shape. Raises
+    RefusedInput."""
     if blob is None:
         return None
     envelope = (
@@ -195,8 +198,8 @@ def _extract_wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
 def _read_stated_units(
     base: sqlite3.Connection, table: str, names: list[str]
 ) -> dict[str, StatedUnit]:
-    """Returns units that the file states besides its columns' names: titles and descriptions,
-    metadata, QGIS's styles."""
+    """Returns the units that the file states outside of its columns' names: titles and
+    descriptions, metadata, QGIS's styles."""
     there = {
         str(row[0]) for row in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
     }

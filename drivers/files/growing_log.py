@@ -1,9 +1,9 @@
-"""What has been added since the last reading to a log that another program is still writing?
+"""Which rows have been added since the last reading to a log that another program is still writing?
 
-Only the new lines are read, and only whole ones, of our own run logs and of texts of other programs
-(`ForeignText`). Other files are imported anew whenever they have grown, and rows later than the
-last one are new. A damaged line is left out and counted. If another log replaces the file, it is
-read from its beginning: its times show it.
+Only new, whole lines are read, of topdress's run logs and of foreign texts (`ForeignText`). Other
+files are imported anew whenever they have grown, and rows later than the last row are new. A
+damaged line is omitted and counted. If another log replaces the file, it is read from its
+beginning; its times show the replacement.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from topdress.drivers.files.opened import FileContent
 from topdress.drivers.files.read_log import read_log
 from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES
 
-# The meaning of the columns is found from the whole file when it is opened, and again whenever it
-# has doubled, so that all readings together read each line a few times. Between, the new lines are
-# imported behind the file's own first lines up to its first row, with the same import file: the
+# Number of first lines that must show the meaning of the columns, before other lines count as
+# damaged. The meaning is derived from the whole file when it is opened, and again whenever it has
+# doubled, so that all readings together read each line a few times. Between, the new lines are
+# imported after the file's first lines up to its first row, with the same import file, because the
 # times of both begin at that row.
-# So many first lines must show what the columns mean, before others count as damaged.
 MIN_FIRST_LINES = 100
-# Growth since the last reading of the whole file, after which it is read as a whole again.
+# Growth since the last reading of the whole file, after which the whole file is read again.
 REREAD_GROWTH = 2.0
 # Encodings in which a line end is a single byte.
 ONE_BYTE_ENCODINGS = (
@@ -46,19 +46,21 @@ ONE_BYTE_ENCODINGS = (
 
 
 class ForeignText:
-    """Reads another program's text. `read` gives the rows of the new lines, or of the whole file
+    """Reads another program's text. `read` returns the rows of the new lines, or of the whole file
     where they need it."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.damaged = path, 0
-        self._head = b""  # lines up to the first row
-        self._offset = 0  # of the first byte that was not read
+        # The lines up to the first row.
+        self._head = b""
+        # Position of the first byte that was not read.
+        self._offset = 0
         self._whole_size = 0
         self._mapping: ImportFile | None = None
 
     def read(self, size: int) -> Columns | None:
-        """Returns new rows; None: no whole new line, or too few to show their meaning. Raises
-        TableError (with open questions), OSError."""
+        """Returns new rows; None without a whole new line, or with too few lines to show their
+        meaning. Raises TableError (with open questions), OSError."""
         if self._mapping is None or size >= REREAD_GROWTH * self._whole_size:
             return self._read_whole()
         return self._read_new_lines()
@@ -71,14 +73,15 @@ class ForeignText:
         if self._mapping is not None:
             try:
                 return self._read_and_map(data)
-            except TableError:  # it was known before: a damaged line hides it
+            # The meaning was known before, so a damaged line hides it.
+            except TableError:
                 return self._read_new_lines()
         try:
             return self._read_and_map(data)
-        # open questions stay; a damaged line may be left out
+        # Open questions remain; a damaged line may be omitted.
         except TableError:
             lines = data.splitlines(keepends=True)
-            # nothing but a header, or too few rows to tell: it still grows
+            # A file with only a header, or with too few rows for a decision, is still growing.
             if len(lines) <= MIN_FIRST_LINES:
                 return None
             self._read_and_map(b"".join(lines[:MIN_FIRST_LINES]))
@@ -122,14 +125,15 @@ class ForeignText:
         return convert_log_columns(self.path, raw, self._mapping)
 
 
-# Bytes of new lines that are read at a time.
+# Number of bytes of new lines that are read at a time.
 MAX_NEW_BYTES = 64 << 20
 
 
 class GrowingLog:
-    """Reads rows as they come. A file that is not there yet, or has no whole row, has none.
+    """Reads the rows of a growing file. A missing file, or a file without a whole row, has none.
 
-    behind : whether the file had more than is read at a time. damaged : lines that were left out.
+    `behind` tells whether the file had more bytes than are read at a time. `damaged` is the number
+    of omitted lines.
     """
 
     def __init__(self, path: Path, most_bytes: int = MAX_NEW_BYTES) -> None:
@@ -140,26 +144,28 @@ class GrowingLog:
     def _start_over(self) -> None:
         self.last_s = -np.inf
         self.behind = False
-        self._offset = 0  # of the first byte that was not read
+        # Position of the first byte that was not read.
+        self._offset = 0
         self._header = b""
-        self._size, self._place = -1, (0, 0)  # of the file when it was read last
+        # Size and identity of the file at the last reading.
+        self._size, self._place = -1, (0, 0)
         self._foreign: bool | None = None
         self._text = ForeignText(self.path)
 
     def more(self) -> Columns | None:
-        """Returns the rows since the last call, columns as of `RunLog`; None: there are none.
+        """Returns the rows since the last call with the columns of `RunLog`; None without new rows.
 
         Raises
         ------
         TableError : the file cannot be read (with open questions).
-        OSError : it cannot be opened.
+        OSError : the file cannot be opened.
         """
         try:
             now = self.path.stat()
         except FileNotFoundError:
             return None
         place = (now.st_dev, now.st_ino)
-        # Another file has taken its place.
+        # Another file has replaced the file.
         if now.st_size < self._offset or (self._offset and place != self._place):
             self._start_over()
         if now.st_size == self._size and place == self._place:
@@ -173,14 +179,16 @@ class GrowingLog:
             try:
                 self._foreign = FileContent(self.path).foreign
             except TableError:
-                return None  # no header yet
+                # The header is still incomplete.
+                return None
         columns: Columns | None
         if (
             self._foreign
             and not self.path.is_dir()
             and self.path.suffix.lower() not in {*FOREIGN_SUFFIXES, *WORKBOOK_SUFFIXES}
         ):
-            if size < self._size:  # another stands in its place
+            # Another log has replaced the file.
+            if size < self._size:
                 self._text = ForeignText(self.path)
             before = self._text.damaged
             columns, self._size = self._text.read(size), size
@@ -208,8 +216,8 @@ class GrowingLog:
         return columns
 
     def _read_good_lines(self, lines: list[bytes]) -> Columns | None:
-        """Returns the rows without damaged lines. Raises as the reader does where no line is one
-        of a log."""
+        """Returns the rows without damaged lines. Raises the reader's error where no line belongs
+        to a log."""
         good = LenientLineReader(lines, 1, lambda some: self._parse_lines(b"".join(some)))
         if good.found is None and self._offset == 0:
             return self._parse_lines(b"".join(lines))
@@ -222,7 +230,7 @@ class GrowingLog:
     def _select_newer(self, columns: Columns | None) -> Columns | None:
         if columns is None or not len(columns["time_s"]):
             return None
-        # It ends before the rows read so far: it is another log.
+        # A file that ends before the rows read so far is another log.
         if columns["time_s"][-1] < self.last_s:
             self.last_s = -np.inf
         new = columns["time_s"] > self.last_s

@@ -1,5 +1,6 @@
-"""Which of this program's columns does a header name, in any letter case, with units in
-brackets, or in other words?"""
+"""Which topdress columns does a header name? Case, units in brackets and well-known synonyms are
+ignored.
+"""
 
 from __future__ import annotations
 
@@ -17,24 +18,25 @@ from topdress.drivers.files.imports.units import (
 
 
 class RenamedHeader(NamedTuple):
-    """Holds a header's names. `factors`: by name, what one of the file's numbers is in the
-    column's unit, where that is not 1. `trouble`: a unit that cannot be the column's, in a line.
-    """
+    """Holds a header's names. `factors` holds, by name, the number of units of the topdress column
+    in one unit of the file, where it is not 1. `trouble` describes a unit of a wrong quantity in a
+    line."""
 
     names: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
     factors: Mapping[str, float] = {}
-    trouble: str = ""  # one line: a unit that cannot be the column's
+    # One line about a unit of a wrong quantity; empty without such a unit.
+    trouble: str = ""
 
 
 def rename_header(
     names: tuple[str, ...], known: Collection[str], others: Mapping[str, str]
 ) -> RenamedHeader:
-    """Returns a header with this program's names.
+    """Returns a header with topdress's names.
 
     Parameters
     ----------
-    names : as the file has them.
+    names : the names in the file.
     known : the published names.
     others : further spellings, in small letters with underscores.
 
@@ -74,8 +76,8 @@ def rename_header(
 
 
 def _complete_by_unit(name: str, known: Collection[str]) -> str:
-    """Returns the known name that a unit completes, `shaft_rpm` of `shaft [r/min]`; else the
-    name as it stands."""
+    """Returns the known name that a unit completes, such as `shaft_rpm` for `shaft [r/min]`; else
+    the name itself."""
     bare, text = split_unit_name(name)
     unit = None if text is None else find_named_unit(text)
     if unit is None or bare == name:
@@ -94,7 +96,7 @@ def _complete_by_unit(name: str, known: Collection[str]) -> str:
 def _split_known_unit(
     name: str, known: Collection[str], others: Mapping[str, str]
 ) -> tuple[str, ColumnUnit | None]:
-    """Returns name and unit, where the rest without the unit is a known name."""
+    """Returns name and unit, where the name without the unit is known."""
     bare, text = split_unit_name(name)
     plain = "_".join(bare.lower().split())
     if text is None or "_".join(name.lower().split()) in {*known, *others}:
@@ -103,7 +105,7 @@ def _split_known_unit(
 
 
 def _calc_unit_factor(unit: ColumnUnit, column: str) -> float | None:
-    """Returns what one of `unit` is in the column's unit; None for another quantity."""
+    """Returns the factor from `unit` to the column's unit; None for another quantity."""
     ours = find_column_unit(column)
     if ours is None:
         return 1.0 if unit.name == "%" else None

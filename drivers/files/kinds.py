@@ -13,14 +13,14 @@ from topdress.drivers.files.imports.mapping import IMPORT
 from topdress.drivers.files.settings import SETTINGS
 from topdress.drivers.files.settings_theme import THEME
 
-# Formats are contracts: a file names its own.
+# Formats are contracts, because every file names its own.
 MACHINE = Kind("topdress-machine/1", "machines", Machine, convert_old_tables)
 CROP = Kind("topdress-crop/1", "crops", Crop)
 PRODUCT = Kind("topdress-product/1", "products", Product)
 JOB = Kind("topdress-job/1", "jobs", Job)
 CAB = Kind("topdress-cab/1", "cabs", CabConfig)
 
-# By the format that a file names.
+# Kinds by the format that a file names.
 KINDS: Kinds = {
     kind.format: kind for kind in (MACHINE, CROP, PRODUCT, JOB, CAB, SETTINGS, THEME, IMPORT)
 }

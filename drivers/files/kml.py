@@ -1,5 +1,6 @@
-"""How are KML (OGC 12-007r2) and KMZ read: placemarks with polygons, lines and attributes?
-Nothing that they link to is fetched."""
+"""How are KML (OGC 12-007r2) and KMZ read? Placemarks give polygons, lines and attributes; linked
+files are never fetched.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +19,13 @@ from topdress.drivers.files.stated_units import find_element_units
 from topdress.drivers.files.xml_text import XmlError, find_local_name, parse_xml_root
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
-# Elements that may hold placemarks.
+# Elements that may contain placemarks.
 CONTAINER_TAGS = ("kml", "Document", "Folder")
 
 
 def read_kml(path: Path) -> list[Layer]:
-    """Returns a layer for each document or folder with placemarks.
-    Raises RefusedInput, BeyondLimits,
-    OSError."""
+    """Returns a layer for each document or folder with placemarks. Raises RefusedInput,
+    BeyondLimits, OSError."""
     data = path.read_bytes() if path.suffix.lower() == ".kml" else _read_kmz_bytes(path)
     try:
         root = parse_xml_root(data, path)
@@ -43,8 +43,8 @@ def read_kml(path: Path) -> list[Layer]:
     ]
 
 
-# Returns the first KML of a KMZ. Raises RefusedInput.
 def _read_kmz_bytes(path: Path) -> bytes:
+    """Returns the first KML of a KMZ. Raises RefusedInput."""
     try:
         with zipfile.ZipFile(path) as archive:
             inside = next(
@@ -57,8 +57,8 @@ def _read_kmz_bytes(path: Path) -> bytes:
     raise RefusedInput(path, "no .kml in it")
 
 
-# Returns a container's placemarks as a layer.
 def _read_layer(path: Path, root: Element, container: Element, placemarks: list[Element]) -> Layer:
+    """Returns a container's placemarks as a layer."""
     name = _find_child_text(container, "name") or path.stem
     rows, shapes, closed = [], [], 0
     for number, placemark in enumerate(placemarks, start=1):
@@ -99,7 +99,8 @@ def _iter_attributes(placemark: Element) -> Iterator[tuple[str, str]]:
 
 
 def _read_shapes(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.Geometry], int]:
-    """Returns shapes in longitude and latitude, and how many of their rings were not closed."""
+    """Returns shapes in longitude and latitude, and the number of their rings that were
+    not closed."""
     found, unclosed = [], 0
     for one in placemark.iter():
         kind = find_local_name(one)
@@ -122,8 +123,8 @@ def _read_shapes(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.G
 
 
 def _read_places(element: Element, where: PlaceInFile) -> np.ndarray:
-    """Returns places (n, 2), longitude and latitude. Raises RefusedInput."""
-    # Blanks separate places, but some programs write them behind commas too.
+    """Returns points (n, 2), longitude and latitude. Raises RefusedInput."""
+    # Blanks separate points, but some programs also write them after commas.
     text = re.sub(r"\s*,\s*", ",", _find_child_text(element, "coordinates"))
     try:
         places = np.array(
@@ -142,8 +143,8 @@ def _find_children(element: Element, name: str) -> list[Element]:
     return [child for child in element if find_local_name(child) == name]
 
 
-# Returns the text of a child; empty: there is none.
 def _find_child_text(element: Element, name: str) -> str:
+    """Returns the text of a child; empty for a missing child."""
     return next(
         ((child.text or "").strip() for child in element if find_local_name(child) == name), ""
     )

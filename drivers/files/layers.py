@@ -1,9 +1,9 @@
-"""How are shapes with attributes read from GeoJSON, shapefiles, GeoPackage, KML and KMZ, in
-longitude and latitude? Maps, fields and points all come this way.
+"""How are shapes with attributes read from GeoJSON, shapefiles, GeoPackage, KML and KMZ? Maps,
+fields and points are all read here, in longitude and latitude.
 
-GeoPackage is read by SQLite and KML by an XML reader of our own, never by GDAL: that opens what it
-finds in the bytes, whatever the name, and a virtual data source under `.gpkg` reads other files and
-runs SQL.
+GeoPackage is read by SQLite and KML by an XML reader of this package, never by GDAL. GDAL chooses
+its reader by the bytes, whatever the name, and a virtual data source under `.gpkg` could read other
+files and run SQL.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, find_json_
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 from topdress.drivers.plugins import PluginFault, has_format_plugin
 
-# Endings of formats.
+# Suffixes of the formats.
 KML_ENDINGS, GEOJSON_ENDINGS = (".kml", ".kmz"), (".geojson", ".json")
-# Systems of degrees on WGS84, or within 2 m of it.
+# Coordinate systems in degrees on WGS84, or within 2 m of WGS84.
 DEGREE_SYSTEMS = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")
-# WGS84 as GeoJSON names it.
+# Names of WGS84 in GeoJSON.
 WGS84_SPELLINGS = ("crs84", "4326")
 # Types of shapes in GeoJSON.
 GEOJSON_TYPES = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
@@ -46,10 +46,11 @@ _KML_ATTRIBUTES = frozenset({"Name", "description", "Description", "id"})
 
 
 class Layer(NamedTuple):
-    """Holds shapes with attributes. `rows`: attributes; `shapes`: (n,) shapely geometries in
-    longitude and latitude, None where a row has none; `findings`: how it was read; `units`: of
-    columns, as the file says besides their names. `kind`: the type of all its shapes, where the
-    file states it. `about`: members of GeoJSON besides its features."""
+    """Holds shapes with attributes. `rows` holds the attributes. `shapes` holds (n,) shapely
+    geometries in longitude and latitude, None for a row without a shape. `findings` describes how
+    the file was read. `units` holds units of columns that the file states outside of their names.
+    `kind` is the type of all shapes where the file states it. `about` holds the members of GeoJSON
+    besides its features."""
 
     name: str
     rows: tuple[Mapping[str, Any], ...]
@@ -88,11 +89,11 @@ def read_geojson(path: Path, kinds: Collection[str] = GEOJSON_TYPES, strict: boo
     ----------
     path : the file.
     kinds : types of shapes that are read; others become empty points.
-    strict : refuses a single feature, and features in a root without a type.
+    strict : whether a single feature, and features in a root without a type, are refused.
 
     Raises
     ------
-    NotAMapError : it is no such collection.
+    NotAMapError : the file is no FeatureCollection.
     RefusedInput : coordinates are wrong.
     OSError : the file cannot be opened.
     """
@@ -104,8 +105,8 @@ def read_geojson(path: Path, kinds: Collection[str] = GEOJSON_TYPES, strict: boo
 
 
 def _read_by_plugin(path: Path, name: str) -> Layer:
-    """Returns the layer that a plug-in reads. Raises NotAMapError, whatever the plug-in's code
-    does."""
+    """Returns the layer that a plug-in reads. Raises NotAMapError for every failure of the
+    plug-in."""
     from topdress.drivers.plugin_process import read_format
 
     try:
@@ -120,8 +121,8 @@ def _read_by_plugin(path: Path, name: str) -> Layer:
     return _build_layer(path, root, GEOJSON_TYPES, strict=True)
 
 
-# Returns features as a layer. Raises NotAMapError, RefusedInput.
 def _build_layer(path: Path, root: Any, kinds: Collection[str], strict: bool) -> Layer:
+    """Returns features as a layer. Raises NotAMapError, RefusedInput."""
     kind = root.get("type") if isinstance(root, dict) else type(root).__name__
     found = None
     if isinstance(root, dict) and (kind == "FeatureCollection" or not strict):
@@ -156,8 +157,8 @@ def _build_layer(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
     return Layer(str(root.get("name", "")), tuple(rows), shapes, (), units, "", about)
 
 
-# Returns a shape of GeoJSON; None: it is empty. Raises RefusedInput.
 def _build_geometry(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometry | None:
+    """Returns a shape of GeoJSON; None for an empty shape. Raises RefusedInput."""
     kind = geometry["type"]
     area = kind.endswith("Polygon")
     try:
@@ -185,14 +186,14 @@ def _build_geometry(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.
 
 
 def _convert_places(corners: Sequence[Sequence[float]]) -> Floats:
-    """Returns places (n, 2), longitude and latitude."""
+    """Returns points (n, 2), longitude and latitude."""
     # A third number is a height.
     return np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
 
 
 def build_polygon(rings: Sequence[Floats], where: PlaceInFile) -> shapely.Geometry:
-    """Returns a polygon of an outline and its holes, (n, 2) longitude and latitude, closed or
-    not. Raises RefusedInput."""
+    """Returns a polygon of an outline and its holes, (n, 2) longitude and latitude, closed or open.
+    Raises RefusedInput."""
     if not rings or any(len(drop_closing_corner(ring)) < 3 for ring in rings):
         raise RefusedInput(where, "a ring of less than 3 corners: allowed 3 or more")
     return shapely.Polygon(rings[0], rings[1:])
@@ -204,7 +205,7 @@ def drop_closing_corner(corners: Floats) -> Floats:
 
 
 def combine_shapes(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
-    """Returns several shapes as a single one; None: there are none."""
+    """Returns several shapes as one shape; None without shapes."""
     kinds = {part.geom_type for part in parts}
     if len(parts) < 2:
         return parts[0] if parts else None
@@ -225,10 +226,10 @@ def convert_to_degrees(
     Parameters
     ----------
     path : the file, for messages.
-    layer : its name, for messages.
+    layer : the layer's name, for messages.
     shapes : (n,) shapely geometries.
-    crs : `EPSG:...`; None: not known.
-    text : the same as well-known text.
+    crs : coordinate system as `EPSG:...`; None for an unknown system.
+    text : the same system as well-known text.
 
     Raises
     ------
@@ -256,7 +257,7 @@ def convert_to_degrees(
         shapes,
         TransverseMercator(
             f"UTM zone {int(found[2])}{'S' if south else 'N'}",
-            # UTM: zones of 6 degrees from 180 W, scale 0.9996, false origins in metres.
+            # UTM has zones of 6 degrees from 180 W, scale 0.9996 and false origins in metres.
             6.0 * int(found[2]) - 183.0,
             0.0,
             0.9996,
@@ -269,8 +270,17 @@ def convert_to_degrees(
 def find_projection(
     text: str, where: PlaceInFile | Path | str, places: Floats, crs: str = ""
 ) -> Projection | None:
-    """Returns the projection of a well-known text; None: degrees. places: (n, 2) in its
-    coordinates. crs: a system that must be more than degrees. Raises RefusedInput."""
+    """Returns the projection of a well-known text; None for degrees.
+
+    Parameters
+    ----------
+    places : (n, 2) points in its coordinates.
+    crs : name of a system that must be more than degrees.
+
+    Raises
+    ------
+    RefusedInput : the projection is not supported.
+    """
     try:
         found = parse_projection(text)
         if found is not None or not crs:
@@ -305,8 +315,8 @@ def drop_kml_attributes(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def find_shape_name(row: Mapping[str, Any]) -> str:
-    """Returns a shape's name; empty: it has none. The names of a shapefile's columns have ten
-    letters."""
+    """Returns a shape's name; empty for a shape without a name. A shapefile cuts names of columns
+    to ten letters."""
     for wanted in ("name", "title", "field", "field_name", "fieldname", "designator"):
         for name, value in row.items():
             if name.casefold() == wanted and value not in (None, ""):

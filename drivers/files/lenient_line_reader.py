@@ -1,4 +1,6 @@
-"""Which lines of a log can be read, where some are damaged because it is still being written?"""
+"""Which lines of a log can be read, where some lines are damaged because the log is still being
+written?
+"""
 
 from __future__ import annotations
 
@@ -8,16 +10,19 @@ from topdress.drivers.files.columns import Columns
 from topdress.drivers.files.imports.import_errors import TableError
 from topdress.drivers.files.limits import BeyondLimits
 
-# Share of lines that may be damaged: with more it is no log of this kind.
+# Share of damaged lines above which the file is no log of this kind.
 MAX_DAMAGED_SHARE = 0.5
-# Readings at most: each damaged line costs two for each halving.
+# Largest number of readings; each damaged line costs two readings for each halving.
 MAX_READINGS = 100
 
 
 class LenientLineReader:
-    """Reads lines without the damaged ones. found: what `read` returns for them; None where too
-    many are damaged. head: lines before the rows, kept in any case. Raises what `read` raises
-    except TableError and BeyondLimits."""
+    """Reads lines without the damaged lines.
+
+    `found` is the result of `read` for the good lines; None if too many lines are damaged. `head`
+    holds the lines before the rows, which are always kept. Raises every error of `read` except
+    TableError and BeyondLimits.
+    """
 
     def __init__(
         self, lines: list[bytes], head: int, read: Callable[[list[bytes]], Columns]
@@ -43,7 +48,7 @@ class LenientLineReader:
             return None
 
     def _find_good_lines(self, rows: list[bytes]) -> list[bytes]:
-        """Returns the lines that can be read, found by halving."""
+        """Returns the lines that can be read; damaged lines are searched by halving."""
         if self._tried > MAX_READINGS:
             return []
         if len(rows) == 1:

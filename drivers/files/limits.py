@@ -1,8 +1,8 @@
-"""How much is read of any file? A table of limits, and the checks of a file before a reader opens
-it.
+"""How much of a file is read? A table lists the limits, and every file is checked before a reader
+opens it.
 
-docs/limits.md shows the table, and a test compares them. A file beyond a limit is refused in a line
-with its name, its size and what is allowed; nothing of it is unpacked first.
+docs/limits.md shows the table, and a test compares both. A file beyond a limit is refused in a line
+with its name, its size and the limit, without unpacking.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
-# Bytes of a megabyte.
+# Number of bytes of a megabyte.
 MB = 1 << 20
 
 
 class Limit(NamedTuple):
-    """Holds a limit. `what`: kind of file, for the page. `most`: in `unit`."""
+    """Holds a limit. `what` is the kind of file, for the page, and `most` the limit in `unit`."""
 
     what: str
     most: int
@@ -51,9 +51,9 @@ RASTER_CELLS = Limit(
     "cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells"
 )
 CROSSINGS = Limit("places where outlines of a map cross themselves", 1_000, "crossings")
-# To repair an outline of 36 000 corners takes 1.5 s, of 200 000 corners 7 s.
+# The repair of an outline with 36 000 corners takes 1.5 s, with 200 000 corners 7 s.
 TOUCHES = Limit("places where one outline of a map touches itself", 10_000, "places")
-# Zones that were drawn or simplified separately cross at most at corners of their borders.
+# Zones that were drawn or simplified separately cross only at corners of their borders.
 SHARED_CROSSINGS = Limit(
     "places where outlines of different zones of a map cross, beyond two for each corner",
     20_000,
@@ -65,7 +65,7 @@ NEAR_EDGES = Limit(
 OVERLAPS = Limit("pairs of zones of a map that overlap", 5_000, "pairs")
 PARQUET_CELLS = Limit("cells of a Parquet file", 50_000_000, "cells")
 PARQUET_BYTES = Limit("Parquet, unpacked; its texts as they are read", 1024 * MB, "bytes")
-# A log of a machine that stands all day has some 30: only the times change in it.
+# A log of a machine that stands all day needs some 30, because only its times change.
 PARQUET_PACKED = Limit(
     "cells of a Parquet file for each of its bytes, beyond the first million", 200, "cells"
 )
@@ -80,7 +80,7 @@ CELLS = Limit("cells of a sheet, empty ones between others included", 16_777_216
 RESUME = Limit("what is kept of a job next to its log (.resume.json)", 128 * MB, "bytes")
 OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
 
-# In the order of the page.
+# The order is that of the page.
 LIMITS = (
     CONFIG,
     TEXT,
@@ -140,28 +140,29 @@ _LIMIT_OF_SUFFIX = {
     ".xlsb": WORKBOOK,
     ".ods": WORKBOOK,
 }
-# Files that a reader of a shapefile opens too.
+# Suffixes of the files that a reader of a shapefile opens too.
 _SIDE_SUFFIXES = (".shx", ".dbf", ".prj", ".cpg")
-# Suffixes of files that are zips.
+# Suffixes of file formats that are zips.
 _ZIP_SUFFIXES = (".zip", ".kmz", ".xlsx", ".xlsm", ".xlsb", ".ods")
-# Compressions that can be measured before unpacking.
+# Compressions whose unpacked size can be measured before unpacking.
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-# Bit 0 of a zip entry's flags.
+# Bit 0 of a zip entry's flags (APPNOTE.TXT, 4.4.4).
 _ENCRYPTED_FLAG = 0x1
-# A cell in quotes: signs within it separate no columns.
+# In a quoted cell, separators do not separate columns.
 _QUOTED_CELL = re.compile(rb'"[^"]*"')
 
 
-# Errors of a damaged, odd or locked zip (RuntimeError: a password, a version, a compression).
+# Errors that a damaged, unusual or encrypted zip raises (RuntimeError: a password, a version, a
+# compression).
 DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError)
 
 
 class BeyondLimits(RefusedInput):
-    """The file is larger, or holds more, than is read; a line names it."""
+    """Reports a file that is larger, or has more content, than the limit, in one line."""
 
 
 def check_limit(limit: Limit, found: int, label: PlaceInFile | Path | str) -> None:
-    """Refuses more than a limit allows. Raises BeyondLimits."""
+    """Refuses an amount beyond a limit. Raises BeyondLimits."""
     if found > limit.most:
         raise BeyondLimits(
             label,
@@ -172,13 +173,13 @@ def check_limit(limit: Limit, found: int, label: PlaceInFile | Path | str) -> No
 
 
 def check_file(path: Path) -> None:
-    """Checks a file, a folder of a task or a zip against the table, with the files next to it that
-    a reader opens too. A missing file is left to its reader.
+    """Checks a file, a folder of a task or a zip against the table, with the companion files that a
+    reader opens. A missing file is reported by its reader.
 
     Raises
     ------
-    BeyondLimits : it is too large.
-    OSError : it cannot be read.
+    BeyondLimits : the file is too large.
+    OSError : the file cannot be read.
     """
     if path.is_dir():
         for number, file in enumerate(_iter_task_files(path), start=1):
@@ -202,8 +203,7 @@ def check_file(path: Path) -> None:
 
 
 def check_text(data: bytes, label: str) -> None:
-    """Checks a text table's bytes: no endless line at its begin, no endless header. Raises
-    BeyondLimits."""
+    """Checks the beginning of a text table for an endless line or header. Raises BeyondLimits."""
     check_limit(TEXT, len(data), label)
     lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
     check_limit(LINE, max(map(len, lines)), PlaceInFile(label).go_down("one of its first lines"))
@@ -213,8 +213,8 @@ def check_text(data: bytes, label: str) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Returns a JSON file's data, with or without a byte order mark. Deep nesting and endless
-    whole numbers are refused as no JSON. Raises ValueError without the path, OSError."""
+    """Returns the data of a JSON file with or without a byte order mark. Raises ValueError (without
+    the path) also for deep nesting and endless integers; OSError."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("a pipe or a device: allowed is a file")
     size = path.stat().st_size
@@ -230,14 +230,16 @@ def read_json(path: Path) -> Any:
 
 
 def _check_zip(path: Path) -> None:
-    """Checks a zip by its own directory: its readers unpack no more of an entry than it says."""
+    """Checks a zip by its own directory, because its readers unpack no more of an entry than the
+    directory states."""
     whole = UNPACKED if path.suffix.lower() in (".zip", ".kmz") else WORKBOOK
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (*DAMAGED_ZIP, ValueError):
-        # Its reader says what is wrong.
-        return  # no zip: the reader says so
+        # Its reader reports the damage.
+        # The reader reports that the file is no zip.
+        return
     check_limit(ENTRIES, len(entries), str(path))
     check_limit(
         whole, sum(entry.file_size for entry in entries), PlaceInFile(str(path)).go_down("unpacked")
@@ -271,8 +273,8 @@ def _check_size(suffix: str, size: int, label: str) -> None:
     check_limit(_LIMIT_OF_SUFFIX.get(suffix.lower(), OTHER), size, label)
 
 
-# Yields the files of a task's folder, and of TASKDATA in it.
 def _iter_task_files(folder: Path) -> Iterator[Path]:
+    """Yields the files of a task's folder, and of TASKDATA in that folder."""
     for file in folder.iterdir():
         if file.is_file():
             yield file
@@ -280,8 +282,8 @@ def _iter_task_files(folder: Path) -> Iterator[Path]:
             yield from (inner for inner in file.iterdir() if inner.is_file())
 
 
-# Returns a whole number of JSON. Raises ValueError for one that is too long.
 def _parse_limited_int(text: str) -> int:
+    """Returns an integer of JSON. Raises ValueError for too many digits."""
     if len(text) > DIGITS.most:
         raise ValueError(f"a whole number of {len(text)} digits: allowed up to {DIGITS.most}")
     return int(text)

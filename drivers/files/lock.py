@@ -1,5 +1,6 @@
-"""How does a single process hold a lock that the system returns when the process ends, however
-it ends?"""
+"""How does a single process hold a lock? The system releases the lock when the process ends, in
+whatever way.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +14,22 @@ if sys.platform == "win32":
     import msvcrt
 
     def _take(handle: int) -> None:
+        """Locks an open file on Windows. Raises OSError if another process holds the lock."""
         msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
 else:
     import fcntl
 
     def _take(handle: int) -> None:
+        """Locks an open file on POSIX systems. Raises OSError if another process holds the lock."""
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def take_lock(path: Path, take: Callable[[int], None] = _take) -> io.FileIO | None:
-    """Takes the lock of a file.
+    """Locks a file.
 
-    The file is made where needed and never removed: another process may be about to lock it. If
-    somebody else removes it, the locked file is no longer the file of that name: `stands` shows it.
+    The file is created where needed and never removed, because another process may be about to lock
+    it. If a third program removes it, the locked file is no longer the file of that name;
+    `is_same_file` shows this.
 
     Parameters
     ----------
@@ -34,21 +38,22 @@ def take_lock(path: Path, take: Callable[[int], None] = _take) -> io.FileIO | No
 
     Returns
     -------
-    the open file that holds the lock until it is closed; None where somebody else holds it.
+    the open file that holds the lock until it is closed; None if another process holds the lock.
 
     Raises
     ------
-    OSError : the folder is not there, or its disk knows no locks.
+    OSError : the folder does not exist, or its disk does not support locks.
     """
     while True:
         lock = _open_and_lock(path, take)
         if lock is None or is_same_file(lock, path):
             return lock
-        lock.close()  # removed between its opening and its locking
+        # The file was removed between its opening and its locking.
+        lock.close()
 
 
 def is_same_file(lock: io.FileIO, path: Path) -> bool:
-    """Tells whether the lock is on the file that has this name now."""
+    """Returns whether the lock is on the file that has this name now."""
     ours = os.fstat(lock.fileno())
     try:
         there = os.stat(path)
@@ -57,12 +62,13 @@ def is_same_file(lock: io.FileIO, path: Path) -> bool:
     return (ours.st_dev, ours.st_ino) == (there.st_dev, there.st_ino)
 
 
-# Returns the locked file; None where somebody else holds the lock.
 def _open_and_lock(path: Path, take: Callable[[int], None]) -> io.FileIO | None:
+    """Returns the locked file; None if another process holds the lock."""
     file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
     try:
         take(file.fileno())
-    except (BlockingIOError, PermissionError):  # POSIX, Windows: held
+    # POSIX and Windows raise these errors for a lock of another process.
+    except (BlockingIOError, PermissionError):
         file.close()
         return None
     except OSError:

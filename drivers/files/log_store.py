@@ -1,8 +1,8 @@
-"""How is a run log kept as Parquet: a single file with columns, sidecar and the findings of the
-text's reader?
+"""How is a run log stored as Parquet? A single file holds columns, sidecar and the findings of the
+text's reader.
 
-For seasons of logs: fewer bytes than the text, and read at once (docs/format-run-log.md,
-"Parquet").
+The format serves seasons of logs: it needs fewer bytes than the text, and is read at once
+(docs/format-run-log.md, "Parquet").
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 # Format of the metadata, a contract.
 STORE_FORMAT = "topdress-log-store/1"
 STORE_SUFFIXES = frozenset({".parquet", ".pq"})
-# Key of our metadata, and the first and last bytes of every Parquet.
+# Key of topdress's metadata, and the first and last bytes of every Parquet file.
 _METADATA_KEY, _PARQUET_MAGIC = "topdress", b"PAR1"
-# Bytes of a footer.
+# Largest length of a footer, bytes.
 _MAX_FOOTER_BYTES = 64 << 20
 
 
 class StoredLog(NamedTuple):
-    """Holds a store's contents; columns, `meta` and findings as those of `RunLog`."""
+    """Holds the contents of a store; columns, `meta` and findings are as in `RunLog`."""
 
     columns: Columns
     meta: RunMeta | None
@@ -48,15 +48,15 @@ class StoredLog(NamedTuple):
 
 
 def is_log_store(path: Path) -> bool:
-    """Tells whether topdress (of any version) wrote this Parquet file."""
+    """Returns whether any version of topdress wrote this Parquet file."""
     return path.suffix.lower() in STORE_SUFFIXES and _METADATA_KEY.encode() in _read_footer(path)
 
 
 def write_log_store(
     path: Path, columns: Columns, meta: RunMeta | None, findings: Sequence[Finding] = ()
 ) -> None:
-    """Writes a store, whole or not at all. columns: arrays of length n, float64 (NaN: not known)
-    or object (texts). Raises OSError."""
+    """Writes a store, completely or not at all. `columns` are arrays of length n, float64 (NaN:
+    unknown) or object (texts). Raises OSError."""
     require_extras("Parquet", "parquet")
     about = {
         "format": STORE_FORMAT,
@@ -72,9 +72,9 @@ def write_log_store(
 
 
 def write_log_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
-    """Writes the same as a run log of text with its sidecar, each whole or not at all; every
-    number reads back the same, and a log that topdress wrote is the same to the byte. Raises
-    OSError."""
+    """Writes the contents of a store as a run log of text with its sidecar, each completely or not
+    at all. Every number reads back the same, and a log that topdress wrote is the same to the byte.
+    Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
         write_atomically(find_sidecar(path), format_meta_yaml(meta))
@@ -86,7 +86,7 @@ def _format_cells(name: str, column: NDArray[Any]) -> Sequence[str | None]:
 
 
 def read_log_store(path: Path, only: Collection[str] | None = None) -> StoredLog:
-    """Returns a store's contents. `only`: names of the wanted columns (None: all); `time_s` is
+    """Returns a store's contents. `only` names the requested columns (None: all); `time_s` is
     always read. Raises TableError."""
     require_extras("Parquet", "parquet")
     import polars as pl
@@ -139,14 +139,14 @@ def _find_first_line(error: Exception) -> str:
 
 
 def _read_footer(path: Path) -> bytes:
-    """Returns the part of a Parquet file that describes it; empty where there is none. It needs
-    no polars."""
+    """Returns the footer of a Parquet file; empty for another file. This check does not need
+    polars."""
     with contextlib.suppress(OSError), path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         if size < 12:
             return b""
         file.seek(size - 8)
-        # The last eight bytes: length of the footer, and PAR1.
+        # The last eight bytes are the length of the footer, and PAR1.
         length, magic = int.from_bytes(file.read(4), "little"), file.read(4)
         if magic == _PARQUET_MAGIC and length <= min(size - 8, _MAX_FOOTER_BYTES):
             file.seek(size - 8 - length)
@@ -155,8 +155,8 @@ def _read_footer(path: Path) -> bytes:
 
 
 def _build_frame(columns: Columns) -> pl.DataFrame:
-    """Returns columns as a data frame. Not known is null, so that every other reader of Parquet
-    sees it so."""
+    """Returns columns as a data frame. Unknown values become null, as all other readers of Parquet
+    expect."""
     import polars as pl
 
     return pl.DataFrame(
@@ -169,8 +169,8 @@ def _build_frame(columns: Columns) -> pl.DataFrame:
     )
 
 
-# Returns a column as texts or numbers (n,).
 def _convert_series(series: pl.Series) -> NDArray[Any]:
+    """Returns a column as texts or numbers (n,)."""
     import polars as pl
 
     if series.dtype == pl.String or series.name in TEXT_COLUMNS:

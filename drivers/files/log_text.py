@@ -1,5 +1,6 @@
-"""How is a log row written as a line of text: with the digits of every column, and nothing that
-breaks a line?"""
+"""How is a log row written as a line of text? Every column has its own number of decimals, and no
+text may break the line.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +21,18 @@ from topdress.control.log_row import (
 # Header of a log without section valves.
 HEADER = ",".join(COLUMNS) + "\n"
 
-# Bytes of a line as written: half of the bytes that are searched for the begin of the last line.
+# Largest length of a written line, bytes: half of the bytes in which a reader searches the
+# beginning of the last line.
 MAX_ROW_BYTES = 32_768
-# Characters that the texts of a longer line keep: all of them together fit then.
+# Number of characters that each text of a longer line keeps; all texts together then fit.
 MAX_CUT_CELL = 1_000
-# Bytes of a character in UTF-8.
+# Largest number of bytes of a character in UTF-8.
 MAX_CHARACTER_BYTES = 4
-# Ends a text that was cut.
+# This mark ends a text that was cut.
 CUT_MARK = "..."
 # Decimals of time_s where two rows fall into the same millisecond.
 _CLOSE_TIME_DECIMALS = 6
-# Takes its value and prints nothing.
+# This format takes its value and prints nothing.
 _EMPTY_FORM = "%.0s"
 
 
@@ -41,8 +43,8 @@ def _find_number_form(column: str) -> str:
 
 
 def format_values(column: str, values: Sequence[float]) -> list[str | None]:
-    """Returns every value of a column (n,) as a log's row has it; None where not known. A value
-    with more digits than its column has the shortest text that reads back as the same number."""
+    """Returns every value of a column (n,) as a log's row shows it; None for unknown. A value with
+    more digits than its column has the shortest text that reads back as the same number."""
     numbers = list(filter(math.isfinite, values))
     texts = list(map(repr, numbers))
     if column in ALL_COLUMNS and column not in EXACT_COLUMNS | TEXT_COLUMNS:
@@ -68,12 +70,13 @@ def find_log_columns(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
 
 
 def format_header(columns: tuple[str, ...]) -> str:
+    """Returns the header line."""
     return ",".join(columns) + "\n"
 
 
 class RowText:
-    """Turns rows into lines; remembers the last time written, and a template for each set of
-    unknown columns. columns: the first of `ALL_COLUMNS`; cells beyond are left out."""
+    """Turns rows into lines. It remembers the last time written, and a template for each set of
+    unknown columns. `columns` are the first of `ALL_COLUMNS`; cells beyond them are omitted."""
 
     def __init__(self, columns: tuple[str, ...] = COLUMNS) -> None:
         self._forms = tuple(_find_number_form(column) for column in columns)
@@ -84,7 +87,7 @@ class RowText:
         """Returns a row as a line with its line end.
 
         Numbers that are not finite are unknown; line breaks in texts become spaces. Texts of a line
-        that no reader would take are cut to `MAX_CUT_CELL`.
+        that is too long for readers are cut to `MAX_CUT_CELL`.
 
         Raises
         ------
@@ -147,8 +150,8 @@ def _is_plain_line(line: str, columns: int) -> bool:
     )
 
 
-# Returns a cell as text, quoted where needed.
 def _format_cell(value: float | str | None, form: str) -> str:
+    """Returns a cell as text, quoted where needed."""
     if value is None:
         return ""
     if isinstance(value, str):

@@ -1,5 +1,6 @@
-"""How are shapes with attributes written to formats of GDAL (KML, KMZ, GeoPackage), through
-pyogrio (extra gis)?"""
+"""How are shapes with attributes written to formats of GDAL (KML, KMZ, GeoPackage)? The package
+pyogrio (extra gis) calls GDAL.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ import shapely
 from topdress.drivers.files.extras import format_extra_line
 from topdress.drivers.plain_text import RefusedInput
 
-# GDAL's drivers by ending.
+# GDAL's drivers by suffix.
 DRIVER_OF_ENDING = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 
 
@@ -25,24 +26,24 @@ def write_layer(
     columns: Mapping[str, Sequence[Any]],
     append: bool = False,
 ) -> None:
-    """Writes shapes with their attributes as GeoPackage, KML or KMZ, whole or not at all.
+    """Writes shapes with their attributes as GeoPackage, KML or KMZ, completely or not at all.
 
     Parameters
     ----------
-    path : the file; its ending chooses the format.
+    path : the file; its suffix chooses the format.
     layer : name of the layer.
-    shapes : in longitude and latitude.
+    shapes : shapes in longitude and latitude.
     columns : attributes by name, each as long as the shapes.
-    append : adds a layer to an existing file.
+    append : whether the layer is added to an existing file.
 
     Raises
     ------
-    RefusedInput : pyogrio is not there.
+    RefusedInput : pyogrio is not installed.
     OSError : the file cannot be written.
     """
     pyogrio = _import_pyogrio(path)
     suffix = path.suffix.lower()
-    # GDAL writes step by step, so it gets a place of its own.
+    # GDAL writes in several steps, so it gets a temporary folder.
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / f"{path.stem}{'.kml' if suffix == '.kmz' else suffix}"
         if append and path.exists():
@@ -70,15 +71,15 @@ def write_layer(
         write_atomically(path, place.read_bytes())
 
 
-# Returns attributes as numbers where all are, else as texts.
 def _make_field_array(values: Sequence[Any]) -> Any:
+    """Returns attributes as numbers if all are numbers, else as texts."""
     if all(value is None or isinstance(value, int | float) for value in values):
         return np.array([np.nan if value is None else float(value) for value in values])
     return np.array(["" if value is None else str(value) for value in values], dtype=object)
 
 
-# Returns the module. Raises RefusedInput where the extra is missing.
 def _import_pyogrio(path: Path) -> Any:
+    """Returns the module. Raises RefusedInput where the extra is missing."""
     try:
         import pyogrio
         import pyogrio.raw

@@ -1,4 +1,6 @@
-"""What does a file hold: a log, a bench table, a map or a field? Every command asks here."""
+"""Which content does a file have: a log, a bench table, a map or a field? Every command decides by
+this module.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,9 @@ from topdress.drivers.files.log_store import is_log_store
 from topdress.drivers.files.table import NoHeaderError, read_header
 from topdress.drivers.plugins import has_format_plugin
 
-# Share of known columns; a log with fewer is another program's, which the import reads better.
+# Share of known columns; a log with a smaller share is foreign, and the import reads it better.
 MIN_KNOWN_SHARE = 0.5
-# Columns that a log has and a bench table has not.
+# Columns that occur in a log but not in a bench table.
 _LOG_COLUMNS = frozenset(
     {"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEED_COLUMNS}
 )
@@ -38,14 +40,16 @@ ContentKind = Literal["log", "table", "map", "field", ""]
 
 
 class FileContent:
-    """Answers questions about a file. Nothing is read before, and each answer is found once."""
+    """Answers questions about a file. Nothing is read in advance, and each answer is
+    computed once."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._suffix = path, path.suffix.lower()
 
     @property
     def is_table(self) -> bool:
-        """Tells whether it has rows and columns, whatever its suffix: a text or a workbook."""
+        """Returns whether the file has rows and columns, whatever its suffix: a text or a
+        workbook."""
         return not (self.path.is_dir() or self._suffix in FOREIGN_SUFFIXES or self._of_areas)
 
     @property
@@ -54,8 +58,8 @@ class FileContent:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Returns the names of a table's columns, as they stand; none where its first line holds
-        only numbers. Raises TableError."""
+        """Names of a table's columns, unchanged; none where the first line holds only numbers.
+        Raises TableError."""
         try:
             return read_header(self.path)
         except NoHeaderError:
@@ -63,22 +67,24 @@ class FileContent:
 
     @property
     def bench(self) -> str | None:
-        """Returns the kind of bench table that the columns make; None: none, or several. Raises
+        """The kind of bench table that the columns determine; None for none or several. Raises
         TableError."""
         return recognise_kind(renamed(self.names, KNOWN_COLUMNS, {}).names)
 
     @property
     def foreign(self) -> bool:
-        """Tells whether the import reads this rather than `read_log`: our own logs are never
+        """Returns whether the import reads this file instead of `read_log`. A topdress log is never
         guessed. Raises TableError, OSError."""
         if is_log_store(self.path):
             return False
-        if not self.is_table or not self.names:  # the import asks what its columns are
+        # The import requests the names of the columns.
+        if not self.is_table or not self.names:
             return True
         plain, ours = _normalise_names(self.names), rename_log_header(self.names).names
         known = sum(name in COLUMNS for name in ours)
         if "time_s" in plain:
-            return known == 1 and any(  # another's `commanded_rpm` next to its readings
+            # A foreign log may have `commanded_rpm` next to its readings.
+            return known == 1 and any(
                 has_any_word(fold_column_name(name), COMMAND_WORDS)
                 for name in plain
                 if not name.startswith("x_")
@@ -89,8 +95,8 @@ class FileContent:
 
     @cached_property
     def holds(self) -> ContentKind:
-        """Returns what the file holds; empty: a table whose columns do not show it. A file of
-        areas is a map, even if its outlines are used as a field. Raises BeyondLimits, OSError.
+        """Returns the content of the file; empty for a table whose columns do not show it. A file
+        of areas is a map, even if its outlines are used as a field. Raises BeyondLimits, OSError.
         """
         check_file(self.path)
         if self.is_table:
@@ -115,8 +121,9 @@ class FileContent:
             if self.bench is not None:
                 return "table"
         except TableError:
-            # Its reader says what is wrong.
-            return ""  # the reader says what is wrong with it
+            # The reader reports the damage.
+            # The reader reports the damage.
+            return ""
         if has_time_column(self.names):
             return "log"
         # Kriging programs separate columns by spaces.
@@ -134,7 +141,8 @@ class FileContent:
 
 
 def is_run_log_header(names: tuple[str, ...]) -> bool:
-    """Tells whether a header is a log's, not a bench table's: it has the time of each row."""
+    """Returns whether a header belongs to a log instead of a bench table: it has the time of each
+    row."""
     ours = set(rename_log_header(names).names)
     if "time_s" in _normalise_names(names):
         return True

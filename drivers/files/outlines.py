@@ -1,8 +1,8 @@
-"""How much do a map's outlines overlap or cross, counted before they are repaired, which may take
-minutes for a few bytes?
+"""How often do a map's outlines overlap or cross? The count comes before their repair, which may
+take minutes for a few bytes.
 
-Counted in pieces and given up at the limit; pairs of edges are found by their extents first (an STR
-tree).
+The count is made in pieces and stops at the limit. Pairs of edges are searched by their extents
+first (an STR tree).
 """
 
 from __future__ import annotations
@@ -28,21 +28,25 @@ from topdress.drivers.files.limits import (
 )
 from topdress.drivers.plain_text import PlaceInFile
 
-# Corners of an outline; the edges of a smaller outline make no more pairs than are allowed.
+# Number of corners of a large outline; the edges of a smaller outline make no more pairs than the
+# limit.
 LARGE_CORNERS = 500
-# Corners of small zones: two of them cross in 400 places at most.
+# Number of corners of small zones, of which two cross at most 400 times.
 SMALL_ZONE_CORNERS = 20
 # Where an outline returns to one of its corners, two of its edges meet two others.
 PAIRS_PER_CORNER = 4
-# A corner off its neighbour's edge by rounding: the edges on both of its sides cross that edge.
+# A corner may lie off its neighbour's edge by rounding; the edges on both of its sides then cross
+# that edge.
 CROSSINGS_PER_CORNER = 2
-# Ways in which zones overlap, in GEOS's words.
+# Predicates of GEOS by which zones overlap.
 OVERLAP_PREDICATES = ("overlaps", "contains", "within")
-# Share of the smaller of two zones that is no overlap: corners rounded to 1 cm, in cells of 10 m.
+# Share of the smaller of two zones below which an intersection is no overlap: corners rounded to 1
+# cm, in cells of 10 m.
 SLIVER_SHARE = 1e-3
-# Zones compared with all others at once, and pairs.
+# Number of zones compared with all others at once, and of pairs.
 MAX_ZONE_STEP, PAIRS_AT_ONCE = 64, 100_000
-# Pairs of extents at once, 8 MB; or so many shapes, against 400 000 others 100 MB.
+# Number of pairs of extents at once (8 MB), and smallest number of shapes at once (100 MB against
+# 400 000 others).
 EXTENTS_AT_ONCE, MIN_SHAPE_STEP = 500_000, 16
 
 
@@ -51,16 +55,16 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
 
     Parameters
     ----------
-    zones : each an outline and its holes, (k, 2).
+    zones : for each zone its outline and holes, (k, 2).
     label : the map, for messages.
 
     Returns
     -------
-    how many zones cross themselves.
+    the number of zones that cross themselves.
 
     Raises
     ------
-    BeyondLimits : more than can be repaired.
+    BeyondLimits : the map has more crossings than can be repaired.
     """
     crossed = check_outlines(zones, label)
     shapes = make_polygons(zones)
@@ -69,7 +73,8 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
     extents = shapely.box(*(low + less).T, *(high - less).T)
     _check_shared_crossings(zones, label)
     if _count_meeting_extents(extents, OVERLAPS.most) <= OVERLAPS.most:
-        return crossed  # as cells do that lie next to one another
+        # Neighbouring cells of a grid only touch.
+        return crossed
     areas, tree, found = shapely.area(shapes), shapely.STRtree(shapes), 0
     step = max(1, min(MAX_ZONE_STEP, PAIRS_AT_ONCE // len(shapes)))
     for begin in range(0, len(shapes), step):
@@ -88,21 +93,21 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
 def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
     """Counts outlines that cross themselves.
 
-    An outline that only touches itself, as zones made from a raster do at their corners, crosses
-    nowhere.
+    An outline that only touches itself does not cross itself; zones made from a raster touch at
+    their corners.
 
     Parameters
     ----------
-    zones : each an outline and its holes, (k, 2).
+    zones : for each zone its outline and holes, (k, 2).
     label : the map, for messages.
 
     Returns
     -------
-    how many zones cross themselves.
+    the number of zones that cross themselves.
 
     Raises
     ------
-    BeyondLimits : more than can be repaired.
+    BeyondLimits : the map has more crossings than can be repaired.
     """
     shapes = make_polygons_as_drawn(zones)
     wrong = np.flatnonzero(~shapely.is_valid(shapes)).tolist()
@@ -125,9 +130,9 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path 
 def _check_shared_crossings(
     zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str
 ) -> None:
-    """Refuses zones whose outlines cross each other too often: two of a few hundred corners can
-    do so in a hundred thousand places. Zones with few corners are limited by `OVERLAPS`. Raises
-    BeyondLimits."""
+    """Refuses zones whose outlines cross each other too often, because two outlines of a few
+    hundred corners can cross a hundred thousand times. `OVERLAPS` limits zones with few corners.
+    Raises BeyondLimits."""
     large = [zone for zone in zones if sum(map(len, zone)) > SMALL_ZONE_CORNERS]
     if len(large) < 2:
         return
@@ -145,12 +150,12 @@ def _check_shared_crossings(
         # Each pair is found from both of its sides.
         once = owner[asked] < owner[met]
         found += int(_are_crossing(ends[asked[once]], ends[met[once]]).sum())
-        # Zones that share a border cross at its corners, by rounding alone.
+        # Zones with a common border cross at its corners by rounding alone.
         check_limit(SHARED_CROSSINGS, found - CROSSINGS_PER_CORNER * len(edges), label)
 
 
 def _are_crossing(one: Floats, other: Floats) -> np.ndarray:
-    """Tells which edges (n, 2, 2) cross others (n, 2, 2), each between the other's ends."""
+    """Returns which edges (n, 2, 2) cross others (n, 2, 2), each between the ends of the other."""
 
     def turns(edge: Floats, point: Floats) -> Floats:
         way, to = edge[:, 1] - edge[:, 0], point - edge[:, 0]
@@ -169,14 +174,14 @@ def _list_edge_ends(zone: Sequence[Floats]) -> Floats:
 
 
 def _count_near_pairs(zone: Sequence[Floats], most: int) -> int:
-    """Returns the number of pairs of a zone's edges whose extents meet, except neighbours; it
-    stops soon after `most`."""
+    """Returns the number of pairs of a zone's edges whose extents meet, except neighbours; the
+    count stops soon after `most`."""
     return _count_meeting_extents(shapely.linestrings(_list_edge_ends(zone)), most, followers=2)
 
 
 def _count_meetings(zone: Sequence[Floats]) -> tuple[int, int]:
-    """Returns the number of pairs of a zone's edges that meet, except neighbours, and of those
-    that go through each other."""
+    """Returns the number of pairs of a zone's edges that meet, except neighbours, and the number of
+    pairs that cross."""
     ends = _list_edge_ends(zone)
     edges = shapely.linestrings(ends)
     one, other = shapely.STRtree(edges).query(edges, predicate="intersects")
@@ -186,8 +191,8 @@ def _count_meetings(zone: Sequence[Floats]) -> tuple[int, int]:
 
 
 def _count_meeting_extents(shapes: np.ndarray, most: int, followers: int = 0) -> int:
-    """Returns the number of pairs whose extents meet; for each shape, itself and so many
-    followers are left out."""
+    """Returns the number of pairs whose extents meet. For each shape, the shape itself and the next
+    `followers` shapes are skipped."""
     tree, found = shapely.STRtree(shapes), 0
     step = max(MIN_SHAPE_STEP, EXTENTS_AT_ONCE // len(shapes))
     for begin in range(0, len(shapes), step):

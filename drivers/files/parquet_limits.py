@@ -1,9 +1,9 @@
-"""How much does a Parquet file hold, by its footer and the headers of its pages, before its reader
-allocates memory for it?
+"""How much content does a Parquet file have? Its footer and the headers of its pages state it,
+before the reader allocates memory.
 
-The reader (polars) asks for as much memory as the file says, and ends the whole program where there
-is none. Both are in Thrift's compact protocol (parquet.thrift of parquet-format 2.10;
-thrift-compact-protocol.md).
+The reader (polars) allocates as much memory as the file states, and ends the whole program if the
+memory is not available. Footer and headers use Thrift's compact protocol (parquet.thrift of
+parquet-format 2.10; thrift-compact-protocol.md).
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from topdress.drivers.plain_text import PlaceInFile
 if TYPE_CHECKING:
     import polars as pl
 
-# First and last bytes of a Parquet.
+# First and last bytes of a Parquet file.
 PARQUET_MAGIC = b"PAR1"
-# Bytes of a footer, and of a page's header.
+# Largest length of a footer, and of a page's header, bytes.
 MAX_FOOTER_BYTES, MAX_HEADER_BYTES = 16 * MB, 64 << 10
-# Structs within structs: a damaged footer may nest without end.
+# Largest depth of structs within structs, because a damaged footer may nest without end.
 MAX_DEPTH = 20
-# Ids of fields of the file; `ROWS` of a row group too.
+# Ids of fields of the file; a row group uses the id of `ROWS_FIELD` too.
 ROWS_FIELD, ROW_GROUPS_FIELD = 3, 4
 # Ids of fields of a row group, a column chunk and its metadata.
 COLUMNS_FIELD, META_FIELD, VALUES_FIELD, PACKED_FIELD, DATA_PAGE_FIELD, DICTIONARY_PAGE_FIELD = (
@@ -41,15 +41,16 @@ COLUMNS_FIELD, META_FIELD, VALUES_FIELD, PACKED_FIELD, DATA_PAGE_FIELD, DICTIONA
     9,
     11,
 )
-# So many cells of a single value cost next to nothing, however small the file.
+# This number of cells is permitted however small the file is, because repeated values need hardly
+# any bytes.
 FREE_CELLS = 1_000_000
 # Ids of fields of a page's header; each kind of page has its values in field 1.
 PAGE_UNPACKED_FIELD, PAGE_PACKED_FIELD, PAGE_KIND_FIELDS = 2, 3, (5, 7, 8)
 
 
 def check_parquet(path: Path) -> None:
-    """Checks a Parquet file before it is read. A damaged file is refused too: its reader may end
-    the program. Raises BeyondLimits, OSError."""
+    """Checks a Parquet file before it is read. A damaged file is refused too, because its reader
+    may end the program. Raises BeyondLimits, OSError."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -88,8 +89,8 @@ def check_parquet(path: Path) -> None:
 
 
 def check_text_bytes(frame: pl.DataFrame, path: Path) -> None:
-    """Checks the texts of a file as it was read: a text is in it once, however many rows have
-    it. Raises BeyondLimits."""
+    """Checks the texts of a file after reading; a repeated text is counted once. Raises
+    BeyondLimits."""
     import polars as pl
 
     texts = [column for column in frame.iter_columns() if column.dtype == pl.String]
@@ -98,8 +99,8 @@ def check_text_bytes(frame: pl.DataFrame, path: Path) -> None:
 
 
 def _list_column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[int, Any]]:
-    """Returns the metadata of each column of each row group. Raises BeyondLimits where it
-    announces more than is read, ValueError where it is impossible."""
+    """Returns the metadata of each column of each row group. Raises BeyondLimits where the metadata
+    announce more than the limit, ValueError where they are impossible."""
     groups = footer.get(ROW_GROUPS_FIELD, [])
     chunks = [chunk[META_FIELD] for group in groups for chunk in group.get(COLUMNS_FIELD, [])]
     counts = [footer[ROWS_FIELD], *(group[ROWS_FIELD] for group in groups)]
@@ -114,7 +115,7 @@ def _list_column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[d
 
 
 class _ThriftReader:
-    """Reads Thrift's compact protocol. `at`: the byte behind what was read."""
+    """Reads Thrift's compact protocol. `at` is the position of the next byte."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -126,13 +127,14 @@ class _ThriftReader:
         found: dict[int, Any] = {}
         number = 0
         while head := self._read_byte():
-            # The upper four bits hold the step from the last id; 0: the id follows.
+            # The upper four bits hold the difference to the last id; 0 means that the id follows.
             number = number + (head >> 4) if head >> 4 else self._read_zigzag()
             found[number] = self._read_value(head & 15, depth)
         return found
 
     def _read_value(self, kind: int, depth: int) -> Any:
-        # Types of the protocol: true, false; byte; i16 to i64; double; binary; list, set; struct.
+        # Types of the protocol: 1 true, 2 false, 3 byte, 4 to 6 i16 to i64, 7 double, 8 binary, 9
+        # list, 10 set, 12 struct.
         if kind in (1, 2):
             return kind == 1
         if kind == 3:
@@ -150,7 +152,8 @@ class _ThriftReader:
             ]
         if kind == 12:
             return self.read_struct(depth + 1)
-        raise ValueError(f"type {kind}")  # maps do not occur
+        # Parquet uses no maps.
+        raise ValueError(f"type {kind}")
 
     def _check_count(self, count: int) -> range:
         if count > len(self.data) - self.at:
@@ -178,5 +181,5 @@ class _ThriftReader:
 
     def _read_zigzag(self) -> int:
         number = self._read_varint()
-        # Zigzag: the lowest bit is the sign.
+        # In zigzag encoding the lowest bit is the sign.
         return number >> 1 ^ -(number & 1)

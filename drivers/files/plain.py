@@ -1,5 +1,6 @@
-"""How do models become plain data, JSON schema, and back? NamedTuples by name (pydantic alone:
-as lists)."""
+"""How do models become plain data and JSON schema, and how are they read back? NamedTuples become
+objects by name; pydantic alone would make lists.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ from pydantic_core import core_schema
 
 
 def convert_to_plain(value: Any) -> Any:
-    """Returns models, NamedTuples, data classes, arrays, enums, dates and paths as mappings,
-    lists, texts and numbers. Raises TypeError for anything else."""
+    """Returns models, NamedTuples, data classes, arrays, enums, dates and paths as mappings, lists,
+    texts and numbers. Raises TypeError for other values."""
     if isinstance(value, BaseModel):
         return {
             info.alias or name: convert_to_plain(getattr(value, name))
@@ -47,9 +48,9 @@ T = TypeVar("T")
 
 
 def build_from_plain(kind: type[T], data: Any) -> T:
-    """Returns a data class or NamedTuple, and those within, from the data that JSON makes of it.
-    Unknown keys are ignored, so that an older program reads a newer one's files. Raises
-    ValueError, in a line, where a value does not fit."""
+    """Returns a data class or NamedTuple, with all nested ones, from the data of its JSON. Unknown
+    keys are ignored, so that an older program reads a newer program's files. Raises ValueError, in
+    a line, where a value does not fit."""
     hashable: Any = kind
     try:
         made: T = _make_adapter(hashable).validate_python(data)
@@ -65,7 +66,7 @@ def build_from_plain(kind: type[T], data: Any) -> T:
 
 
 def _drop_keys(data: Any, unknown: list[tuple[int | str, ...]]) -> Any:
-    """Returns a copy that lacks the keys at these places."""
+    """Returns a copy without the keys at these places."""
     here = {place[0] for place in unknown if len(place) == 1}
     items = data.items() if isinstance(data, Mapping) else enumerate(data)
     kept = {
@@ -97,7 +98,7 @@ class _SchemaByName(GenerateJsonSchema):
         return json_schema | {"required": required} if required else json_schema
 
     def arguments_schema(self, schema: core_schema.ArgumentsSchema) -> JsonSchemaValue:
-        """Returns the same for pydantic before 2.13, to which a NamedTuple is a call with
+        """Returns the schema for pydantic before 2.13, which treats a NamedTuple as a call with
         arguments."""
         return self.kw_arguments_schema(schema["arguments_schema"], schema.get("var_kwargs_schema"))
 

@@ -1,5 +1,6 @@
-"""How are run logs read: our own up to their last whole row, other programs' with everything odd
-corrected or reported?"""
+"""How are run logs read? Topdress's own logs are read up to their last whole row; in foreign logs
+every oddity is corrected or reported.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +24,10 @@ from topdress.drivers.files.run_meta import RunMeta, parse_meta_yaml
 from topdress.drivers.files.table import convert_cells as columns_of_cells
 from topdress.drivers.files.table import read_table
 
-# Step between rows, s: larger steps may be milliseconds, which another column shows, so all columns
-# are read.
+# Interval between rows above which the times may be milliseconds, s. Another column shows this, so
+# all columns are read then.
 SLOW_STEP_S = 2.0
-# Columns of numbers; times may be dates.
+# Columns of numbers; times are not listed, because they may be dates.
 _NUMBER_COLUMNS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}
 
 
@@ -34,10 +35,10 @@ _NUMBER_COLUMNS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}
 class RunLog:
     """Holds a log in memory.
 
-    `columns`: those of the file, ours under their published names, unknown ones kept; arrays of
-    length n, float64 (NaN: not known) or object (texts, "": not known). `time_s` is always there
-    and strictly increasing. `meta` is None where the log has no sidecar. `findings`: what was odd,
-    and what was done about it.
+    `columns` holds the columns of the file, known columns under their published names, unknown
+    columns unchanged. They are arrays of length n, float64 (NaN: unknown) or object (texts, "":
+    unknown). `time_s` always exists and is strictly increasing. `meta` is None for a log without a
+    sidecar. `findings` lists every oddity with its correction.
     """
 
     path: Path
@@ -46,25 +47,26 @@ class RunLog:
     findings: tuple[Finding, ...]
 
     def __len__(self) -> int:
+        """Returns the number of rows."""
         return len(self.columns["time_s"])
 
-    # Returns the times of the rows (n,), s.
     @property
     def time_s(self) -> NDArray[np.float64]:
+        """Times of the rows (n,), s."""
         return self.columns["time_s"]
 
-    # Returns the time from the first to the last row, s.
     @property
     def duration_s(self) -> float:
+        """Time from the first to the last row, s."""
         return float(self.time_s[-1] - self.time_s[0]) if len(self) else 0.0
 
     @property
     def step_s(self) -> float:
-        """Returns the median time between rows, s; NaN for fewer than two."""
+        """Median time between rows, s; NaN for fewer than two rows."""
         return float(np.median(np.diff(self.time_s))) if len(self) > 1 else float("nan")
 
     def has(self, column: str) -> bool:
-        """Tells whether anything is known of this column."""
+        """Returns whether this column exists and has a known value."""
         array = self.columns.get(column)
         if array is None:
             return False
@@ -112,14 +114,15 @@ def read_log(
     without: Collection[str] = (),
     data: bytes | None = None,
 ) -> RunLog:
-    """Opens a run log of any program, cut anywhere by a power loss; or its store (`log_store`).
+    """Returns a run log of any program, cut anywhere by a power loss; or of its store
+    (`log_store`).
 
     Parameters
     ----------
     path : the log.
-    only : names of the wanted columns (None: all); `time_s` is always read.
-    without : names of columns that are not wanted: a million texts that nobody uses take 0.2 GB.
-    data : header and lines of a text, in place of the whole file and apart from its sidecar.
+    only : names of the requested columns (None: all); `time_s` is always read.
+    without : names of columns that are not read, because a million unused texts need 0.2 GB.
+    data : header and lines of a text, which replace the whole file but not its sidecar.
 
     Returns
     -------
@@ -176,8 +179,8 @@ def _read_log_columns(
 
 
 def build_log(path: Path, given: Columns, meta: RunMeta) -> RunLog:
-    """Returns a table with a run log's columns as the log that would be read from it, examined
-    in the same way. Raises TableError where it has no rows."""
+    """Returns a table with a run log's columns as the log that would be read from it, examined in
+    the same way. Raises TableError for a table without rows."""
     columns, findings = examine_columns(
         path,
         columns_of_cells(dict(given), _NUMBER_COLUMNS | {"time_s"}, TEXT_COLUMNS),
@@ -190,8 +193,8 @@ def build_log(path: Path, given: Columns, meta: RunMeta) -> RunLog:
 
 
 def read_filled_log(path: str | Path, without: Collection[str] = ()) -> RunLog:
-    """Returns a run log with rows; `without` as of `read_log`. Raises TableError also where it
-    has no whole row."""
+    """Returns a run log with rows; `without` is as in `read_log`. Raises TableError also for a log
+    without a whole row."""
     log = read_log(path, without=without)
     if len(log) == 0:
         raise TableError(log.path, "no whole row below the header")
@@ -199,8 +202,7 @@ def read_filled_log(path: str | Path, without: Collection[str] = ()) -> RunLog:
 
 
 def read_log_meta(path: Path) -> RunMeta | None:
-    """Returns a run log's sidecar without reading its rows; None: there is none that can be
-    used."""
+    """Returns a run log's sidecar without reading its rows; None without a usable sidecar."""
     if not is_log_store(path):
         return _read_sidecar(path)[0]
     try:
@@ -210,8 +212,8 @@ def read_log_meta(path: Path) -> RunMeta | None:
 
 
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
-    """Tells whether the file is only a begin of our header line (an empty file: only next to our
-    sidecar)."""
+    """Returns whether the file is only a beginning of topdress's header line. An empty file counts
+    only next to a sidecar of topdress."""
     header = format_header(_find_own_columns(meta)).encode()
     try:
         with path.open("rb") as file:
@@ -226,7 +228,7 @@ def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
 
 
 def _find_own_columns(meta: RunMeta | None) -> tuple[str, ...]:
-    """Returns the columns that this program writes, with the machine of the sidecar."""
+    """Returns the columns that this program writes for the machine of the sidecar."""
     return find_log_columns(None if meta is None else meta.machine)
 
 

@@ -1,15 +1,16 @@
-"""What was the control loop given, and what did it order, by its log?
+"""Which measurements did the control loop receive, and which commands did it give, according to its
+log?
 
-A log row holds values, not the times at which they were sampled. These are found as follows:
+A log row holds values without the times at which they were sampled. These times are estimated:
 
-- A value that differs from the row before was sampled at this row; for GNSS a new `utc` shows
-  it, where the log has one.
-- A value that repeats counts as sampled again every period of its sensor (the tenth part of
-  the intervals between changes is shorter than this; never more than half the time for which
-  the loop holds a value): a sensor that had fallen silent would have an empty cell.
-- Where cells become empty, the loop had held the last value for `HOLDS_S`: it was sampled that
-  long before, or at its last change if that was later. From then on it stays the newest known
-  value and grows old.
+- A value that differs from the row before was sampled at this row; for GNSS a new `utc` shows it,
+  where the log has this column.
+- A value that repeats counts as sampled again every period of its sensor. The period is the lower
+  decile of the intervals between changes, and at most half the time for which the loop holds a
+  value. A sensor that had fallen silent would have an empty cell.
+- Where cells become empty, the loop had held the last value for `HOLDS_S`: the value was sampled
+  that long before, or at its last change if that was later. From then on it remains the newest
+  known value and grows old.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from topdress.drivers.files.read_log import RunLog
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# In the order of the loop's measurements.
+# The order is that of the loop's measurements.
 SENSOR_COLUMNS = (
     "wheel_speed_mps",
     "shaft_rpm",
@@ -40,22 +41,21 @@ SENSOR_COLUMNS = (
     "gate_effort",
 )
 
-# Columns of a fix besides its place.
+# Columns of a fix besides its position.
 _GNSS_COLUMNS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
 
 
 class _NewestReadings(NamedTuple):
-    """Holds the newest reading of every row: the row that it stands in (-1: none yet), and when
-    it was sampled."""
+    """Holds for every row the newest reading: its row (-1: none yet) and its time, s."""
 
     row: NDArray[np.intp]
     time_s: Floats
 
 
 def iter_measurements(log: RunLog) -> Iterator[Measurements]:
-    """Yields what the loop was given at each row: values are the newest accepted, however old
-    (see their time). A log with ground speed but neither places nor wheel speed gives its speed
-    as the wheel's."""
+    """Yields the measurements that the loop received at each row. Values are the newest accepted
+    values, however old (see their time). A log with ground speed but neither positions nor wheel
+    speed supplies its speed as the wheel's."""
     if not len(log):
         return
     time_s = log.time_s.tolist()
@@ -77,7 +77,8 @@ def iter_measurements(log: RunLog) -> Iterator[Measurements]:
         None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()
     ]
     announced: SpeedPlan | None = None
-    # The log's target includes the operator's nudge, the asked rate does not.
+    # The log's target includes the operator's nudge, but the rate request of another display does
+    # not.
     nudged = 1.0 + np.nan_to_num(log.numbers("nudge_percent")) / 100.0
     targets = (log.numbers("target_rate_kg_ha") / nudged).tolist()
     for at_s, fix, ndvi, held, work, text, source, target in zip(
@@ -169,15 +170,15 @@ def _find_fixes(log: RunLog) -> list[GnssFix | None]:
 
 
 def _find_changes(values: Floats) -> Flags:
-    """Tells which values differ from the row before; the first does, unknown after unknown does
-    not."""
+    """Returns which values differ from the row before. The first value differs; unknown after
+    unknown does not."""
     differs = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
     return np.concatenate((np.ones(min(1, values.size), bool), differs))
 
 
 def _estimate_period_s(time_s: Floats, fresh: Flags) -> float:
-    """Returns the sensor's period, s, by the shortest usual interval between fresh values; 0
-    where there is none."""
+    """Returns the sensor's period, s, from the shortest usual interval between fresh values; 0
+    without an interval."""
     intervals_s = np.diff(time_s[fresh])
     return float(np.quantile(intervals_s, 0.1)) if intervals_s.size else 0.0
 
@@ -185,8 +186,8 @@ def _estimate_period_s(time_s: Floats, fresh: Flags) -> float:
 def _find_newest_readings(
     time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True
 ) -> _NewestReadings:
-    """Returns the newest reading at every row (module docstring); `repeats`: a repeated value
-    may have been sampled again."""
+    """Returns the newest reading at every row (module docstring); `repeats` tells whether a
+    repeated value may have been sampled again."""
     rows = np.arange(time_s.size)
     after_gap = known & np.concatenate(([True], ~known[:-1]))
     new = known & (fresh | after_gap)

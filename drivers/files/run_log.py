@@ -1,8 +1,8 @@
-"""How are run logs (docs/format-run-log.md) written: in a thread of their own for live work,
-directly for simulation?
+"""How are run logs (docs/format-run-log.md) written? Live work uses a thread of its own, simulation
+writes directly.
 
-No row is ever half written into the middle of a log: what the disk did not take is kept and tried
-again.
+A log never contains a partial row in its middle: bytes that the disk did not accept are kept and
+tried again.
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ from topdress.drivers.files.atomic import (
 from topdress.drivers.files.log_text import RowText, find_log_columns, format_header
 from topdress.drivers.files.run_meta import RunMeta, format_meta_yaml
 
-# Rows reach the operating system at least this often, s: what a kill of the worker can cost.
+# Longest time until rows reach the operating system, s. A kill of the worker loses the rows of this
+# time.
 FLUSH_PERIOD_S = 0.1
-# Rows reach the disk itself about this often, s.
+# Usual time until rows reach the disk itself, s.
 SYNC_PERIOD_S = 1.0
-# Rows wait in memory while a disk is slow; a longer wait, s, is reported.
+# Rows wait in memory while a disk is slow; a longer wait is reported, s.
 SLOW_DISK_S = 20.0
-# Rows that wait: an hour at 20 Hz; later rows are lost, and counted.
+# Largest number of waiting rows: an hour at 20 Hz. Later rows are dropped and counted.
 MAX_WAITING_ROWS = 72_000
-# Bytes that a simulation collects before it writes.
+# Number of bytes that a simulation collects before it writes.
 _BLOCK_BYTES = 1 << 20
 
 Create = Callable[[Path, bool], NewFile]
@@ -51,15 +52,16 @@ def begin_log(
 ) -> NewFile:
     """Creates a log with its sidecar and its header.
 
-    An existing log or sidecar is left alone and NAME-2, NAME-3, ... taken, unless `overwrite`.
+    An existing log or sidecar is not changed; the new log gets NAME-2, NAME-3, ..., unless
+    `overwrite`.
 
     Parameters
     ----------
-    path : wanted path of the log.
+    path : requested path of the log.
     meta : the sidecar's contents.
-    overwrite : replaces an existing log.
-    create : makes the file; tests give another.
-    kept : returns when the log is on the disk, which may take a second.
+    overwrite : whether an existing log is replaced.
+    create : creates the file; tests replace it.
+    kept : whether the function returns only when the log is on the disk, which may take a second.
 
     Returns
     -------
@@ -67,7 +69,7 @@ def begin_log(
 
     Raises
     ------
-    OSError : the files cannot be made.
+    OSError : the files cannot be created.
     """
     file = create(path, overwrite)
     try:
@@ -84,7 +86,8 @@ def begin_log(
 
 
 class PlainLogWriter:
-    """Writes in the caller's thread, for simulation and conversion. A context manager."""
+    """Writes a log in the caller's thread, for simulation and conversion. The writer is a context
+    manager."""
 
     def __init__(self, path: Path, meta: RunMeta, overwrite: bool = False) -> None:
         """Creates the log. Raises OSError."""
@@ -94,16 +97,17 @@ class PlainLogWriter:
 
     @property
     def path(self) -> Path:
+        """Path of the log."""
         return self._file.path
 
     def append(self, row: LogRow) -> None:
-        """Takes a row. Raises OSError."""
+        """Appends a row. Raises OSError."""
         self._waiting += self._text.line(row).encode(errors="replace")
         if len(self._waiting) >= _BLOCK_BYTES:
             _write_all_bytes(self._file, self._waiting)
 
     def close(self) -> None:
-        """Writes the rest and closes. Raises OSError."""
+        """Writes the remaining rows and closes the log. Raises OSError."""
         try:
             _write_all_bytes(self._file, self._waiting)
             self._file.sync()
@@ -133,11 +137,10 @@ def write_whole_log(
 
 
 class RunLogWriter:
-    """Writes the log of a live run. `append` only hands a row over; a thread formats, writes and
-    syncs.
+    """Writes the log of a live run. `append` only queues a row; a thread formats, writes and syncs.
 
-    Trouble (disk full, card pulled out, folder not writable) never raises: `ok` and `trouble` show
-    it, the rows wait, and are written as soon as that is possible again.
+    A full disk, a removed card or a read-only folder never raises: `ok` and `trouble` show the
+    fault, the rows wait, and are written as soon as possible.
     """
 
     def __init__(
@@ -152,14 +155,14 @@ class RunLogWriter:
         sync_s: float = SYNC_PERIOD_S,
         max_waiting_rows: int = MAX_WAITING_ROWS,
     ) -> None:
-        """Creates the files in the caller's thread, before the loop starts. To sync them is the
-        other thread's first work: a slow disk delays no start. Never raises OSError.
+        """Creates the files in the caller's thread, before the loop starts. The other thread syncs
+        them first, so that a slow disk delays no start. Never raises OSError.
 
-        `after_writing` may be set later: it is called on the log's thread after each turn of
-        writing, with whether it was the last one, and must not raise.
+        `after_writing` may be set later. The log's thread calls it after each round of writing,
+        with True for the last round; it must not raise.
         """
         self.after_writing: Callable[[bool], None] | None = None
-        # the log before this one, where another program took rows out of it
+        # The previous log, from which another program removed rows; None before such a removal.
         self.cut_short: Path | None = None
         self._wanted = Path(path)
         self._meta, self._overwrite, self._create = meta, overwrite, create
@@ -172,9 +175,11 @@ class RunLogWriter:
         self._rows: SimpleQueue[LogRow] = SimpleQueue()
         self._text = RowText(find_log_columns(meta.machine))
         self._header = _encode_header(meta)
-        self._formatted = bytearray()  # written by the thread only
+        # Formatted rows, written by the thread only.
+        self._formatted = bytearray()
         self._formatted_rows = 0
-        self._unsynced = bytearray()  # written and perhaps not kept
+        # Bytes that were written but may not be on the disk yet.
+        self._unsynced = bytearray()
         self._synced_bytes = len(self._header)
         self._file: NewFile | None = None
         self._trouble = ""
@@ -188,16 +193,17 @@ class RunLogWriter:
 
     @property
     def path(self) -> Path:
-        """Returns where the log stands, which is not the wanted path if that was taken."""
+        """Path of the log, which differs from the requested path if that name existed."""
         return self._wanted if self._file is None else self._file.path
 
     @property
     def ok(self) -> bool:
+        """Whether all rows reach the disk."""
         return not self.trouble
 
     @property
     def trouble(self) -> str:
-        """Returns what is wrong now, in a line; empty while rows reach the disk."""
+        """Description of the present fault in a line; empty while rows reach the disk."""
         if self._trouble:
             return self._trouble
         waited_s = self._clock() - self._good_at_s
@@ -206,15 +212,15 @@ class RunLogWriter:
         return ""
 
     def append(self, row: LogRow) -> None:
-        """Takes a row. Never blocks, never raises, never touches the disk."""
+        """Queues a row. Never blocks, never raises, never accesses the disk."""
         if self._closing.is_set() or self._rows.qsize() + self._formatted_rows >= self._max_waiting:
             self._lost += 1
         else:
             self._rows.put(row)
 
     def close(self, timeout_s: float = 5.0) -> bool:
-        """Writes what waits and ends; returns whether every row is on the disk. Gives up after
-        `timeout_s`."""
+        """Writes the waiting rows and ends the thread; returns whether every row is on the disk.
+        Gives up after `timeout_s`."""
         self._closing.set()
         self._thread.join(timeout_s)
         return (
@@ -256,7 +262,7 @@ class RunLogWriter:
         now_s = self._clock()
         try:
             if not self._started_kept:
-                # Somebody may have removed the sidecar: the log continues.
+                # If another program removed the sidecar, the log continues without it.
                 with contextlib.suppress(FileNotFoundError):
                     sync_to_disk(find_sidecar(self._file.path))
                 self._file.sync()
@@ -287,8 +293,8 @@ class RunLogWriter:
             self._unsynced += waiting[: len(waiting) - len(self._formatted)]
 
     def _anew_after(self, before: NewFile, left: int) -> NewFile:
-        """Returns a new log with the rows that were cut off, as far as they are still known, and
-        all later ones. Raises OSError."""
+        """Returns a new log with the removed rows, as far as they are still in memory, and all
+        later rows. Raises OSError."""
         file = begin_log(before.path, self._meta, False, self._create)
         whole = self._unsynced.rfind(b"\n", 0, max(0, left - self._synced_bytes)) + 1
         self._formatted[:0] = self._unsynced[whole:]
@@ -299,11 +305,11 @@ class RunLogWriter:
         return file
 
     def _gone_on_with(self, before: NewFile) -> NewFile:
-        """Returns the log's file anew, after it was deleted, or its folder or disk was removed and
-        came back. Raises OSError.
+        """Returns the log's file again, after it was deleted, or its folder or disk was removed and
+        returned. Raises OSError.
 
-        An existing file is continued after the last row that was surely kept; where there is none,
-        earlier rows are written again, as far as they can still be read.
+        An existing file is continued after the last row that was certainly on the disk. Without a
+        file, earlier rows are written again, as far as they can still be read.
         """
         path = before.path
         if not path.parent.is_dir():
@@ -348,7 +354,8 @@ def _read_deleted(file: NewFile, header: bytes) -> bytes:
 
 
 def _write_all_bytes(file: NewFile, data: bytearray) -> None:
-    """Writes and removes from `data` what the file takes; on OSError the rest is still there."""
+    """Writes bytes and removes them from `data`; after an OSError the unwritten bytes remain in
+    `data`."""
     while data:
         taken = file.write(data)
         if taken <= 0:

@@ -1,5 +1,6 @@
-"""What does NAME.yaml next to a run log say: with which software, machine, crop, job and files
-was the run made?"""
+"""With which software, machine, crop, job and files was a run made? NAME.yaml next to a run log
+states it.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +24,20 @@ Resolved = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class RunMeta:
-    """Describes a run; what is not known is None or empty. `machine`, `crop`, `job`: as
-    resolved, plain data."""
+    """Describes a run; unknown parts are None or empty. `machine`, `crop` and `job` are plain data
+    with all defaults filled in."""
 
     software: str = ""
     machine: Resolved | None = None
     crop: Resolved | None = None
     job: Resolved | None = None
-    seed: int | None = None  # None: not simulated
-    # configuration file -> checksum
+    # None means that the run was not simulated.
+    seed: int | None = None
+    # Checksums by the name of the configuration file.
     sha256: Mapping[str, str] = field(default_factory=dict)
-    started_utc: str | None = None  # ISO 8601, Z
-    # anything else that the writer had to say
+    # ISO 8601 with the zone Z.
+    started_utc: str | None = None
+    # Further entries of the program that wrote the log.
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -62,6 +65,7 @@ def make_run_meta(
 
 
 def find_software_version() -> str:
+    """Returns name and version of the software."""
     try:
         return version("topdress")
     except PackageNotFoundError:
@@ -69,6 +73,7 @@ def find_software_version() -> str:
 
 
 def format_meta_yaml(meta: RunMeta) -> str:
+    """Returns the text of the sidecar."""
     return dump_yaml(
         {
             "format": RUN_LOG_FORMAT,
@@ -85,7 +90,7 @@ def format_meta_yaml(meta: RunMeta) -> str:
 
 
 def parse_meta_yaml(text: str) -> RunMeta:
-    """Returns the description of a run. Raises ValueError, in a line, where the text does not
+    """Returns the description of a run. Raises ValueError, in a line, for a text that does not
     describe a run log."""
     try:
         data, _ = parse_yaml(text)
@@ -111,7 +116,7 @@ def parse_meta_yaml(text: str) -> RunMeta:
 
 
 def read_sidecar_meta(log: str | Path) -> RunMeta | None:
-    """Returns the description next to a log; None: there is none that can be read."""
+    """Returns the description next to a log; None without a readable description."""
     try:
         return parse_meta_yaml(find_sidecar(Path(log)).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,5 +1,6 @@
-"""What does a user want of the console? The settings are in a single file; a broken file is
-reported and left as it is."""
+"""Which settings of the console does a user choose? They are in a single file; a broken file is
+reported and not changed.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +21,14 @@ Keys = Annotated[
 
 
 class ManualRate(FrozenModel):
-    """What may be typed as a manual rate; never beyond the crop's own limit."""
+    """Range of a typed manual rate; the crop's own limit holds too."""
 
     low_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = 0.0
     high_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = MAX_RATE_KG_HA
 
-    # Refuses a range without room. Raises ValueError.
     @model_validator(mode="after")
     def _in_order(self) -> ManualRate:
+        """Refuses an empty range. Raises ValueError."""
         if self.low_kg_ha >= self.high_kg_ha:
             raise ValueError(
                 f"low_kg_ha {self.low_kg_ha:g}: allowed is below high_kg_ha {self.high_kg_ha:g}"
@@ -36,8 +37,9 @@ class ManualRate(FrozenModel):
 
 
 class Presets(FrozenModel):
-    """Rates on keys of their own. Defaults: a light, a middle and a full top dressing of urea
-    for winter wheat, of the order of the grades in the decision paper's table (0 to 300 kg/ha)."""
+    """Rates with keys of their own. The defaults are a light, a middle and a full top dressing of
+    urea for winter wheat, of the order of the grades in the decision paper's table (0 to 300
+    kg/ha)."""
 
     first_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = 100.0
     second_kg_ha: Annotated[float, Field(ge=0.0, le=MAX_RATE_KG_HA)] = 150.0
@@ -45,7 +47,7 @@ class Presets(FrozenModel):
 
 
 class Rates(FrozenModel):
-    """How often the console looks at each kind of panel; slower ones spare a weak computer."""
+    """Rates at which the console updates each kind of panel; slower rates spare a weak computer."""
 
     numbers_hz: Annotated[float, Field(ge=1.0, le=5.0)] = 5.0
     plots_hz: Annotated[float, Field(ge=0.2, le=2.0)] = 2.0
@@ -58,14 +60,16 @@ Command = Annotated[
 
 
 class Sounds(FrozenModel):
-    """What is heard in place of the terminal's bell, where `sound` is on."""
+    """Commands that play sounds in place of the terminal's bell, where `sound` is on."""
 
-    alarm: Command = ""  # flow is stopped or about to be
-    caution: Command = ""  # work goes on
+    # The alarm sounds when flow is stopped or about to be stopped.
+    alarm: Command = ""
+    # The caution sounds when work continues.
+    caution: Command = ""
 
 
 class Settings(FrozenModel):
-    """Settings file "topdress-settings/1"; every key may be left out."""
+    """Settings file "topdress-settings/1"; every key may be omitted."""
 
     units: Literal["metric", "imperial"] = "metric"
     language: Literal["auto", "en", "zh"] = "auto"
@@ -81,8 +85,8 @@ class Settings(FrozenModel):
 
 
 class ReadSettings(NamedTuple):
-    """Holds settings to use, and why they are not the file's; empty where they are, or where
-    there is no file."""
+    """Holds the settings to use, and the reason why they are not the file's; empty if they are, or
+    if no file exists."""
 
     settings: Settings
     trouble: str = ""
@@ -92,13 +96,13 @@ SETTINGS = Kind("topdress-settings/1", "settings", Settings)
 
 
 def find_settings_path() -> Path:
-    """Returns the path of this user's file."""
+    """Returns the path of this user's settings file."""
     return Path(platformdirs.user_config_dir("topdress", appauthor=False)) / "settings.yaml"
 
 
 def read_settings(path: Path) -> ReadSettings:
-    """Returns the file's settings; the defaults where there is none, or where it is broken.
-    Never raises, never writes."""
+    """Returns the file's settings; the defaults for a missing or broken file. Never raises, never
+    writes."""
     if not path.exists():
         return ReadSettings(Settings())
     try:
@@ -109,7 +113,7 @@ def read_settings(path: Path) -> ReadSettings:
 
 
 def write_settings(path: Path, settings: Settings) -> None:
-    """Writes the settings, whole or not at all. Raises OSError."""
+    """Writes the settings, completely or not at all. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     save_config(
         path,

@@ -1,5 +1,6 @@
-"""Which theme has a user made: a built-in theme with some other colours, NAME.yaml in the folder
-`themes`?"""
+"""Which theme has a user made? NAME.yaml in the folder `themes` changes some colours of a built-in
+theme.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ class ThemeData(FrozenModel):
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")]
     like: Literal["day", "night", "contrast"]
-    dark: bool | None = None  # None: as the one that it is like
+    # None means the same as the theme named by `like`.
+    dark: bool | None = None
     colours: dict[str, Colour] = {}
 
     @model_validator(mode="after")
@@ -54,7 +56,7 @@ THEME = Kind("topdress-theme/1", "themes", ThemeData)
 
 
 def read_themes(folder: Path) -> tuple[tuple[ThemeData, ...], tuple[str, ...]]:
-    """Returns the user's themes, and a line for each file that is none. Never raises."""
+    """Returns the user's themes, and a line for each unreadable file. Never raises."""
     themes: list[ThemeData] = []
     wrong: list[str] = []
     for path in sorted(folder.glob("*.yaml")):

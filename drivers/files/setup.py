@@ -1,5 +1,6 @@
-"""What does a run need from its configuration files: machine, crop and job, resolved and checked
-against each other?"""
+"""Which configuration does a run need? Machine, crop and job are loaded, completed and checked
+against each other.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +26,17 @@ from topdress.drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from topdress.drivers.files.prescriptions.for_job import list_job_files
 from topdress.drivers.files.weather import WeatherError, count_growing_days
 
-# Relays of a rate module besides the drive's own.
+# Number of relays of a rate module besides the drive's own.
 MAX_MODULE_VALVES = 15
-# Share by which two numbers for the same wheel may differ.
+# Relative difference up to which two circumferences of the wheel count as equal.
 SAME_WHEEL_SHARE = 1e-4
 
-# Returns the names of the logs of work on this field that is continued.
+# A function of this type returns the names of the logs of the job that is continued.
 OwnLogs = Callable[[Job], Collection[str]]
 
 
-# Returns no names: the job begins.
 def list_no_logs(job: Job) -> Collection[str]:
+    """Returns no names, for a job that begins."""
     return ()
 
 
@@ -47,24 +48,26 @@ class Setup:
     crop: Crop
     rule: Rule
     job: Job
-    # configuration file -> checksum; the job's map and plant list too
+    # Checksums by the name of the configuration file; the job's map and plant list are included.
     sha256: dict[str, str]
-    # of the job file: what the job names lies next to it
+    # Folder of the job file, where relative paths of the job begin.
     folder: Path
-    weather: Path | None  # from which the growing days were counted
-    # whose N share and flow crop and machine have; None: their own
+    # The weather file from which the growing days were counted.
+    weather: Path | None
+    # The product that defines nitrogen share and flow of crop and machine; None means their own
+    # values.
     product: Product | None = None
-    # under whose ceiling the crop is; None: the job has none
+    # The nitrogen ceiling of the crop's year; None for a job without a ceiling.
     n_year: YearNitrogen | None = None
 
     @property
     def growth(self) -> Growth | None:
-        """Returns the crop's stage in its window; None where the crop file has none."""
+        """The crop's growth stage and its window; None where the crop file has no window."""
         return assess_growth(self.crop.growth_window, self.job.growth, self.rule.days)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Returns all files that were read for it, or will be when its job is worked."""
+        """Returns all files that were read for the setup, or will be read during the job."""
         return (
             *map(Path, self.sha256),
             *list_job_files(self.job, self.folder),
@@ -78,7 +81,7 @@ class Setup:
 
 
 def load_by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
-    """Returns configuration files, in any order, by their `format:`. Raises ConfigError."""
+    """Returns configuration files, given in any order, by their `format:`. Raises ConfigError."""
     found: dict[str, Loaded[BaseModel]] = {}
     for file in files:
         kind, loaded = load_any_config(file, KINDS)
@@ -101,8 +104,8 @@ def load_by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
 def build_setup(
     found: Mapping[str, Loaded[BaseModel]], today: dt.date, own_logs: OwnLogs = list_no_logs
 ) -> Setup:
-    """Returns the setup of these files; the shipped nominal file replaces each missing one.
-    own_logs: as in `load_setup`. Raises ConfigError."""
+    """Returns the setup of these files; the shipped nominal file replaces each missing file.
+    `own_logs` is as in `load_setup`. Raises ConfigError."""
     machine, job = (
         found[kind.format].path if kind.format in found else shipped
         for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo"))
@@ -113,14 +116,14 @@ def build_setup(
 def load_setup(
     machine: str | Path, job: str | Path, today: dt.date, own_logs: OwnLogs = list_no_logs
 ) -> Setup:
-    """Reads a job, the crop and the product that it names, and a machine.
+    """Returns the setup of a job, the crop and the product that it names, and a machine.
 
     Parameters
     ----------
     machine : path or shipped name.
     job : path or shipped name.
     today : day of sensing where the crop gives none.
-    own_logs : names of the logs of the continued job, whose ground is done and gets no more.
+    own_logs : returns the names of the logs of the continued job, whose worked ground gets no more.
 
     Returns
     -------
@@ -156,13 +159,13 @@ def load_setup(
         for got in (got_machine, got_job, got_crop, got_product)
         if got is not None
     }
-    # What is not there, or is a folder, is said when it is read.
+    # A missing file, or a folder, is reported when it is read.
     named = {
         str(path): calc_sha256(path)
         for name in got_job.model.named_files
         if (path := folder / name).is_file()
     }
-    # The weather file's path begins at the crop file.
+    # The weather file's path is relative to the crop file.
     stated = None if crop.days is None else crop.days.weather
     weather = None if stated is None else got_crop.path.parent / stated
     return Setup(
@@ -171,8 +174,8 @@ def load_setup(
 
 
 class YearNitrogen(NamedTuple):
-    """Holds the nitrogen of a field's year, kg/ha. `earlier`: by the farm record; `n_fraction`:
-    of the product."""
+    """Holds the nitrogen of a field's year, kg/ha. `earlier_kg_ha` comes from the farm record;
+    `n_fraction` belongs to the product."""
 
     ceiling_kg_ha: float
     given_kg_ha: float
@@ -180,18 +183,19 @@ class YearNitrogen(NamedTuple):
     passes: int
     n_fraction: float
 
-    # Returns the nitrogen that may still be given, kg/ha.
     @property
     def left_kg_ha(self) -> float:
+        """The nitrogen that may still be given, kg/ha."""
         return max(0.0, self.ceiling_kg_ha - self.given_kg_ha - self.earlier_kg_ha)
 
     @property
     def most_kg_ha(self) -> float:
-        """Returns the highest rate of the product at any place, kg/ha."""
+        """The highest permitted rate of the product at any place, kg/ha."""
         return self.left_kg_ha / self.n_fraction
 
     @property
     def text(self) -> str:
+        """Description of the remaining nitrogen."""
         return (
             f"nitrogen.year_max_kg_ha {self.ceiling_kg_ha:g}: {self.given_kg_ha:g} given, "
             f"{self.earlier_kg_ha:.1f} by {self.passes} recorded passes: "
@@ -203,13 +207,14 @@ class YearNitrogen(NamedTuple):
 def find_year_nitrogen(
     job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = list_no_logs
 ) -> YearNitrogen | None:
-    """Returns what the job's ceiling of nitrogen leaves.
+    """Returns the nitrogen that remains below the job's ceiling.
 
     Parameters
     ----------
-    job : with its ceiling and farm record.
-    crop : with its product's share of nitrogen.
-    today : its year begins on the first of January, unless the job says otherwise.
+    job : job with its ceiling and farm record.
+    crop : crop with its product's share of nitrogen.
+    today : the year of nitrogen begins on the first of January of its year, unless the job defines
+    another day.
     own_logs : as in `load_setup`.
 
     Returns
@@ -218,7 +223,7 @@ def find_year_nitrogen(
 
     Raises
     ------
-    ValueError : nothing is left, or the farm record cannot be assigned to the field.
+    ValueError : no nitrogen remains, or the farm record cannot be assigned to the field.
     """
     wanted, ground = job.model.nitrogen, job.model.field
     if wanted.year_max_kg_ha is None:
@@ -249,7 +254,7 @@ def find_year_nitrogen(
 
 
 def _apply_job_dates(crop: Crop, job: Job) -> Crop:
-    """Returns the crop with the job's dates of sowing and sensing, where it counts days from
+    """Returns the crop with the job's dates of sowing and sensing, where the crop counts days from
     dates."""
     dates = {
         name: date
@@ -262,7 +267,8 @@ def _apply_job_dates(crop: Crop, job: Job) -> Crop:
 
 
 def describe_growth(growth: Growth | None) -> str:
-    """Returns a note about the crop's stage; empty where it is in its window, or has none."""
+    """Returns a note about the crop's stage; empty inside of its window, and for a crop without a
+    window."""
     if growth is None or (growth.stage is not None and not growth.is_outside):
         return ""
     window = f"the crop file's rule holds from {growth.scale} {growth.first:g} to {growth.last:g}"
@@ -272,13 +278,13 @@ def describe_growth(growth: Growth | None) -> str:
 
 
 def load_job_product(job: Job, folder: Path) -> Loaded[Product] | None:
-    """Returns the product file that a job names, a path next to it or a shipped file; None where
-    it names none. Raises ConfigError."""
+    """Returns the product file that a job names, a path relative to the job or a shipped name; None
+    where the job names none. Raises ConfigError."""
     return None if job.product_file is None else load_config(job.product_file, PRODUCT, base=folder)
 
 
 def describe_product(product: Product, machine: Machine) -> str:
-    """Returns a note about a product on a machine; empty where there is a catch test."""
+    """Returns a note about a product on a machine; empty for a product with a catch test."""
     if product.find_newest_test(machine.id) is not None:
         return ""
     return (
@@ -288,9 +294,8 @@ def describe_product(product: Product, machine: Machine) -> str:
 
 
 def find_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
-    """Returns a line for each disagreement of a cab file and a machine file: the wheel, by which
-    the one counts pulses and the other judges everything else; valves of sections that no device
-    of the cab drives."""
+    """Returns a line for each contradiction between a cab file and a machine file: different
+    wheels, or section valves that no device of the cab drives."""
     config = cab.model if isinstance(cab.model, CabConfig) else None
     if config is None:
         return []
@@ -333,8 +338,8 @@ def _compare_wheels(
 
 
 def find_index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
-    """Returns a line where the rule's index is not the heads' index. cab None: the heads are
-    simulated. A job that does not go by the canopy needs none."""
+    """Returns a line where the index of the rule differs from the index of the heads. `cab` None
+    means simulated heads. A job without canopy sensing needs no index."""
     if job.target.source not in CANOPY_SOURCES:
         return []
     if cab is None:

@@ -1,5 +1,6 @@
-"""Which files make a shapefile, wherever they lie: which belong together, how are their texts
-written, and in which units?"""
+"""Which files form a shapefile? They may be in a folder or a zip, and their texts have an encoding
+and units.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from topdress.drivers.files.limits import DAMAGED_ZIP
 from topdress.drivers.files.stated_units import StatedUnit, read_side_units
 from topdress.drivers.plain_text import OneLineError, PlaceInFile, RefusedInput
 
-# Encodings by byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
+# Encodings by byte 29 of a .dbf, the language driver of dBase, FoxPro and Esri.
 ENCODING_OF_DRIVER = {
     0x01: "cp437",
     0x02: "cp850",
@@ -55,7 +56,7 @@ ENCODING_OF_DRIVER = {
     0xCA: "cp1254",
     0xCB: "cp1253",
 }
-# Encodings by the words of a .cpg.
+# Encodings by the content of a .cpg.
 ENCODING_OF_SPELLING = {
     "utf8": "utf-8",
     "65001": "utf-8",
@@ -80,8 +81,8 @@ ENCODING_OF_SPELLING = {
 
 @dataclass(frozen=True)
 class ShapeSet:
-    """Names the files of a shapefile. `name`: of its .shp, from the top of `files`. `label`: for
-    messages."""
+    """Names the files of a shapefile. `name` is the name of its .shp, relative to `files`; `label`
+    is its name in messages."""
 
     files: Files
     name: str
@@ -89,11 +90,12 @@ class ShapeSet:
 
     @property
     def stem(self) -> str:
+        """Name without its suffix."""
         return PurePosixPath(self.name).stem
 
     def part(self, ending: str) -> bytes | None:
-        """Returns the file of this set with an ending, in either case; None: there is none.
-        Raises RefusedInput, OSError."""
+        """Returns the bytes of the file of this set with a suffix, regardless of case; None for a
+        missing file. Raises RefusedInput, OSError."""
         wanted = self.name[: -len(".shp")].casefold() + ending
         for name in self.files.names:
             if name.casefold() == wanted:
@@ -102,7 +104,7 @@ class ShapeSet:
 
     @contextmanager
     def reader(self, encoding: str | None = None) -> Iterator[Any]:
-        """Yields a pyshp reader. Raises what that raises, RefusedInput, OSError."""
+        """Yields a pyshp reader. Raises the errors of pyshp, RefusedInput, OSError."""
         parts = {
             key: io.BytesIO(data)
             for key in ("shp", "shx", "dbf")
@@ -121,8 +123,9 @@ class ShapeSet:
             yield reader
 
     def encoding(self, dbf: bytes) -> str:
-        """Returns the encoding of the texts: UTF-8 where the bytes are, else by the .cpg or the
-        language driver unless the texts rule it out, else by the bytes."""
+        """Returns the encoding of the texts: UTF-8 for bytes that are valid UTF-8, else the
+        encoding by the .cpg or the language driver unless the texts contradict it, else the
+        encoding by the bytes."""
         stated = self.part(".cpg") or self.part(".cst") or b""
         spelled = re.sub(r"[^a-z0-9]", "", stated.decode("ascii", "ignore").lower())
         bare = spelled.removeprefix("cp").removeprefix("ansi").removeprefix("ms")
@@ -131,21 +134,21 @@ class ShapeSet:
             ENCODING_OF_DRIVER.get(dbf[29]) if len(dbf) > 29 else None,
         )
         texts = _read_dbf_texts(dbf)
-        # Texts in other encodings hardly ever read as UTF-8.
+        # Texts in other encodings are hardly ever valid UTF-8.
         for name in ("utf-8", *names):
             if name is not None and _is_encoded_as(texts, name):
                 return name
         return find_encoding(b" ".join(texts))
 
     def units(self, columns: Collection[str]) -> dict[str, StatedUnit]:
-        """Returns units by column, in small letters, from the files that makers and programs put
-        next to it."""
+        """Returns units by column, in small letters, from the companion files that
+        programs write."""
         return read_side_units(self.files, self.name, columns)
 
 
 @contextmanager
 def report_damage(label: str) -> Iterator[None]:
-    """Turns whatever a reader of shapefiles raises on damaged ones into a line."""
+    """Turns every error of a reader of shapefiles on damaged files into a line."""
     try:
         yield
     except (OneLineError, TableError):
@@ -203,8 +206,8 @@ def read_shape_layer(shapes: ShapeSet, encoding: str | None = None) -> Layer:
 
 
 def _build_shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None:
-    """Returns a shape; None: it is empty. Parts of a polygon are outlines, which run clockwise,
-    and holes, which run the other way."""
+    """Returns a shape; None for an empty shape. A polygon consists of outlines, which run
+    clockwise, and holes, which run counter-clockwise."""
     places = np.asarray([corner[:2] for corner in shape.points], dtype=np.float64).reshape(-1, 2)
     if not len(places) or kind.startswith(("MULTI", "NULL")):
         return None
@@ -234,8 +237,7 @@ def _is_clockwise(corners: Floats) -> bool:
 
 
 def sort_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tuple[Floats, ...]]:
-    """Returns each outline with the holes that lie in it; holes outside all outlines are left
-    out."""
+    """Returns each outline with its holes; holes outside of all outlines are omitted."""
     if len(outlines) == 1 or not holes:
         return [(outline, *(holes if len(outlines) == 1 else ())) for outline in outlines]
     polygons = [shapely.make_valid(shapely.Polygon(outline)) for outline in outlines]
@@ -250,8 +252,8 @@ def sort_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tupl
 
 
 def read_column_names(reader: Any) -> list[str]:
-    """Returns the names of a reader's columns, each once; a letter that the ten bytes of a name
-    have cut is left out."""
+    """Returns the names of a reader's columns, each once; a letter that was cut by the ten bytes of
+    a name is omitted."""
     names: list[str] = []
     for field in reader.fields:
         if field[0] == "DeletionFlag":
@@ -265,8 +267,8 @@ def read_column_names(reader: Any) -> list[str]:
 
 
 def _is_encoded_as(texts: list[bytes], encoding: str) -> bool:
-    """Tells whether texts are in an encoding; the last letter of a text may be cut by its
-    length, but not of every text that has such letters."""
+    """Returns whether texts are valid in an encoding. The last letter of a text may be cut by the
+    length of the cell, but not that of every text with non-ASCII letters."""
     whole = cut = 0
     for text in texts:
         try:
@@ -284,7 +286,8 @@ def _read_dbf_texts(dbf: bytes) -> list[bytes]:
     """Returns the bytes of names and text cells."""
     if len(dbf) < 32:
         return []
-    # Head of a dBASE file: rows, bytes of the header, bytes of a row.
+    # The header of a dBASE file holds the number of rows, the bytes of the header and the bytes of
+    # a row.
     rows, header, width = struct.unpack("<IHH", dbf[4:12])
     fields: list[tuple[int, int]] = []
     texts, at = [], 1

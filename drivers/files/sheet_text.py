@@ -1,5 +1,6 @@
-"""What do the cells of a workbook's sheets hold, and how does its only table become
-comma-separated text?"""
+"""What content do a workbook's sheets have, and how does its only table become comma-separated
+text?
+"""
 
 from __future__ import annotations
 
@@ -23,11 +24,12 @@ import io
 from topdress.drivers.files.imports.import_errors import TableError, format_list
 from topdress.drivers.files.limits import DAMAGED_ZIP
 
-# Bytes that are unpacked at a time. A workbook is streamed before its reader (calamine) makes all
-# cells between the first and the last, empty ones too, and ends the whole program where it cannot.
+# Number of bytes that are unpacked at a time. A workbook is streamed for its check, because its
+# reader (calamine) allocates all cells between the first and the last, empty ones included, and
+# ends the whole program if memory is short.
 CHUNK_BYTES = 4 * MB
-# Reference of a cell; `(?<=...)` stands behind the literal, so that the search runs at the speed of
-# memory where there is none.
+# Reference of a cell; `(?<=...)` follows the literal, so that the search runs at the speed of
+# memory where no reference occurs.
 _COLUMN_REFERENCE = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
 # Number of a row.
 _ROW_REFERENCE = re.compile(rb'row[^>]{0,200}?\sr="(\d{1,9})"')
@@ -37,14 +39,14 @@ _FAR_ROW_REFERENCE = re.compile(rb'r="(?<=\sr=")[A-Z]{1,9}(\d{6,12})"')
 
 def check_sheets(path: Path) -> None:
     """Checks every sheet's cells against the limit, and every entry of the zip against the size
-    that its directory says.
+    that its directory states.
 
-    Of .xls nothing is checked: it has 65 536 rows of 256 columns at most.
+    A .xls is not checked, because it has at most 65 536 rows of 256 columns.
 
     Raises
     ------
     BeyondLimits : a sheet is too large.
-    OSError : the file cannot be read. What zipfile raises for a damaged zip passes through.
+    OSError : the file cannot be read. The errors of zipfile for a damaged zip pass through.
     """
     if not zipfile.is_zipfile(path):
         return
@@ -55,27 +57,28 @@ def check_sheets(path: Path) -> None:
             if path.suffix.lower() == ".ods":
                 spans = _count_ods_cells(chunks) if info.filename == "content.xml" else iter(())
             elif path.suffix.lower() == ".xlsb" and info.filename.lower().endswith(".bin"):
-                # in .xlsx such a file holds a printer's settings
+                # In a .xlsx such a file holds a printer's settings.
                 spans = _count_xlsb_cells(chunks)
             else:
                 spans = _count_xlsx_cells(chunks)
             for cells in spans:
                 check_limit(CELLS, cells, label)
             for _ in chunks:
-                # to its end: what the directory says is held against what is there
+                # The entry is read to its end, so that the size in the directory is compared with
+                # the real size.
                 pass
 
 
 def read_sheet_cells(sheet: CalamineSheet, label: str) -> list[list[Any]]:
-    """Returns all cells from the first row and column on. Raises BeyondLimits where there are
-    too many."""
+    """Returns all cells from the first row and column on. Raises BeyondLimits for too many
+    cells."""
     check_limit(CELLS, sheet.total_height * sheet.total_width, label)
     return sheet.to_python(skip_empty_area=False)
 
 
 def _iter_unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> Iterator[bytes]:
-    """Yields an entry's bytes. Raises BeyondLimits where they are more than the directory says:
-    calamine takes all there are."""
+    """Yields an entry's bytes. Raises BeyondLimits where the entry is longer than its directory
+    states, because calamine reads all of it."""
     stated = info.file_size
     longer = copy.copy(info)
     longer.file_size += 1
@@ -93,9 +96,9 @@ def _iter_unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) 
 
 
 def _count_xlsx_cells(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Yields the cells so far of a sheet of .xlsx, whatever its name, and of its strings, a
-    little more than there are: rows times columns by the references of rows and cells; where
-    cells have none, by the longest row."""
+    """Yields the number of cells so far of a sheet or string table of .xlsx, a little more than the
+    real number: rows times columns by their references, or by the longest row without references.
+    """
     columns: set[bytes] = set()
     last_row = rows = cells = strings = widest = in_row = 0
     rest = b""
@@ -106,7 +109,8 @@ def _count_xlsx_cells(chunks: Iterator[bytes]) -> Iterator[int]:
         stated = [*_ROW_REFERENCE.findall(text), *_FAR_ROW_REFERENCE.findall(text)]
         last_row = max(last_row, max(map(int, stated), default=0))
         here = _count_tags(text, b"c")
-        if here > len(references):  # some name no column
+        # Some cells name no column.
+        if here > len(references):
             first, *others = text.replace(b":row", b"<row").split(b"<row")
             in_row += _count_tags(first, b"c")
             for row in others:
@@ -119,17 +123,17 @@ def _count_xlsx_cells(chunks: Iterator[bytes]) -> Iterator[int]:
         )
         width = max(widest, max((_parse_column_letters(name) for name in columns), default=0))
         yield max(cells, strings, max(last_row, rows) * width)
-        # A reference may lie across two chunks.
+        # A reference may be split between two chunks.
         rest = text[-300:]
 
 
 def _count_tags(text: bytes, name: bytes) -> int:
-    """Returns the number of elements whose name begins so, with a prefix or without."""
+    """Returns the number of elements whose name begins with `name`, with or without a prefix."""
     return text.count(b"<" + name) + text.count(b":" + name)
 
 
-# Returns the number of a column's letters: A is 1, AA 27.
 def _parse_column_letters(column: bytes) -> int:
+    """Returns the number of a column's letters: A is 1, AA is 27."""
     number = 0
     for letter in column:
         number = number * 26 + letter - 64
@@ -137,8 +141,8 @@ def _parse_column_letters(column: bytes) -> int:
 
 
 def _count_ods_cells(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Yields the cells so far of .ods: a row and a cell may stand for many; empty ones at the
-    end do not count."""
+    """Yields the number of cells so far of .ods. A row or cell may be repeated by an attribute;
+    empty ones at the end are not counted."""
     total = in_row = filled = repeated = 0
 
     def begin(name: str, attributes: dict[str, str]) -> None:
@@ -165,7 +169,8 @@ def _count_ods_cells(chunks: Iterator[bytes]) -> Iterator[int]:
         try:
             parser.Parse(chunk, False)
         except expat.ExpatError:
-            return  # no document: the reader says so
+            # The reader reports that the file is no document.
+            return
         yield total
 
 
@@ -177,8 +182,8 @@ def _read_repeats(attributes: dict[str, str], what: str) -> int:
 
 
 def _count_xlsb_cells(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Yields the cells so far of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a row with
-    its number, 1 to 11 are cells."""
+    """Yields the number of cells so far of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a
+    row with its number, records 1 to 11 are cells."""
     last_row = last_column = -1
     rest = b""
     for chunk in chunks:
@@ -194,14 +199,15 @@ def _count_xlsb_cells(chunks: Iterator[bytes]) -> Iterator[int]:
 
 
 def _find_record(data: bytes, at: int) -> tuple[int, int, int] | None:
-    """Returns kind, begin and end of a record's content; None where it is not complete."""
+    """Returns kind, beginning and end of a record's content; None for an incomplete record."""
     kind, at = _read_varint(data, at, 2)
     size, begin = _read_varint(data, at, 4)
     return (kind, begin, begin + size) if 0 <= begin and begin + size <= len(data) else None
 
 
 def _read_varint(data: bytes, at: int, most: int) -> tuple[int, int]:
-    """Returns a number of seven bits a byte, and where it ends; -1 where it is not complete."""
+    """Returns a number of seven bits per byte, and the position after it; -1 for an incomplete
+    number."""
     number = 0
     for k in range(most):
         if not 0 <= at + k < len(data):
@@ -217,7 +223,8 @@ WORKBOOK_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
 def read_sheets(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]:
-    """Returns the rows of each sheet, or of the sheet of this name. Raises TableError, OSError."""
+    """Returns the rows of each sheet, or of the sheet with this name. Raises TableError,
+    OSError."""
     from python_calamine import CalamineError, CalamineWorkbook
 
     try:
@@ -236,7 +243,7 @@ def read_sheets(path: Path, only: str | None = None) -> dict[str, list[list[Any]
 
 
 def read_sheet_text(path: Path) -> bytes:
-    """Returns the sheet with a table as CSV, dates as ISO 8601. Raises TableError, OSError."""
+    """Returns the only sheet with a table as CSV, dates as ISO 8601. Raises TableError, OSError."""
     filled = {
         name: rows
         for name, rows in read_sheets(path).items()
@@ -257,12 +264,12 @@ def read_sheet_text(path: Path) -> bytes:
     return text.getvalue().encode()
 
 
-# Returns a cell as text, dates as ISO 8601.
 def format_cell(value: Any) -> str:
+    """Returns a cell as text, dates as ISO 8601."""
     if isinstance(value, bool):
         return str(int(value))
     if isinstance(value, float):
-        # Above, a double no longer holds every whole number.
+        # Above 1e15 a double no longer represents every integer.
         return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
     if isinstance(value, dt.datetime | dt.date):
         return value.isoformat()

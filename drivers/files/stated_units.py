@@ -1,9 +1,9 @@
-"""Which units does a file state elsewhere than in a column's name or its cells: in metadata of
-makers and programs?
+"""Which units does a file state outside of a column's name and cells? Programs write them into
+metadata.
 
-The keys and tags that name a unit are the same everywhere (`unit`, `UnitType`, `attrunit`,
-`rate_unit`, ...). For a named column any text counts: unknown texts become questions. Without a
-column only units of a rate count: other metadata have the metres of their coordinates.
+The keys and tags that name a unit are similar everywhere (`unit`, `UnitType`, `attrunit`,
+`rate_unit`, ...). For a named column any text counts, and unknown texts become questions. Without a
+column only units of a rate count, because other metadata contain the metres of their coordinates.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from topdress.drivers.files.limits import SIDE
 from topdress.drivers.files.xml_text import XmlError, find_local_name, parse_xml_root
 from topdress.drivers.plain_text import RefusedInput
 
-# Stands for the rate, whichever column that is.
+# This name means the rate, whichever column holds it.
 ANY_COLUMN = ""
-# Endings behind the stem of files with metadata.
+# Endings of files with metadata, after the stem.
 SIDE_ENDINGS = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")
-# Levels below the element that names a column in which its unit may be: Esri's
-# attr/attrdomv/rdom/attrunit.
+# Number of levels below the element that names a column in which its unit may be; Esri's
+# attr/attrdomv/rdom/attrunit has three.
 MAX_UNIT_DEPTH = 3
-# Words for unit in the languages of makers.
+# The word "unit" in the languages of manufacturers.
 UNIT_WORDS = frozenset(
     """unit units uom einheit einheiten masseinheit mengeneinheit unite unites unidad unidades unita
     eenheid eenheden jednostka 单位 单位名称 计量单位 единица""".split()
@@ -40,11 +40,12 @@ _UNIT_LINE = re.compile(r"^\s*#?\s*(?P<key>[^:=]{1,40})[:=]\s*(?P<unit>\S.{0,30}
 
 
 class StatedUnit(NamedTuple):
-    """Holds a unit. `text`: as written. `source`: the file, or its part, that states it."""
+    """Holds a unit. `text` is the unit as written; `source` is the file, or its part, that states
+    it."""
 
     text: str
     source: str
-    # The column of the table that holds the unit; empty: it stands elsewhere.
+    # The column of the table that holds the unit; empty for a unit outside of the table.
     unit_column: str = ""
 
 
@@ -52,14 +53,14 @@ NO_UNITS: Mapping[str, StatedUnit] = {}
 
 
 class StatedUnits(dict[str, StatedUnit]):
-    """Collects units by column in small letters, or ANY. Two that differ are kept together, as a
-    text that is no known unit."""
+    """Collects units by column in small letters, or ANY_COLUMN. Two different units of one column
+    are kept together, as a text that is no known unit."""
 
     def add(
         self, column: str, text: str, source: str, sure: bool = False, unit_column: str = ""
     ) -> None:
-        """Adds a unit. sure: the table itself holds it, so that it belongs to the rate, known or
-        not."""
+        """Adds a unit. `sure` means that the table itself states the unit, so that it belongs to
+        the rate even if it is unknown."""
         if not text.strip() or (column == ANY_COLUMN and not sure and not is_rate_unit(text)):
             return
         before = self.get(column)
@@ -78,21 +79,21 @@ def merge_units(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
     return dict(found)
 
 
-# Returns a unit's name, or the text where it is not known.
 def _find_known_name(text: str) -> str:
+    """Returns a unit's name, or the text of an unknown unit."""
     found = find_named_unit(text)
     return text.strip() if found is None else found.name
 
 
 def is_unit_name(key: str) -> bool:
-    """Tells whether a key, tag or column announces a unit."""
+    """Returns whether a key, tag or column announces a unit."""
     plain = fold_column_name(key)
     return bool(UNIT_WORDS & set(plain.split("_"))) or plain.endswith(("unit", "units", "_uom"))
 
 
 def read_side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, StatedUnit]:
-    """Returns units from the files that programs put next to `name`.
-    Raises RefusedInput, OSError."""
+    """Returns units from the companion files that programs write for `name`. Raises RefusedInput,
+    OSError."""
     plain = name.casefold()
     stem = plain.removesuffix(PurePosixPath(plain).suffix)
     found: dict[str, StatedUnit] = {}
@@ -115,7 +116,7 @@ def read_side_units(files: Files, name: str, columns: Collection[str]) -> dict[s
 def find_markup_units(
     data: bytes | str, columns: Collection[str], source: str
 ) -> dict[str, StatedUnit]:
-    """Returns units in JSON or XML; none where it is neither."""
+    """Returns units in JSON or XML; none for other data."""
     text = data.encode() if isinstance(data, str) else data
     try:
         if text.lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"{", b"[")):
@@ -126,10 +127,10 @@ def find_markup_units(
 
 
 def find_json_units(root: Any, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
-    """Returns units by column: of a record that names a column, a key that does, or a list of
+    """Returns units by column: from a record that names a column, a key that does, or a list of
     units by column."""
     found = StatedUnits()
-    # A list in place of recursion: metadata may be nested deeply.
+    # A list replaces recursion, because metadata may be nested deeply.
     left: list[tuple[Any, str]] = [(root, ANY_COLUMN)]
     while left:
         node, about = left.pop()
@@ -154,8 +155,8 @@ def find_json_units(root: Any, columns: Collection[str], source: str) -> dict[st
 def find_element_units(
     root: Element, columns: Collection[str], source: str
 ) -> dict[str, StatedUnit]:
-    """Returns units of elements that name a column, in an attribute or a child's text: in the
-    element, or in another of its names."""
+    """Returns units of elements that name a column in an attribute or a child's text. The unit may
+    be in the element, or in another element that has the same name."""
     found = StatedUnits()
     for element in root.iter():
         texts = [
@@ -183,8 +184,8 @@ def find_element_units(
 
 
 def find_text_units(column: str, texts: Iterable[str], source: str) -> dict[str, StatedUnit]:
-    """Returns units in lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY
-    where they belong to no particular column."""
+    """Returns units in lines and cells of text: `unit: l/ha`, `Target rate (l/ha)`. `column` is
+    ANY_COLUMN where the units belong to no particular column."""
     found = StatedUnits()
     for text in texts:
         said = _UNIT_LINE.match(text)
@@ -199,8 +200,8 @@ def find_text_units(column: str, texts: Iterable[str], source: str) -> dict[str,
 
 
 def _find_column(text: str, columns: Collection[str]) -> str:
-    """Returns the column that a text names, in small letters, as cut by a shapefile; empty:
-    none."""
+    """Returns the column that a text names, in small letters, as a shapefile cuts it; empty for no
+    column."""
     plain = text.strip().casefold()
     return (
         next(
@@ -224,6 +225,6 @@ def _iter_below(element: Element, levels: int) -> Iterator[Element]:
 
 
 def _write_with_slash(unit: str) -> str:
-    """Returns `lb1ac-1` as lb/ac and `g1[m2]-1` as g/m2: John Deere writes them so."""
+    """Returns `lb1ac-1` as lb/ac and `g1[m2]-1` as g/m2, the notation of John Deere."""
     found = re.fullmatch(r"([A-Za-z]+)1?\[?([A-Za-z]+\d?)\]?-1", unit.strip())
     return f"{found[1]}/{found[2]}" if found else unit.strip()

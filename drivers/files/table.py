@@ -1,5 +1,6 @@
-"""How are tables of any origin (CSV and its relatives, the only sheet of a workbook) read as
-columns by name: logs, bench tables?"""
+"""How are tables of any origin read as columns by name? Logs and bench tables may be CSV and its
+relatives, or the only sheet of a workbook.
+"""
 
 from __future__ import annotations
 
@@ -29,23 +30,25 @@ from topdress.drivers.files.sheet_text import WORKBOOK_SUFFIXES, read_sheet_text
 
 Rename = Callable[[tuple[str, ...]], RenamedHeader]
 
-# Signs that may separate columns.
+# Characters that may separate columns.
 _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
-# Cells that are tested before a column of unknown kind is taken for numbers as a whole.
+# Number of cells that are tested before a column of unknown type is converted to numbers as a
+# whole.
 _TYPE_SAMPLE_CELLS = 1000
-# Bytes in which a header is searched.
+# Number of bytes in which a header is searched.
 HEADER_BYTES = 1 << 20
 
 
 class NoHeaderError(TableError):
-    """The first line holds only numbers: the meaning of the columns is an open question."""
+    """Reports that the first line holds only numbers, so that the meaning of the columns is an open
+    question."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Holds a table. `names`: all columns of the file. `columns`: those read; arrays of length
-    n, float64 (unknown = NaN) or object (texts, unknown = "")."""
+    """Holds a table. `names` are all columns of the file, `columns` the columns that were read;
+    arrays of length n, float64 (unknown = NaN) or object (texts, unknown = "")."""
 
     path: Path
     names: tuple[str, ...]
@@ -54,15 +57,20 @@ class Table:
 
     @property
     def rows(self) -> int:
+        """Number of rows."""
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
 
 class _TableLayout(NamedTuple):
+    """Describes where names and rows of a text begin, and how its cells are separated."""
+
     names: tuple[str, ...]
     separator: str
     decimal_comma: bool
-    skip_lines: int  # header and what stands before it
-    body: int  # byte where the rows begin
+    # Number of lines up to the header.
+    skip_lines: int
+    # Position of the byte at which the rows begin.
+    body: int
 
 
 def read_table(
@@ -75,19 +83,19 @@ def read_table(
     own_header: tuple[str, ...] = (),
     data: bytes | None = None,
 ) -> Table:
-    """Reads a table with a header row: text, or the only sheet of a workbook. Title rows above the
-    header and a row of units below it are skipped, with findings.
+    """Returns a table with a header row: text, or the only sheet of a workbook. Title rows above
+    the header and a row of units below it are skipped, with findings.
 
     Parameters
     ----------
     path : the table.
     numbers : columns of numbers.
     texts : columns of texts; any other column is numeric if all its cells are.
-    rename : returns the names by which the header's columns go from here on.
-    choose : returns those of these names that are read (None: all).
+    rename : returns new names for the header's columns.
+    choose : returns the new names that are read (None: all).
     own_header : columns of a writer that ends every row with a line end, so that a last line
-        without one was cut off; other writers' last line is used if it has all its fields.
-    data : a text in place of the file's.
+    without a line end was cut off; the last line of other writers is used if it has all its fields.
+    data : a text that replaces the file's.
 
     Returns
     -------
@@ -95,7 +103,7 @@ def read_table(
 
     Raises
     ------
-    TableError : it cannot be read.
+    TableError : the table cannot be read.
     """
     data, findings = _read_text(path, data=data)
     layout = _find_layout(path, data, findings)
@@ -138,7 +146,7 @@ def read_table(
 
 
 def read_header(path: Path) -> tuple[str, ...]:
-    """Returns the names in a table's header, as they stand; of a text only its begin is read.
+    """Returns the names in a table's header, unchanged; only the beginning of a text is read.
     Raises TableError."""
     data, findings = _read_text(path, HEADER_BYTES)
     return _find_layout(path, data, findings).names
@@ -147,8 +155,8 @@ def read_header(path: Path) -> tuple[str, ...]:
 def _read_text(
     path: Path, most: int = -1, data: bytes | None = None
 ) -> tuple[bytes, list[Finding]]:
-    """Returns the text in UTF-8. most: bytes, cut at a line's end; -1: all. Raises TableError,
-    BeyondLimits."""
+    """Returns the text in UTF-8. `most` is the largest number of bytes, cut at a line's end (-1:
+    all). Raises TableError, BeyondLimits."""
     try:
         data = _read_bytes(path, most) if data is None else data
     except FileNotFoundError:
@@ -198,8 +206,8 @@ def _find_layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayo
 
 
 def _find_header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
-    """Returns the header line, the separator that a line before it names ("": none), its number,
-    and the byte behind it."""
+    """Returns the header line, the separator that a line before it names ("" without such a line),
+    its number, and the position after it."""
     start = lines = 0
     separator = ""
     while True:
@@ -221,8 +229,8 @@ def _find_header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
 
 
 def _is_title_line(line: str, data: bytes, start: int) -> bool:
-    """Tells whether a line of words is a title above a header: a single cell above rows of
-    several, or words above words above numbers."""
+    """Returns whether a line of words is a title above a header: a single cell above rows of
+    several cells, or words above words above numbers."""
     if any(is_value_cell(cell) for cell in _split_cells(line)):
         return False
     below = [
@@ -241,13 +249,13 @@ def _is_title_line(line: str, data: bytes, start: int) -> bool:
 
 
 def _split_cells(line: str) -> list[str]:
-    """Returns the filled cells by the sign that separates most."""
+    """Returns the filled cells by the separator that splits the line into most cells."""
     sign = max(_SEPARATORS, key=line.count)
     return [cell.strip() for cell in line.split(sign) if cell.strip()]
 
 
 def _skip_unit_row(data: bytes, body: int, separator: str) -> int | None:
-    """Returns the byte behind a row of units at `body`; None: there is none."""
+    """Returns the position after a row of units at `body`; None without such a row."""
     end = data.find(b"\n", body)
     cells = data[body:end].decode(errors="replace").strip("\r").split(separator)
     return end + 1 if end > body and len(cells) > 1 and is_unit_row(cells) else None
@@ -291,8 +299,8 @@ def convert_cells(
     texts: Collection[str],
     findings: list[Finding] | None = None,
 ) -> Columns:
-    """Returns cells by column as a table's columns; `findings` grows by cells that are no
-    number. Cells are removed as they are converted, so that they are not in memory twice."""
+    """Returns cells by column as a table's columns; `findings` grows by cells that are no numbers.
+    Cells are removed as they are converted, so that they are not in memory twice."""
     columns: Columns = {}
     for name in list(cells):
         column = cells.pop(name)
@@ -318,7 +326,7 @@ def convert_cells(
 def _convert_column(
     name: str, column: NDArray[Any], numbers: Collection[str], texts: Collection[str]
 ) -> CellColumn:
-    """Returns numbers where the column must have them, or where all its cells are numbers."""
+    """Returns numbers where the column must have numbers, or where all its cells are numbers."""
     if not is_text_column(column):
         return NumberCells(column.astype(np.float64))
     cells = column.tolist()

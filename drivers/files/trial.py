@@ -1,5 +1,6 @@
-"""Which plots does a trial have, what did a log do and read in each, and what was weighed and
-harvested there?"""
+"""Which plots does a trial have, and which amounts were applied, read, weighed and harvested in
+each plot?
+"""
 
 from __future__ import annotations
 
@@ -23,18 +24,19 @@ from topdress.drivers.files.read_log import RunLog
 from topdress.drivers.files.table import read_table
 from topdress.drivers.plain_text import OneLineError
 
-# Length of the stretches that count to a plot by their middle, s: 0.25 m at 4.5 km/h.
+# Length of the intervals that belong to a plot by their middle, s: 0.25 m at 4.5 km/h.
 FINE_STRETCH_S = 0.2
-# Columns of weights; kg, kg, m2.
+# Columns of weights, in kg, kg and m2.
 WEIGHT_COLUMNS = ("applied_kg", "sample_kg", "sample_m2")
 
 
 class TrialError(OneLineError):
-    """Plots, weights or a log are no trial; a line names file, row and what is allowed."""
+    """Reports that plots, weights or a log form no trial. The line names file, row and the
+    permitted values."""
 
 
 class PlotWeights(NamedTuple):
-    """Holds what was weighed on a plot. `treatment`: "" where no column has it."""
+    """Holds the weights of a plot. `treatment` is empty where no column has it."""
 
     treatment: str
     applied_kg: float | None
@@ -42,8 +44,8 @@ class PlotWeights(NamedTuple):
 
 
 def read_trial_plots(path: Path) -> dict[str, Any]:
-    """Returns plots, name -> polygon in longitude and latitude, from any format of a field.
-    Raises TrialError, RefusedInput, OSError."""
+    """Returns plots, name -> polygon in longitude and latitude, from any format of a field. Raises
+    TrialError, RefusedInput, OSError."""
     found: dict[str, Any] = {}
     for name, shape in read_named_shapes(path):
         parts = [
@@ -74,9 +76,12 @@ def read_trial_plots(path: Path) -> dict[str, Any]:
 
 
 def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, PlotWeights]:
-    """Returns the weights of each plot. Rows have `plot`, and applied_kg (hopper before less
-    after), or sample_kg of sample_m2 harvested; `treatment` if need be. Amounts of a plot add
-    up, samples are replicates. Raises TrialError, TableError."""
+    """Returns the weights of each plot.
+
+    Rows have `plot`, and either applied_kg (hopper before minus after) or sample_kg harvested from
+    sample_m2; `treatment` is optional. Amounts of a plot are added, samples are replicates. Raises
+    TrialError, TableError.
+    """
     table = read_table(path, numbers=WEIGHT_COLUMNS, texts=("plot", "treatment"))
     if "plot" not in table.columns:
         raise TrialError(
@@ -134,15 +139,15 @@ def read_trial(
     after: Path | None = None,
     machine: Machine | None = None,
 ) -> Trial:
-    """Returns a trial with what was applied, read and weighed in each plot.
+    """Returns a trial with the applied, sensed and weighed amounts of each plot.
 
     Parameters
     ----------
     plots : file of the plots' polygons.
-    log : of the application.
-    weights : table of weights; None: nothing was weighed.
-    after : log of a later reading.
-    machine : for logs that name none.
+    log : log of the application.
+    weights : table of weights; None if no plot was weighed.
+    after : log of a later reading of the canopy.
+    machine : machine for logs that name none.
 
     Raises
     ------
@@ -188,7 +193,7 @@ def read_trial(
         raise TrialError(
             f"{log}: lies in none of the plots of {plots}: allowed is a log of this field"
         )
-    # Nitrogen of wheat grain, kg/t, where the log names no crop.
+    # Nitrogen of wheat grain, kg/t, for a log that names no crop.
     grain_n, share = 23.9, applied.product.n_fraction
     if run.meta is not None and run.meta.crop is not None:
         grain_n = Crop.model_validate(run.meta.crop).grain_n_kg_t
@@ -196,20 +201,20 @@ def read_trial(
 
 
 class _HeadReadings(NamedTuple):
-    """Holds the fused heads' readings where they looked: values (n,), places (n, 2) longitude
-    and latitude."""
+    """Holds the fused readings of the heads at the ground that they view: values (n,), positions
+    (n, 2) in longitude and latitude."""
 
     values: Array
     at: Array
 
-    # Returns the values within an outline (k,).
     def select_within(self, outline: Any) -> Array:
+        """Returns the values within an outline (k,)."""
         return np.asarray(self.values[shapely.contains_xy(outline, self.at[:, 0], self.at[:, 1])])
 
 
 def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, float]:
-    """Returns each new reading of the heads once, their mean, at the place that they look at;
-    and how often they come, 1/s. Raises TrialError."""
+    """Returns the mean of each new reading of the heads once, with the position that they view, and
+    the rate of readings, 1/s. Raises TrialError."""
     columns = [name for names in (HEAD_COLUMNS, NDRE_COLUMNS) for name in names if log.has(name)]
     if not columns:
         columns = [name for name in ("ndvi", "ndre") if log.has(name)]
@@ -220,7 +225,7 @@ def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, f
         )
     heads = np.column_stack([log.numbers(name) for name in columns])
     some = np.isfinite(heads).any(axis=1)
-    # Heads repeat their reading until the next one comes.
+    # Heads repeat their reading until the next reading arrives.
     new = some & np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1)))
     plane, way, heading = find_outlet_way(log, machine)
     ahead = np.radians(heading)
@@ -232,8 +237,8 @@ def _find_head_readings(log: RunLog, machine: Machine) -> tuple[_HeadReadings, f
     return _HeadReadings(np.nanmean(heads[new], axis=1), at), hz
 
 
-# Returns an outline's area, m2.
 def _calc_area_m2(outline: Any) -> float:
+    """Returns an outline's area, m2."""
     middle = outline.centroid
     plane = TangentPlane(float(middle.y), float(middle.x))
     return float(

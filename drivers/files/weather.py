@@ -1,7 +1,7 @@
 """How is daily weather read from a CSV file, and how are a crop's growing days counted from it?
 
-Columns: `date` (2013-11-01) and either `mean_temp_c`, or `min_temp_c` and `max_temp_c` (mean = half
-their sum, the rule behind the published yield curves). Other columns are ignored; an empty
+Columns are `date` (2013-11-01) and either `mean_temp_c`, or `min_temp_c` and `max_temp_c`. The mean
+is half of their sum, the rule of the published yield curves. Other columns are ignored; an empty
 temperature is an unknown day.
 """
 
@@ -25,19 +25,22 @@ MIN_TEMP_C, MAX_TEMP_C = -90.0, 60.0
 
 
 class WeatherError(OneLineError):
-    """The weather file cannot be used; a line names file, row, value and what is allowed."""
+    """Reports an unusable weather file; the line names file, row, value and the permitted
+    values."""
 
 
 class Weather(NamedTuple):
     """Holds daily mean temperatures."""
 
-    dates: npt.NDArray[np.datetime64]  # (n,) days, as they stand in the file
-    mean_temp_c: npt.NDArray[np.float64]  # (n,) degC, NaN where not known
+    # Days (n,) in the order of the file.
+    dates: npt.NDArray[np.datetime64]
+    # Mean temperatures (n,), degC; NaN where unknown.
+    mean_temp_c: npt.NDArray[np.float64]
 
 
 def read_weather(path: Path) -> Weather:
-    """Returns a weather file's days (UTF-8, with or without a byte order mark). Raises
-    WeatherError in a line."""
+    """Returns a weather file's days (UTF-8, with or without a byte order mark). Raises WeatherError
+    in a line."""
     try:
         if path.stat().st_size > CONFIG.most:
             raise WeatherError(
@@ -62,7 +65,7 @@ def read_weather(path: Path) -> Weather:
             raise WeatherError(f"{where}: {len(cells)} cells, the header has {len(header)}")
         dates.append(_parse_date(where, cells[header.index("date")]))
         values = [_parse_temperature(where, name, cells[header.index(name)]) for name in wanted]
-        # Exchanged columns give the same mean, but a wrong file.
+        # Exchanged columns give the same mean, but the file is wrong.
         if len(values) == 2 and values[0] > values[1]:
             raise WeatherError(
                 f"{where}: min_temp_c {values[0]:g} is above max_temp_c {values[1]:g}"
@@ -74,13 +77,13 @@ def read_weather(path: Path) -> Weather:
 
 
 def count_growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
-    """Returns D of paper A, eq 4, for a crop: as written in its file, or counted by its own day
-    rule: from its weather file, or every day since sowing.
+    """Returns D of paper A, eq 4, for a crop: the number in its file, or a count by its own day
+    rule from its weather file or of every day since sowing.
 
     Parameters
     ----------
-    crop : with its rule of days.
-    folder : of the crop file; the weather file's path begins there.
+    crop : crop with its rule of days.
+    folder : folder of the crop file, where the weather file's relative path begins.
     today : day of work, and of sensing where the crop gives none.
 
     Returns
@@ -89,7 +92,7 @@ def count_growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
 
     Raises
     ------
-    WeatherError : the days cannot be counted; a line says why.
+    WeatherError : the days cannot be counted; the line names the reason.
     """
     days, curve = crop.days, crop.yield_potential
     if days is None or curve is None:

@@ -1,5 +1,6 @@
-"""How does topdress read XML: elements and their texts, no entities, and no more than memory
-holds?"""
+"""How does topdress read XML? Elements and their texts are read, entities are refused, and the size
+is limited.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +14,12 @@ from topdress.drivers.plain_text import OneLineError, PlaceInFile
 
 
 class XmlError(OneLineError):
-    """The text is no XML, or none that is read; a line says why."""
+    """Reports a text that is no XML, or XML that is not supported, in a line."""
 
 
 @dataclass
 class XmlTotal:
-    """Counts bytes and tags of several files that are joined to one. label: of the file that
+    """Counts bytes and tags of several files that are joined into one. `label` is the file that
     names them."""
 
     label: PlaceInFile | Path | str
@@ -29,18 +30,19 @@ class XmlTotal:
 def parse_xml_root(
     data: bytes, label: PlaceInFile | Path | str, total: XmlTotal | None = None
 ) -> Element:
-    """Returns the root of all elements. total: of the files that this file is joined to. Raises
-    XmlError, BeyondLimits."""
-    plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data  # UTF-16
+    """Returns the root of all elements. `total` counts the files that this file is joined to.
+    Raises XmlError, BeyondLimits."""
+    # UTF-16 has a zero byte next to each ASCII character.
+    plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data
     total = total or XmlTotal(label)
     total.tags += plain.count(b"<")
     check_limit(TAGS, total.tags, label)
-    # A few bytes of entities can stand for any number of bytes.
+    # A few bytes of entities can expand to any number of bytes.
     if b"<!ENTITY" in plain:
         raise XmlError("entities of its own: allowed is XML without them")
     try:
         return ElementTree.fromstring(data)
-    # LookupError: of an unknown encoding
+    # An unknown encoding raises LookupError.
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise XmlError(str(error)) from None
 

@@ -1,5 +1,5 @@
-"""How does topdress read and write YAML: YAML 1.2 scalars, no duplicate keys, no bombs, and the
-line of every key?
+"""How does topdress read and write YAML? It applies YAML 1.2 scalars, refuses duplicate keys and
+bombs, and knows the line of every key.
 
 PyYAML's own rules are those of YAML 1.1, where `off` is false, `12:30` is 750, `010` is 8 and `1e3`
 is a text.
@@ -16,23 +16,23 @@ from topdress.drivers.plain_text import OneLineError
 
 KeyPath = tuple[str | int, ...]
 
-# Groups within groups: deeper files are bombs.
+# Largest depth of groups within groups; deeper files are bombs.
 MAX_DEPTH = 40
 
 
-# Begin of the tags of plain data.
+# Beginning of the tags of plain data.
 _TAG_PREFIX = "tag:yaml.org,2002:"
 _KEY_TAGS = frozenset(_TAG_PREFIX + name for name in ("str", "int", "float", "bool", "merge"))
 _TAGS = _KEY_TAGS | {_TAG_PREFIX + name for name in ("null", "seq", "map")}
 
 
 class YamlError(OneLineError):
-    """The text is no YAML as read here; a line names the line of the file."""
+    """Reports a text that is no supported YAML, with the line of the file."""
 
 
 class _Loader(yaml.SafeLoader):
-    """Counts nodes as they come: a text of 2 MB makes 900 000, which take 600 MB before anybody
-    could count them."""
+    """Counts nodes while they are composed, because a text of 2 MB makes 900 000 nodes, which need
+    600 MB."""
 
     nodes = 0
 
@@ -45,7 +45,7 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
 
 
-# Numbers of YAML 1.2, with an exponent without a point too.
+# Numbers of YAML 1.2; an exponent needs no point.
 _FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
 
 _Loader.add_implicit_resolver(
@@ -69,9 +69,8 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _construct_decimal)
 
 
 def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
-    """Returns the data, and for every path of keys and indexes the line (from 1) where it
-    stands. Raises YamlError: syntax, duplicate keys, other tags than plain data, too many or
-    too deep nodes."""
+    """Returns the data, and the line (from 1) of every path of keys and indexes. Raises YamlError
+    for syntax, duplicate keys, tags other than plain data, and too many or too deep nodes."""
     try:
         loader = _Loader(text)
     except yaml.reader.ReaderError as error:
@@ -94,7 +93,7 @@ def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
 
 
 def _record_lines(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int) -> int:
-    """Records lines and refuses duplicates and bombs; returns the number of nodes seen so far."""
+    """Records lines and refuses duplicates and bombs; returns the number of nodes so far."""
     count += 1
     if node.tag not in _TAGS:
         raise YamlError(
@@ -127,8 +126,8 @@ def _record_lines(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], cou
     return count
 
 
-# Returns PyYAML's error as a line.
 def _format_yaml_error(error: yaml.MarkedYAMLError) -> str:
+    """Returns PyYAML's error as a line."""
     mark = error.problem_mark or error.context_mark
     line = f"line {mark.line + 1}: " if mark is not None else ""
     problem = " ".join(str(error.problem or error.context or "").split())
@@ -141,7 +140,7 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-# A list of numbers in one line; a text with escapes where it needs them.
+# Lists of numbers are written in one line; texts have escapes where they need them.
 _Dumper.add_representer(
     list,
     lambda dumper, data: dumper.represent_sequence(
@@ -160,6 +159,6 @@ _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456
 
 
 def dump_yaml(data: Any) -> str:
-    """Returns plain data as YAML that reads back as the same data under the rules of YAML 1.1
-    and 1.2."""
+    """Returns plain data as YAML that reads back as the same data under the rules of YAML 1.1 and
+    1.2."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)

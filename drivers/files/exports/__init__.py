@@ -1,13 +1,13 @@
-"""How is a run log exported as what was applied where: GeoJSON, shapefile, ISO 11783-10 task
-with time log, CSV? `write_as_applied` does it.
+"""How is a run log exported as applied work: GeoJSON, shapefile, ISO 11783-10 task with time log,
+CSV? `write_as_applied` chooses the format.
 
 Files:
 
-- `as_applied`: What was applied where: which stretches of ground did a run log work
+- `as_applied`: Which rate was applied at which place?
 - `columns`: Which columns do the flat exports (CSV, GeoJSON, shapefile) have?
-- `farm_record`: Which passes does a farm's book hold, a line each as CSV
-- `isoxml`: How is applied work written as an ISO 11783-10 task
-- `stopped`: What did a log's machine release while it was commanded to stop
-- `time_log`: How is an ISO 11783-10 time log (TLG) written
-- `write`: How is an as-applied export written in the format of the path's ending
+- `farm_record`: Which passes does a farm record contain, one CSV line each
+- `isoxml`: How is applied work written as an ISO 11783-10 task?
+- `stopped`: How much material did a machine release while it was commanded to stop?
+- `time_log`: How is an ISO 11783-10 time log (TLG) written?
+- `write`: How is an as-applied export written in the format of the path's suffix?
 """

@@ -1,5 +1,6 @@
-"""What was applied where: which stretches of ground did a run log work, with which area, target
-and mass, and what are the sums?"""
+"""Which rate was applied at which place? A run log is divided into segments of worked ground, each
+with area, target and mass, and their sums.
+"""
 
 from __future__ import annotations
 
@@ -37,105 +38,118 @@ from topdress.drivers.plain_text import OneLineError
 
 Floats = npt.NDArray[np.float64]
 
-# Step between rows, s: nothing is counted in a longer gap.
+# Longest step between rows, s; no material is counted in a longer gap.
 MAX_ROW_STEP_S = 1.0
-# Mean steps that make a gap, in a log with fewer rows than one a second.
+# Number of mean steps that make a gap, in a log with fewer rows than one a second.
 GAP_MEAN_STEPS = 2.5
-# Length of a stretch, s: about a record a second.
+# Length of a segment, s, which gives about a record a second.
 DEFAULT_STRETCH_S = 1.0
-# Share by which widths may differ: they are reported rounded, and as driven.
+# Relative difference up to which widths agree: they are reported rounded, and as driven.
 WIDTH_TOLERANCE = 0.02
-# Cell of the raster of covered ground, m.
+# Size of a cell in the raster of covered ground, m.
 COVERAGE_CELL_M = 0.2
-# Way between two entries into that raster, m.
+# Distance between two entries into that raster, m.
 COVER_STEP_M = 0.5
-# Columns without which nothing can be exported.
+# Columns without which a log cannot be exported.
 NEEDED_COLUMNS = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
-# The first of these columns that a log has is its speed.
+# Columns of speed; the first one that a log has is its speed.
 SPEED_COLUMNS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 
 
 class ExportError(OneLineError):
-    """The log cannot be exported; one line names file, column and what is allowed."""
+    """Reports a log that cannot be exported; the line names file, column and the permitted
+    values."""
 
 
 class SpreadProduct(NamedTuple):
     """Names the product and its share of nitrogen."""
 
     name: str
-    n_fraction: float  # N in the product, 0 to 1
+    # Share of nitrogen in the product, 0 to 1.
+    n_fraction: float
 
 
 class WorkedStretches(NamedTuple):
-    """Holds stretches (n,) of worked ground in the order of work; places are where the material
-    landed."""
+    """Holds segments (n,) of worked ground in the order of work; positions are those where the
+    material landed."""
 
-    time_s: Floats  # of release, in the middle
+    # Time of release in the middle of the segment, s.
+    time_s: Floats
     lat_deg: Floats
     lon_deg: Floats
-    # (n, 4, 2) latitude, longitude: left, right at the begin, right, left at the end
+    # Corners (n, 4, 2) in latitude and longitude: left and right at the begin, right and left at
+    # the end.
     corners_deg: Floats
     heading_deg: Floats
     speed_mps: Floats
     duration_s: Floats
-    length_m: Floats  # speed x duration
-    area_m2: Floats  # length x width
-    target_kg_ha: Floats  # NaN: not known
+    # Speed x duration.
+    length_m: Floats
+    # Length x width.
+    area_m2: Floats
+    # NaN for an unknown target.
+    target_kg_ha: Floats
     applied_kg_ha: Floats
-    target_kg: Floats  # 0 where not known
+    # 0 for an unknown target.
+    target_kg: Floats
     applied_kg: Floats
     shaft_rpm: Floats
     opening_mm: Floats
     fix_quality: Floats
     satellites: Floats
     hdop: Floats
-    # by which the metering drive worked harder than the machine file says; NaN: not known
+    # Effort of the metering drive above the effort of the machine file, %; NaN where unknown.
     effort_percent: Floats
-    # of the whole machine, or of one section where they have valves
+    # Width of the whole machine, or of one section of a machine with section valves.
     width_m: Floats
 
 
 class LimitedGround(NamedTuple):
-    """Holds the ground on which the target was above the crop's limit; the limit was applied
-    there."""
+    """Holds the ground on which the target exceeded the crop's limit, so that the limit was
+    applied."""
 
     limit_kg_ha: float
     area_ha: float
-    highest_kg_ha: float  # that was wanted
-    less_kg: float  # than was wanted
+    # The highest target on this ground.
+    highest_kg_ha: float
+    # Mass by which the limit reduced the target.
+    less_kg: float
 
 
 @dataclass(frozen=True, eq=False)
 class AsApplied:
-    """Holds a job as it was done. Sums of the stretches equal the log's own to rounding, except
-    mass released standing still: that lies on no stretch."""
+    """Holds a job as it was done. Sums of the segments equal the log's own sums to rounding, except
+    for the mass released at standstill, which belongs to no segment."""
 
     title: str
     machine: Machine
     product: SpreadProduct
     stretches: WorkedStretches
     totals: Totals
-    begin_utc: dt.datetime | None  # of time_s = 0
-    # the field's outline (k, 2), latitude and longitude
+    # UTC at time_s = 0.
+    begin_utc: dt.datetime | None
+    # The field's outline (k, 2), latitude and longitude.
     field_deg: Floats | None
-    cut: LimitedGround | None  # None: nothing was, or the limit is not known
-    # what it cost across the width; None: not by canopy, or not to be known
+    # None if the limit never applied, or is unknown.
+    cut: LimitedGround | None
+    # Cost of a single rate across the width; None for a rate without canopy sensing, or where it
+    # cannot be computed.
     one_rate: WidthError | None = None
-    # worked, by where it lies: with what came to lie on it, and with a rate of 0
+    # Worked ground by its position: with applied material, and with a rate of 0.
     ground: Covered | None = None
-    # released while commanded to stop: counted in totals.stopped_kg
+    # Material released while the machine was commanded to stop; totals.stopped_kg includes it.
     stopped: tuple[StoppedRelease, ...] = ()
 
     @property
     def worked_ha(self) -> float:
-        """Returns the ground worked, ha, each pass counted; by places, or by speed and time
-        where there are none."""
+        """Worked ground, ha, with each pass counted; from positions, or from speed and time without
+        positions."""
         ground = self.ground
         return self.totals.area_ha if ground is None else ground.area_ha + ground.overlap_ha
 
     @property
     def mean_kg_ha(self) -> float:
-        """Returns the mean rate, kg/ha: all that was applied in work, over the ground worked."""
+        """Mean rate, kg/ha: all mass applied in work, divided by the worked ground."""
         return (
             (self.totals.applied_kg - self.totals.stopped_kg) / self.worked_ha
             if self.worked_ha > 0.0
@@ -144,7 +158,7 @@ class AsApplied:
 
     @property
     def width_m(self) -> float:
-        """Returns the machine's working width, m."""
+        """The machine's working width, m."""
         return self.machine.geometry.working_width_m
 
     def utc(self, time_s: float) -> dt.datetime | None:
@@ -158,23 +172,23 @@ def build_as_applied(
     product: SpreadProduct | None = None,
     every_s: float = DEFAULT_STRETCH_S,
 ) -> AsApplied:
-    """Returns what a log's machine applied, in stretches of at most `every_s`.
+    """Returns the applied work of a log's machine, in segments of at most `every_s`.
 
-    Worked rows count, and rows in which the shaft turned though commanded to stop. The applied rate
-    is the log's, times the scale's correction of the flow model where the log has one. A stretch
-    lies where its material landed: behind the antenna by the machine's measure, and on by the drop
-    time.
+    Rows of work are counted, and rows in which the shaft turned though commanded to stop. The
+    applied rate is the log's, times the scale's correction of the flow model where the log has one.
+    A segment is where its material landed: behind the antenna by the machine's geometry, and
+    further along the path by the drop time.
 
     Parameters
     ----------
     log : the run log.
-    machine : where the log's sidecar names none.
-    product : where the log's sidecar names none.
-    every_s : longest stretch, s.
+    machine : replaces a machine that the log's sidecar does not name.
+    product : replaces a product that the log's sidecar does not name.
+    every_s : longest segment, s.
 
     Returns
     -------
-    stretches, sums and what belongs to them.
+    segments, sums and further results.
 
     Raises
     ------
@@ -188,7 +202,7 @@ def build_as_applied(
         raise ExportError(
             f"{log.path}: column {SPEED_COLUMNS[0]}: empty: allowed is a log that has it"
         )
-    # Written so that NaN is refused too.
+    # The condition is written so that NaN is refused too.
     if not every_s > 0.0:
         raise ExportError(f"{log.path}: every {every_s:g} s: allowed is above 0")
     rows = _select_worked_rows(log, machine)
@@ -222,8 +236,8 @@ def build_as_applied(
 
 
 class _WorkedRows(NamedTuple):
-    """Holds worked rows (n,), and where each row's material landed on a plane at begin and end
-    of its step."""
+    """Holds worked rows (n,), and the position on a plane where each row's material landed at the
+    begin and end of its step."""
 
     plane: TangentPlane
     time_s: Floats
@@ -231,7 +245,8 @@ class _WorkedRows(NamedTuple):
     speed_mps: Floats
     applied_kg_ha: Floats
     target_kg_ha: Floats
-    begin_m: Floats  # (n, 2)
+    # Array (n, 2).
+    begin_m: Floats
     end_m: Floats
     heading_deg: Floats
     shaft_rpm: Floats
@@ -240,12 +255,12 @@ class _WorkedRows(NamedTuple):
     satellites: Floats
     hdop: Floats
     effort_percent: Floats
-    # (n, sections): which flowed; one column where the machine is one whole
+    # Array (n, sections) of the sections that flowed; one column for a machine without sections.
     opened: npt.NDArray[np.bool_]
 
 
-# Returns the rows that count, with the places of their material.
 def _select_worked_rows(log: RunLog, machine: Machine) -> _WorkedRows:
+    """Returns the counted rows with the positions of their material."""
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     applied, speed = calc_applied_rate_kg_ha(log), _read_speed_mps(log)
@@ -265,7 +280,7 @@ def _select_worked_rows(log: RunLog, machine: Machine) -> _WorkedRows:
     plane, way_m, heading = find_outlet_way(log, machine)
     lands = time + drop
     begin, end = _find_places_at(lands - step, time, way_m), _find_places_at(lands, time, way_m)
-    # Headings are interpolated unwrapped: 359 and 1 deg have 0 between them.
+    # Headings are interpolated unwrapped, because the middle of 359 and 1 deg is 0.
     turned = np.degrees(np.unwrap(np.radians(heading)))
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
     # A machine that is commanded to stop has no target.
@@ -292,7 +307,7 @@ def _select_worked_rows(log: RunLog, machine: Machine) -> _WorkedRows:
 
 
 def calc_effort_percent(log: RunLog, machine: Machine) -> Floats:
-    """Returns by how much harder the metering drive worked than its machine file says.
+    """Returns the difference of the metering drive's effort to the effort of its machine file.
 
     Speed, opening, supply, pitch and fill are taken from the log, else as nominal.
 
@@ -325,13 +340,13 @@ def calc_effort_percent(log: RunLog, machine: Machine) -> Floats:
             (rpm, opening, log.time_s, kg, pitch, supply)
         )[known].tolist()
     ]
-    # A ratio to an expected effort within the noise says nothing.
+    # The ratio to an expected effort within the noise is meaningless.
     return np.where(should > machine.noise.effort, 100.0 * (effort / should - 1.0), np.nan)
 
 
 def find_section_strips(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
-    """Returns the strips of the sections whose valves the log records, else a strip for the
-    whole machine."""
+    """Returns the strips of the sections whose valves the log records, else one strip for the whole
+    machine."""
     half = 0.5 * machine.geometry.working_width_m
     return (
         machine.switched_strips
@@ -341,8 +356,8 @@ def find_section_strips(log: RunLog, machine: Machine) -> tuple[SectionStrip, ..
 
 
 def find_open_strips(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
-    """Returns which of `find_section_strips` were open in each row, (n, strips): as commanded,
-    later by the valve's delay."""
+    """Returns which strips of `find_section_strips` were open in each row, (n, strips): the
+    commands, delayed by the valve's delay."""
     if not (machine.switched_strips and log.has("sections_cmd")):
         return np.ones((len(log), 1), dtype=np.bool_)
     valves = LoggedValves(machine.sections)
@@ -356,16 +371,16 @@ def find_open_strips(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
     )
 
 
-# Returns the speed of each row (n,), m/s.
 def _read_speed_mps(log: RunLog) -> Floats:
+    """Returns the speed of each row (n,), m/s."""
     column = _find_speed_column(log)
     assert column is not None
     return log.numbers(column)
 
 
 def _find_speed_column(log: RunLog) -> str | None:
-    """Returns the column of the speed that control used; for an imported log of another machine,
-    the first column that it has."""
+    """Returns the column of the speed that the control loop used; for an imported log of another
+    machine, the first column of speed."""
     stated = (
         SPEED_COLUMNS
         if log.meta is not None and "imported" in log.meta.extra
@@ -375,8 +390,8 @@ def _find_speed_column(log: RunLog) -> str | None:
 
 
 def _find_max_step_s(log: RunLog) -> float:
-    """Returns the longest step between rows, s, that is no gap; logs of other programs may have
-    a row every few seconds."""
+    """Returns the longest step between rows, s, that is no gap; foreign logs may have a row every
+    few seconds."""
     return (
         max(MAX_ROW_STEP_S, GAP_MEAN_STEPS * log.step_s)
         if log.step_s > 0.5 * MAX_ROW_STEP_S
@@ -395,8 +410,8 @@ def calc_applied_rate_kg_ha(log: RunLog) -> Floats:
 def find_worked_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """Returns the rows (n,) in which the machine worked.
 
-    Rows in the state working count, except those off the field (no target) without flow. A log with
-    neither state nor source counts as work throughout.
+    Rows in the state working count, except rows off the field (no target) without flow. All rows of
+    a log with neither state nor source count.
     """
     working = np.asarray(log.texts("state") == State.WORKING.value) | (not log.has("state"))
     off_field = np.asarray(log.texts("target_source") == TargetSource.NONE.value)
@@ -405,8 +420,8 @@ def find_worked_rows(log: RunLog) -> npt.NDArray[np.bool_]:
 
 
 def find_arrived_rows(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Returns the rows (n,) of work from the first in which material left, or no target was set,
-    as the totals count them."""
+    """Returns the rows (n,) of work from the first row in which material left, or no target was
+    set, as the totals count them."""
     arrival, found = MaterialArrival(), find_worked_rows(log)
     applied = np.nan_to_num(log.numbers("applied_rate_kg_ha")).tolist()
     for k, (works, rate, target) in enumerate(
@@ -420,11 +435,11 @@ def find_arrived_rows(log: RunLog) -> npt.NDArray[np.bool_]:
 
 
 def find_outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
-    """Returns the plane, places of the outlets (rows, 2), m, and headings (rows,), deg,
-    interpolated from fix to fix. Raises ExportError for less than two places."""
+    """Returns the plane, positions of the outlets (rows, 2), m, and headings (rows,), deg,
+    interpolated between fixes. Raises ExportError for fewer than two positions."""
     time, lat, lon = log.time_s, log.numbers("lat_deg"), log.numbers("lon_deg")
     known = np.isfinite(lat) & np.isfinite(lon)
-    # Fixes come less often than rows: a repeated place is the old fix.
+    # Fixes are less frequent than rows, so a repeated position is the previous fix.
     fresh = known & (np.diff(lat, prepend=np.nan) != 0.0) | known & (
         np.diff(lon, prepend=np.nan) != 0.0
     )
@@ -447,9 +462,9 @@ def find_outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats
 
 
 def _find_places_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
-    """Returns places (n, 2) at moments (n,), s; after the log's end straight on at its last
-    speed."""
-    # The last second gives that speed.
+    """Returns positions (n, 2) at moments (n,), s; after the log's end they continue straight at
+    its last speed."""
+    # The last second of the log gives that speed.
     back = int(np.searchsorted(time_s, time_s[-1] - 1.0))
     lasts = time_s[-1] - time_s[back]
     speed = (way_m[-1] - way_m[back]) / lasts if lasts > 0.0 else np.zeros(2)
@@ -461,7 +476,7 @@ def _find_places_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
 def _gather_stretches(
     rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float
 ) -> WorkedStretches:
-    """Returns the stretches of all strips, sorted by time."""
+    """Returns the segments of all strips, sorted by time."""
     found = [
         _build_strip_stretches(
             _select_strip_rows(rows, strip, flowed), strip.right_m - strip.left_m, every_s
@@ -489,8 +504,9 @@ def _select_strip_rows(
     return _WorkedRows._make((moved.plane, *(column[flowed] for column in moved[1:])))
 
 
-# Returns the stretches of a strip: consecutive rows within a period, not across a gap.
+# A segment consists of consecutive rows within one period, without a gap.
 def _build_strip_stretches(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretches:
+    """Returns the segments of a strip."""
     breaks = np.diff(rows.time_s) > rows.step_s[1:] + 1e-6
     # The small number keeps a time of exactly a period in its own period.
     period = np.floor(rows.time_s / every_s + 1e-9)
@@ -556,8 +572,8 @@ def _calc_corners_m(
     )
 
 
-# Returns latitude and longitude (n, 2) of places (n, 2), m.
 def _convert_to_deg(plane: TangentPlane, places: Floats) -> Floats:
+    """Returns latitude and longitude (n, 2) of positions (n, 2), m."""
     return np.array([plane.convert_to_deg(east, north) for east, north in places.tolist()])
 
 
@@ -592,11 +608,11 @@ def _sum_log_rows(log: RunLog, machine: Machine, product: SpreadProduct) -> Tota
     return totaliser.make_totals()
 
 
-# Returns the ground on which the target exceeded the crop's limit; None where it never did, or the
-# limit is not known.
 def _find_limited_ground(
     log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]
 ) -> LimitedGround | None:
+    """Returns the ground on which the target exceeded the crop's limit; None where it never did, or
+    the limit is unknown."""
     limit = ((log.meta.crop if log.meta else None) or {}).get("max_rate_kg_ha")
     if not isinstance(limit, int | float):
         return None
@@ -612,8 +628,8 @@ def _find_limited_ground(
 
 
 def _calc_one_rate_cost(log: RunLog, machine: Machine) -> WidthError | None:
-    """Returns what a rate for the whole width costs, from the heads' readings while canopy was
-    the source and material flowed; None where it cannot be known."""
+    """Returns the cost of a single rate for the whole width, from the heads' readings while canopy
+    was the source and material flowed; None where it cannot be computed."""
     by_canopy = np.asarray(
         log.texts("target_source") == TargetSource.CANOPY.value
     ) & find_worked_rows(log)
@@ -630,7 +646,7 @@ def _calc_one_rate_cost(log: RunLog, machine: Machine) -> WidthError | None:
     job = about.job or {}
     try:
         rule = prepare_rule(Crop.model_validate(about.crop), job.get("days"), job.get("ndvi_nrich"))
-    # days to be counted from a weather file, or a sidecar of another program
+    # The days may need a weather file, or the sidecar may come from another program.
     except ValueError:
         return None
     return measure_width_error(rule, machine, heads[new])
@@ -639,8 +655,8 @@ def _calc_one_rate_cost(log: RunLog, machine: Machine) -> WidthError | None:
 def _cover_ground(
     rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip], flows: npt.NDArray[np.bool_]
 ) -> Covered:
-    """Returns the ground under the strips that `flows` (n, strips), each place once, and the
-    ground passed over again."""
+    """Returns the ground under the strips with flow in `flows` (n, strips), each place once, and
+    the ground that was passed over again."""
     coverage = Coverage(
         width_m,
         min(COVERAGE_CELL_M, width_m / 6.0),
@@ -664,14 +680,14 @@ def _cover_ground(
     return coverage.covered_area
 
 
-# Returns a place as a pair, m.
 def _to_place_pair(place: Floats) -> Place:
+    """Returns a position as a pair, m."""
     return float(place[0]), float(place[1])
 
 
 def _count_doses(log: RunLog) -> tuple[int | None, int | None]:
-    """Returns doses and misses of point mode from the log's events; None where point mode was
-    not used."""
+    """Returns doses and misses of point mode from the log's events; None where point mode was not
+    used."""
     words = [
         word for text in log.texts("events").tolist() if "dose" in text for word in text.split(";")
     ]
@@ -683,8 +699,9 @@ def _count_doses(log: RunLog) -> tuple[int | None, int | None]:
     )
 
 
-# Returns the machine of the log's sidecar. Raises ExportError where it has none.
 def _read_machine(log: RunLog) -> Machine:
+    """Returns the machine of the log's sidecar. Raises ExportError for a sidecar without a
+    machine."""
     if log.meta is None or log.meta.machine is None:
         raise ExportError(
             f"{log.path}: no machine file next to the log: allowed is a log with its NAME.yaml, "
@@ -701,8 +718,8 @@ def _read_machine(log: RunLog) -> Machine:
 
 
 def _check_machine_width(log: RunLog, machine: Machine) -> None:
-    """Refuses a machine that is not as wide as the imported file says, for areas are ways times
-    its width. Raises ExportError."""
+    """Refuses a machine whose width differs from the width in the imported file, because areas are
+    distances times its width. Raises ExportError."""
     imported = log.meta.extra.get("imported") if log.meta is not None else None
     stated = imported.get("width_m") if isinstance(imported, dict) else None
     width = machine.geometry.working_width_m
@@ -721,8 +738,8 @@ def _read_product(log: RunLog) -> SpreadProduct:
 
 
 def _read_outline_deg(log: RunLog) -> Floats | None:
-    # The job's outline.
-    """Returns the job's field (k, 2), latitude and longitude; None where the log has none."""
+    """Returns the outline of the job's field (k, 2), latitude and longitude; None where the log has
+    none."""
     ground = ((log.meta.job if log.meta else None) or {}).get("field") or {}
     corners = ground.get("boundary_m")
     if not corners:
@@ -731,8 +748,8 @@ def _read_outline_deg(log: RunLog) -> Floats | None:
     return _convert_to_deg(plane, np.asarray(corners, dtype=np.float64))
 
 
-# Returns the UTC of time 0; None where the log has none.
 def _find_begin_utc(log: RunLog) -> dt.datetime | None:
+    """Returns the UTC of time 0; None where the log has none."""
     texts = log.texts("utc")
     known = np.flatnonzero(texts != "")
     if len(known):
@@ -742,8 +759,9 @@ def _find_begin_utc(log: RunLog) -> dt.datetime | None:
     return _parse_utc_moment(log.meta.started_utc) if log.meta and log.meta.started_utc else None
 
 
-# Returns the UTC of an ISO 8601 text, taken as UTC without a zone; None where it cannot be read.
 def _parse_utc_moment(text: str) -> dt.datetime | None:
+    """Returns the UTC of an ISO 8601 text, which means UTC without a zone; None for an unreadable
+    text."""
     try:
         moment = dt.datetime.fromisoformat(text)
     except ValueError:

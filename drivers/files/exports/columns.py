@@ -1,4 +1,6 @@
-"""Which columns do the flat exports (CSV, GeoJSON, shapefile) have?"""
+"""Which columns do the flat exports (CSV, GeoJSON, shapefile) have? One table defines them for all
+three.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,8 @@ from topdress.drivers.files.exports.as_applied import AsApplied
 
 
 class ExportColumn(NamedTuple):
-    """Describes a column: `name` in CSV and GeoJSON, `short` in a shapefile (ten characters at
-    most), `decimals` that are kept, `of` that returns its values (n,)."""
+    """Describes a column: `name` in CSV and GeoJSON, `short` in a shapefile (at most ten
+    characters), number of `decimals`, and `of`, which returns its values (n,)."""
 
     name: str
     short: str
@@ -21,10 +23,10 @@ class ExportColumn(NamedTuple):
     of: Callable[[AsApplied], Array]
 
 
-# A shapefile's name of the column that is utc elsewhere.
+# Name in a shapefile of the column that is utc elsewhere.
 TIME_SHORT_NAME = "ISOTIME"
 
-# In the order of the columns; short names have at most ten letters (dBASE).
+# The order is that of the columns; short names have at most ten letters (dBASE).
 EXPORT_COLUMNS = (
     ExportColumn("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
     ExportColumn("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),
@@ -49,8 +51,8 @@ EXPORT_COLUMNS = (
 
 
 def iter_export_records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
-    """Yields each stretch's time (ISO 8601, empty where not known) and the columns' rounded
-    values; None: not known."""
+    """Yields each segment's time (ISO 8601, empty where unknown) and the columns' rounded values;
+    None for unknown."""
     arrays = [np.round(column.of(applied), column.decimals).tolist() for column in EXPORT_COLUMNS]
     for k, time_s in enumerate(applied.stretches.time_s.tolist()):
         moment = applied.utc(time_s)
@@ -64,8 +66,8 @@ def iter_export_records(applied: AsApplied) -> Iterator[tuple[str, list[float | 
 
 
 def summarise_export(applied: AsApplied) -> dict[str, object]:
-    """Returns the sums for programs, from the log's own rows. `worked_ha` and `mean_kg_ha`
-    follow the places of the material."""
+    """Returns the sums for programs, from the log's own rows. `worked_ha` and `mean_kg_ha` use the
+    positions of the material."""
     return {
         "format": "topdress-as-applied/1",
         "machine": applied.machine.id,
@@ -74,7 +76,7 @@ def summarise_export(applied: AsApplied) -> dict[str, object]:
         "working_width_m": applied.width_m,
         "cut_at_crop_limit": None if applied.cut is None else applied.cut._asdict(),
         "released_stopped": [
-            # NaN, an unknown place, is not equal to itself.
+            # NaN, an unknown position, is not equal to itself.
             dict(one._asdict())
             for one in applied.stopped
             if one.lat_deg == one.lat_deg

@@ -1,5 +1,6 @@
-"""Which passes does a farm's book hold, a line each as CSV, and what are the sums by product and
-field?"""
+"""Which passes does a farm record contain, one CSV line each, and which sums result by product and
+field?
+"""
 
 from __future__ import annotations
 
@@ -15,10 +16,11 @@ from topdress.drivers.files.farm_lines import RECORD_COLUMNS, read_record_rows
 
 
 class FarmPass(NamedTuple):
-    """Holds the work of a log. `cost` and `price_per_kg` are None where no price was given."""
+    """Holds the work of a log. `cost` and `price_per_kg` are None without a price."""
 
     applied: AsApplied
-    said: Mapping[str, str]  # client, farm, field, crop, operator, product
+    # The operator's entries: client, farm, field, crop, operator, product.
+    said: Mapping[str, str]
     simulated: bool
     log: str
     price_per_kg: float | None
@@ -26,12 +28,12 @@ class FarmPass(NamedTuple):
 
     @property
     def product(self) -> str:
-        """Returns the product's name that the operator gave, else the log's."""
+        """The product's name that the operator gave, else the log's."""
         return self.said.get("product") or self.applied.product.name
 
     @property
     def cost(self) -> float | None:
-        """Returns the cost of the product; None without a price."""
+        """Cost of the product; None without a price."""
         return (
             None
             if self.price_per_kg is None
@@ -39,7 +41,7 @@ class FarmPass(NamedTuple):
         )
 
     def cells(self) -> list[str]:
-        """Returns the pass as COLUMNS; empty: not known."""
+        """Returns the pass as cells of `RECORD_COLUMNS`; empty for unknown values."""
         applied, totals = self.applied, self.applied.totals
         s = applied.stretches
         begin = applied.utc(float(s.time_s[0] - 0.5 * s.duration_s[0]))
@@ -68,7 +70,7 @@ class FarmPass(NamedTuple):
 
 
 class FarmSum(NamedTuple):
-    """Holds the sums of the passes with a product on a field, paid in a currency."""
+    """Holds the sums of the passes with one product on one field, paid in one currency."""
 
     product: str
     field: str
@@ -86,7 +88,7 @@ def sum_passes(passes: Iterable[FarmPass]) -> list[FarmSum]:
     for one in passes:
         key = (one.product, one.said.get("field", ""), one.currency)
         before = found.get(key, FarmSum(*key, 0, 0.0, 0.0, 0.0, 0.0))
-        # A sum with an unknown cost in it is not known.
+        # A sum that includes an unknown cost is unknown.
         both = None if before.cost is None or one.cost is None else before.cost + one.cost
         totals = one.applied.totals
         found[key] = FarmSum(
@@ -101,17 +103,17 @@ def sum_passes(passes: Iterable[FarmPass]) -> list[FarmSum]:
 
 
 def write_farm_record(passes: Sequence[FarmPass], path: Path) -> tuple[int, int]:
-    """Appends these passes to the farm's book; a log that the book already holds is replaced in
-    place.
+    """Appends these passes to the farm record; the line of a log that the record already contains
+    is replaced in place.
 
     Returns
     -------
-    how many lines were added and how many replaced.
+    the number of added lines and of replaced lines.
 
     Raises
     ------
-    FarmRecordError : the file is no such record.
-    OSError : it cannot be read or written.
+    FarmRecordError : the file is no farm record.
+    OSError : the file cannot be read or written.
     """
     rows = read_record_rows(path)
     # The last column is the log's name.

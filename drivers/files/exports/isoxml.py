@@ -1,5 +1,6 @@
-"""How is applied work written as an ISO 11783-10 task: task with totals, device description,
-product, field, and time log?"""
+"""How is applied work written as an ISO 11783-10 task? The task has totals, device description,
+product, field, and time log.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +25,13 @@ from topdress.drivers.files.prescriptions.task_files import (
     write_task_files,
 )
 
-# Data dictionary identifiers (ISO 11783-11), mg/m2.
+# Data dictionary identifiers (ISO 11783-11) of rates in mg/m2.
 SETPOINT_RATE, ACTUAL_RATE = 6, 7
-# Identifiers of mm, mm/s, and 1 for working.
+# Identifiers of width (mm), speed (mm/s) and work state (1: working).
 WIDTH, SPEED, WORK_STATE = 67, 397, 141
-# Identifiers of totals: g, g, m2, mm, s.
+# Identifiers of totals in g, g, m2, mm and s.
 TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME = 352, 353, 116, 117, 119
-# What the time log holds, in this order.
+# Values of a time log record, in this order.
 LOGGED_DDIS = (
     SETPOINT_RATE,
     ACTUAL_RATE,
@@ -54,26 +55,26 @@ DDI_NAMES = {
     TOTAL_DISTANCE: "distance",
     TOTAL_TIME: "working time",
 }
-# What the task's time element (TIM) sums up.
+# Totals in the task's time element (TIM).
 TOTAL_DDIS = (TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME)
 
 # The only device element: the whole machine.
 DEVICE_ELEMENT = "DET1"
-# ISO 11783 NAME: self-configurable, fertiliser class, no manufacturer's number.
+# ISO 11783 NAME: self-configurable, fertiliser class, without a manufacturer's number.
 CLIENT_NAME = "A00084000DE00001"
-# Pause between stretches, s: a longer pause ends the work for the record.
+# Pause between segments, s, that ends the work in the time log.
 WORK_BREAK_S = 0.5
 
 
 def write_isoxml_task(applied: AsApplied, path: Path) -> None:
-    """Writes a task folder, or a zip where the path ends in .zip. Raises ExportError where the
-    log has no time, OSError."""
+    """Writes a task folder, or a zip for a path that ends in .zip. Raises ExportError for a log
+    without times, OSError."""
     root, files = build_as_applied_task(applied)
     write_task_files(path, root, files)
 
 
 def build_as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
-    """Returns the task file's tree and the files next to it. Raises ExportError."""
+    """Returns the task file's tree and its other files. Raises ExportError."""
     s = applied.stretches
     begin, end = (
         applied.utc(float(s.time_s[at] + sign * 0.5 * s.duration_s[at]))
@@ -119,7 +120,7 @@ def build_as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]
 
 
 def _iter_time_records(applied: AsApplied) -> Iterator[TimeRecord]:
-    """Yields a record at the end of each stretch, with the sums up to there; another where work
+    """Yields a record at the end of each segment, with the sums so far, and a record where work
     stops."""
     s = applied.stretches
     grams = np.round(1000.0 * np.cumsum(s.applied_kg)).astype(np.int64).tolist()
@@ -142,15 +143,15 @@ def _iter_time_records(applied: AsApplied) -> Iterator[TimeRecord]:
         ]
         yield _make_time_record(applied, k, end_s, values)
         if stops[k]:
-            # A millisecond later: readers want rising times.
+            # The record is a millisecond later, because readers expect increasing times.
             yield _make_time_record(
                 applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None]
             )
 
 
 def _calc_effective_m(applied: AsApplied) -> Floats:
-    """Returns the way of each stretch (n,), m, as if worked over the whole width: a section
-    counts by its share of the width."""
+    """Returns the effective distance of each segment (n,), m: a section counts by its share of the
+    whole width."""
     s = applied.stretches
     return np.asarray(s.length_m * (s.width_m / applied.width_m), dtype=np.float64)
 
@@ -166,7 +167,7 @@ def _make_time_record(
         utc,
         float(s.lat_deg[k]),
         float(s.lon_deg[k]),
-        # NaN stands for an unknown number and is not equal to itself.
+        # NaN, an unknown number, is not equal to itself.
         NO_POSITION_STATUS if fix != fix else int(fix),
         None if hdop != hdop else float(hdop),
         None if satellites != satellites else int(satellites),
@@ -175,7 +176,7 @@ def _make_time_record(
 
 
 def _round_final_totals(applied: AsApplied) -> tuple[int, ...]:
-    """Returns the log's own sums in the order of TOTALS."""
+    """Returns the log's own sums in the order of `TOTAL_DDIS`."""
     totals, length_m = applied.totals, float(_calc_effective_m(applied).sum())
     return (
         round(1000.0 * totals.applied_kg),
@@ -215,11 +216,11 @@ def _add_device(root: Element, applied: AsApplied) -> None:
         )
 
 
-# Returns a UTC as xs:dateTime.
 def _format_utc(moment: dt.datetime) -> str:
+    """Returns a UTC as xs:dateTime."""
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-# Returns a rounded number; None for NaN.
 def _round_or_none(value: float) -> int | None:
+    """Returns a rounded number; None for NaN."""
     return None if value != value else round(value)

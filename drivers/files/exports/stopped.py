@@ -1,5 +1,6 @@
-"""What did a log's machine release while it was commanded to stop: which events, and which rows
-on a stretch?"""
+"""How much material did a machine release while it was commanded to stop? The log has an event for
+each release, and rows in which the shaft turned.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +11,14 @@ import numpy.typing as npt
 from topdress.control.orders import State
 from topdress.drivers.files.read_log import RunLog
 
-# The event's word in the log, a contract with its readers.
+# Name of the event in the log, a contract with its readers.
 RELEASE_EVENT = "released_stopped"
 # Shaft speed above which the shaft turns, r/min: the lag paper's threshold.
 TURNING_RPM = 2.0
 
 
 class StoppedRelease(NamedTuple):
-    """Holds an entry of the log. The place is the antenna's; NaN: not known."""
+    """Holds one such event. The position is the antenna's; NaN where unknown."""
 
     time_s: float
     lat_deg: float
@@ -26,7 +27,7 @@ class StoppedRelease(NamedTuple):
 
 
 def find_stopped_releases(log: RunLog) -> tuple[StoppedRelease, ...]:
-    """Returns the log's entries, in their order."""
+    """Returns the log's events of this kind, in their order."""
     texts, time_s = log.texts("events").tolist(), log.time_s
     lat, lon = log.numbers("lat_deg"), log.numbers("lon_deg")
     return tuple(
@@ -41,8 +42,8 @@ def find_stopped_releases(log: RunLog) -> tuple[StoppedRelease, ...]:
 def find_stopped_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     """Returns the rows (n,) out of work in which the shaft turned though commanded to stop.
 
-    There are none in a log without such entries, and none in a calibrating run, whose mass lies in
-    a tray.
+    A log without such events has none. A calibration run has none, because its mass falls into a
+    tray.
     """
     state = np.asarray(log.texts("state"))
     entered = any(RELEASE_EVENT in text for text in log.texts("events").tolist())
@@ -53,8 +54,8 @@ def find_stopped_rows(log: RunLog) -> npt.NDArray[np.bool_]:
     return np.asarray(out & stands & (log.numbers("shaft_rpm") > TURNING_RPM), dtype=np.bool_)
 
 
-# Returns the mass of an event, kg; 0 where it cannot be read.
 def _parse_event_kg(event: str) -> float:
+    """Returns the mass of an event, kg; 0 for an unreadable event."""
     try:
         kg = float(event.split(" ", 1)[1])
     except ValueError:

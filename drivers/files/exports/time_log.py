@@ -1,5 +1,6 @@
-"""How is an ISO 11783-10 time log (TLG) written: the binary records of a device's work, and the
-XML with their layout?"""
+"""How is an ISO 11783-10 time log (TLG) written? It consists of the binary records of a device's
+work, and an XML file with their layout.
+"""
 
 from __future__ import annotations
 
@@ -10,39 +11,42 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-# Days are counted from here (ISO 11783-10).
+# Epoch from which ISO 11783-10 counts days.
 FIRST_DAY_UTC = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
-# ms of day, days since 1980, north and east (1e-7 deg), status, HDOP (0.1), satellites.
+# Milliseconds of the day, days since 1980, north and east (1e-7 deg), status, HDOP (0.1),
+# satellites.
 RECORD_HEAD = struct.Struct("<IHiiBHB")
 # Index of the process data, and its value.
 RECORD_VALUE = struct.Struct("<Bi")
-# Largest value of 32 bits with a sign.
+# Largest signed value of 32 bits.
 MAX_INT32 = 2_147_483_647
-# Position status of a place of unknown quality (ISO 11783-10).
+# Position status for a position of unknown quality (ISO 11783-10).
 NO_POSITION_STATUS = 15
 
 
 class LoggedData(NamedTuple):
-    """Names a logged process data: data dictionary identifier and device element."""
+    """Names a logged value by data dictionary identifier and device element."""
 
     ddi: int
     element: str
 
 
 class TimeRecord(NamedTuple):
-    """Holds a record. values: as many as there are process data; None: not known, left out."""
+    """Holds a record. `values` has one entry for each logged value; None for an unknown value,
+    which is omitted."""
 
     utc: dt.datetime
     lat_deg: float
     lon_deg: float
-    status: int  # as GGA's fix quality; 15: not known
+    # GGA's fix quality; 15 means unknown.
+    status: int
     hdop: float | None
     satellites: int | None
     values: Sequence[int | None]
 
 
 def encode_layout(data: Sequence[LoggedData]) -> bytes:
-    """Returns the XML next to the binary: empty attributes are those that every record holds."""
+    """Returns the XML of the record layout; an empty attribute is present in every record."""
     root = Element("TIM", A="", D="4")
     SubElement(root, "PTN", A="", B="", D="", F="", G="")
     for item in data:
@@ -57,7 +61,7 @@ def encode_records(moments: Iterable[TimeRecord]) -> bytes:
     for moment in moments:
         since = moment.utc - FIRST_DAY_UTC
         known = [(k, value) for k, value in enumerate(moment.values) if value is not None]
-        # All bits set stands for not known; one less is the largest number.
+        # All bits set means unknown, so the largest number is one less.
         hdop = 0xFFFF if moment.hdop is None else min(0xFFFE, max(0, round(10 * moment.hdop)))
         satellites = 0xFF if moment.satellites is None else min(0xFE, max(0, moment.satellites))
         out += RECORD_HEAD.pack(

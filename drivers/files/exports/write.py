@@ -1,5 +1,6 @@
-"""How is an as-applied export written in the format of the path's ending: CSV, GeoJSON,
-shapefile, GeoPackage, as points or as the ground of each stretch? (`isoxml` writes the task.)"""
+"""How is an as-applied export written in the format of the path's suffix? CSV, GeoJSON, shapefile
+and GeoPackage contain points or the ground of each segment (`isoxml` writes the task).
+"""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ from topdress.drivers.files.exports.columns import (
 )
 from topdress.drivers.files.prescriptions.task_files import WGS84_PRJ
 
-# Endings in a message to the operator.
+# Suffixes in a message to the operator.
 KNOWN_ENDINGS = (
     ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or "
     ".html (the report, which "
@@ -30,18 +31,18 @@ KNOWN_ENDINGS = (
 
 
 def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = False) -> None:
-    """Writes an as-applied export in the format of the path's ending.
+    """Writes an as-applied export in the format of the path's suffix.
 
     Parameters
     ----------
     applied : the job as it was done.
-    path : its ending chooses the format.
-    polygons : writes the ground of each stretch instead of its middle (GeoJSON, shapefile,
-        GeoPackage).
+    path : the suffix of this path chooses the format.
+    polygons : whether the ground of each segment is written instead of its middle (GeoJSON,
+    shapefile, GeoPackage).
 
     Raises
     ------
-    ExportError : an unknown ending.
+    ExportError : the suffix is unknown.
     OSError : the file cannot be written.
     """
     path = Path(path)
@@ -50,7 +51,7 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
         raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN_ENDINGS}")
     path.parent.mkdir(parents=True, exist_ok=True)
     if suffix in (".zip", ""):
-        # Imported here: the other formats need no task files.
+        # Only this format needs the task files.
         from topdress.drivers.files.exports.isoxml import write_isoxml_task
 
         write_isoxml_task(applied, path)
@@ -64,7 +65,7 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
 
 
 def write_export_csv(applied: AsApplied, path: Path) -> None:
-    """Writes UTF-8 with a header row; an empty cell is not known. Raises OSError."""
+    """Writes UTF-8 with a header row; an empty cell is unknown. Raises OSError."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["utc", *(column.name for column in EXPORT_COLUMNS)])
@@ -138,7 +139,7 @@ def write_export_geopackage(applied: AsApplied, path: Path, polygons: bool = Fal
 
 
 def write_export_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """Writes a shapefile with names of at most ten characters; next to it .dbf, .shx, .prj
+    """Writes a shapefile with names of at most ten characters and its companions .dbf, .shx, .prj
     (WGS84), .cpg. Raises OSError."""
     corners = applied.stretches.corners_deg.tolist()
     kind = shapefile.POLYGON if polygons else shapefile.POINT

@@ -1,9 +1,9 @@
 """How is a field of AgOpenGPS read and written?
 
-It is a folder with Field.txt, Boundary.txt, Headland.txt and TrackLines.txt (before version 6:
-ABLines.txt). Places are metres east and north of the start fix, by AgOpenGPS's own series for the
-length of a degree; the length of a degree of longitude is taken at the place itself. Files of
-versions 4 to 6 are read.
+The field is a folder with Field.txt, Boundary.txt, Headland.txt and TrackLines.txt (before version
+6: ABLines.txt). Positions are metres east and north of the start fix, by AgOpenGPS's own series for
+the length of a degree. The length of a degree of longitude is that at the position itself. Files of
+versions 4 to 6 are supported.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from topdress.drivers.files.fields.field_data import (
 
 # Modes of a track in TrackLines.txt (AgOpenGPS's TrackMode).
 AB_LINE_MODE, CURVE_MODE = 2, 4
-# A longer list in a file is refused: a field's outline has some thousand points.
+# Largest number of points of a list; a field's outline has some thousand points.
 MAX_POINT_COUNT = 200_000
-# Twice the area of a triangle, m2: smaller ones are the turning points of a strip.
+# Twice the area of a triangle, m2, below which it is a turning point of a strip.
 MIN_TWICE_TRIANGLE_AREA_M2 = 1e-6
-# Half length of an AB line, m: old files hold a place and a heading, and AgOpenGPS draws that much
-# to both sides.
+# Half length of an AB line, m. Old files hold a position and a heading, and AgOpenGPS extends the
+# line by this length to both sides.
 AB_HALF_LENGTH_M = 1000.0
 
 
@@ -46,7 +46,7 @@ class _Plane(NamedTuple):
 
     @property
     def latitude_degree_m(self) -> float:
-        """Returns the length of a degree of latitude at the start fix, m."""
+        """Length of a degree of latitude at the start fix, m."""
         lat = math.radians(self.lat_deg)
         return (
             # AgOpenGPS's own series.
@@ -57,28 +57,28 @@ class _Plane(NamedTuple):
         )
 
     def to_deg(self, places: Floats) -> Floats:
-        """Returns latitude and longitude (n, 2) of places (n, 2), m east and north."""
+        """Returns latitude and longitude (n, 2) of positions (n, 2), m east and north."""
         lat = self.lat_deg + places[:, 1] / self.latitude_degree_m
         return np.column_stack((lat, self.lon_deg + places[:, 0] / _calc_longitude_degree_m(lat)))
 
     def to_m(self, degrees: Floats) -> Floats:
-        """Returns places (n, 2), m east and north, of latitude and longitude (n, 2)."""
+        """Returns positions (n, 2), m east and north, of latitude and longitude (n, 2)."""
         east = (degrees[:, 1] - self.lon_deg) * _calc_longitude_degree_m(degrees[:, 0])
         return np.column_stack((east, (degrees[:, 0] - self.lat_deg) * self.latitude_degree_m))
 
 
-# Returns the length of a degree of longitude at latitudes (n,), m.
 def _calc_longitude_degree_m(lat_deg: Floats) -> Floats:
+    """Returns the length of a degree of longitude at latitudes (n,), m."""
     lat = np.radians(lat_deg)
     return np.asarray(111412.84 * np.cos(lat) - 93.5 * np.cos(3 * lat) + 0.118 * np.cos(5 * lat))
 
 
 def read_agopengps(folder: Path) -> FieldData:
-    """Reads a field of AgOpenGPS.
+    """Returns a field of AgOpenGPS.
 
     Parameters
     ----------
-    folder : holds Field.txt and the other files, in whatever case.
+    folder : folder with Field.txt and the other files, in any case of letters.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def read_agopengps(folder: Path) -> FieldData:
 
     Raises
     ------
-    FieldError : no field of AgOpenGPS, or a file that cannot be read.
+    FieldError : the folder is no field of AgOpenGPS, or a file cannot be read.
     OSError : a file cannot be opened.
     """
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
@@ -140,8 +140,8 @@ def read_agopengps(folder: Path) -> FieldData:
     )
 
 
-# Returns the lines of a file, stripped, in UTF-8 or UTF-16.
 def _read_lines(path: Path) -> list[str]:
+    """Returns the lines of a file, stripped, in UTF-8 or UTF-16."""
     data = path.read_bytes()
     # Some editors on Windows save UTF-16 with a byte order mark.
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
@@ -166,8 +166,8 @@ def _read_start_fix(path: Path) -> _Plane:
 
 
 def _read_rings(path: Path) -> list[tuple[bool, Floats]]:
-    """Returns each ring of Boundary.txt or Headland.txt: whether it is driven through, and its
-    places (n, 2), m."""
+    """Returns each ring of Boundary.txt or Headland.txt: whether it may be driven through, and its
+    positions (n, 2), m."""
     rest = iter([line for line in _read_lines(path) if line and not line.startswith("$")])
     found, through = [], False
     for line in rest:
@@ -192,8 +192,8 @@ def _parse_point_count(path: Path, text: str) -> int:
     return int(text)
 
 
-# Returns the next places (count, 2), m east and north.
 def _parse_points(path: Path, rest: Iterator[str], count: int) -> Floats:
+    """Returns the next positions (count, 2), m east and north."""
     rows = []
     for _ in range(count):
         text = next(rest, "")
@@ -211,8 +211,8 @@ def _parse_points(path: Path, rest: Iterator[str], count: int) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 2)
 
 
-# Returns the guidance lines, from TrackLines.txt or the older ABLines.txt.
 def _read_guidance_lines(files: dict[str, Path], plane: _Plane) -> list[FieldLine]:
+    """Returns the guidance lines, from TrackLines.txt or the older ABLines.txt."""
     if "tracklines.txt" in files:
         return _read_track_lines(files["tracklines.txt"], plane)
     return _read_ab_lines(files["ablines.txt"], plane) if "ablines.txt" in files else []
@@ -224,10 +224,11 @@ def _read_track_lines(path: Path, plane: _Plane) -> list[FieldLine]:
     for title in rest:
         if not title:
             continue
-        # The heading follows from the ends.
-        next(rest, "")  # heading, radians
+        # The heading (radians) is skipped, because it follows from the ends.
+        next(rest, "")
         ends = _parse_points(path, rest, 2)
-        _, mode, _ = (next(rest, "") for _ in range(3))  # nudged by, mode, visible
+        # The three lines are offset, mode and visibility.
+        _, mode, _ = (next(rest, "") for _ in range(3))
         curve = _parse_points(path, rest, _parse_point_count(path, next(rest, "")))
         places = curve if mode not in (str(AB_LINE_MODE), "") and len(curve) > 1 else ends
         found.append(FieldLine(title, plane.to_deg(places)))
@@ -264,7 +265,7 @@ def read_worked_triangles(folder: Path) -> Floats:
 
     Raises
     ------
-    FieldError : no field of AgOpenGPS, or a file that cannot be read.
+    FieldError : the folder is no field of AgOpenGPS, or a file cannot be read.
     OSError : a file cannot be opened.
     """
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
@@ -279,7 +280,7 @@ def read_worked_triangles(folder: Path) -> Floats:
 
 
 def _parse_triangles(path: Path) -> Floats:
-    """Returns triangles (n, 3, 2), m, without those of no area."""
+    """Returns triangles (n, 3, 2), m, without triangles of zero area."""
     rest = iter([line for line in _read_lines(path) if line])
     strips = [np.zeros((0, 3, 2))]
     for line in rest:
@@ -313,7 +314,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
         "Boundary.txt": ["$Boundary"],
         "TrackLines.txt": ["$TrackLines"],
         "Headland.txt": ["$Headland"],
-        # Nothing is worked yet, but AgOpenGPS expects the file.
+        # No ground is worked yet, but AgOpenGPS expects the file.
         "Sections.txt": [],
         "Contour.txt": ["$Contour"],
         "Flags.txt": ["$Flags", "0"],
@@ -353,8 +354,8 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
 
 
 def _format_places(places: Floats) -> list[str]:
-    """Returns a line for each place, with the heading to the next, radians, as AgOpenGPS stores
-    it."""
+    """Returns a line for each position, with the heading to the next position, radians, as
+    AgOpenGPS stores it."""
     way = np.roll(places, -1, axis=0) - places
     headings = np.arctan2(way[:, 0], way[:, 1]) % (2 * math.pi)
     return [
@@ -363,6 +364,6 @@ def _format_places(places: Floats) -> list[str]:
     ]
 
 
-# Returns a place as text, m, to the millimetre.
 def _format_place(place: Floats) -> str:
+    """Returns a position as text, m, with millimetres."""
     return f"{place[0]:.3f},{place[1]:.3f}"

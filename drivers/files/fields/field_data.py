@@ -1,4 +1,4 @@
-"""How is a field of a file, in degrees, turned into the field of a job, on its plane, and back?"""
+"""How is a field of a file, in degrees, converted to the field of a job, on its plane, and back?"""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from topdress.control.recordings.finding import Finding
 from topdress.control.targets.rate_map import Floats
 from topdress.drivers.plain_text import OneLineError
 
-# Difference of widths, m, up to which a headland counts as of one width.
+# Difference of widths, m, up to which a headland counts as equally wide.
 EVEN_HEADLAND_M = 0.5
 # Difference of headings, degrees, up to which lines count as parallel: 0.2 m over 100 m.
 PARALLEL_LINES_DEG = 0.1
 
 
 class FieldError(OneLineError):
-    """The field cannot be used; one line says why."""
+    """Reports an unusable field; the line names the reason."""
 
 
 class FieldLine(NamedTuple):
-    """Holds a guidance line: `places_deg` (k, 2) latitude and longitude, two places for a
+    """Holds a guidance line: `places_deg` (k, 2) latitude and longitude, with two positions for a
     straight line."""
 
     title: str
@@ -37,8 +37,8 @@ class FieldLine(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FieldData:
-    """Holds a field in degrees. `outline_deg` (k, 2) latitude and longitude, not closed;
-    `holes_deg`: ground in it that is not worked."""
+    """Holds a field in degrees. `outline_deg` (k, 2) is latitude and longitude, not closed;
+    `holes_deg` are areas in the field that are not worked."""
 
     title: str
     outline_deg: Floats | None = None
@@ -48,8 +48,8 @@ class FieldData:
     findings: tuple[Finding, ...] = ()
 
     def plane(self) -> TangentPlane:
-        """Returns a plane in the middle of the outline, or of the first line. Raises FieldError
-        where there is neither."""
+        """Returns a plane in the middle of the outline, or of the first line. Raises FieldError for
+        a field with neither."""
         if self.outline_deg is not None:
             places = self.outline_deg
         elif self.lines:
@@ -57,7 +57,7 @@ class FieldData:
         else:
             raise FieldError(f"{self.title}: neither an outline nor a line")
         lat, lon = places.mean(axis=0)
-        # Seven decimals are 1 cm: the origin reads back as it was written.
+        # With seven decimals (1 cm) the origin reads back as it was written.
         return TangentPlane(round(float(lat), 7), round(float(lon), 7))
 
     def boundary(self, plane: TangentPlane) -> Boundary | None:
@@ -77,7 +77,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
     ----------
     data : the field.
     path : its file, for messages.
-    largest : takes the largest part that a crossing outline encloses.
+    largest : whether the largest part of a crossing outline is used.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def repair_outline(data: FieldData, path: Path, largest: bool) -> FieldData:
     part = find_largest_part(drawn)
     if drawn.is_valid or not part.area:
         return data
-    # GEOS says it as `Self-intersection[east north]`.
+    # GEOS reports the place as `Self-intersection[east north]`.
     east, north = map(float, shapely.is_valid_reason(drawn).partition("[")[2].rstrip("]").split())
     said = (
         f"{part.area / 1e4:.4f} of the {shapely.make_valid(drawn).area / 1e4:.4f} ha that "
@@ -133,14 +133,14 @@ def _find_places_m(plane: TangentPlane, degrees: Floats) -> list[tuple[float, fl
 
 
 def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -> Ground:
-    """Returns the job's field with this outline and these lines; what the file does not hold is
-    kept.
+    """Returns the job's field with this outline and these lines; properties that the file does not
+    contain are kept.
 
     Parameters
     ----------
     data : the field of a file, degrees.
     before : the job's field so far.
-    line : title of the line whose heading the passes get, where several differ.
+    line : title of the line that defines the heading of the passes, where several differ.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -
 
     Raises
     ------
-    FieldError : lines of several headings and none chosen, or an unusable outline.
+    FieldError : lines have several headings and none is chosen, or the outline is unusable.
     """
     if data.outline_deg is None and before.boundary_m:
         plane = TangentPlane(before.origin_lat_deg, before.origin_lon_deg)
@@ -177,13 +177,14 @@ def build_job_ground(data: FieldData, before: Ground, line: str | None = None) -
     return Ground.model_validate(before.model_dump() | changes)
 
 
-# Returns places rounded to 0.1 mm, m east and north.
 def _round_places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
+    """Returns positions rounded to 0.1 mm, m east and north."""
     return [(round(east, 4), round(north, 4)) for east, north in _find_places_m(plane, degrees)]
 
 
-# Returns the heading of the passes, degrees from north. Raises FieldError where lines differ.
 def _find_pass_heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
+    """Returns the heading of the passes, degrees from north. Raises FieldError where lines
+    differ."""
     headings = {}
     for one in data.lines:
         (east, north), (to_east, to_north) = (
@@ -195,7 +196,7 @@ def _find_pass_heading(data: FieldData, plane: TangentPlane, wanted: str | None)
             raise FieldError(f"{data.title}: line {wanted}: allowed {', '.join(headings)}")
         return round(headings[wanted], 4) % 360.0
     first = next(iter(headings.values()))
-    # Lines driven the other way are parallel too.
+    # Lines in opposite directions are parallel too.
     off = max(abs((one - first + 90.0) % 180.0 - 90.0) for one in headings.values())
     if off > PARALLEL_LINES_DEG:
         said = ", ".join(f"{title} ({heading:.1f} deg)" for title, heading in headings.items())
@@ -206,7 +207,7 @@ def _find_pass_heading(data: FieldData, plane: TangentPlane, wanted: str | None)
 
 
 def build_field_data(ground: Ground, title: str) -> FieldData:
-    """Returns the job's field in degrees. Raises FieldError where it has none."""
+    """Returns the job's field in degrees. Raises FieldError for a job without a field."""
     if not ground.boundary_m and not ground.lines:
         raise FieldError(
             f"{title}: the job has no field and no line: allowed is one with boundary_m or lines"
@@ -226,16 +227,16 @@ def build_field_data(ground: Ground, title: str) -> FieldData:
 
 
 def calc_headland_width_m(outline_m: Floats, inner_m: Floats) -> tuple[float, float, float]:
-    """Returns how wide a headland is.
+    """Returns the width of a headland.
 
     Parameters
     ----------
     outline_m : (k, 2) corners of the field, m.
-    inner_m : (n, 2) places of the headland's inner line, m.
+    inner_m : (n, 2) points of the headland's inner line, m.
 
     Returns
     -------
-    median, least and largest distance from the outline, m.
+    median, smallest and largest distance from the outline, m.
     """
     edge = shapely.LinearRing(outline_m)
     away = shapely.distance(shapely.points(inner_m), edge)

@@ -1,5 +1,6 @@
 """How are fields read from and written to shapes (KML, KMZ, GeoPackage, GeoJSON, shapefile)?
-Polygons are outlines, lines are guidance lines."""
+Polygons are outlines, lines are guidance lines.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +21,18 @@ from topdress.drivers.files.layers import GEOJSON_ENDINGS, Layer, find_shape_nam
 from topdress.drivers.files.limits import check_file
 from topdress.drivers.files.ogr import DRIVER_OF_ENDING, write_layer
 
-# Share of a polygon's area within another, from which it counts as a hole: drawn edges overlap a
-# little.
+# Share of a polygon's area within another polygon from which it counts as a hole, because drawn
+# edges overlap a little.
 HOLE_SHARE = 0.999
 
 
 def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
-    """Reads a field from a file of shapes.
+    """Returns a field from a file of shapes.
 
     Parameters
     ----------
     path : a file, folder or zip in a known format.
-    name : the field's, where there are several.
+    name : name of the field, where the file has several.
 
     Returns
     -------
@@ -39,7 +40,7 @@ def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
 
     Raises
     ------
-    FieldError : no polygon and no line, or several fields and no name.
+    FieldError : the file has no polygon and no line, or several fields and no name is given.
     OSError : the file cannot be opened.
     """
     named, said = _read_shapes_and_findings(path)
@@ -85,14 +86,14 @@ def read_field_shapes(path: Path, name: str | None = None) -> FieldData:
 
 
 def read_named_shapes(path: Path) -> list[tuple[str, Any]]:
-    """Returns names and shapes in longitude and latitude.
-    Raises FieldError, RefusedInput, OSError."""
+    """Returns names and shapes in longitude and latitude. Raises FieldError, RefusedInput,
+    OSError."""
     return _read_shapes_and_findings(path)[0]
 
 
 def _read_shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
-    """Returns names and shapes, and what else the file holds. Raises FieldError, RefusedInput,
-    OSError."""
+    """Returns names and shapes, and findings about the other contents. Raises FieldError,
+    RefusedInput, OSError."""
     layers = [] if path.suffix.lower() == ".xml" else read_layers(path)
     files = None if layers else find_task_set(path)
     if files is not None:
@@ -137,15 +138,15 @@ def _collect_layer_shapes(path: Path, layers: Sequence[Layer]) -> list[tuple[str
 def _choose_outline(
     path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
 ) -> tuple[str, Floats | None, tuple[Floats, ...], list[Finding]]:
-    """Returns the outline's title, corners and holes, and findings. Raises FieldError where
-    several fields are possible."""
+    """Returns the outline's title, corners and holes, and findings. Raises FieldError where several
+    fields are possible."""
     if name is not None:
         polygons = [
             one for one in polygons if one[0].casefold() == name.casefold()
         ] or _refuse_unclear_field(path, polygons, name)
     if not polygons:
         return "", None, (), []
-    # The largest polygon is the field; others must lie in it.
+    # The largest polygon is the field; the other polygons must be inside of it.
     title, outer = max(polygons, key=lambda one: one[1].area)
     others = [shape for _, shape in polygons if shape is not outer]
     if not all(_is_inside_outline(outer, shape) for shape in others):
@@ -165,7 +166,7 @@ def _choose_outline(
 
 
 def _is_inside_outline(outer: Any, shape: Any) -> bool:
-    """Tells whether a shape lies within another; False where GEOS cannot intersect them because
+    """Returns whether a shape is inside of another; False where GEOS cannot intersect them because
     edges cross."""
     try:
         return bool(shapely.intersection(outer, shape).area >= HOLE_SHARE * shape.area)
@@ -173,32 +174,32 @@ def _is_inside_outline(outer: Any, shape: Any) -> bool:
         return False
 
 
-# Raises FieldError that lists the fields to choose from.
 def _refuse_unclear_field(
     path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
 ) -> list[tuple[str, Any]]:
-    # A dozen names fit into a message.
+    """Raises FieldError with the list of possible fields."""
+    # About a dozen names fit into a message.
     said = ", ".join(f"{title} ({_calc_area_ha(shape):.2f} ha)" for title, shape in polygons[:12])
     which = f"field {name}" if name is not None else f"{len(polygons)} fields"
     raise FieldError(f"{path}: {which}: allowed with --name is one of {said}")
 
 
-# Returns a polygon's area, ha.
 def _calc_area_ha(shape: Any) -> float:
+    """Returns a polygon's area, ha."""
     ring = _extract_ring_deg(shape.exterior)
     data = FieldData("", ring)
     places = data.plane().project_many_to_m(ring[:, 0], ring[:, 1])
     return float(shapely.Polygon(places).area) / 10_000.0
 
 
-# Returns corners (k, 2) in latitude and longitude, not closed.
 def _extract_ring_deg(ring: Any) -> Floats:
+    """Returns corners (k, 2) in latitude and longitude, not closed."""
     return np.ascontiguousarray(shapely.get_coordinates(ring)[:-1, ::-1], dtype=np.float64)
 
 
 def write_field_shapes(data: FieldData, path: Path) -> None:
-    """Writes a field as shapes, in the format of the path's ending.
-    Raises RefusedInput, OSError."""
+    """Writes a field as shapes, in the format of the path's suffix. Raises RefusedInput,
+    OSError."""
     polygons = (
         []
         if data.outline_deg is None
@@ -227,7 +228,7 @@ def write_field_shapes(data: FieldData, path: Path) -> None:
             ),
         )
         return
-    # KML knows this attribute as a placemark's title.
+    # In KML this attribute is a placemark's title.
     column = "Name" if DRIVER_OF_ENDING[path.suffix.lower()] == "KML" else "name"
     shapes, titles = (
         [*polygons, *lines],

@@ -1,5 +1,6 @@
-"""Which fields does an ISO 11783-10 task set hold: outlines, obstacles and guidance lines, and
-what else?"""
+"""Which fields does an ISO 11783-10 task set contain? It has outlines, obstacles and guidance
+lines, and further content is listed.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ EXTERIOR_LINE, INTERIOR_LINE, GUIDANCE_LINE = "1", "2", "5"
 
 
 def find_task_set(path: Path) -> TaskSet | None:
-    """Returns the task set at a path; None where there is none. Raises FieldError where there
-    are several, RefusedInput, OSError."""
+    """Returns the task set at a path; None without a task set. Raises FieldError for several task
+    sets, RefusedInput, OSError."""
     found = find_task_sets(path)
     if len(found) > 1:
         names = ", ".join(one.label for one in found[:12])
@@ -30,8 +31,8 @@ def find_task_set(path: Path) -> TaskSet | None:
 
 
 def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]], list[Finding]]:
-    """Returns names and shapes in longitude and latitude, and what the set holds. Raises
-    FieldError, RefusedInput, OSError."""
+    """Returns names and shapes in longitude and latitude, and findings about the set's contents.
+    Raises FieldError, RefusedInput, OSError."""
     root = read_task_tree(files)
     findings = [Finding("task_set", _describe_task_set(root))]
     shapes: list[tuple[str, shapely.Geometry]] = []
@@ -58,8 +59,8 @@ def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]]
     return shapes, findings
 
 
-# Returns the polygons (longitude, latitude) of a PLN, each with the holes that lie in it.
 def _build_polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
+    """Returns the polygons (longitude, latitude) of a PLN, each with its holes."""
     rings = {
         kind: [
             _parse_places_deg(one, where, 3)
@@ -80,7 +81,7 @@ def _build_polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
 
 
 def _parse_places_deg(line: Element, where: str, least: int) -> np.ndarray:
-    """Returns places (n, 2), longitude and latitude."""
+    """Returns points (n, 2), longitude and latitude."""
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
         raise FieldError(f"{where}: points in a binary file: allowed are points in the XML")
@@ -96,14 +97,14 @@ def _parse_places_deg(line: Element, where: str, least: int) -> np.ndarray:
 
 
 def _describe_task_set(root: Element) -> str:
-    """Returns what a task set holds, in one sentence."""
+    """Returns the contents of a task set in one sentence."""
     maker = root.get("ManagementSoftwareManufacturer") or "a maker that it does not name"
     counts = [
         (len(root.findall("PFD")), "field"),
         (len(root.findall("TSK")), "task"),
         (len(root.findall("PDT")), "product"),
     ]
-    # Kinds that the set does not have are left out.
+    # Kinds of content that the set does not have are omitted.
     held = [many(count, what) for count, what in counts if count]
     zones = {
         int(one.get("A", ""), 16)

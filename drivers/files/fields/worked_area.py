@@ -1,5 +1,6 @@
-"""Which ground has another program marked as worked: AgOpenGPS's Sections.txt, or polygons in
-any format of a field?"""
+"""Which ground has another program marked as worked? It comes from AgOpenGPS's Sections.txt, or
+from polygons in any format of a field.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +21,12 @@ SECTIONS_FILE = "sections.txt"
 
 
 def read_worked_area(path: Path, plane: TangentPlane | None = None) -> DoneGround:
-    """Reads ground that is already worked.
+    """Returns ground that is already worked.
 
     Parameters
     ----------
     path : a field of AgOpenGPS (its folder, or Sections.txt in it), or a file of polygons.
-    plane : the field's; None: a plane in the middle of this ground.
+    plane : plane of the field; None: a plane in the middle of this ground.
 
     Returns
     -------
@@ -33,14 +34,14 @@ def read_worked_area(path: Path, plane: TangentPlane | None = None) -> DoneGroun
 
     Raises
     ------
-    FieldError : no ground, or a file that cannot be read.
-    RefusedInput : an outline that cannot be used, in one line.
+    FieldError : the file has no ground, or cannot be read.
+    RefusedInput : an outline cannot be used, in one line.
     OSError : a file cannot be opened.
     """
     shapes = _read_polygons_deg(path)
     places = shapely.get_coordinates(shapes)
     if plane is None:
-        # Any plane near the ground will do.
+        # Any plane near the ground is accurate enough.
         east, north = places.mean(axis=0)
         plane = TangentPlane(float(north), float(east))
     on = plane
@@ -62,7 +63,7 @@ def _read_polygons_deg(path: Path) -> np.ndarray:
         triangles = read_worked_triangles(path if path.is_dir() else path.parent)
         if not len(triangles):
             raise FieldError(f"{path}: no ground is marked as worked in Sections.txt")
-        # Shapely takes the longitude first.
+        # Shapely expects the longitude first.
         return np.asarray(shapely.polygons(triangles[..., ::-1]), dtype=object)
     parts = [
         part

@@ -45,27 +45,27 @@ from topdress.drivers.files.imports.units import (
     make_name_slug,
 )
 
-# Column with the time of a row, whole microseconds.
+# Column with the time of a row in whole microseconds.
 TIME_US = "us"
-# The log's column, and the same here as microseconds since 1970.
+# Column of the run log with UTC, and the column of microseconds since 1970 that replaces it here.
 UTC_COLUMN, UTC_US_COLUMN = "utc", "utc_us"
 # Columns of the log that hold commands.
 COMMAND_COLUMNS = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha"})
-# The first of these columns that a log has is its speed.
+# Columns of speed; the first one that a log has is its speed.
 SPEED_COLUMNS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 # Below this speed, m/s, the machine stands and a flow is no rate.
 MIN_MOVING_MPS = 0.05
-# Digits kept of a converted number: more than a file holds, fewer than a double has.
+# Number of digits kept of a converted number: more than a file has, fewer than a double has.
 KEPT_DIGITS = 12
-# Share of cells that are no number, above which the wrong column was named.
+# Share of cells that are no numbers, above which the import file names the wrong column.
 _MAX_BAD_SHARE = 0.5
 _LINE_BREAKS = re.compile(r"[\r\n]+")
 
 
 @dataclass(frozen=True, eq=False)
 class ConvertedFile:
-    """Holds a file's part of the log. `columns`: `us` (whole microseconds, strictly increasing),
-    then those of the log: numbers or texts."""
+    """Holds one file's part of the log. `columns` begins with `us` (whole microseconds, strictly
+    increasing), followed by the columns of the log: numbers or texts."""
 
     raw: RawTable
     columns: Columns
@@ -74,7 +74,7 @@ class ConvertedFile:
 
 
 def convert_table(raw: RawTable, mapping: ImportFile) -> ConvertedFile:
-    """Converts a table to columns of the log.
+    """Returns a table converted to columns of the log.
 
     Parameters
     ----------
@@ -127,10 +127,10 @@ def _require_columns(raw: RawTable, mapping: ImportFile) -> None:
         raise LogImportError(raw.path, *wrong)
 
 
-# Returns a column of the log, (n,) numbers in its unit, or texts.
 def _convert_column(
     raw: RawTable, name: str, column: Column, mapping: ImportFile, findings: list[Finding]
 ) -> NDArray[Any]:
+    """Returns a column of the log, (n,) numbers in its unit, or texts."""
     if column.constant is not None:
         return np.full(count_rows(raw.columns), float(column.constant))
     assert column.source is not None
@@ -139,7 +139,7 @@ def _convert_column(
     if name in TEXT_COLUMNS:
         return _clean_texts(cells, missing)
     found = parse_number_column(cells, raw.decimal_comma, missing)
-    # Numbers that stand for not known are reported, for they look like readings.
+    # Numbers that mean "unknown" are reported, because they look like readings.
     if found.marked:
         marks = format_list(f"{mark:g}" for mark in missing if not isinstance(mark, str))
         findings.append(
@@ -170,9 +170,9 @@ def _convert_column(
 
 
 def _round_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns numbers (n,) rounded to `DIGITS` digits, halves away from zero."""
+    """Returns numbers (n,) rounded to `KEPT_DIGITS` digits, halves away from zero."""
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        # The logarithm of 0 is no number; the last line keeps such values.
+        # The logarithm of 0 is infinite; the last line keeps such values.
         per_digit = 10.0 ** (KEPT_DIGITS - 1 - np.floor(np.log10(np.abs(values))))
         scaled = values * per_digit
         rounded = np.copysign(np.floor(np.abs(scaled) + 0.5), scaled) / per_digit
@@ -180,7 +180,8 @@ def _round_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _read_utc_us(raw: RawTable, column: Column) -> NDArray[np.float64]:
-    """Returns the UTC next to another time, ISO 8601 or a time by type, in microseconds (n,)."""
+    """Returns the UTC column next to another time, ISO 8601 or a typed time, in
+    microseconds (n,)."""
     assert column.source is not None
     cells = raw.columns[column.source]
     if is_time_column(cells):
@@ -195,10 +196,10 @@ def _read_utc_us(raw: RawTable, column: Column) -> NDArray[np.float64]:
     return us
 
 
-# Adds a finding about cells that are no number. Raises LogImportError where most are none.
 def _report_bad_cells(
     raw: RawTable, source: str, found: ParsedNumbers, findings: list[Finding]
 ) -> None:
+    """Adds a finding about cells that are no numbers. Raises LogImportError where most are none."""
     where = f"row {raw.first_row + found.row}"
     if found.bad > _MAX_BAD_SHARE * found.values.size:
         raise LogImportError(
@@ -217,10 +218,10 @@ def _report_bad_cells(
     )
 
 
-# Returns numbers (n,) with those outside the mapping's range emptied, and adds a finding.
 def _empty_outside(
     raw: RawTable, column: Column, values: NDArray[np.float64], findings: list[Finding]
 ) -> NDArray[np.float64]:
+    """Returns numbers (n,), with NaN outside of the mapping's range, and adds a finding."""
     if column.valid is None:
         return values
     low, high = column.valid
@@ -241,10 +242,10 @@ def _empty_outside(
     return np.where(outside, np.nan, values)
 
 
-# Returns numbers (n,) in the log's unit, with the mapping's sign.
 def _convert_to_log_unit(
     values: NDArray[np.float64], name: str, column: Column
 ) -> NDArray[np.float64]:
+    """Returns numbers (n,) in the log's unit, with the mapping's sign."""
     values = values * column.sign
     unit = find_named_unit(column.unit) if column.unit is not None else None
     quantity = find_quantity(name)
@@ -256,7 +257,7 @@ def _convert_to_log_unit(
 
 
 def _convert_flows(raw: RawTable, mapping: ImportFile, columns: Columns) -> None:
-    """Converts flows, kg/s, over the ground covered in a second, m2, to kg/ha; a standing
+    """Replaces flows, kg/s, by rates in kg/ha, from the area covered in a second, m2; a standing
     machine has no rate."""
     flows = [
         name
@@ -279,8 +280,9 @@ def _convert_flows(raw: RawTable, mapping: ImportFile, columns: Columns) -> None
         columns[name] = columns[name] / (moving * mapping.width_m) * 10_000.0
 
 
-# Returns the state (n,) of each row: working where the mapping's condition holds, else ready.
 def _find_state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]:
+    """Returns the state (n,) of each row: working where the mapping's condition is true, else
+    ready."""
     cells = raw.columns[working.column]
     found = parse_number_column(cells, raw.decimal_comma, mapping.missing).values
     known = ~np.isnan(found)
@@ -329,7 +331,7 @@ def _collect_extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Colu
             continue
         name = make_extra_name(source, raw.units.get(source))
         number, free = 1, name
-        # The second column of a name gets the ending _2.
+        # The second column with the same name gets the suffix _2.
         while free in taken or free in extras:
             number += 1
             free = f"{name}_{number}"
@@ -338,7 +340,7 @@ def _collect_extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Colu
 
 
 def make_extra_name(source: str, unit: str | None) -> str:
-    """Returns an extra column's name: `Engine torque [Nm]` is `x_engine_torque_nm`."""
+    """Returns an extra column's name: `Engine torque [Nm]` becomes `x_engine_torque_nm`."""
     name, written = split_unit_name(source)
     parts = [make_name_slug(name) if name else "column"]
     if unit or written:
@@ -348,7 +350,7 @@ def make_extra_name(source: str, unit: str | None) -> str:
 
 
 def _clean_texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any]:
-    """Returns texts without blanks around; line breaks become blanks."""
+    """Returns texts without surrounding blanks; line breaks become blanks."""
     nothing = {word for word in missing if isinstance(word, str)}
 
     def one_line(text: str) -> str:
@@ -377,12 +379,12 @@ def _order_rows(raw: RawTable, columns: Columns, findings: list[Finding]) -> Col
 def _shift_commands(columns: Columns, constants: list[str]) -> Columns:
     """Converts rows that hold a command and its settled answer to rows of the run log.
 
-    A row of the log holds a reading, and the command in force from there on: the command of each
-    row moves to the row before, and an extra first row holds the first command. An event says that
-    no command is missing between rows.
+    A row of the log holds a reading, and the command in force from then on. The command of each row
+    therefore moves to the row before, and an additional first row holds the first command. An event
+    states that no command is missing between rows.
     """
     times = columns[TIME_US]
-    # The first row begins one usual step earlier; one second without any.
+    # The first row begins one usual step earlier, or one second earlier without any step.
     step = int(calc_median(np.diff(times)) or 1e6)
     stated = columns.get(EVENTS_COLUMN, make_unknown_like(make_text_column([]), len(times)))
     longer = {TIME_US: np.concatenate(([times[0] - step], times))}

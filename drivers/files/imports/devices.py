@@ -1,5 +1,6 @@
-"""What does a number of an ISO 11783-10 time log mean, by the data dictionary (ISO 11783-11) and
-by its device's description?"""
+"""What does a number of an ISO 11783-10 time log mean? The data dictionary (ISO 11783-11) and the
+description of the device define it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from topdress.drivers.files.imports.units import find_named_unit
 
 
 class NumberMeaning(NamedTuple):
-    """Describes a number. `name`: as it is called here. Raw numbers times `step`, plus `offset`,
+    """Describes a number. `name` is its name in the table. Raw numbers times `step`, plus `offset`,
     are in `unit`."""
 
     name: str
@@ -30,22 +31,25 @@ class ValuePresentation(NamedTuple):
 
 @dataclass(frozen=True)
 class DeviceElement:
-    """Describes an element of a device (DET), with what its description says of each data
-    identifier (DDI)."""
+    """Describes an element of a device (DET), with the description of each data identifier
+    (DDI)."""
 
     id: str
-    device: str  # id of the device (DVC)
+    # Id of the device (DVC).
+    device: str
     device_name: str
     name: str
-    # 1 device, 2 function, 3 bin, 4 section, 5 unit, 6 connector, 7 navigation
+    # Type of the element: 1 device, 2 function, 3 bin, 4 section, 5 unit, 6 connector, 7
+    # navigation.
     kind: str
     called: dict[int, str] = field(default_factory=dict)
     shown: dict[int, ValuePresentation] = field(default_factory=dict)
-    fixed: dict[int, int] = field(default_factory=dict)  # properties (DPT)
+    # Values of device properties (DPT).
+    fixed: dict[int, int] = field(default_factory=dict)
 
 
-# ISO 11783-11: the identifiers that a spreader, a sprayer or a tractor logs, each with name, unit
-# and a step in it.
+# Identifiers of ISO 11783-11 that a spreader, a sprayer or a tractor logs, each with its name, unit
+# and step.
 DATA_DICTIONARY = {
     1: NumberMeaning("target volume rate", "l/ha", 1e-4),
     2: NumberMeaning("applied volume rate", "l/ha", 1e-4),
@@ -73,11 +77,12 @@ DATA_DICTIONARY = {
     353: NumberMeaning("total nitrogen", "g"),
     397: NumberMeaning("speed", "mm/s"),
 }
-# Identifiers of which a wrong step is a wrong dose.
+# Identifiers of rates; a wrong step of these would be a wrong dose.
 RATE_DDIS = (1, 2, 6, 7, 36, 37, 41, 42)
 # Identifiers of the actual and the largest working width, mm.
 WIDTH_DDIS = (67, 70)
-# Share by which presentation and dictionary may differ: presentations are rounded.
+# Relative difference up to which presentation and dictionary agree, because presentations are
+# rounded.
 AGREEMENT_SHARE = 0.01
 
 
@@ -112,7 +117,7 @@ def _describe_element(
     )
     if name:
         part.called[ddi] = name
-    # Attributes that are no numbers are ignored: the dictionary holds then.
+    # Attributes that are no numbers are ignored; the dictionary then applies.
     if (one := shown.get(presentation)) is not None:
         try:
             part.shown[ddi] = ValuePresentation(
@@ -125,7 +130,7 @@ def _describe_element(
 
 
 def parse_ddi(text: str) -> int | None:
-    """Returns an identifier of an attribute in hexadecimal; None where it is none."""
+    """Returns an identifier from an attribute in hexadecimal; None for another text."""
     try:
         return int(text, 16)
     except ValueError:
@@ -133,13 +138,13 @@ def parse_ddi(text: str) -> int | None:
 
 
 def find_meaning(root: Element, ddi: int | None, part: DeviceElement | None) -> NumberMeaning:
-    """Returns the meaning of an identifier, by the dictionary, else as the device describes it.
+    """Returns the meaning of an identifier by the dictionary, else by the device's description.
 
     Parameters
     ----------
     root : the task file, whose devices may name an identifier.
-    ddi : data identifier; None: the log names none.
-    part : the element; None: not described.
+    ddi : data identifier; None if the log names none.
+    part : the element; None for an element without a description.
     """
     if ddi is None:
         return NumberMeaning("no data identifier")
@@ -157,7 +162,7 @@ def find_meaning(root: Element, ddi: int | None, part: DeviceElement | None) -> 
 
 
 def find_contradiction(ddi: int | None, part: DeviceElement | None) -> NumberMeaning | None:
-    """Returns a rate's meaning by its device's presentation, where the dictionary differs; None:
+    """Returns a rate's meaning by its device's presentation, if the dictionary differs; None if
     they agree."""
     shown = None if part is None or ddi not in RATE_DDIS else part.shown.get(ddi)
     if shown is None or ddi is None:
@@ -171,7 +176,7 @@ def find_contradiction(ddi: int | None, part: DeviceElement | None) -> NumberMea
         or (unit.quantity == "other" and unit != own)
     ):
         return None
-    # Ratio of a step as shown to a step by the dictionary.
+    # The ratio of the displayed step to the step of the dictionary.
     as_shown = shown.scale * unit.factor / (by_book.step * own.factor)
     if abs(as_shown - 1.0) <= AGREEMENT_SHARE and shown.offset == 0.0:
         return None
@@ -179,8 +184,8 @@ def find_contradiction(ddi: int | None, part: DeviceElement | None) -> NumberMea
 
 
 def find_width_m(parts: dict[str, DeviceElement], device: str | None = None) -> float | None:
-    """Returns the working width of a device's description, m: that of its widest element; None:
-    it describes none."""
+    """Returns the working width of a device's description, m: the width of its widest element; None
+    without a width."""
     stated = [
         part.fixed[ddi]
         for part in parts.values()

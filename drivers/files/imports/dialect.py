@@ -1,4 +1,6 @@
-"""How is a text file written: encoding, separator, decimal sign, and where does the table begin?"""
+"""How is a text file written? Encoding, separator, decimal mark and the beginning of the table are
+detected.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,13 @@ from topdress.drivers.files.imports.header import TableLayout, find_table_layout
 from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.imports.mapping import Delimiter, Source
 
-# Lines at the begin that are examined.
+# Number of lines at the beginning that are examined.
 SAMPLE_LINES = 300
-# Bytes at the begin that are examined.
+# Number of bytes at the beginning that are examined.
 SAMPLE_BYTES = 400_000
-# Signs between cells by the import file's word.
+# Separators by their names in the import file.
 DELIMITERS: dict[Delimiter, str] = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": " "}
-# Bytes above 127 in a row.
+# Consecutive bytes above 127.
 _HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
 
 
@@ -28,22 +30,23 @@ class TextDialect(NamedTuple):
     delimiter: Delimiter
     decimal_comma: bool
     layout: TableLayout
-    rows: list[list[str]]  # the sample, split
+    # The cells of the examined lines.
+    rows: list[list[str]]
 
 
 def find_encoding(data: bytes) -> str:
     """Returns the encoding of a text, by byte order marks, zero bytes and the runs of bytes above
     127.
 
-    GB 18030 (GBK) writes a Chinese letter as two such bytes, the first from 0xA1 on: all runs are
-    even. A Latin letter with an accent is a single such byte among plain bytes.
+    GB 18030 (GBK) writes a Chinese letter as two such bytes, the first from 0xA1 on, so all runs
+    have an even length. A Latin letter with an accent is a single such byte among ASCII bytes.
     """
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if data.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     even, odd = data[0:4000:2].count(0), data[1:4000:2].count(0)
-    # UTF-16 has its zeros at even or at odd places; a power loss leaves them at both.
+    # UTF-16 has its zeros at even or at odd positions; a power loss leaves zeros at both.
     if max(even, odd) > 0.3 * len(data[:4000:2]) and min(even, odd) < 0.5 * max(even, odd):
         return "utf-16-le" if odd > even else "utf-16-be"
     if data.isascii() or _is_utf8(data):
@@ -61,6 +64,7 @@ def find_encoding(data: bytes) -> str:
 
 
 def _is_utf8(data: bytes) -> bool:
+    """Returns whether the bytes are valid UTF-8."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     try:
         for begin in range(0, len(data), SAMPLE_BYTES):
@@ -73,14 +77,14 @@ def _is_utf8(data: bytes) -> bool:
 
 
 def find_dialect(label: str, sample: str, encoding: str, said: Source) -> TextDialect:
-    """Returns how the lines of `sample` are split; what the import file says is kept.
+    """Returns how the lines of `sample` are split; the entries of the import file are kept.
 
     Parameters
     ----------
     label : the file, for messages.
     sample : its first lines.
-    encoding : in which it was read.
-    said : what the import file says.
+    encoding : the encoding in which it was read.
+    said : entries of the import file about reading.
 
     Raises
     ------
@@ -113,7 +117,7 @@ def find_dialect(label: str, sample: str, encoding: str, said: Source) -> TextDi
             if said.decimal
             else DELIMITERS[delimiter] != "," and _has_decimal_comma(body)
         )
-        # The best separator gives rows of even width, cells that are values and a header.
+        # The best separator gives rows of equal length, cells that are values, and a header.
         points = (
             even
             + values
@@ -135,7 +139,7 @@ def find_dialect(label: str, sample: str, encoding: str, said: Source) -> TextDi
 
 
 def split_lines(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
-    """Returns lines as cells without blanks around; quotes as usual in CSV."""
+    """Returns lines as cells without surrounding blanks; quotes are those of CSV (RFC 4180)."""
     if delimiter == "blank":
         return [line.split() for line in lines]
     return [
@@ -146,8 +150,8 @@ def split_lines(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
     ]
 
 
-# Returns header, units and body; what the import file says is kept.
 def _find_layout(rows: list[list[str]], said: Source) -> TableLayout | None:
+    """Returns the rows of header, units and body; the entries of the import file are kept."""
     found = find_table_layout(rows)
     if said.title_rows is None:
         return found
@@ -159,8 +163,9 @@ def _find_layout(rows: list[list[str]], said: Source) -> TableLayout | None:
     return TableLayout(header, header + 1 if unit_row else None, header + (2 if unit_row else 1))
 
 
-# Tells whether most cells with a comma are numbers, so that the comma is the decimal sign.
 def _has_decimal_comma(body: list[list[str]]) -> bool:
+    """Returns whether most cells with a comma are numbers, so that the comma is the
+    decimal mark."""
     with_comma = [cell for row in body for cell in row if cell.rfind(",") > cell.rfind(".")]
     numbers = [cell for cell in with_comma if is_value_cell(cell)]
     return len(numbers) > 0.5 * len(with_comma) if with_comma else False

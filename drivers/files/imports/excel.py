@@ -1,5 +1,6 @@
-"""How is an Excel workbook (.xlsx, .xlsm, .xls, .xlsb, .ods) read: which sheet, with which title
-rows, header and row of units?"""
+"""How is an Excel workbook (.xlsx, .xlsm, .xls, .xlsb, .ods) read? The sheet, its title rows,
+header and row of units are detected.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +19,13 @@ from topdress.drivers.files.imports.mapping import Source
 from topdress.drivers.files.imports.raw import RawTable, split_header
 from topdress.drivers.files.sheet_text import format_cell, read_sheets
 
-# Rows of a log: a shorter table next to a longer one holds notes.
+# Smallest number of rows of a log; a shorter table next to a longer table holds notes.
 MIN_LOG_ROWS = 20
 
 
 def read_excel(path: Path, said: Source) -> RawTable:
-    """Returns the table of a workbook: of the sheet that is named, else of the only sheet with a
-    table. Raises TableError, OSError."""
+    """Returns the table of a workbook: of the sheet that `said` names, else of the only sheet with
+    a table. Raises TableError, OSError."""
     tables = read_sheets(path, said.sheet)
     found = {
         name: (rows, layout)
@@ -59,8 +60,9 @@ def read_excel(path: Path, said: Source) -> RawTable:
     return _build_table(path, said, sheet, rows, layout, findings)
 
 
-# Returns header, units and body of a sheet; what the import file says is kept.
 def _find_layout(rows: list[list[Any]], said: Source) -> TableLayout | None:
+    """Returns the rows of header, units and body of a sheet; the entries of the import file are
+    kept."""
     if said.title_rows is not None:
         header = said.title_rows
         unit_row = said.unit_row is True
@@ -73,7 +75,6 @@ def _find_layout(rows: list[list[Any]], said: Source) -> TableLayout | None:
     return find_table_layout([[format_cell(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
 
 
-# Returns a sheet's table. Raises ImportTrouble.
 def _build_table(
     path: Path,
     said: Source,
@@ -82,6 +83,7 @@ def _build_table(
     layout: TableLayout,
     findings: tuple[Finding, ...],
 ) -> RawTable:
+    """Returns a sheet's table. Raises LogImportError."""
     if layout.header < 0 and not said.names:
         raise LogImportError(
             path,
@@ -111,8 +113,8 @@ def _build_table(
     return RawTable(path, columns, source, units, layout.body + 1, findings, above)
 
 
-# Returns a column as numbers, times or texts (n,), by its cells' types.
 def _build_column(values: tuple[Any, ...]) -> NDArray[Any]:
+    """Returns a column as numbers, times or texts (n,), by its cells' types."""
     kinds = {type(value) for value in values if value != ""}
     if kinds <= {float, int, bool}:
         return np.array([np.nan if value == "" else float(value) for value in values], np.float64)

@@ -1,5 +1,6 @@
-"""Which import file fits a table, by names, units, ranges and physics, and what about it is
-unsure?"""
+"""Which import file fits a table? Names, units, ranges and physics decide, and open questions are
+listed.
+"""
 
 from __future__ import annotations
 
@@ -52,22 +53,25 @@ from topdress.drivers.files.imports.words import (
     has_any_word,
 )
 
-# Rows that are converted to test a guess.
+# Number of rows that are converted to test a guess.
 TESTED_ROWS = 50_000
-# A wheel's speed over the ground's, on any ground.
+# Range of the ratio of wheel speed to ground speed, on any ground.
 SLIP_RANGE = (0.7, 1.6)
-# Difference of command and reading, as a share, up to which they are in the same unit.
+# Relative difference of command and reading up to which both have the same unit.
 SAME_UNIT_SHARE = 0.1
-# Share of the largest value that readings may be beyond their range: readings about zero are noisy.
+# Share of the largest value by which readings may leave their range, because readings about zero
+# are noisy.
 RANGE_NOISE_SHARE = 0.02
-# Median time between rows, s: the quickest logger of a drive, and the slowest.
+# Range of the median time between rows, s, from the fastest logger of a drive to the slowest
+# logger.
 MIN_ROW_STEP_S, MAX_ROW_STEP_S = 5e-5, 60.0
-# Commands that a row may hold with their settled answer.
+# Commands that a row may hold together with their settled answer.
 DRIVE_COMMANDS = ("shaft_rpm_cmd", "opening_mm_cmd")
 
 
 def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCandidate]) -> None:
-    """Converts the first rows as guessed, and changes or doubts what their numbers contradict."""
+    """Converts the first rows by the guess, and changes or doubts each part that their numbers
+    contradict."""
     head = RawTable(
         raw.path,
         select_rows(raw.columns, slice(TESTED_ROWS)),
@@ -97,8 +101,8 @@ def check_guess(raw: RawTable, out: ImportGuess, chosen: Mapping[str, ColumnCand
 
 
 def _describe_too_close(raw: RawTable, out: ImportGuess) -> str:
-    """Returns a doubt about times that grow in every row but collapse in the unit taken, as
-    where a header says `time_us` above seconds; empty: none."""
+    """Returns a doubt about times that increase in every row but coincide in the assumed unit, such
+    as a header `time_us` above seconds; empty without a doubt."""
     time = out.mapping.time
     if time.column is None or time.counts not in ("ms", "us"):
         return ""
@@ -115,8 +119,8 @@ def _describe_too_close(raw: RawTable, out: ImportGuess) -> str:
 
 
 def _check_row_spacing(time_s: NDArray[np.float64], out: ImportGuess) -> None:
-    """Adds a doubt where rows are so far apart, or so close, that the times are likely in
-    another unit."""
+    """Adds a doubt where rows are so far apart, or so close, that the times probably have another
+    unit."""
     if (
         len(time_s) < 3
         or out.mapping.time.counts == "rows"
@@ -144,6 +148,7 @@ def _check_speed_units(
     out: ImportGuess,
     chosen: Mapping[str, ColumnCandidate],
 ) -> None:
+    """Compares speeds with the distances between positions, and corrects or doubts their units."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return
     for name in ("speed_mps", "wheel_speed_mps", "speed_used_mps"):
@@ -152,7 +157,7 @@ def _check_speed_units(
         unit, ratio = physics.find_speed_unit(
             time_s, columns["lat_deg"], columns["lon_deg"], columns[name]
         )
-        # NaN: the machine did not move.
+        # NaN means that the machine did not move.
         if ratio != ratio:
             continue
         column, key = out.mapping.columns[name], ("columns", name)
@@ -163,7 +168,7 @@ def _check_speed_units(
             and chosen[name].unit is not None
             and SLIP_RANGE[0] < ratio < SLIP_RANGE[1]
         )
-        # The converted speed fits, so the header's or the range's unit holds.
+        # The converted speed fits, so the unit from the header or the range is right.
         if unit == "m/s" or slips:
             out.reasons[key] = f"{written.name}: {ratio:.2f} times the speed between the places"
             out.doubts = [
@@ -182,8 +187,8 @@ def _check_speed_units(
 
 
 def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) -> None:
-    """Takes the unit that fits the places. `ratio`: of the file's own numbers to m/s between
-    places."""
+    """Adopts the unit that fits the positions. `ratio` is the file's own number for 1 m/s between
+    positions."""
     key = ("columns", name)
     fits = identify_unit(ratio, physics.SPEED_FACTORS)
     if fits is None:
@@ -198,6 +203,7 @@ def _take_speed_unit(name: str, ratio: float, column: Column, out: ImportGuess) 
 
 
 def _check_ranges(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> None:
+    """Adds a doubt about each column outside of its plausible range."""
     for name, values in columns.items():
         known = values[np.isfinite(values)]
         if name not in PLAUSIBLE_RANGES or not known.size:
@@ -237,7 +243,7 @@ def _check_commands(
             )
         found = physics.find_answer(columns[command], columns[reading])
         if found is not None and found.strength >= physics.MIN_CORRELATION:
-            # A rate may come before its target: a look-ahead that is set too long.
+            # A rate may precede its target where the look-ahead is set too long.
             if found.lag < 0 and command in DRIVE_COMMANDS:
                 out.doubts.append(
                     Doubt(
@@ -263,16 +269,16 @@ def _check_commands(
             )
 
 
-# Takes rows as settings with their answers, with a doubt.
 def _take_answer_in_row(out: ImportGuess, text: str) -> None:
+    """Interprets rows as settings with their answers, with a doubt."""
     if out.mapping.rows != "answer_in_row":
         out.mapping = out.mapping.model_copy(update={"rows": "answer_in_row"})
         out.doubts.append(Doubt(("rows",), text))
 
 
 def _scale_command(command: str, factor: float, bare: bool, most: float, out: ImportGuess) -> None:
-    """Scales a command without a unit. `most`: its largest number. `bare`: its name says no
-    quantity, so that it may count anything, as PWM does."""
+    """Scales a command without a unit. `most` is its largest number. `bare` means that its name
+    states no quantity, so that it may count anything, as PWM does."""
     key = ("columns", command)
     out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "no unit" not in doubt.text]
     if not np.isfinite(factor) or factor == 0.0:
@@ -305,8 +311,8 @@ def _scale_command(command: str, factor: float, bare: bool, most: float, out: Im
 
 
 def _check_hopper(columns: dict[str, NDArray[np.float64]], out: ImportGuess) -> None:
-    """Adds a doubt about a hopper that fills all the while: it is exchanged with the applied
-    mass, or something else."""
+    """Adds a doubt about a hopper whose mass only increases: its column may be exchanged with the
+    applied mass."""
     hopper = columns.get("hopper_kg")
     if hopper is not None and hopper.size > 20:
         known = hopper[np.isfinite(hopper)]
@@ -325,8 +331,8 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
     Parameters
     ----------
     raw : the table as the file holds it.
-    full : largest value of a log column by its machine file, in the log's unit: what 100 % of a
-        duty cycle is.
+    full : largest value of a log column by its machine file, in the log's unit; 100 % of a duty
+    cycle has this value.
 
     Returns
     -------
@@ -334,7 +340,7 @@ def guess_import_file(raw: RawTable, full: Mapping[str, float] | None = None) ->
 
     Raises
     ------
-    LogImportError : the table has no times that can be read.
+    LogImportError : the table has no readable times.
     """
     time = guess_times(raw)
     out = ImportGuess(
@@ -397,8 +403,8 @@ def _find_flow_width(columns: dict[str, Column], raw: RawTable) -> float | None:
 def _find_work_column(
     raw: RawTable, columns: dict[str, Column], out: ImportGuess, used: set[str | None]
 ) -> Working | None:
-    """Returns the column that says when the machine worked: a switch or a word; None: there is
-    none."""
+    """Returns the column that states when the machine worked, a switch or a word; None without such
+    a column."""
     taken = {column.source for column in columns.values()} | used
     if "state" in columns or "work_switch" in columns:
         return None
@@ -413,7 +419,7 @@ def _find_work_column(
         )
         kinds = list(islice(filter(None, dict.fromkeys(text.strip() for text in texts)), 12))
         on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON_WORDS]
-        # More words are no switch.
+        # A column with more words is no switch.
         if len(kinds) > 6 or len(on) != 1:
             continue
         rivals = [

@@ -1,4 +1,4 @@
-"""Which column of a file is which column of the log, by names, units and ranges?"""
+"""Which column of a file corresponds to which column of the log? Names, units and ranges decide."""
 
 from __future__ import annotations
 
@@ -41,11 +41,12 @@ from topdress.drivers.files.imports.words import (
     is_unit_fitting,
 )
 
-# In any unit of speed no machine drives so fast: it is a rotation.
+# A larger number is a rotation, because no machine drives so fast in any unit of speed.
 ROTATION_SPEED = 60.0
-# Subjects whose unit needs no word.
+# Subjects whose unit, degrees, needs no word.
 DEGREE_SUBJECTS = ("latitude", "longitude", "heading")
-# Efforts are kept in their unit, or its base: the machine file names its own.
+# Factors of the units of effort; an effort keeps its unit, because the machine file defines its
+# own.
 EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}
 # Words that are units by themselves.
 RPM_WORDS = ("rpm", "drehzahl", "转速")
@@ -66,8 +67,7 @@ def find_candidates(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCan
 def _assign_efforts(
     raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]
 ) -> None:
-    """Takes a duty cycle next to a proper command as an effort: it shows how hard the drive
-    works."""
+    """Interprets a duty cycle next to a command as the effort of the drive."""
     duties = [
         name
         for name in raw.names
@@ -93,9 +93,11 @@ def _assign_efforts(
 def _find_named_commands(
     raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]
 ) -> list[ColumnCandidate]:
-    """Returns commands of a speed that is read without a known command: the speed that is named
-    a command and that the reading follows, whatever it drives (`fan_command_rpm`: the fan of an
-    applicator is no metering shaft, that on a bench is one)."""
+    """Returns the commands of a speed whose reading has no known command.
+
+    The column is named a command, and the reading follows it, whatever it drives: `fan_command_rpm`
+    commands no metering shaft on an applicator, but it may on a bench.
+    """
     reading = next((one for one in found if one.target == "shaft_rpm"), None)
     if reading is None or any(one.target == "shaft_rpm_cmd" for one in found):
         return []
@@ -117,8 +119,9 @@ def _find_named_commands(
     return commands
 
 
-# Returns a column as a candidate, with target, unit and role; None: it is no column of the log.
 def _make_candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
+    """Returns a column as a candidate, with target, unit and role; None for a column that the log
+    does not have."""
     if is_time_column(raw.columns[name]):
         return None
     plain = fold_column_name(split_unit_name(name)[0])
@@ -139,7 +142,7 @@ def _make_candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
         )
     ):
         return None
-    # Words of both roles: a raw command (PWM) stays a command.
+    # A column with words of both roles is a command if it is a raw command (PWM).
     role = (
         "command"
         if has_any_word(plain, COMMAND_WORDS)
@@ -165,13 +168,14 @@ def _make_candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     if subject.id == "speed" and unit is None and _is_too_fast(values):
         target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
     elif subject.id == "speed" and role == "command":
-        return None  # a wanted ground speed is no reading
+        # A commanded ground speed is no reading.
+        return None
     return ColumnCandidate(name, target, unit, implied and unit is None, role, values=values)
 
 
 def _is_no_unit(name: str, subject: ColumnSubject | None, unit: ColumnUnit, plain: str) -> bool:
-    """Tells whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a
-    shapefile leaves `Tgt_Rate_l`, and the Ms of `Rt_Apd_Ms`, which is a mass."""
+    """Returns whether the end of a name only resembles a unit: a shapefile cuts `Tgt_Rate_lb_ac` to
+    `Tgt_Rate_l`, and the Ms of `Rt_Apd_Ms` is a mass."""
     worded = find_subject(plain, None)
     if (
         worded is None
@@ -189,21 +193,22 @@ def _find_target(subject: ColumnSubject, plain: str, role: str) -> str:
     return subject.command if role == "command" and subject.command else subject.reading
 
 
-# Returns a column's numbers (n,); none where most cells are no number.
 def _read_values(raw: RawTable, name: str) -> NDArray[np.float64]:
+    """Returns a column's numbers (n,); none where most cells are no numbers."""
     found = parse_number_column(raw.columns[name], raw.decimal_comma)
     return found.values if found.bad <= 0.5 * max(1, found.values.size) else np.empty(0)
 
 
 def _is_too_fast(values: NDArray[np.float64]) -> bool:
+    """Returns whether the values are too large for a ground speed."""
     moving = np.abs(values[np.isfinite(values)])
     moving = moving[moving > MOVING_MPS]
     return bool(moving.size and np.median(moving) > ROTATION_SPEED)
 
 
 def _assign_roles(candidates: list[ColumnCandidate]) -> None:
-    """Takes, of two columns of a kind without a word of role, the column that the other follows
-    as the command."""
+    """Assigns the role of command to the column that the other column follows, where two columns of
+    a subject have no word of a role."""
     for command, reading in COMMAND_PAIRS:
         alike = [one for one in candidates if one.target == reading and one.role == ""]
         if len(alike) != 2 or any(
@@ -219,7 +224,7 @@ def _assign_roles(candidates: list[ColumnCandidate]) -> None:
 def choose_candidates(
     candidates: list[ColumnCandidate], out: ImportGuess
 ) -> dict[str, ColumnCandidate]:
-    """Returns the best candidate of each log column; where several fit equally, the first with a
+    """Returns the best candidate of each log column; among equal candidates the first, with a
     doubt."""
     by_target: dict[str, list[ColumnCandidate]] = {}
     for one in candidates:
@@ -228,7 +233,7 @@ def choose_candidates(
     for target, several in by_target.items():
         several = sorted(several, key=lambda one: one.weight, reverse=True)
         best = chosen[target] = several[0]
-        # A second column of the same name is a rival too.
+        # A second column with the same name is a rival too.
         rivals = [
             one.source
             for one in several[1:]
@@ -266,8 +271,8 @@ def choose_candidates(
 
 
 def build_column(one: ColumnCandidate, out: ImportGuess) -> Column | None:
-    """Returns the import file's column of a candidate; None where a number is wanting that the
-    file does not hold."""
+    """Returns the import file's column of a candidate; None where a number is missing that the file
+    does not contain."""
     key: ImportKey = ("columns", one.target)
     quantity = find_quantity(one.target)
     if one.exact or one.target in TEXT_COLUMNS:
@@ -342,16 +347,17 @@ def _find_log_unit(one: ColumnCandidate) -> str:
     return "" if unit is None else unit.name
 
 
-# Returns a name as a quoted text of YAML.
 def _quote_yaml(name: str) -> str:
+    """Returns a name as a quoted text of YAML."""
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-# Returns the column of a candidate whose header has no unit, by its range or its name, with a doubt
-# where that is not sure.
+# The header of this candidate has no unit, so its range or name decides.
 def _build_without_unit(
     one: ColumnCandidate, quantity: str | None, out: ImportGuess
 ) -> Column | None:
+    """Returns the column of a candidate without a unit, with a doubt where its range or name is
+    ambiguous."""
     key: ImportKey = ("columns", one.target)
     missing = _find_missing_marks(one)
     if one.implied or quantity is None:
@@ -384,11 +390,11 @@ def _build_without_unit(
 
 
 def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | None]) -> None:
-    """Adds a doubt and open lines for the column that moves others, in a file in which no drive has
-    both its columns.
+    """Adds a doubt and open lines for the column that controls others, in a file in which no drive
+    has both its columns.
 
-    A command is known by its name (PWM, duty), or is constant for many rows while others change
-    behind it.
+    A command is recognised by its name (PWM, duty), or because it is constant for many rows while
+    others change after it.
     """
     if any(
         {command, reading} <= out.mapping.columns.keys() | out.open.keys()
@@ -412,7 +418,8 @@ def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | N
     # The column that changes least often comes first.
     held = sorted(values, key=lambda name: float(np.mean(np.diff(values[name]) != 0.0)))
     by_custom = {fold_column_name(split_unit_name(name)[0]): name for name in values}
-    # Names of a system's input and output in books on control and in recordings of experiments.
+    # Customary names of a system's input and output in control theory and in recordings of
+    # experiments.
     customary = [by_custom[INPUT_NAME]] if {INPUT_NAME, OUTPUT_NAME} <= by_custom.keys() else []
     for command in [*named_so, *customary, *held[:1]]:
         followers = [
@@ -446,7 +453,7 @@ def report_unnamed_drive(raw: RawTable, out: ImportGuess, used: Iterable[str | N
 
 
 def find_unseen_commands(raw: RawTable, out: ImportGuess, used: Iterable[str | None]) -> list[str]:
-    """Returns columns of numbers that are named as commands, in a file in which no drive has a
+    """Returns columns of numbers whose names mean commands, in a file in which no drive has a
     command."""
     known = {*out.mapping.columns, *out.open}
     if any(command in known for command, _ in COMMAND_PAIRS):
@@ -461,16 +468,17 @@ def find_unseen_commands(raw: RawTable, out: ImportGuess, used: Iterable[str | N
     ]
 
 
-# of a system, as books on control and recordings of experiments call them
+# Names of a system's input and output in control theory and in recordings of experiments.
 INPUT_NAME, OUTPUT_NAME = "u", "y"
-# Correlation of a reading with the command that moves it, or of their ranks, for curves bend.
+# Smallest correlation of a reading with its command, or of their ranks, which also suit curved
+# relations.
 MIN_FOLLOW_CORRELATION = 0.8
 # Full counts of drives' duty cycles.
 FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
 
 
-# Tells whether a reading (n,) follows a command (n,).
 def _is_following(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool:
+    """Returns whether a reading (n,) follows a command (n,)."""
     both = np.isfinite(command) & np.isfinite(reading)
     if both.sum() < 10 or np.std(command[both]) == 0.0 or np.std(reading[both]) == 0.0:
         return False
@@ -481,19 +489,19 @@ def _is_following(command: NDArray[np.float64], reading: NDArray[np.float64]) ->
 
 
 def _calc_ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns ranks (n,), of equal values their mean (Spearman 1904)."""
+    """Returns ranks (n,); equal values get their mean rank (Spearman 1904)."""
     _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
     return (np.cumsum(counts) - 0.5 * (counts - 1))[place]
 
 
 def calc_value_per_count(most: float, full: float) -> float:
-    """Returns the worth of one count of a command: its largest number `most` lies within the
-    smallest usual full count, which is worth `full`."""
+    """Returns the value of one count of a command: its largest number `most` lies within the
+    smallest usual full count, which has the value `full`."""
     return full / next((count for count in FULL_COUNTS if most <= count), most)
 
 
-# Returns the numbers that stand for not known, in the file's unit.
 def _find_missing_marks(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
+    """Returns the numbers that mean "unknown", in the file's unit."""
     low, high = PLAUSIBLE_RANGES.get(one.target, (-np.inf, np.inf))
     factor = factor if np.isfinite(factor) else 1.0
     return (
@@ -504,7 +512,7 @@ def _find_missing_marks(one: ColumnCandidate, factor: float = 1.0) -> tuple[floa
 
 
 def find_extra_columns(raw: RawTable, used: Iterable[str | None]) -> dict[str, Column]:
-    """Returns the extra columns with numbers that stand for not known; other extra columns need
+    """Returns the extra columns with numbers that mean "unknown"; other extra columns need
     no key."""
     columns: dict[str, Column] = {}
     for source in raw.names:

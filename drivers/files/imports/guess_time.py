@@ -1,5 +1,4 @@
-"""Which column holds the time, and in which form, by name, by unit, by its texts and by its
-numbers?"""
+"""Which column holds the time, and in which format? Name, unit, texts and numbers decide."""
 
 from __future__ import annotations
 
@@ -35,7 +34,7 @@ from topdress.drivers.files.imports.words import (
     has_any_word,
 )
 
-# Forms of days, the usual ones first; of equal readings the first is taken.
+# Formats of dates, the usual formats first; of formats that fit equally the first is chosen.
 _DATE_FORMATS = (
     "%Y-%m-%d",
     "%Y/%m/%d",
@@ -53,31 +52,31 @@ _DATE_FORMATS = (
     "%y-%m-%d",
     "%Y%m%d",
 )
-# Days whose zeros a spreadsheet has dropped.
+# Formats of dates whose leading zeros a spreadsheet has dropped.
 _NUMBER_DATE_FORMATS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
-# Forms of times of day.
+# Formats of times of day.
 _TIME_FORMATS = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
 _NUMBER_TEXT = re.compile(r"[-+]?\d+([.,]\d+)?")
-# As NMEA writes a time of day: 120959.00.
+# NMEA writes a time of day in this format: 120959.00.
 _CLOCK_DIGITS = "%H%M%S%.f"
 # Date and time as fourteen digits.
 _RUN_TOGETHER, _RUN_TOGETHER_FORMAT = re.compile(r"(19|20)\d{12}([.,]\d+)?"), "%Y%m%d%H%M%S%.f"
-# Years 1900 and 2100, microseconds since 1970: no machine's year is 7.
+# Years 1900 and 2100 in microseconds since 1970; a year such as 7 is a wrong format.
 _EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000
-# Parts of a format that may stand for one another.
+# Parts of a format that are interchangeable.
 _DAY_PART = re.compile("%[dmy]")
-# Rows that are looked at.
+# Number of rows that are examined.
 _SAMPLE_ROWS = 2000
 # Share of the texts that a format must read.
 _MIN_READ_SHARE = 0.95
-# No machine logs more rarely, s: whole numbers with larger steps are milliseconds.
+# Longest interval of a machine's log, s; integers with larger steps are milliseconds.
 _MAX_LOG_STEP_S = 60.0
-# Whole numbers with steps from here on are likely milliseconds.
+# Smallest step of integers that are probably milliseconds.
 _MIN_MS_STEP = 5.0
 
 
 class TimeGuess(NamedTuple):
-    """Holds how times are read, why, and what is not sure."""
+    """Holds the description of the times, the reason for it, and a doubt."""
 
     times: Times
     why: str
@@ -85,7 +84,7 @@ class TimeGuess(NamedTuple):
 
 
 def guess_times(raw: RawTable) -> TimeGuess:
-    """Returns the best guess of a table's times, with a doubt where it is not sure."""
+    """Returns the best guess of a table's times, with a doubt where it is ambiguous."""
     names = {name: fold_column_name(split_unit_name(name)[0]) for name in raw.names}
     stamped = [name for name in raw.names if is_time_column(raw.columns[name])]
     called = [
@@ -109,8 +108,7 @@ def guess_times(raw: RawTable) -> TimeGuess:
             and (found := _guess_from_texts(raw, name, names[name], dated)) is not None
         ):
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
-    # a duty cycle that is swept, no time
-    # A column named a command is a duty cycle that is swept, no time.
+    # A column named a command that grows is a duty cycle that is swept, not a time.
     others = [name for name in raw.names if not has_any_word(names[name], COMMAND_WORDS)]
     for name in others:
         if (
@@ -118,7 +116,7 @@ def guess_times(raw: RawTable) -> TimeGuess:
             and _is_growing(raw, name)
             and (found := _guess_from_numbers(raw, name)) is not None
         ):
-            # `ms`, `lap (s)`: a unit of time, and more of it in every row
+            # A name such as `ms` or `lap (s)` is a unit of time, and the column grows in every row.
             return found
     for name in others:
         if (
@@ -136,8 +134,8 @@ def guess_times(raw: RawTable) -> TimeGuess:
     )
 
 
-# Returns the times of a column that is called a time; None: it holds none.
 def _guess_from_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+    """Returns the times of a column whose name means time; None where it holds none."""
     column = raw.columns[name]
     if is_time_column(column):
         zone = "UTC" if name not in raw.utc and has_any_word(plain, UTC_WORDS) else None
@@ -147,8 +145,8 @@ def _guess_from_column(raw: RawTable, name: str, plain: str, dated: list[str]) -
 
 
 def _guess_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
-    """Returns times of day written as numbers, 120959 and then 121000: as seconds they would
-    jump by 41 at each minute's end. None: they are none."""
+    """Returns times of day written as numbers, such as 120959 and then 121000; None for other
+    numbers. As seconds they would jump by 41 at each minute's end."""
     if _guess_by_unit(raw.units.get(name, "")) is not None:
         return None
     values = select_known(
@@ -160,7 +158,8 @@ def _guess_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) 
         return None
     of_day = (values // 10_000.0) * 3600.0 + minutes * 60.0 + seconds
     uneven, even = (_count_odd_steps(one) for one in (values, of_day))
-    if not even < uneven:  # within one minute both readings are the same
+    # Within one minute both readings are the same.
+    if not even < uneven:
         return None
     zone = "UTC" if has_any_word(plain, UTC_WORDS) else None
     texts = format_for_time(values, _CLOCK_DIGITS)
@@ -174,8 +173,8 @@ def _guess_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) 
     return TimeGuess(Times(column=name, format=_CLOCK_DIGITS), f"reads as {_CLOCK_DIGITS}")
 
 
-# Returns the times of a column of texts; None: no format reads them.
 def _guess_from_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+    """Returns the times of a column of texts; None where no format reads them."""
     texts = np.strings.strip(raw.columns[name][:_SAMPLE_ROWS])
     texts = texts[texts != ""]
     zone = "UTC" if has_any_word(plain, UTC_WORDS) else None
@@ -214,7 +213,7 @@ def _is_all_matching(texts: NDArray[Any], pattern: re.Pattern[str]) -> bool:
 
 
 def _count_odd_steps(values: NDArray[np.float64]) -> int:
-    """Returns how many steps from row to row differ from the usual step."""
+    """Returns the number of steps between rows that differ from the usual step."""
     steps = count_differences(values)
     usual = calc_median(steps)
     return int((np.abs(steps - usual) > 0.1 * abs(usual)).sum())
@@ -223,8 +222,8 @@ def _count_odd_steps(values: NDArray[np.float64]) -> int:
 def _guess_with_day(
     raw: RawTable, day_name: str, time: NDArray[Any], name: str, zone: str | None
 ) -> TimeGuess | None:
-    """Returns times with the day in another column: written out, or a number, as run-together
-    digits or as spreadsheets count."""
+    """Returns times whose date is in another column: as text, as a number of eight digits, or as a
+    day number of spreadsheets."""
     day = raw.columns[day_name][:_SAMPLE_ROWS]
     reads: dict[str, NDArray[Any]] = {}
     for day_form in (*_DATE_FORMATS, *_NUMBER_DATE_FORMATS):
@@ -240,7 +239,7 @@ def _guess_with_day(
     first, *others = reads
     others = [form for form in others if not np.array_equal(us[form], us[first], equal_nan=True)]
     spans = {form: _calc_span_us(us[form]) for form in (first, *others)}
-    # The day's order with the shortest span is right: a log lasts hours.
+    # The order of day and month with the shortest span is right, because a log lasts hours.
     best = min(spans, key=lambda form: spans[form])
     doubt = (
         f"{' and '.join((first, *others))} {'both' if len(others) == 1 else 'all'} read: "
@@ -254,8 +253,8 @@ def _guess_with_day(
 
 
 def _resolve_day_order(times: Times, found: list[str], texts: NDArray[Any]) -> TimeGuess:
-    """Returns times whose day and month may stand either way round: the way with the shorter
-    span, with a doubt."""
+    """Returns times with an ambiguous order of day and month: the order with the shorter span, with
+    a doubt."""
     other = [
         form
         for form in found[1:]
@@ -279,19 +278,19 @@ def _resolve_day_order(times: Times, found: list[str], texts: NDArray[Any]) -> T
     )
 
 
-# Returns the time between first and last, us.
 def _calc_span_us(us: NDArray[np.float64]) -> float:
+    """Returns the time between the first and the last row, microseconds."""
     return float(np.nanmax(us) - np.nanmin(us))
 
 
-# Returns the formats that read the texts; a few texts refuse most formats quickly.
 def _find_formats(texts: NDArray[Any], forms: list[str]) -> list[str]:
+    """Returns the formats that read the texts; a few texts exclude most formats quickly."""
     few = texts[:20]
     return [form for form in forms if _is_readable_as(few, form) and _is_readable_as(texts, form)]
 
 
-# Tells whether a format reads nearly all texts, as plausible years.
 def _is_readable_as(texts: NDArray[Any], form: str | None) -> bool:
+    """Returns whether a format reads nearly all texts with plausible years."""
     try:
         us = read_time_texts(texts, form, None).us
         count = int(((us >= _EARLIEST_US) & (us <= _LATEST_US)).sum())
@@ -300,8 +299,8 @@ def _is_readable_as(texts: NDArray[Any], form: str | None) -> bool:
         return False
 
 
-# Returns the times of a column of numbers; None: it holds too many texts.
 def _guess_from_numbers(raw: RawTable, name: str) -> TimeGuess | None:
+    """Returns the times of a column of numbers; None for too many texts."""
     found = parse_number_column(raw.columns[name], raw.decimal_comma)
     known = select_known(found.values)
     if found.bad > 0.05 * found.values.size or known.size < 2:
@@ -320,7 +319,7 @@ def _guess_from_numbers(raw: RawTable, name: str) -> TimeGuess | None:
 
 
 class _CountedUnit(NamedTuple):
-    """Holds what numbers count, and what says so."""
+    """Holds the unit that numbers count, and the reason."""
 
     counts: Counts
     why: str
@@ -328,7 +327,7 @@ class _CountedUnit(NamedTuple):
 
 
 def _guess_since_1970(first: float) -> _CountedUnit | None:
-    """Returns the unit of times since 1970, by the first: 1e9 s is 2001, 4e9 s is 2096."""
+    """Returns the unit of times since 1970, by the first time: 1e9 s is 2001, 4e9 s is 2096."""
     if 1e9 <= first < 4e9:
         return _CountedUnit("unix_s", "seconds since 1970")
     if 1e12 <= first < 4e12:
@@ -338,8 +337,8 @@ def _guess_since_1970(first: float) -> _CountedUnit | None:
     return None
 
 
-# Returns the unit of the header; None: it has none of time.
 def _guess_by_unit(stated: str) -> _CountedUnit | None:
+    """Returns the unit of the header; None without a unit of time."""
     unit = find_named_unit(stated)
     if unit is None or unit.quantity != "time":
         return None
@@ -348,8 +347,8 @@ def _guess_by_unit(stated: str) -> _CountedUnit | None:
 
 
 def _guess_spreadsheet_days(first: float, step: float, whole: bool) -> _CountedUnit | None:
-    """Returns days since 1900: 30 000 is 1982, 80 000 is 2119. A step of a day or more is no log
-    of a machine at work."""
+    """Returns the unit for days since 1900: 30 000 is 1982, 80 000 is 2119. A step of a day or more
+    excludes a log of a working machine."""
     if 30_000.0 < first < 80_000.0 and 0.0 < step < 0.05 and not whole:
         return _CountedUnit("excel_day", "days as spreadsheets count them")
     return None
@@ -364,8 +363,8 @@ def _guess_by_name(name: str) -> _CountedUnit | None:
 
 
 def _guess_by_step(step: float, whole: bool) -> _CountedUnit:
-    """Returns the unit by the median step from row to row: milliseconds and microseconds are
-    whole numbers."""
+    """Returns the unit by the median step between rows; milliseconds and microseconds are
+    integers."""
     if whole and step >= 1000.0 * _MAX_LOG_STEP_S:
         return _CountedUnit(
             "us",
@@ -384,19 +383,20 @@ def _guess_by_step(step: float, whole: bool) -> _CountedUnit:
 
 
 def _is_place_column(plain: str) -> bool:
-    """Tells whether a column holds a place: a machine that drives straight on has a longitude
-    that grows evenly."""
+    """Returns whether a column holds a position. The longitude of a machine that drives straight
+    grows evenly, as a time does."""
     subject = find_subject(plain, None)
     return subject is not None and subject.id in ("latitude", "longitude", "altitude")
 
 
 def _is_growing(raw: RawTable, name: str) -> bool:
-    """Tells whether every row is later than the row before."""
+    """Returns whether every row is later than the row before."""
     values = parse_number_column(raw.columns[name][:_SAMPLE_ROWS], raw.decimal_comma).values
     return values.size > 1 and bool((np.diff(values) > 0).all())
 
 
 def _is_evenly_growing(raw: RawTable, name: str) -> bool:
+    """Returns whether the column grows by nearly equal steps."""
     if not _is_growing(raw, name):
         return False
     steps = count_differences(

@@ -1,5 +1,6 @@
-"""What does a guess hold: the import file, what about it is unsure, and why the rest is as it
-is; and how is it written as text?"""
+"""What does a guess contain? It has the import file, its doubts and its reasons, and it is written
+as text.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from topdress.drivers.files.yaml_text import dump_yaml
 # Path of keys in an import file.
 ImportKey = tuple[str, ...]
 
-# Each command with its reading.
+# Columns of each command with its reading.
 COMMAND_PAIRS = (
     ("shaft_rpm_cmd", "shaft_rpm"),
     ("opening_mm_cmd", "opening_mm"),
@@ -28,7 +29,7 @@ COMMAND_PAIRS = (
 
 
 class Doubt(NamedTuple):
-    """Holds a doubt. `key`: of the import file; `text`: why it is not sure."""
+    """Holds a doubt. `key` is the key of the import file, `text` the reason of the doubt."""
 
     key: ImportKey
     text: str
@@ -39,8 +40,8 @@ class Doubt(NamedTuple):
 
 @dataclass
 class ImportGuess:
-    """Holds an import file with its doubts. `reasons`: why each key is as it is. `open`: columns
-    that need a number from outside the file, as YAML text. `full`: largest value of a column by
+    """Holds an import file with its doubts. `reasons` explains each key. `open` holds columns that
+    need a number from outside of the file, as YAML text. `full` is the largest value of a column by
     the machine file, in the log's unit."""
 
     mapping: ImportFile
@@ -48,21 +49,22 @@ class ImportGuess:
     reasons: dict[ImportKey, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
     full: Mapping[str, float] = field(default_factory=dict)
-    width_m: float | None = None  # working width, where the file says one
+    # Working width, m; None where the file states none.
+    width_m: float | None = None
 
     @property
     def is_sure(self) -> bool:
-        """Tells whether nothing is unsure."""
+        """Whether no key is doubtful."""
         return not self.doubts
 
     @property
     def questions(self) -> tuple[str, ...]:
-        """Returns what is unsure, a line each."""
+        """The open questions, one line each."""
         return tuple(map(str, self.doubts))
 
     @property
     def unsure(self) -> str:
-        """Returns how many lines are unsure, in words."""
+        """The number of doubtful lines, in words."""
         count = len(self.doubts)
         return (
             "nothing is unsure"
@@ -73,26 +75,28 @@ class ImportGuess:
 
 @dataclass
 class ColumnCandidate:
-    """Holds a column of the file (`source`) that may be a column of the log (`target`).
-    `values`: as the file has them."""
+    """Holds a column of the file (`source`) that may be a column of the log (`target`). `values`
+    are unchanged numbers of the file."""
 
     source: str
     target: str
     unit: ColumnUnit | None
-    implied: bool = False  # the unit is in the name
-    role: str = ""  # command, reading, or not given
+    # Whether the name contains the unit.
+    implied: bool = False
+    # Role by the name: command, reading, or empty without a word.
+    role: str = ""
     exact: bool = False
     values: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @property
     def weight(self) -> tuple[bool, bool, bool]:
-        """Returns what ranks candidates: the log's own name, a unit, a role."""
+        """Sort key of candidates: the log's own name, a unit, a role."""
         return self.exact, self.unit is not None or self.implied, self.role != ""
 
 
 def format_first_import(guess: ImportGuess, files: Sequence[Path], place: Path) -> str:
-    """Returns the text of the guess from the first of `files`, as written at `place`, with how
-    it is used."""
+    """Returns the text of the guess for the first of `files`, as written to `place`, with
+    instructions for its use."""
     return format_mapping(
         guess,
         [
@@ -171,8 +175,8 @@ def _drop_empty_keys(data: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in data.items() if value not in (None, [])}
 
 
-# Returns keys and values as indented lines of YAML.
 def _format_pairs(data: dict[str, Any], indent: int) -> list[str]:
+    """Returns keys and values as indented lines of YAML."""
     return [
         " " * indent + line
         for key, value in data.items()
@@ -185,6 +189,6 @@ def _format_doubts(guess: ImportGuess, key: ImportKey, indent: int) -> list[str]
 
 
 def _format_reason(guess: ImportGuess, key: ImportKey) -> str:
-    """Returns a comment with a key's reason, except where the key is unsure."""
+    """Returns a comment with a key's reason, except for a doubtful key."""
     doubtful = any(doubt.key == key for doubt in guess.doubts)
     return f"     # {guess.reasons[key]}" if key in guess.reasons and not doubtful else ""

@@ -1,5 +1,6 @@
-"""Where does a table begin: title rows, header, a row of units, the first row of numbers; and
-how is a column's name split from its unit?"""
+"""Where does a table begin, and how is a column's name separated from its unit? Title rows, header,
+a row of units and the first row of numbers are located.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +11,15 @@ from typing import NamedTuple
 
 from topdress.drivers.files.imports.units import find_named_unit
 
-# Cells that hold nothing, in lower case, as programs write them.
+# Cells that mean "empty", in lower case, as programs write them.
 EMPTY_CELLS = frozenset(
     {"", "-", "--", "na", "n/a", "nan", "null", "none", "nil", "#n/a", "inf", "-inf"}
 )
 
 
-# A number with decimal sign and groups of either kind.
+# A number with a decimal mark and digit groups of either kind.
 _NUMBER = re.compile(r"^[-+]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,   ]\d{3})+[.,]\d+)([eE][-+]?\d+)?$")
-# A day or a time of day.
+# A date or a time of day.
 _TIME = re.compile(
     r"^\d{1,4}[-./年]\d{1,2}[-./月]\d{1,4}日?([T ,;]+\d|$)|^\d{1,2}[:时]\d{2}([:分]\d{2})?"
     r"|^\d{8}T?\d{0,6}$"
@@ -27,9 +28,9 @@ _TIME = re.compile(
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
 # A name whose last word may be a unit.
 _LAST_WORD = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
-# Place between words in `leftRpm` and `SpeedMPH`.
+# The boundary of words in `leftRpm` and `SpeedMPH`.
 _WORD_JOINT = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")
-# Endings that are units; no word ends so.
+# Endings that are units, because no word ends with them.
 _UNIT_ENDING = re.compile(
     r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I
 )
@@ -38,7 +39,7 @@ _MIN_FILLED_SHARE = 0.5
 
 
 class TableLayout(NamedTuple):
-    """Holds the rows, from 0, of header, units and first data. `header` -1: there is none."""
+    """Holds the rows (from 0) of header, units and first data. `header` -1 means no header."""
 
     header: int
     units: int | None
@@ -49,21 +50,22 @@ def split_unit_name(text: str) -> tuple[str, str | None]:
     """Returns a header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`,
     `Drehzahl in U/min`, `leftRpm`.
 
-    The name is the whole cell where the unit cannot be distinguished from it.
+    The name is the whole cell where the unit cannot be separated from it.
     """
     plain = unicodedata.normalize("NFKC", text).strip()
     found = _BRACKETS.match(plain)
     if found and find_named_unit(found["unit"]) is not None and found["name"]:
         return found["name"].strip(), found["unit"]
     words = _WORD_JOINT.sub(" ", plain) if plain.isascii() and "_" not in plain else plain
-    words = words.rstrip(" _")  # a shapefile writes `Speed(mph)` as `Speed_mph_`
+    # A shapefile changes `Speed(mph)` to `Speed_mph_`.
+    words = words.rstrip(" _")
     for candidate in (_match_last_two(words), _LAST_WORD.match(words), _UNIT_ENDING.match(words)):
         if candidate is None:
             continue
         unit = find_named_unit(candidate["unit"]) or find_named_unit(
             candidate["unit"].replace("_", "/")
         )
-        # A single letter is a unit only behind `_` or a comma: `Rate t` is no tonne.
+        # A single letter is a unit only after `_` or a comma: `Rate t` is no tonne.
         stated = (
             candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
         )
@@ -73,7 +75,7 @@ def split_unit_name(text: str) -> tuple[str, str | None]:
 
 
 def _match_last_two(words: str) -> re.Match[str] | None:
-    """Returns a unit of two parts written as a single name: `rate_kg_ha`, `speed_km_per_h`,
+    """Returns the match of a unit of two parts without brackets: `rate_kg_ha`, `speed_km_per_h`,
     `drehzahl_1_min`."""
     return re.match(
         r"^(?P<name>.*?)[_ ]+(?P<unit>([A-Za-z]{1,6}|1)([_/]|[_ ]per[_ ])[A-Za-z0-9]{1,4})$", words
@@ -81,13 +83,13 @@ def _match_last_two(words: str) -> re.Match[str] | None:
 
 
 def is_value_cell(cell: str) -> bool:
-    """Tells whether a cell is a number or a time, not a name."""
+    """Returns whether a cell is a number or a time instead of a name."""
     text = cell.strip()
     return bool(_NUMBER.match(text)) or bool(_TIME.match(text))
 
 
 def find_table_layout(rows: Sequence[Sequence[str]]) -> TableLayout | None:
-    """Returns where header, units and data stand among the first rows; None where no row holds
+    """Returns the rows of header, units and data among the first rows; None where no row holds
     data."""
     width = _find_usual_width(rows)
     body = next((k for k, row in enumerate(rows) if len(row) == width and _is_data_row(row)), None)
@@ -112,8 +114,8 @@ def find_table_layout(rows: Sequence[Sequence[str]]) -> TableLayout | None:
 
 
 def is_unit_row(row: Sequence[str]) -> bool:
-    """Tells whether most filled cells are units, and none is a number; a dash, a 1 or empty
-    brackets stand for no unit."""
+    """Returns whether most filled cells are units, and none is a number. A dash, a 1 or empty
+    brackets mean that a column has no unit."""
     cells = [cell.strip() for cell in row if cell.strip()]
     if any(is_value_cell(cell) for cell in cells if cell != "1"):
         return False
@@ -123,14 +125,15 @@ def is_unit_row(row: Sequence[str]) -> bool:
 
 
 def _find_usual_width(rows: Sequence[Sequence[str]]) -> int:
-    """Returns the most frequent number of cells, of rows with more than a cell: titles have one."""
+    """Returns the most frequent number of cells of rows with more than one cell, because titles
+    have one."""
     widths = [len(row) for row in rows if not _is_blank_row(row)] or [0]
     several = [width for width in widths if width > 1] or widths
     return max(set(several), key=lambda w: (several.count(w), w))
 
 
-# Tells whether a row holds a value, and half of its cells are values or nothing.
 def _is_data_row(row: Sequence[str]) -> bool:
+    """Returns whether a row holds a value, and half of its cells are values or empty."""
     cells = [cell for cell in row if cell.strip()]
     values = sum(is_value_cell(cell) or cell.strip().lower() in EMPTY_CELLS for cell in cells)
     return bool(cells) and any(is_value_cell(cell) for cell in cells) and 2 * values >= len(cells)

@@ -1,4 +1,4 @@
-"""Which errors may a table or a log have, in plain lines?"""
+"""Which errors can a table or a log have? Each error has plain lines."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from topdress.drivers.plain_text import RefusedInput, join_lines
 
 
 class TableError(ValueError):
-    """The table or the log cannot be used. `reasons`: a sentence each, naming row or key, value
-    and what is allowed; `lines`: the same, each after the file's name."""
+    """Reports that a table or log cannot be used. `reasons` are sentences with row or key, value
+    and the permitted values; `lines` are the same sentences after the file's name."""
 
     def __init__(self, where: Path | str, *reasons: str) -> None:
         self.where, self.reasons = str(where), tuple(map(join_lines, reasons))
         self.lines = tuple(
             join_lines(f"{where}: {reason}" if self.where else reason) for reason in reasons
         )
-        # A process that receives the error makes it again from these.
+        # A process that receives the error builds it again from these arguments.
         super().__init__(self.where, *self.reasons)
 
     def __str__(self) -> str:
@@ -31,12 +31,12 @@ class TableError(ValueError):
 
 
 class LogImportError(TableError):
-    """The file, with its import file, cannot be imported."""
+    """Reports that a file cannot be imported with its import file."""
 
 
 class UnsureImportError(LogImportError):
-    """The meaning of the columns is not sure. The reasons are the open questions, the last of
-    them how to answer."""
+    """Reports that the meaning of the columns is unsure. The reasons are the open questions, and
+    the last reason explains how to answer them."""
 
 
 def format_list(names: Iterable[object], most: int = 12) -> str:

@@ -1,4 +1,6 @@
-"""How do files of a machine become a single log: by their clocks, or in sequence?"""
+"""How do files of a machine become a single log? They are joined by their clocks, or in
+sequence.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ from topdress.drivers.files.imports.mapping import EVENTS_COLUMN, Join
 
 
 class JoinedFiles(NamedTuple):
-    """Holds the joined log. `columns`: `us` from 0 on, `utc_us` where known, log columns.
-    `begins_s`: of each part, in the order of `parts`."""
+    """Holds the joined log. `columns` has `us` from 0 on, `utc_us` where known, and log columns.
+    `begins_s` is the begin of each part, s, in the order of `parts`."""
 
     columns: Columns
     parts: tuple[ConvertedFile, ...]
@@ -25,12 +27,12 @@ class JoinedFiles(NamedTuple):
 
 
 def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
-    """Joins files to a log.
+    """Returns files joined to one log.
 
     Parameters
     ----------
     parts : the converted files.
-    join : what the import file says.
+    join : the entry of the import file about joining.
 
     Returns
     -------
@@ -38,7 +40,7 @@ def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
 
     Raises
     ------
-    LogImportError : files that are to follow their clocks overlap.
+    LogImportError : files that must be joined by their clocks overlap.
     """
     by_clock = _is_joined_by_clock(parts, join)
     ordered = (
@@ -67,8 +69,9 @@ def join_files(parts: Sequence[ConvertedFile], join: Join) -> JoinedFiles:
     return JoinedFiles(stack_tables(tables), tuple(ordered), tuple(begins), tuple(findings))
 
 
-# Tells whether files are placed by their clocks. Raises LogImportError where they overlap.
 def _is_joined_by_clock(parts: Sequence[ConvertedFile], join: Join) -> bool:
+    """Returns whether files are joined by their clocks. Raises LogImportError where they
+    overlap."""
     if len(parts) == 1 or join.order == "runs":
         return False
     ordered = sorted(parts, key=_find_first_us)
@@ -92,8 +95,8 @@ def _has_one_epoch(parts: Sequence[ConvertedFile]) -> bool:
     return len({part.kind for part in parts}) == 1 and parts[0].kind != "relative"
 
 
-# Returns a file's first time, us.
 def _find_first_us(part: ConvertedFile) -> int:
+    """Returns a file's first time, microseconds."""
     return int(part.columns[TIME_US][0])
 
 

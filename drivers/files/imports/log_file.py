@@ -1,5 +1,6 @@
-"""How are imported columns written as a run log with its sidecar (docs/format-run-log.md), whole
-or not at all?"""
+"""How are imported columns written as a run log with its sidecar (docs/format-run-log.md)? They are
+written completely or not at all.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ from topdress.drivers.files.run_meta import format_meta_yaml, make_run_meta, par
 
 
 def build_log_columns(log: JoinedFiles) -> Columns:
-    """Returns the columns as they are written: those of the run log in their order, then extra
-    columns; times as texts."""
+    """Returns the columns as they are written: the columns of the run log in their order, then
+    extra columns; times as texts."""
     there = log.columns
     columns: Columns = {"time_s": make_text_column(_format_times(there[TIME_US]))}
     if UTC_US_COLUMN in there:
@@ -49,7 +50,8 @@ def build_log_columns(log: JoinedFiles) -> Columns:
 def build_run_log(
     path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
 ) -> RunLog:
-    """Returns the log and its sidecar as read from `path`, in memory. Raises TableError."""
+    """Returns the log and its sidecar in memory, as if they had been read from `path`. Raises
+    TableError."""
     return build_log(
         path, build_read_columns(log), parse_meta_yaml(_format_sidecar(log, mapping, mapping_file))
     )
@@ -64,14 +66,14 @@ def build_read_columns(log: JoinedFiles) -> Columns:
 def write_imported_log(
     path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
 ) -> Columns:
-    """Writes the log with its sidecar next to it (in a store: within).
+    """Writes the log with its sidecar next to it (in a store, inside of it).
 
     Parameters
     ----------
     path : the log.
     log : its columns.
     mapping : the import file, kept in the sidecar.
-    mapping_file : its path, for its checksum; None: it was guessed.
+    mapping_file : path of the import file, for its checksum; None for a guess.
 
     Returns
     -------
@@ -88,7 +90,7 @@ def write_imported_log(
     columns = build_log_columns(log)
     text = format_csv(columns, _format_cells)
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The log gets its name after the sidecar is there: no log without one.
+    # The log is renamed after its sidecar exists, so that no log lacks a sidecar.
     part = path.with_name(f".{path.stem}.part.csv")
     try:
         write_atomically(part, text)
@@ -100,7 +102,7 @@ def write_imported_log(
 
 
 def is_import_of(log: Path, files: Iterable[Path]) -> bool:
-    """Tells whether the log at `log` was made from these very files, so that it can be made
+    """Returns whether the log at `log` was made from exactly these files, so that it can be made
     again."""
     try:
         meta = read_log_meta(log)
@@ -133,7 +135,7 @@ def _format_sidecar(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | 
     }
     widths = {part.raw.width_m for part in log.parts}
     if len(widths) == 1 and (width_m := widths.pop()) is not None:
-        # As-applied areas are compared with it.
+        # As-applied areas are compared with this width.
         stated["width_m"] = width_m
     checksums = {} if mapping_file is None else {mapping_file.name: calc_sha256(mapping_file)}
     return format_meta_yaml(
@@ -142,7 +144,7 @@ def _format_sidecar(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | 
 
 
 def _calc_checksum(path: Path) -> str:
-    """Returns the checksum of a file; of a task's folder, of the checksums of its files."""
+    """Returns the checksum of a file; for a task's folder, of the checksums of its files."""
     if not path.is_dir():
         return calc_sha256(path)
     lines = [
@@ -152,7 +154,7 @@ def _calc_checksum(path: Path) -> str:
 
 
 def _drop_empty_keys(value: object) -> object:
-    """Returns the value without keys that are left out anyway."""
+    """Returns the value without keys that have their default."""
     if isinstance(value, dict):
         return {
             key: _drop_empty_keys(part) for key, part in value.items() if part not in (None, [], {})
@@ -161,7 +163,7 @@ def _drop_empty_keys(value: object) -> object:
 
 
 def _format_times(us: NDArray[np.float64]) -> list[str]:
-    """Returns seconds with 3 decimals; with 6 where two rows fall into the same millisecond."""
+    """Returns seconds with 3 decimals, or with 6 where two rows fall into the same millisecond."""
     whole = us.astype(np.int64)
     ms = (whole + 500) // 1000
     unit, digits = (whole, 6) if (np.diff(ms) == 0).any() else (ms, 3)
@@ -169,7 +171,7 @@ def _format_times(us: NDArray[np.float64]) -> list[str]:
 
 
 def _format_utc_times(us: NDArray[np.float64]) -> list[str]:
-    """Returns ISO 8601 with milliseconds; empty where not known."""
+    """Returns ISO 8601 with milliseconds; empty for unknown times."""
     times = np.nan_to_num(us).astype(np.int64).astype(TIME_TYPE)
     texts = np.datetime_as_string(times, unit="ms", casting="unsafe").tolist()
     return [f"{text}Z" if one == one else "" for text, one in zip(texts, us.tolist(), strict=True)]
@@ -185,8 +187,8 @@ def _round_column(name: str, column: NDArray[Any]) -> NDArray[Any]:
     return column
 
 
-# Returns cells as texts; whole numbers without a point.
 def _format_cells(name: str, column: NDArray[Any]) -> list[str]:
+    """Returns cells as texts; integers without a point."""
     if is_text_column(column):
         return list(column)
     texts = format_numbers(column)

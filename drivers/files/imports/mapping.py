@@ -1,5 +1,6 @@
-"""What does an import file "topdress-import/1" say about the columns of a foreign log?
-(docs/import.md explains the keys.)"""
+"""How does an import file "topdress-import/1" describe the columns of a foreign log? docs/import.md
+explains the keys.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +17,10 @@ from topdress.drivers.files.imports.units import KNOWN_UNITS, find_named_unit, f
 
 # Column of a run log with its events.
 EVENTS_COLUMN = "events"
-# Begin of names beyond the log's own (docs/format-run-log.md).
+# Prefix of columns beyond the log's own (docs/format-run-log.md).
 EXTRA_START = "x_"
 _EXTRA_NAME = re.compile(r"^x_\w+$")
-# Made from the times of the file.
+# This column is made from the times of the file, so no key names it.
 UNMAPPED_COLUMNS = frozenset({"time_s"})
 # Column of the log that `working` fills.
 STATE_COLUMN = "state"
@@ -34,7 +35,7 @@ Missing = tuple[float | str, ...]
 
 
 class Source(FrozenModel):
-    """How the file is to be read; what is left out is found by looking at it."""
+    """Description of the file's reading; omitted keys are detected from the file."""
 
     kind: SourceKind | None = None
     encoding: Name | None = None
@@ -72,7 +73,7 @@ class Source(FrozenModel):
 
 
 class Times(FrozenModel):
-    """Which column tells the time, and how."""
+    """Description of the column with the time, and of its format."""
 
     column: Name | None = None
     date_column: Annotated[
@@ -136,9 +137,9 @@ class Column(FrozenModel):
         """Returns a column of the file, as `from` names it."""
         return cls.model_validate({"from": source, "unit": unit, "missing": missing})
 
-    # Checks that a column has exactly one origin, and its numbers.
     @model_validator(mode="after")
     def _check_one_origin(self) -> Column:
+        """Checks that a column has exactly one origin, and its numbers."""
         if (self.source is None) == (self.constant is None):
             raise ValueError("from, constant: allowed is one of them")
         if self.scale == 0.0:
@@ -156,16 +157,16 @@ class Column(FrozenModel):
 
 
 class Working(FrozenModel):
-    """What counts as working: `state` of the log is working where it holds, else ready."""
+    """Condition for working: `state` of the log is working where it is true, else ready."""
 
     column: Name
     equals: tuple[float | str, ...] = ()
     above: float | None = None
     below: float | None = None
 
-    # Checks that there is a condition, of one kind.
     @model_validator(mode="after")
     def _check_condition(self) -> Working:
+        """Checks that exactly one kind of condition is given."""
         if not self.equals and self.above is None and self.below is None:
             raise ValueError("working: no condition: allowed are equals, above, below")
         if self.equals and (self.above is not None or self.below is not None):
@@ -174,7 +175,7 @@ class Working(FrozenModel):
 
 
 class Join(FrozenModel):
-    """Several files in one log."""
+    """Rule for joining several files into one log."""
 
     order: Annotated[
         Literal["clock", "runs"] | None,
@@ -241,7 +242,7 @@ IMPORT = Kind("topdress-import/1", "imports", ImportFile)
 
 
 def is_time_zone(name: str) -> bool:
-    """Tells whether a text names a time zone or an offset from UTC such as +08:00."""
+    """Returns whether a text names a time zone or an offset from UTC such as +08:00."""
     if re.fullmatch(r"[-+](0\d|1[0-4]):[0-5]\d", name):
         return True
     try:
@@ -251,8 +252,8 @@ def is_time_zone(name: str) -> bool:
     return True
 
 
-# Refuses a name that is no column of a log. Raises ValueError.
 def _check_column_name(name: str) -> None:
+    """Refuses a name that is no column of a log. Raises ValueError."""
     if name in UNMAPPED_COLUMNS:
         raise ValueError(
             f"columns.{name}: made from the times of the file: allowed is the key time"
@@ -265,14 +266,14 @@ def _check_column_name(name: str) -> None:
         )
 
 
-# Quantities from which a rate is made with another number.
+# Quantities from which a rate is computed with another number.
 DERIVED_RATE_QUANTITIES = ("flow", "volume")
 
 
-# Refuses a unit that does not fit its column. Raises ValueError.
 def _check_column_unit(
     name: str, column: Column, width_m: float | None, density_kg_l: float | None
 ) -> None:
+    """Refuses a unit that does not fit its column. Raises ValueError."""
     where = f"columns.{name}"
     if name in TEXT_COLUMNS and (column.constant is not None or column.unit is not None):
         raise ValueError(f"{where}: a column of texts: allowed is from alone")

@@ -1,5 +1,6 @@
-"""Which numbers do the cells of a foreign table hold, with decimal commas, thousands, and words
-and numbers for not known?"""
+"""Which numbers do the cells of a foreign table hold? Decimal commas, digit groups, and words or
+numbers for "unknown" are recognised.
+"""
 
 from __future__ import annotations
 
@@ -14,24 +15,24 @@ from topdress.drivers.files.imports.header import EMPTY_CELLS
 
 # Blanks and apostrophes that group digits.
 _GROUP_SIGNS = re.compile("[\\s'\u2019\u00a0\u202f]")
-# A number as Python writes it.
+# A number in Python's notation.
 _PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 def parse_number(cell: str | None, words: Collection[str] = ()) -> float | None:
     """Returns the number of a cell.
 
-    Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a
-    comma alone is the decimal sign.
+    Blanks and apostrophes group digits. If a cell has a point and a comma, the last of them is the
+    decimal mark; a comma alone is the decimal mark.
 
     Parameters
     ----------
     cell : text of the cell.
-    words : texts that stand for not known.
+    words : texts that mean "unknown".
 
     Returns
     -------
-    NaN : not known; None: no number.
+    the number, NaN for unknown, None for a text that is no number.
     """
     text = (cell or "").strip()
     if text in words or text.lower() in EMPTY_CELLS:
@@ -47,9 +48,9 @@ def parse_number(cell: str | None, words: Collection[str] = ()) -> float | None:
 
 
 class ParsedNumbers(NamedTuple):
-    """Holds a column's numbers. `values`: (n,), NaN: not known. `marked`: how many cells hold a
-    number that stands for not known. `bad`: how many are no number; `row`, `cell`: the first of
-    them."""
+    """Holds a column's numbers. `values` is (n,), NaN for unknown. `marked` counts the cells with a
+    number that means "unknown", `bad` the cells that are no numbers; `row` and `cell` are the first
+    of the bad cells."""
 
     values: NDArray[np.float64]
     marked: int = 0
@@ -61,7 +62,7 @@ class ParsedNumbers(NamedTuple):
 def parse_number_column(
     column: NDArray[Any], decimal_comma: bool, missing: Iterable[float | str] = ()
 ) -> ParsedNumbers:
-    """Returns a column's numbers; `missing` are numbers and texts that stand for not known."""
+    """Returns a column's numbers; `missing` lists numbers and texts that mean "unknown"."""
     words = [word for word in missing if isinstance(word, str)]
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     found = (
@@ -78,14 +79,14 @@ def parse_number_column(
 def parse_number_cells(
     cells: Sequence[str], decimal_comma: bool = False, words: Collection[str] = ()
 ) -> ParsedNumbers:
-    """Returns the numbers of a text table's cells; most are written as Python writes them, and
-    are read at once."""
+    """Returns the numbers of a text table's cells; most are in Python's notation and are converted
+    at once."""
     values = None if words else parse_plain_numbers(cells)
     if values is None and decimal_comma and not words:
         values = parse_plain_numbers([cell.replace(",", ".", 1) for cell in cells])
     if values is not None:
         return ParsedNumbers(values)
-    # Each different text is read once.
+    # Each different text is parsed once.
     worth = {
         cell: _parse_cell_text(cell, decimal_comma, words) if cell else np.nan
         for cell in dict.fromkeys(cells)
@@ -97,8 +98,8 @@ def parse_number_cells(
     )
 
 
-# Returns the number of a text; None: no number.
 def _parse_cell_text(cell: str, decimal_comma: bool, words: Collection[str]) -> float | None:
+    """Returns the number of a text; None for a text that is no number."""
     plain = cell.replace(",", ".", 1) if decimal_comma else cell
     if _PLAIN_NUMBER.fullmatch(plain) and cell.strip() not in words:
         return float(plain)
@@ -106,9 +107,9 @@ def _parse_cell_text(cell: str, decimal_comma: bool, words: Collection[str]) -> 
 
 
 def parse_plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
-    """Returns numbers (n,) of texts as Python writes them; None where a text is no such number."""
+    """Returns numbers (n,) of texts in Python's notation; None where a text is no such number."""
     together = "".join(cells)
-    # Python groups digits by lines below, and reads those of every script.
+    # Python also accepts underscores between digits, and digits of other scripts.
     if "_" in together or not together.isascii():
         return None
     try:

@@ -1,5 +1,6 @@
-"""What do the numbers themselves show: speeds against distances, answers behind commands,
-numbers that mean not known?"""
+"""What do the numbers themselves reveal? Speeds are compared with distances, answers with commands,
+and numbers that mean "unknown" are found.
+"""
 
 from __future__ import annotations
 
@@ -14,22 +15,24 @@ from topdress.drivers.files.imports.units import KNOWN_UNITS
 
 Floats = NDArray[np.float64]
 
-# Units of speed to one m/s.
+# Number of each unit of speed in 1 m/s.
 SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in KNOWN_UNITS if unit.quantity == "speed"}
-# Rows within which an answer is searched.
+# Number of rows within which an answer is searched.
 MAX_LAG_ROWS = 40
-# Changes of a command that are needed to find its answer.
+# Number of changes of a command that are needed to find its answer.
 MIN_CHANGES = 8
-# Correlation of steps of command and answer.
+# Smallest correlation between steps of command and answer.
 MIN_CORRELATION = 0.3
-# Share of the best correlation: repeating commands agree at many lags, and the nearest wins.
+# Share of the best correlation above which a lag counts as equal. Repeating commands agree at many
+# lags, and the shortest lag is chosen.
 EQUAL_CORRELATION_SHARE = 0.98
-# Known rows of a command that may be a table of settings.
+# Number of known rows from which a command may be a table of settings.
 MIN_SETTINGS = 4
 
 
 class CommandAnswer(NamedTuple):
-    """Holds how a reading follows its command. `lag`: rows; `strength`: the correlation there."""
+    """Holds how a reading follows its command. `lag` is in rows; `strength` is the correlation at
+    that lag."""
 
     lag: int
     strength: float
@@ -38,18 +41,17 @@ class CommandAnswer(NamedTuple):
 def find_speed_unit(
     time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats
 ) -> tuple[str | None, float]:
-    """Returns the unit in which a speed makes the distance between the places.
+    """Returns the unit in which a speed gives the distance between the positions.
 
     Parameters
     ----------
     time_s : (n,) s.
-    lat_deg : (n,).
-    lon_deg : (n,).
+    lat_deg, lon_deg : (n,) degrees.
     speed : (n,) in the file's unit.
 
     Returns
     -------
-    unit (None : no unit fits), and the ratio to m/s (NaN: unknown).
+    unit (None: no unit fits), and the ratio to m/s (NaN: unknown).
     """
     columns = {"time_s": time_s, "lat_deg": lat_deg, "lon_deg": lon_deg, "speed_mps": speed}
     ratio = compare_with_track(columns, "speed_mps")
@@ -59,8 +61,8 @@ def find_speed_unit(
 
 
 def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
-    """Returns how a reading (n,) follows a command (n,): the lag at which their steps agree
-    best. None: too few steps."""
+    """Returns how a reading (n,) follows a command (n,): the lag at which their steps agree best.
+    None for too few steps."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
     if command.size < MIN_CHANGES + 2:
@@ -68,7 +70,7 @@ def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
     steps, moves = np.diff(command), np.diff(reading)
     if np.count_nonzero(steps) < MIN_CHANGES or steps.std() == 0.0 or moves.std() == 0.0:
         return None
-    # A quarter of the steps at most, so that enough of them overlap.
+    # The lag is at most a quarter of the steps, so that enough of them overlap.
     most = min(MAX_LAG_ROWS, steps.size // 4)
     strengths = {lag: _calc_correlation(steps, moves, lag) for lag in range(-most, most + 1)}
     best = max(strengths.values())
@@ -81,14 +83,15 @@ def find_answer(command: Floats, reading: Floats) -> CommandAnswer | None:
 
 
 def is_settings_table(time_s: Floats, command: Floats) -> bool:
-    """Tells whether a command (n,), some of it unknown, is a table of settings, one a row."""
+    """Returns whether a command (n,), some of it unknown, is a table of settings, one in
+    each row."""
     known = command[np.isfinite(command)]
     return known.size >= MIN_SETTINGS and is_command_per_row(time_s, known)
 
 
 def calc_answer_slope(command: Floats, reading: Floats) -> float:
-    """Returns the reading for one of the command, where both are clearly there: the median of
-    their ratios; NaN: not known."""
+    """Returns the reading per unit of the command, the median of their ratios where both are
+    clearly above zero; NaN where unknown."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
     if not command.size:
@@ -104,8 +107,8 @@ def calc_answer_slope(command: Floats, reading: Floats) -> float:
 
 
 def find_sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
-    """Returns numbers by which programs say "not known": where the quantity cannot have them, or
-    where no other value comes near."""
+    """Returns numbers by which programs mean "unknown": numbers that the quantity cannot have, or
+    that are far from all other values."""
     return [float(mark) for mark in np.unique(values[flag_sentinels(values, limits)])]
 
 

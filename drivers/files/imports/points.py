@@ -1,5 +1,6 @@
-"""How are points with attributes read as a table: GeoJSON and shapefiles, as many as-applied
-files are?"""
+"""How are points with attributes read as a table? Many as-applied files are GeoJSON or shapefiles
+of points.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from topdress.drivers.files.imports.raw import RawTable, find_units_in
 from topdress.drivers.files.layers import Layer, read_geojson
 from topdress.drivers.files.shape_sets import ShapeSet, find_shape_sets, read_shape_layer
 
-# The log's names of a place.
+# The log's names of a position.
 LAT_COLUMN, LON_COLUMN = "lat_deg", "lon_deg"
 
 
@@ -32,7 +33,7 @@ def read_points(path: Path, said: Source) -> RawTable:
 
 
 def read_point_shapefile(path: Path, said: Source) -> RawTable:
-    """Returns a shapefile of points; of a zip or folder the shapefile that holds points, or that
+    """Returns a shapefile of points; in a zip or folder the shapefile that holds points, or that
     `said` names. Raises LogImportError, RefusedInput, OSError."""
     shapes = _choose_shape_set(path, said)
     kind = _read_shape_type(shapes)
@@ -51,7 +52,7 @@ def read_point_shapefile(path: Path, said: Source) -> RawTable:
 
 
 def _choose_shape_set(path: Path, said: Source) -> ShapeSet:
-    """Returns the shapefile that is meant. Raises LogImportError, RefusedInput, OSError."""
+    """Returns the requested shapefile. Raises LogImportError, RefusedInput, OSError."""
     found = find_shape_sets(path)
     if said.inside is not None:
         named = choose_names([one.name for one in found], said.inside)
@@ -67,15 +68,15 @@ def _choose_shape_set(path: Path, said: Source) -> ShapeSet:
     return found[0]
 
 
-# Returns the type of a shapefile's shapes, from its head.
 def _read_shape_type(shapes: ShapeSet) -> int:
+    """Returns the type of a shapefile's shapes, from its header."""
     head = shapes.part(".shp") or b""
-    # ESRI's shapefile description: bytes 32 to 35.
+    # ESRI's shapefile description, bytes 32 to 35.
     return int.from_bytes(head[32:36], "little") if len(head) >= 36 else 0
 
 
-# Returns the points of a layer as a table. Raises ImportTrouble.
 def _convert_layer(path: Path, layer: Layer, source: Source) -> RawTable:
+    """Returns the points of a layer as a table. Raises LogImportError."""
     kinds = [None if shape is None else shape.geom_type for shape in layer.shapes]
     there = [k for k, kind in enumerate(kinds) if kind == "Point" and not layer.shapes[k].is_empty]
     if not there:
@@ -110,16 +111,16 @@ def _convert_layer(path: Path, layer: Layer, source: Source) -> RawTable:
 
 
 def _restore_own_names(names: list[str]) -> list[str]:
-    """Returns the full names of our own as-applied shapefiles, which ten letters have cut; other
-    names as they stand."""
+    """Returns the full names of topdress's own as-applied shapefiles, which the format cuts to ten
+    letters; other names are unchanged."""
     from topdress.drivers.files.exports.columns import EXPORT_COLUMNS, TIME_SHORT_NAME
 
     long = {column.short: column.name for column in EXPORT_COLUMNS} | {TIME_SHORT_NAME: "utc"}
     return [long.get(name, name) for name in names] if set(long) <= set(names) else names
 
 
-# Returns a column as numbers or texts (n,).
 def _build_column(values: list[Any]) -> NDArray[Any]:
+    """Returns a column as numbers or texts (n,)."""
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, int | float) for value in known):
         return np.array([np.nan if value is None else float(value) for value in values], np.float64)

@@ -1,4 +1,4 @@
-"""What does a table hold as its file has it, before its meaning is known?"""
+"""What content does a table have before its meaning is known?"""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from topdress.drivers.files.imports.mapping import Source
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
-    """Holds a table as read. `columns`: texts (as written), numbers, or times where the file itself
-    has types; those of `utc` are in UTC, others in the local time of the file.
+    """Holds a table as read. `columns` are texts (as written), numbers, or times where the file
+    itself has types; the columns in `utc` are in UTC, others in the local time of the file.
 
-    `units`: of columns, in the file's own words, where the header or a unit row names them.
-    `first_row`: the line or row of the file that is row 0 here, for messages. `source`: how it was
-    read, with everything that was found.
+    `units` holds units of columns, in the file's own words, where the header or a row of units
+    names them. `first_row` is the line or row of the file that is row 0 here, for messages.
+    `source` describes how the table was read, with all detected properties.
     """
 
     path: Path
@@ -28,18 +28,20 @@ class RawTable:
     units: Mapping[str, str] = field(default_factory=dict)
     first_row: int = 1
     findings: tuple[Finding, ...] = ()
-    above: tuple[str, ...] = ()  # what stands above the header, line by line
+    # The lines above the header.
+    above: tuple[str, ...] = ()
     utc: frozenset[str] = frozenset()
-    width_m: float | None = None  # working width, where the file says one
+    # Working width, m; None where the file states none.
+    width_m: float | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Returns the names of the columns, in their order."""
+        """Names of the columns, in their order."""
         return tuple(self.columns)
 
     @property
     def decimal_comma(self) -> bool:
-        """Tells whether numbers have a decimal comma."""
+        """Whether numbers have a decimal comma."""
         return self.source.decimal == ","
 
 
@@ -49,9 +51,9 @@ def find_units_in(names: Iterable[str]) -> dict[str, str]:
 
 
 def split_header(cells: list[str], units: Sequence[str] | None) -> tuple[list[str], dict[str, str]]:
-    """Returns names, each once, and units of columns, from the header's cells and those of a row
-    of units below it."""
-    # Spreadsheets write empty cells behind the last name.
+    """Returns unique names and units of columns, from the header's cells and the cells of a row of
+    units below it."""
+    # Spreadsheets write empty cells after the last name.
     while cells and not cells[-1]:
         cells = cells[:-1]
     names = make_unique(cells)
@@ -68,8 +70,8 @@ def split_header(cells: list[str], units: Sequence[str] | None) -> tuple[list[st
 
 
 def make_unique(names: list[str]) -> list[str]:
-    """Returns the names with a number behind the second of equal names, and names for those that
-    have none."""
+    """Returns the names with a number after the second of equal names, and with names for unnamed
+    columns."""
     seen: set[str] = set()
     out = []
     for place, name in enumerate(names, start=1):

@@ -1,4 +1,4 @@
-"""How is a file of any kind read as a raw table?"""
+"""How is a file of any kind read as a raw table? The kind of the file selects its reader."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from topdress.drivers.files.stated_units import ANY_COLUMN, find_text_units, mer
 if TYPE_CHECKING:
     import polars as pl
 
-# Rows that are searched for the first text of a column.
+# Number of rows that are searched for the first text of a column.
 SEARCHED_ROWS = 1000
-# Letters of a unit; longer texts are remarks.
+# Largest number of letters of a unit; longer texts are remarks.
 MAX_UNIT_LENGTH = 60
 
-# Kinds of files by their ending; other endings are texts.
+# Kinds of files by their suffix; files with other suffixes are texts.
 _KIND_OF_SUFFIX: dict[str, SourceKind] = {
     **dict.fromkeys(WORKBOOK_SUFFIXES, "excel"),
     ".geojson": "geojson",
@@ -48,19 +48,19 @@ _KIND_OF_SUFFIX: dict[str, SourceKind] = {
 
 
 def read_raw_table(path: Path, said: Source | None = None, data: bytes | None = None) -> RawTable:
-    """Reads a file of any kind as a raw table.
+    """Returns a file of any kind as a raw table.
 
     Parameters
     ----------
     path : the file or folder.
-    said : what an import file says of the reading.
-    data : lines of the text at `path`, in place of the whole file.
+    said : entries of the import file about reading.
+    data : lines of the text at `path`, which replace the whole file.
 
     Raises
     ------
     LogImportError : the file is no table.
-    RefusedInput : it cannot be opened, in one line.
-    OSError : it cannot be read.
+    RefusedInput : the file cannot be opened, in one line.
+    OSError : the file cannot be read.
     """
     said = said or Source()
     if data is None:
@@ -79,7 +79,7 @@ def _read_by_kind(path: Path, said: Source) -> RawTable:
             path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)"
         )
     if kind == "excel":
-        # Imports by kind: each brings its own library.
+        # Each kind imports its own library only when it is needed.
         from topdress.drivers.files.imports.excel import read_excel
 
         return read_excel(path, said)
@@ -131,8 +131,8 @@ def _add_stated_units(raw: RawTable) -> RawTable:
 
 
 def _find_source_kind(path: Path) -> SourceKind:
-    """Returns the kind of a file. In a folder or a zip a task that was worked comes before
-    points, and points before a task that was not."""
+    """Returns the kind of a file. In a folder or a zip a task with time logs comes before points,
+    and points before a task without time logs."""
     if path.is_dir() or path.suffix.lower() == ".zip":
         files = open_archive(path)
         shapes = any(name.lower().endswith(".shp") for name in files.names)
@@ -140,8 +140,8 @@ def _find_source_kind(path: Path) -> SourceKind:
     return _KIND_OF_SUFFIX.get(path.suffix.lower(), "text")
 
 
-# Returns the table of a Parquet file (extra parquet). Raises ImportTrouble.
 def _read_parquet(path: Path, said: Source) -> RawTable:
+    """Returns the table of a Parquet file (extra parquet). Raises LogImportError."""
     require_extras("Parquet", "parquet")
     import polars as pl
 
@@ -163,8 +163,8 @@ def _read_parquet(path: Path, said: Source) -> RawTable:
     return RawTable(path, columns, source, find_units_in(columns), 1, utc=utc)
 
 
-# Returns a column as numbers, times or texts (n,).
 def _convert_series(series: pl.Series) -> NDArray[Any]:
+    """Returns a column as numbers, times or texts (n,)."""
     import polars as pl
 
     if series.dtype.is_numeric() or series.dtype == pl.Boolean:

@@ -1,5 +1,6 @@
-"""How do the time logs of an ISO 11783-10 task set become a single table, which of them are
-meant, and what else does a task file hold?"""
+"""How do the time logs of an ISO 11783-10 task set become a single table? The requested logs are
+chosen, joined, and the other contents of a task file described.
+"""
 
 from __future__ import annotations
 
@@ -35,16 +36,16 @@ from topdress.drivers.files.imports.time_logs import (
 from topdress.drivers.files.imports.units import find_named_unit
 from topdress.drivers.files.prescriptions.task_files import choose_task_set, read_task_tree
 
-# How an operator chooses, for messages.
+# Options by which an operator chooses, for messages.
 CHOICE_OPTIONS = (
     "--task, --device and --log (source.task, .device and .task_log of the import file)"
 )
-# Logs in a message, a line each.
+# Largest number of logs in a message, one in each line.
 MAX_LISTED_LOGS = 60
 
 
 class TaskLogs(NamedTuple):
-    """Holds what a task set records of work done."""
+    """Holds the logs of completed work in a task set."""
 
     root: Element
     parts: dict[str, DeviceElement]
@@ -54,19 +55,19 @@ class TaskLogs(NamedTuple):
 def read_task_log(path: Path, said: Source) -> RawTable:
     """Returns the time logs of a task as a table.
 
-    The logs are joined by their times. A number that a record does not hold is the last one given,
-    as logging on change means it.
+    The logs are joined by their times. A number that a record does not hold keeps its last value,
+    because a device logs on change.
 
     Parameters
     ----------
     path : a task file, its folder or a zip.
-    said : names task, device or log where there are several.
+    said : names task, device or log of a task set with several.
 
     Raises
     ------
-    LogImportError : there is no log, or it is unclear which.
+    LogImportError : the task set has no log, or it is unclear which log is meant.
     RefusedInput : the task set cannot be used, in one line.
-    OSError : it cannot be read.
+    OSError : the task set cannot be read.
     """
     found = find_task_logs(path, said.inside)
     if found is None:
@@ -75,8 +76,8 @@ def read_task_log(path: Path, said: Source) -> RawTable:
 
 
 def find_task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
-    """Returns the time logs of a task set; None: there is no task file.
-    Raises RefusedInput, OSError."""
+    """Returns the time logs of a task set; None without a task file. Raises RefusedInput,
+    OSError."""
     files = choose_task_set(path, inside)
     if files is None:
         return None
@@ -85,8 +86,8 @@ def find_task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
     return TaskLogs(root, parts, read_time_logs(files, root, parts))
 
 
-# Returns the table of the chosen logs. Raises ImportTrouble.
 def _read_chosen_logs(path: Path, found: TaskLogs, said: Source) -> RawTable:
+    """Returns the table of the chosen logs. Raises LogImportError."""
     if not found.logs:
         raise LogImportError(
             path,
@@ -230,13 +231,13 @@ def _describe_log(log: TimeLog, found: TaskLogs) -> str:
     )
 
 
-# Returns a UTC as text, of microseconds since 1970.
 def _format_moment(us: int) -> str:
+    """Returns a UTC time as text, from microseconds since 1970."""
     return f"{day_clock.convert_to_utc(us / 1e6):%Y-%m-%d %H:%M:%S}"
 
 
-# Refuses logs that overlap in time. Raises ImportTrouble.
 def _check_no_overlap(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
+    """Refuses logs that overlap in time. Raises LogImportError."""
     for before, after in pairwise(logs):
         if after.first_us <= before.last_us:
             raise LogImportError(
@@ -251,8 +252,8 @@ def _check_no_overlap(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> N
 def _is_by_presentation(
     path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]
 ) -> bool:
-    """Tells whether rates are taken as their device shows them. Raises LogImportError where that
-    is open and matters."""
+    """Returns whether rates are taken from the device's presentation. Raises LogImportError where
+    that is undecided and matters."""
     odd = [one for one in logged if one.shown is not None]
     if not odd:
         return False
@@ -283,8 +284,8 @@ def _format_in_log_unit(meaning: NumberMeaning) -> str:
 def _name_columns(
     logs: Sequence[TimeLog], logged: Sequence[LoggedValue]
 ) -> dict[tuple[int | None, str], str]:
-    """Returns the column of each number: its meaning, and with several of a kind the element;
-    elements that always have the same numbers share a column."""
+    """Returns the column name of each number: its meaning, and the element where several have this
+    meaning. Elements that always have the same numbers share a column."""
     names: dict[tuple[int | None, str], str] = {}
     taken = set(logs[0].heads) if logs and logs[0].heads is not None else set()
     for name in dict.fromkeys(one.meaning.name for one in logged):
@@ -299,7 +300,7 @@ def _name_columns(
 
 
 def _drop_repeats(alike: list[LoggedValue], logs: Sequence[TimeLog]) -> list[LoggedValue]:
-    """Returns the numbers without those that repeat an earlier one in every record."""
+    """Returns the numbers without those that equal an earlier number in every record."""
     kept: list[LoggedValue] = []
     for one in alike:
         if not any(all(_is_same_number(log, one, other) for log in logs) for other in kept):
@@ -327,10 +328,10 @@ def _is_same_number(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
     )
 
 
-# Returns the logs as a single table, with an event at each begin.
 def _join_logs(
     logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], presented: bool
 ) -> Columns:
+    """Returns the logs as a single table, with an event at the beginning of each."""
     tables = []
     for log in logs:
         columns = build_time_log_columns(log, names, presented)
@@ -361,7 +362,7 @@ def _describe_elements(
 def _find_shared_width(
     found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValue]
 ) -> float | None:
-    """Returns the working width, m, that all logs share; None: they do not say, or it changed."""
+    """Returns the working width, m, that all logs share; None for an unknown or changing width."""
     widths = {find_log_width(log, found.parts) for log in logs}
     if len(widths) == 1:
         return widths.pop()
@@ -381,8 +382,8 @@ ORIGIN_TEXTS = {
 
 
 def describe_task_file(path: Path) -> list[str] | None:
-    """Returns what a task file holds, a line each; None: there is no task file.
-    Raises RefusedInput, OSError."""
+    """Returns the contents of a task file, one line each; None without a task file. Raises
+    RefusedInput, OSError."""
     found = find_task_logs(path)
     if found is None:
         return None

@@ -1,9 +1,9 @@
-"""How are text tables (CSV and its relatives) read: bytes to UTF-8, rows to columns of texts or
-numbers?
+"""How are text tables (CSV and its relatives) read? Bytes become UTF-8, rows become columns of
+texts or numbers.
 
-Rows are read in blocks, so that a million of them are in memory only as numbers and packed texts;
-rows that do not fit are left out, with a finding. Where header and rows begin is found (`dialect`),
-or the caller says so.
+Rows are read in blocks, so that a million rows are in memory only as numbers and packed texts. Rows
+that do not fit are omitted, with a finding. The beginning of header and rows is detected
+(`dialect`) or given by the caller.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
-    """Returns the text without the lines below its first that are longer than `LINE`, where others
+    """Returns the text without lines after the first that are longer than `LINE`, if other lines
     remain, and findings.
 
-    Zero bytes, as a power loss leaves them, do not count; UTF-16 stays as it is.
+    Zero bytes, which a power loss leaves, are not counted; UTF-16 is unchanged.
     """
     long = [] if data.startswith(_UTF16) else _find_long_lines(data)
     if not long:
@@ -69,8 +69,8 @@ def drop_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
 
 
 def _find_long_lines(data: bytes) -> list[tuple[int, int]]:
-    """Returns first byte and line end of each long line. A long line has no line end in one of
-    the places half as long as allowed: only those are searched."""
+    """Returns the first byte and line end of each long line. A long line has no line end in a half
+    as long window, so only such windows are searched."""
     half, place, found = LINE.most // 2, 0, list[tuple[int, int]]()
     while place + half <= len(data):
         if data.find(b"\n", place, place + half) >= 0:
@@ -84,18 +84,18 @@ def _find_long_lines(data: bytes) -> list[tuple[int, int]]:
     return found
 
 
-# Lines of a cell with line breaks, as headers of spreadsheets have them. A quote that is open for
-# longer swallows the rows behind it.
+# Largest number of lines of a cell with line breaks, as headers of spreadsheets have. A quote that
+# is open for longer would include the rows after it.
 MAX_CELL_LINES = 5
-# Bytes before a cell.
+# Bytes that may precede a cell.
 _CELL_STARTS = b",;\t| "
 
 
 def find_unclosed_quote(data: bytes) -> int | None:
-    """Returns the line (from 1) with a quote that is not closed within a cell's few lines; None:
-    there is none.
+    """Returns the line (from 1) of a quote that is not closed within a cell's few lines; None
+    without such a quote.
 
-    A last line without its line end does not count: it was cut.
+    A last line without a line end is ignored, because it was cut.
     """
     if b'"' not in data:
         return None
@@ -113,7 +113,7 @@ def find_unclosed_quote(data: bytes) -> int | None:
 
 
 def _is_opening_quote(line: bytes) -> bool:
-    """Tells whether a quote stands where a cell begins: a quote behind a number is the sign for
+    """Returns whether a quote is at the beginning of a cell; a quote after a number is the sign for
     inches."""
     return any(
         line[at : at + 1] == b'"' and (at == 0 or line[at - 1] in _CELL_STARTS)
@@ -121,17 +121,17 @@ def _is_opening_quote(line: bytes) -> bool:
     )
 
 
-# Id of a finding.
+# Id of the finding about a missing header.
 NO_HEADER_ID = "no_header"
-# Findings that an import does not report: its import file says how the text is written.
+# Findings that an import does not report, because its import file states how the text is written.
 UNREPORTED_IDS = frozenset(
     {"utf16", "byte_order_mark", "zero_bytes", "carriage_returns", "encoding", "no_last_line_end"}
 )
 
 
 class NumberCells(NamedTuple):
-    """Holds a column's numbers. `values`: (n,), NaN: not known. `bad`: how many cells are no
-    number; `cell`: the first of them."""
+    """Holds a column's numbers. `values` is (n,), NaN for unknown. `bad` counts the cells that are
+    no numbers; `cell` is the first of them."""
 
     values: NDArray[np.float64]
     bad: int = 0
@@ -151,14 +151,14 @@ def convert_to_utf8(
     path : the file, for messages.
     data : its bytes.
     said : the encoding, where it is known.
-    whole : False for the begin of a file, which may end within a pair of quotes.
+    whole : False for the beginning of a file, which may end within a pair of quotes.
 
     Raises
     ------
     TableError : the text is empty, or a quote is not closed.
-    BeyondLimits : it is too large.
+    BeyondLimits : the text is too large.
     """
-    # The last line may be cut inside a letter, so it is not looked at.
+    # The last line is ignored, because it may be cut inside a letter.
     encoding = said or find_encoding(data[: data.rfind(b"\n") + 1] or data)
     findings: list[Finding] = []
     if encoding.lower() not in ("utf-8", "utf8"):
@@ -208,8 +208,8 @@ def convert_to_utf8(
 def drop_cut_row(
     data: bytes, body: int, sign: str, width: int, own: bool = False
 ) -> tuple[bytes, list[Finding]]:
-    """Returns the text without its last row where that was cut off, and findings. body: the byte
-    where the rows begin. own: the writer ends every row with a line end."""
+    """Returns the text without an incomplete last row, and findings. `body` is the position of the
+    rows. `own` means that the writer ends every row with a line end."""
     end = data.rfind(b"\n") + 1
     tail = data[max(end, body) :].strip(b"\r ")
     if not tail:
@@ -232,20 +232,20 @@ def read_cell_columns(
     numbers: Collection[str] = (),
     decimal_comma: bool = False,
 ) -> tuple[dict[str, CellColumn], list[Finding]]:
-    """Returns the rows from byte `body` on as columns, and findings about rows that were left out:
-    with another number of cells than the header, or unreadable.
+    """Returns the rows from byte `body` on as columns, and findings about omitted rows: rows with
+    another number of cells than the header, or unreadable rows.
 
     Parameters
     ----------
     path : the file, for messages.
     data : its bytes in UTF-8.
-    body : first byte of the rows.
-    sign : between cells.
-    names : of the columns.
-    above : lines before the rows.
+    body : position of the first row, bytes.
+    sign : separator of cells.
+    names : names of the columns.
+    above : number of lines before the rows.
     wanted : the columns to be read; None: all.
     numbers : the columns that are read as numbers; all others are texts.
-    decimal_comma : of the numbers.
+    decimal_comma : whether numbers have a decimal comma.
 
     Raises
     ------
@@ -277,8 +277,8 @@ def read_cell_columns(
 
 
 class _EvenRows:
-    """Reads rows with as many cells as the header. `wrong`: line, what is wrong, and number of
-    cells of the others."""
+    """Reads rows with as many cells as the header. `wrong` holds line, fault and number of cells of
+    the other rows."""
 
     def __init__(self, data: bytes, body: int, sign: str, width: int, above: int) -> None:
         self._reader = csv.reader(
@@ -303,8 +303,8 @@ class _EvenRows:
         if block:
             yield block
 
-    # Yields all rows; goes on behind an error.
     def _iter_rows(self) -> Iterator[list[str]]:
+        """Yields all rows; continues after an error."""
         while True:
             try:
                 yield from self._reader
@@ -313,7 +313,8 @@ class _EvenRows:
                 self.wrong.append((self._above + self._reader.line_num, str(error), 0))
 
     def _trim_row(self, cells: list[str]) -> bool:
-        """Tells whether the row has the header's width, without empty cells behind its last."""
+        """Returns whether the row has the header's length, after removing empty cells after its
+        last."""
         if len(cells) > self._width and not any(cells[self._width :]):
             del cells[self._width :]
             return True
@@ -329,7 +330,7 @@ class _EvenRows:
 
     @property
     def left_out_findings(self) -> list[Finding]:
-        """Returns a finding about the rows left out."""
+        """Returns a finding about the omitted rows."""
         if not self.wrong:
             return []
         line, what, _ = self.wrong[0]
@@ -342,8 +343,8 @@ class _EvenRows:
         ]
 
 
-# Returns the blocks of a column as a whole.
 def _join_blocks(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
+    """Returns the blocks of a column as one column."""
     numeric = [part for part in parts if isinstance(part, NumberCells)]
     if is_numeric:
         return NumberCells(
@@ -361,14 +362,14 @@ def read_text_table(path: Path, said: Source, data: bytes | None = None) -> RawT
     Parameters
     ----------
     path : the file.
-    said : what the import file says.
-    data : lines of the file, where it is not read whole.
+    said : entries of the import file about reading.
+    data : lines of the file, which replace the whole file.
 
     Raises
     ------
-    TableError : it is no table.
-    BeyondLimits : it is too large.
-    OSError : it cannot be read.
+    TableError : the text is no table.
+    BeyondLimits : the text is too large.
+    OSError : the file cannot be read.
     """
     data, encoding, findings = convert_to_utf8(
         path, path.read_bytes() if data is None else data, said.encoding
@@ -429,7 +430,7 @@ def _split_header_cells(dialect: TextDialect, said: Source) -> tuple[list[str], 
 def _read_text_columns(
     path: Path, data: bytes, dialect: TextDialect, names: list[str]
 ) -> tuple[Columns, list[Finding]]:
-    """Returns columns of texts without blanks around, and without empty rows."""
+    """Returns columns of texts without surrounding blanks, and without empty rows."""
     start = _find_line_start(data, dialect.layout.body)
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
@@ -449,8 +450,8 @@ def _read_text_columns(
     return columns if filled.all() else select_rows(columns, filled), [*cut, *odd]
 
 
-# Returns the first byte of a line, from 0.
 def _find_line_start(data: bytes, line: int) -> int:
+    """Returns the position of the first byte of a line, counted from 0."""
     place = 0
     for _ in range(line):
         end = data.find(b"\n", place)

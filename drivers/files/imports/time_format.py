@@ -1,4 +1,6 @@
-"""How are many times in a format, as `strptime` has it, read at once?"""
+"""How are many times in a format of `strptime` read at once? The format becomes one regular
+expression.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,9 @@ from topdress.drivers.files.imports.import_errors import LogImportError
 Floats = NDArray[np.float64]
 WholeNumbers = NDArray[np.int64]
 
-# Parts of a format that hold the day.
+# Parts of a format that contain the date.
 DAY_PARTS = re.compile("%[djeyYFDs]")
-# Short forms of several parts (POSIX).
+# Abbreviations for several parts (POSIX).
 _WRITTEN_OUT = {"%F": "%Y-%m-%d", "%D": "%m/%d/%y", "%T": "%H:%M:%S", "%R": "%H:%M"}
 # Parts that are read as another part.
 _ANOTHER_NAME = {"e": "d", "k": "H", "l": "I", "P": "p", "h": "b"}
@@ -25,7 +27,7 @@ _MONTHS = (
 ).split()
 # Months in English, whole or by three letters.
 _NAMES = f"((?i:{'|'.join((*_MONTHS, *(name[:3] for name in _MONTHS)))}))"
-# Digits that belong to a part are not given back to the one before it.
+# A possessive quantifier keeps the digits of a part, so that matching needs no backtracking.
 _TWO_DIGITS = r"\s*+(\d{1,2}+)"
 # Each part as a regular expression.
 _PATTERNS = {
@@ -36,20 +38,20 @@ _PATTERNS = {
     "p": "((?i:[ap]m))",
     "b": _NAMES,
     "B": _NAMES,
-    # a fraction of a second, with its point or without
+    # A fraction of a second, with or without its point.
     ".f": r"(?:\.(\d++))?+",
     "f": r"(\d++)",
     **{f".{digits}f": rf"(?:\.(\d{{{digits}}}))?+" for digits in (3, 6, 9)},
     **{f"{digits}f": rf"(\d{{{digits}}})" for digits in (3, 6, 9)},
 }
-# Parts that are ignored: the day's name, and the zone's (offsets are removed before).
+# Parts that are ignored: the day's name, and the zone's name (offsets are removed before).
 _IGNORED_PARTS = {"a": "[^\\W\\d]+", "A": "[^\\W\\d]+", "Z": r"\S*", "z": "", "%": "%"}
 # A part, blanks, or any other letter.
 _PART = re.compile(r"%(\.?[369]?f|[A-Za-z%])|(\s+)|(.)", re.DOTALL)
 # Bounds of each part; a leap second is 60.
 _LOWEST = {"Y": -9999, "y": 0, "m": 1, "d": 1, "j": 1, "H": 0, "I": 1, "M": 0, "S": 0}
 _HIGHEST = {"Y": 9999, "y": 99, "m": 12, "d": 31, "j": 366, "H": 23, "I": 12, "M": 59, "S": 60}
-# First year in two digits that belongs to the century before (strptime: 69).
+# First year in two digits that belongs to the previous century (strptime: 69).
 _CENTURY_PIVOT = 70
 
 
@@ -65,8 +67,8 @@ def parse_times(texts: Sequence[str], form: str) -> Floats:
 
     Parameters
     ----------
-    texts : n of them.
-    form : as `strptime` has it, with %.f for fractions of a second.
+    texts : (n,) texts.
+    form : format of `strptime`, with %.f for fractions of a second.
 
     Returns
     -------
@@ -75,7 +77,7 @@ def parse_times(texts: Sequence[str], form: str) -> Floats:
 
     Raises
     ------
-    LogImportError : it is no format.
+    LogImportError : the format is invalid.
     """
     layout = _compile_format(form)
     us = np.full(len(texts), np.nan)
@@ -90,9 +92,10 @@ def parse_times(texts: Sequence[str], form: str) -> Floats:
     return us
 
 
-# Returns the pattern of a format. Raises ImportTrouble.
+# Formats repeat for every block of rows, so the compiled patterns are cached.
 @lru_cache(maxsize=512)
 def _compile_format(form: str) -> _FormatPattern:
+    """Returns the pattern of a format. Raises LogImportError."""
     for short, long in _WRITTEN_OUT.items():
         form = form.replace(short, long)
     pattern, parts = "", list[str]()
@@ -115,8 +118,8 @@ def _compile_format(form: str) -> _FormatPattern:
 
 
 def _is_half_given(parts: set[str]) -> bool:
-    """Tells whether hours come without minutes or the other way round, or half days without
-    their half."""
+    """Returns whether a format has hours without minutes or the reverse, or 12-hour times without
+    AM or PM."""
     return bool(parts & {"H", "I"}) != ("M" in parts) or ("I" in parts) != ("p" in parts)
 
 
@@ -149,7 +152,7 @@ def _calc_microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
 def _calc_days(
     found: dict[str, WholeNumbers], names: list[str] | None, rows: int
 ) -> tuple[WholeNumbers, NDArray[np.bool_]]:
-    """Returns days since 1970, and whether their month, or year, has them."""
+    """Returns days since 1970, and whether each day exists in its month or year."""
     one = np.ones(rows, np.int64)
     year = found.get("Y", 1970 * one)
     if "y" in found:

@@ -1,5 +1,6 @@
-"""How are ISO 11783-10 time logs (TLG) read: the binary records of a task controller, each log
-as a table?"""
+"""How are ISO 11783-10 time logs (TLG) read? The binary records of a task controller become a table
+for each log.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ from topdress.drivers.files.imports.import_errors import LogImportError
 from topdress.drivers.files.prescriptions.task_files import TaskSet
 
 # Fields of TIM and its PTN that every record may hold, in their order: attribute, numpy's type,
-# step, name here, the number that means not known.
+# step, column name, and the number that means "unknown".
 _HEAD_FIELDS = (
     ("PTN", "A", "<i4", 1e-7, "lat_deg", None),
     ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
@@ -38,18 +39,19 @@ _HEAD_FIELDS = (
     ("PTN", "H", "<u4", 0.001, "gps time of day s", None),
     ("PTN", "I", "<u2", 1.0, "gps day", None),
 )
-# Milliseconds of the day and days since 1980 begin every record.
+# Every record begins with milliseconds of the day and days since 1980.
 _TIME_FIELDS = (("ms", "<u4"), ("day", "<u2"))
 UTC_COLUMN = "utc"
-# Data dictionary identifiers (ISO 11783-11): m2, mm, 1 for working.
+# Data dictionary identifiers (ISO 11783-11) of total area (m2), width (mm) and work state (1:
+# working).
 TOTAL_AREA_DDI, WIDTH_DDI, WORK_STATE_DDI = 116, 67, 141
-# Distance, m, below which two places are the same.
+# Distance, m, below which two positions are equal.
 MIN_STEP_M = 0.001
 
 
 class LoggedValue(NamedTuple):
-    """Describes a number that a log holds: its element (DET), its identifier, and the device's
-    own view of its step where that contradicts the dictionary."""
+    """Describes a number that a log holds: its element (DET), its identifier, and its meaning by
+    the device where that contradicts the dictionary."""
 
     ddi: int | None
     element: str
@@ -60,11 +62,11 @@ class LoggedValue(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TimeLog:
-    """Holds a time log. `task`: id of the task (TSK). `heads`: time and place. `values`: (numbers,
-    records) raw, NaN where not reported yet.
+    """Holds a time log. `task` is the id of the task (TSK). `heads` holds times and positions.
+    `values` holds raw numbers (numbers, records), NaN before the first report.
 
-    `lost`: bytes at the end that are no whole record. `trouble`: why nothing can be read, in one
-    line; empty: it was read.
+    `lost` counts the bytes at the end that are no whole record. `trouble` is the reason why nothing
+    can be read, in one line; empty for a readable log.
     """
 
     name: str
@@ -78,24 +80,24 @@ class TimeLog:
 
     @property
     def rows(self) -> int:
-        """Returns the number of records."""
+        """Number of records."""
         return 0 if self.heads is None else count_rows(self.heads)
 
     @property
     def first_us(self) -> int:
-        """Returns the first time, microseconds since 1970."""
+        """First time, microseconds since 1970."""
         assert self.heads is not None
         return int(self.heads[UTC_COLUMN].min().astype(np.int64))
 
     @property
     def last_us(self) -> int:
-        """Returns the last time, microseconds since 1970."""
+        """Last time, microseconds since 1970."""
         assert self.heads is not None
         return int(self.heads[UTC_COLUMN].max().astype(np.int64))
 
     @property
     def devices(self) -> dict[str, str]:
-        """Returns ids of the devices whose numbers it holds, with their names."""
+        """Ids and names of the devices whose numbers the log holds."""
         return {
             one.part.device: one.part.device_name for one in self.logged if one.part is not None
         }
@@ -145,15 +147,15 @@ def _read_time_log(
     )
 
 
-# Returns a log that cannot be read, with the reason.
 def _make_failed_log(log: TimeLog, why: str) -> TimeLog:
+    """Returns a log that cannot be read, with the reason."""
     return TimeLog(log.name, log.task, log.title, log.logged, trouble=why)
 
 
-# Returns time and place of the records as columns.
 def _decode_heads(
     heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]
 ) -> Columns:
+    """Returns times and positions of the records as columns."""
     epoch = np.datetime64(FIRST_DAY_UTC.replace(tzinfo=None), "ms")
     times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
     columns: Columns = {UTC_COLUMN: times.astype(TIME_TYPE)}
@@ -182,11 +184,11 @@ def _describe_value(root: Element, parts: dict[str, DeviceElement], item: Elemen
 
 
 def _find_record_starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
-    """Returns where each record begins, and where the last whole record ends: a record holds its
+    """Returns the begin of each record, and the end of the last whole record; each record holds its
     own length."""
     starts, place, size = [], 0, len(data)
     while place + head_bytes <= size:
-        # Each number takes 5 bytes: its index and 32 bits.
+        # Each number has 5 bytes: its index and 32 bits.
         end = place + head_bytes + 5 * data[place + head_bytes - 1]
         if end > size:
             break
@@ -198,7 +200,7 @@ def _find_record_starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64]
 def _decode_values(
     raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8], columns: int
 ) -> NDArray[np.float64]:
-    """Returns numbers (columns, records), each the last one given; NaN before the first."""
+    """Returns numbers (columns, records), each the last reported number; NaN before the first."""
     out = np.full((columns, len(first)), np.nan)
     for k in range(int(counts.max(initial=0))):
         rows = np.flatnonzero(counts > k)
@@ -215,8 +217,8 @@ def _decode_values(
 
 
 def calc_worked_ha(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str] | None:
-    """Returns the covered ground, ha, and its source: the device's own count, else way times
-    width at work; None: not known."""
+    """Returns the covered area, ha, and its source: the device's own count, else distance times
+    width while working. None for an unknown area."""
     if log.heads is None or log.values is None:
         return None
     counted = [
@@ -240,8 +242,8 @@ def calc_worked_ha(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float
 
 
 def find_log_width(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
-    """Returns the working width, m: as logged where it stays the same, else by the device's
-    description; None where it changes."""
+    """Returns the working width, m: the logged width if it is constant, else the width in the
+    device's description; None for a changing width."""
     if log.values is not None:
         for k, one in enumerate(log.logged):
             known = log.values[k][log.values[k] > 0.0]
@@ -251,8 +253,8 @@ def find_log_width(log: TimeLog, parts: dict[str, DeviceElement]) -> float | Non
     return max(widths) if widths else None
 
 
-# Returns the distance to the place before (n,), m; 0 where unknown.
 def _calc_steps_m(heads: Columns) -> NDArray[np.float64]:
+    """Returns the distance to the previous position (n,), m; 0 where unknown."""
     lat, lon = heads["lat_deg"], heads["lon_deg"]
     known = np.isfinite(lat) & np.isfinite(lon)
     steps = np.zeros(len(lat))
@@ -267,8 +269,8 @@ def _calc_steps_m(heads: Columns) -> NDArray[np.float64]:
 def build_time_log_columns(
     log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool
 ) -> Columns:
-    """Returns time, place and numbers as columns, in their units. names: of (DDI, element);
-    numbers without a name are left out. Raises ImportTrouble."""
+    """Returns times, positions and numbers as columns, in their units. `names` are by (DDI,
+    element); numbers without a name are omitted. Raises LogImportError."""
     if log.heads is None or log.values is None:
         raise LogImportError(log.name, f"{log.trouble}")
     columns = dict(log.heads)

@@ -1,5 +1,6 @@
-"""How are the times of a foreign table read as whole microseconds: texts of any format and zone,
-counts of seconds or days?"""
+"""How are the times of a foreign table read as whole microseconds? They may be texts of any format
+and zone, or counts of seconds or days.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +29,17 @@ from topdress.drivers.files.imports.numbers import parse_number_column, parse_pl
 from topdress.drivers.files.imports.raw import RawTable
 from topdress.drivers.files.imports.time_format import DAY_PARTS, parse_times
 
-# ISO 8601 with a blank for its T.
+# ISO 8601 with a blank in place of its T.
 ISO_FORMAT = "%Y-%m-%d %H:%M:%S%.f"
-# An offset from UTC behind a time.
+# An offset from UTC after a time.
 _ZONE_OFFSET = re.compile(r"(:\d{2}(?:\.\d+)?)?\s*(Z|z|[+-]\d{2}:?\d{2})$")
 # Seconds with a decimal comma.
 _DECIMAL_COMMA = re.compile(r"(\d{2}),(\d{1,6})")
-# A day with hours and minutes.
+# A date with hours and minutes.
 _WITHOUT_SECONDS = re.compile(r"(\S+ \d{1,2}:\d{2})")
 _DAY_US = 86_400_000_000
 _MINUTE_US = 60_000_000
-# Microseconds of one of each unit.
+# Microseconds of each unit.
 _STEPS_US = {
     "s": 1e6,
     "ms": 1e3,
@@ -50,17 +51,18 @@ _STEPS_US = {
     "unix_us": 1.0,
 }
 _FORMAT_PARTS = re.compile(r"%\.?[A-Za-z]")
-# Digits of the parts of a format that may run together.
+# Number of digits of each part of a format without separators.
 _PART_DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
-# With a smaller share of readable times the format is wrong.
+# Share of readable times below which the format is wrong.
 _MIN_GOOD_SHARE = 0.5
 
 Floats = NDArray[np.float64]
 
 
 class FileClock(NamedTuple):
-    """Holds a file's times. `us`: whole microseconds, NaN: not known. `kind`: since 1970 in UTC;
-    since 1970 in local time of an unknown zone; or counted from a moment of the file's own."""
+    """Holds a file's times. `us` are whole microseconds, NaN for unknown. `kind` is "utc" (since
+    1970 in UTC), "local" (since 1970 in local time of an unknown zone) or "relative" (since an
+    unknown start)."""
 
     us: Floats
     kind: Literal["utc", "local", "relative"]
@@ -71,8 +73,8 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
 
     Parameters
     ----------
-    table : as the file holds it.
-    times : which column and how.
+    table : the table as the file holds it.
+    times : the column with the time, and its format.
 
     Returns
     -------
@@ -101,7 +103,7 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
         return found
     found_numbers = parse_number_column(column, table.decimal_comma).values
     if times.counts == "excel_day":
-        # Days as doubles are right to microseconds; rounding to milliseconds removes their error.
+        # Days as doubles are exact to microseconds; rounding to milliseconds removes their error.
         ms = np.round((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
         found = _apply_time_zone(ms * 1000.0, times.zone)
     else:
@@ -112,13 +114,13 @@ def read_row_times(table: RawTable, times: Times) -> FileClock:
 
 
 def read_time_texts(column: NDArray[Any], form: str | None, zone: str | None) -> FileClock:
-    """Returns times written as texts; an offset at their end (Z, +08:00) overrides `zone`.
-    `form` None: ISO 8601."""
+    """Returns times written as texts; an offset at their end (Z, +08:00) overrides `zone`. `form`
+    None means ISO 8601."""
     starts = range(0, max(len(column), 1), BLOCK_ROWS)
     blocks = [_read_time_block(column[start : start + BLOCK_ROWS], form) for start in starts]
     us = np.concatenate([block.us for block in blocks])
     if not DAY_PARTS.search(form or ISO_FORMAT):
-        # Times of day go on past midnight.
+        # Times of day continue after midnight with the next day.
         days = np.cumsum(np.diff(_fill_forward(us), prepend=np.nan) < -_DAY_US // 2)
         return FileClock(us + days * float(_DAY_US), "relative")
     offsets_us = np.concatenate([block.offsets_us for block in blocks])
@@ -128,14 +130,14 @@ def read_time_texts(column: NDArray[Any], form: str | None, zone: str | None) ->
 
 
 class _TimeBlock(NamedTuple):
-    """Holds times of a block. `offsets_us`: (n,), NaN where a text has none."""
+    """Holds times of a block. `offsets_us` is (n,), NaN where a text has none."""
 
     us: Floats
     offsets_us: Floats
 
 
-# Returns the times of a block of texts, with their offsets.
 def _read_time_block(column: NDArray[Any], form: str | None) -> _TimeBlock:
+    """Returns the times of a block of texts, with their offsets."""
     texts = [text.strip() for text in convert_to_texts(column).tolist()]
     if any("," in text for text in texts):
         texts = [_DECIMAL_COMMA.sub(r"\1.\2", text, count=1) for text in texts]
@@ -160,13 +162,13 @@ def convert_to_texts(column: NDArray[Any]) -> NDArray[Any]:
 
 
 def _fill_forward(us: Floats) -> Floats:
-    """Returns values (n,) with the last known value in place of unknown ones."""
+    """Returns values (n,) with the last known value in place of unknown values."""
     last = np.maximum.accumulate(np.where(np.isnan(us), 0, np.arange(len(us))))
     return us[last]
 
 
-# Returns the texts of times, with their day where that has its own column.
 def _join_day_and_time(table: RawTable, times: Times) -> NDArray[Any]:
+    """Returns the texts of times, joined with their date where it has its own column."""
     assert times.column is not None
     day_form, _, time_form = (times.format or ISO_FORMAT).rpartition(" ")
     column = format_for_time(table.columns[times.column], time_form)
@@ -176,8 +178,8 @@ def _join_day_and_time(table: RawTable, times: Times) -> NDArray[Any]:
 
 
 def join_day_texts(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[Any]:
-    """Returns texts of day and time of day joined, empty where either is not known; `day_form`:
-    how the day is written."""
+    """Returns texts of date and time of day joined, empty where either is unknown; `day_form` is
+    the format of the date."""
     if is_time_column(day):
         texts = _format_iso_days(day)
     else:
@@ -194,7 +196,7 @@ def join_day_texts(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDAr
 
 
 def format_for_time(column: NDArray[Any], form: str) -> NDArray[Any]:
-    """Returns texts as they stand, and numbers of run-together digits (%Y%m%d, %H%M%S) with
+    """Returns texts unchanged, and numbers without separators (%Y%m%d, %H%M%S) with
     leading zeros."""
     width = sum(_PART_DIGITS.get(part, 0) for part in _FORMAT_PARTS.findall(form))
     if not width or _FORMAT_PARTS.sub("", form):
@@ -208,14 +210,14 @@ def format_for_time(column: NDArray[Any], form: str) -> NDArray[Any]:
 
 
 def _format_digits(column: Floats, width: int) -> NDArray[Any]:
-    """Returns whole numbers with leading zeros, as texts."""
+    """Returns integers with leading zeros, as texts."""
     return make_text_column(
         ["" if value != value else f"{round(value):0{width}d}" for value in column.tolist()]
     )
 
 
 def _find_whole_numbers(column: NDArray[Any]) -> Floats | None:
-    """Returns whole numbers, none below 0; None where the column holds others."""
+    """Returns non-negative integers; None where the column holds other values."""
     if is_text_column(column):
         found = parse_plain_numbers([text.strip() for text in column.tolist()])
         if found is None:
@@ -228,7 +230,7 @@ def _find_whole_numbers(column: NDArray[Any]) -> Floats | None:
 
 
 def _convert_spreadsheet_days(whole: Floats) -> NDArray[Any]:
-    """Returns ISO days of numbers that count days as spreadsheets do."""
+    """Returns ISO dates of spreadsheet day numbers."""
     first, last = SPREADSHEET_DAYS
     days = np.where((whole >= first) & (whole <= last), whole - SPREADSHEET_EPOCH_DAYS, np.nan)
     return _format_iso_days(_convert_to_dates(days))
@@ -240,14 +242,14 @@ def _convert_to_dates(days: Floats) -> NDArray[np.datetime64]:
     return np.where(np.isnan(days), np.datetime64("NaT", "D"), known)
 
 
-# Returns days as ISO 8601; empty where not known.
 def _format_iso_days(times: NDArray[Any]) -> NDArray[Any]:
+    """Returns dates in ISO 8601; empty for unknown dates."""
     days = np.datetime_as_string(times.astype("datetime64[D]"))
     return make_text_column(["" if day == "NaT" else day for day in days.tolist()])
 
 
 def _parse_offset_us(offset: str) -> float:
-    """Returns an offset such as +08:00, -0330 or Z, us."""
+    """Returns an offset such as +08:00, -0330 or Z, microseconds."""
     digits = offset.replace(":", "")[1:]
     if not digits:
         return 0.0
@@ -255,17 +257,17 @@ def _parse_offset_us(offset: str) -> float:
     return float(-minutes if offset.startswith("-") else minutes) * _MINUTE_US
 
 
-# Returns times of a zone in UTC; without a zone they stay local.
 def _apply_time_zone(us: Floats, zone: str | None) -> FileClock:
+    """Returns times of a zone in UTC; without a zone they stay local."""
     if zone is None:
         return FileClock(us, "local")
     fixed = re.fullmatch(r"([-+])(\d{2}):(\d{2})", zone)
     if fixed:
         return FileClock(us - _parse_offset_us(zone), "utc")
-    # In autumn an hour comes twice: what stands before the step back is its first, what follows
-    # its second.
+    # In autumn an hour occurs twice: rows before the step back belong to its first occurrence, rows
+    # after it to its second.
     is_second = np.cumsum(np.diff(us, prepend=np.nan) < 0.0) > 0
-    # Clocks are set at whole minutes.
+    # Clocks are changed at whole minutes.
     minutes, place = np.unique(us // _MINUTE_US, return_inverse=True)
     first, second = (
         np.array([_find_zone_offsets_us(minute, ZoneInfo(zone)) for minute in minutes.tolist()])
@@ -276,8 +278,8 @@ def _apply_time_zone(us: Floats, zone: str | None) -> FileClock:
 
 
 def _find_zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
-    """Returns offsets, us, from UTC to a local minute since 1970, for the first and the second
-    time that the zone's clocks show it; NaN where they never do."""
+    """Returns the offsets from UTC to a local minute since 1970, microseconds, for its first and
+    its second occurrence in the zone; NaN where it never occurs."""
     try:
         local = dt.datetime(1970, 1, 1) + dt.timedelta(minutes=minute)
     except (OverflowError, ValueError):
@@ -289,8 +291,8 @@ def _find_zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
     return (first, second) if first >= second else (np.nan, np.nan)
 
 
-# Refuses times of which most cannot be read. Raises ImportTrouble.
 def _check_read_times(table: RawTable, times: Times, us: Floats) -> None:
+    """Refuses times of which most cannot be read. Raises LogImportError."""
     unknown = np.isnan(us)
     if (~unknown).sum() > _MIN_GOOD_SHARE * us.size:
         return

@@ -1,4 +1,6 @@
-"""Which units do machines write, and what is one of each in the unit of a log column?"""
+"""Which units do machines write, and by which factors are they converted to the unit of a log
+column?
+"""
 
 from __future__ import annotations
 
@@ -13,13 +15,13 @@ from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
 from topdress.drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
 
-# 100 m up in 100 m along: no factor but an arc tangent.
+# A slope of 100 % rises 100 m in 100 m; it is converted by the arc tangent instead of a factor.
 SLOPE_PERCENT = "slope %"
 
 
 class ColumnUnit(NamedTuple):
-    """Describes a unit. `factor`: one of it in the log's unit of that quantity. `other`: further
-    spellings, in small letters."""
+    """Describes a unit. `factor` converts it to the log's unit of that quantity. `other` lists
+    further spellings, in small letters."""
 
     name: str
     quantity: str
@@ -32,7 +34,7 @@ _POUND_KG = 0.45359237
 # The international foot, m, and inch, mm.
 _FOOT_M, _INCH_MM = 0.3048, 25.4
 
-# All known units by quantity, with the words that machines' logs use.
+# All known units by quantity, with the spellings in machines' logs.
 KNOWN_UNITS = (
     ColumnUnit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
     ColumnUnit(
@@ -116,7 +118,7 @@ KNOWN_UNITS = (
     ColumnUnit("us", "time", 1e-6, ("µs", "μs", "usec", "micros", "microseconds", "微秒")),
     ColumnUnit("min", "time", 60.0, ("minutes", "分钟")),
     ColumnUnit("h", "time", 3600.0, ("hours", "小时")),
-    # Units that no column of the log has: known so that an extra column keeps them in its name.
+    # Units without a column of the log; an extra column keeps them in its name.
     *(
         ColumnUnit(name, "other", 1.0, other)
         for name, other in (
@@ -152,7 +154,7 @@ KNOWN_UNITS = (
     ),
 )
 
-# Words for what is spread; a unit of a rate is any of them over any ground.
+# Words for the applied amount; a unit of a rate is an amount per area.
 _AMOUNT_WORDS = {
     spelling: name
     for name, spellings in {
@@ -171,7 +173,7 @@ _AMOUNT_WORDS = {
     }.items()
     for spelling in spellings.split()
 }
-# Words for the ground.
+# Words for the area.
 _GROUND_WORDS = {
     spelling: name
     for name, spellings in {
@@ -186,7 +188,7 @@ _RATE_RATIO = re.compile(
     rf"({'|'.join(sorted(_AMOUNT_WORDS, key=len, reverse=True))})(?:/|_|·|⋅| |p(?=ha|ac))"
     rf"({'|'.join(sorted(_GROUND_WORDS, key=len, reverse=True))})(?:-1)?"
 )
-# Quantities of what is spread on ground.
+# Quantities of an applied amount per area.
 RATE_QUANTITIES = ("rate", "volume", "nitrogen", "count")
 
 _UNIT_BY_NAME = {unit.name: unit for unit in KNOWN_UNITS}
@@ -196,8 +198,8 @@ _SPELLINGS = {unit.name: unit for unit in KNOWN_UNITS} | {
     for spelling in (unit.name.lower(), *unit.other)
 }
 
-# Unit of a log column by the ending of its name (docs/format-run-log.md); the longest ending
-# counts.
+# Unit of a log column by the ending of its name (docs/format-run-log.md); the longest matching
+# ending decides.
 UNIT_OF_ENDING = {
     "_kg_ha": "kg/ha",
     "_mps": "m/s",
@@ -214,7 +216,7 @@ UNIT_OF_ENDING = {
     "_m": "m",
     "_min": "min",
 }
-# Units as names of columns write them.
+# Units as they are written in names of columns.
 _UNIT_IN_NAMES = {
     "r/min": "rpm",
     "m/s": "mps",
@@ -225,7 +227,7 @@ _UNIT_IN_NAMES = {
 
 
 def find_named_unit(text: str) -> ColumnUnit | None:
-    """Returns the unit that a text names in any known spelling; None: no unit."""
+    """Returns the unit that a text names in any known spelling; None for another text."""
     plain = _normalise_text(text)
     return (
         _UNIT_BY_NAME.get(plain)
@@ -236,7 +238,7 @@ def find_named_unit(text: str) -> ColumnUnit | None:
 
 
 def _find_ratio_unit(plain: str) -> ColumnUnit | None:
-    """Returns the unit of an amount over a ground: `pounds per acre`, `l ha-1`, `kg N/ha`."""
+    """Returns the unit of an amount per area: `pounds per acre`, `l ha-1`, `kg N/ha`."""
     found = _RATE_RATIO.fullmatch(
         re.sub(r"(?<=[a-z]) n(?=\W)|-n(?=\W)", "n", plain.replace("us gal", "usgal"))
     )
@@ -248,7 +250,7 @@ def _find_ratio_unit(plain: str) -> ColumnUnit | None:
 
 
 def is_rate_unit(text: str) -> bool:
-    """Tells whether a text names a unit of what is spread on ground."""
+    """Returns whether a text names a unit of an applied amount per area."""
     found = find_named_unit(text)
     return found is not None and found.quantity in RATE_QUANTITIES
 
@@ -263,7 +265,7 @@ def find_quantity(column: str) -> str | None:
 
 
 def find_column_unit(column: str) -> ColumnUnit | None:
-    """Returns the unit by the ending of a column's name; None: it has none."""
+    """Returns the unit by the ending of a column's name; None for a name without a unit."""
     ending = max((one for one in UNIT_OF_ENDING if column.endswith(one)), key=len, default=None)
     return None if ending is None else _UNIT_BY_NAME[UNIT_OF_ENDING[ending]]
 
@@ -271,8 +273,8 @@ def find_column_unit(column: str) -> ColumnUnit | None:
 def convert_to_log_unit(
     values: NDArray[np.float64], unit: ColumnUnit, column: str
 ) -> NDArray[np.float64]:
-    """Returns numbers (n,) in `unit` as the log column holds them. The unit's quantity must be
-    the column's."""
+    """Returns numbers (n,) given in `unit` in the unit of the log column. Both units must have the
+    same quantity."""
     if unit.name == SLOPE_PERCENT:
         return np.degrees(np.arctan(values / 100.0))
     own = find_column_unit(column)
@@ -280,8 +282,8 @@ def convert_to_log_unit(
 
 
 def make_name_slug(text: str) -> str:
-    """Returns a name or a unit in small letters, digits and underscores, as columns are named:
-    `N m` is `nm`."""
+    """Returns a name or a unit in small letters, digits and underscores, as columns are named: `N
+    m` becomes `nm`."""
     unit = find_named_unit(text)
     plain = unit.name if unit is not None else text
     if plain in _UNIT_IN_NAMES:
@@ -292,7 +294,7 @@ def make_name_slug(text: str) -> str:
 
 
 def _normalise_text(text: str) -> str:
-    """Returns a text in a single spelling: superscripts as digits, no blanks about a slash."""
+    """Returns a text in a uniform spelling: superscripts as digits, no blanks around a slash."""
     folded = (
         unicodedata.normalize("NFKC", text).replace("−", "-").replace("⋅", "·").replace("^", "")
     )

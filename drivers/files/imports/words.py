@@ -1,8 +1,8 @@
-"""Which words do people use for the columns of a machine's log and of a map, in English, German,
-Chinese, French and Spanish?
+"""Which words do people use for the columns of a machine's log and of a map? The lists cover
+English, German, Chinese, French and Spanish.
 
-A word matches wherever it occurs in a name. `=word` is the whole of a part of the name (`=rate` is
-in `target_rate`, not in `acceleration`), `^word` its begin, `$word` the end of the name. Names are
+A word matches wherever it occurs in a name. `=word` matches a whole part of the name (`=rate` is in
+`target_rate`, not in `acceleration`), `^word` its beginning, `$word` the end of the name. Names are
 compared in small letters, those of logs without accents.
 """
 
@@ -16,17 +16,18 @@ from typing import NamedTuple
 
 from topdress.drivers.files.imports.units import find_quantity
 
-# Letters that a shapefile keeps of a name.
+# Number of letters of a name that a shapefile keeps.
 SHAPEFILE_NAME_LENGTH = 10
 WordList = tuple[str, ...]
 
 
 class ColumnSubject(NamedTuple):
-    """Describes a kind of column. `needs`: groups of words, one of each must be there; `never`:
-    none of these may be.
+    """Describes a kind of column. `needs` are groups of words; a name must contain a word of each
+    group. A name with a word of `never` is excluded.
 
-    `reading`, `command`: the log columns of its measured and its commanded kind, empty: none.
-    `quantities`: a column in a unit of these is of this kind, unless its words say otherwise.
+    `reading` and `command` are the log columns of its measured and its commanded value; empty
+    without such a column. `quantities` lists quantities whose units imply this kind, unless the
+    words of the name contradict.
     """
 
     id: str
@@ -41,12 +42,12 @@ def _split_words(text: str) -> WordList:
     return tuple(text.split())
 
 
-# Words of drives that meter nothing.
+# Words of drives that are no metering drives.
 _OTHER_DRIVES = _split_words(
     "engine =eng =pto zapfwelle =fan geblase turbin ^motordreh 发动机 风机 =wind windgesch"
 )
 
-# In order: the first that fits is taken, so that the special stands before the general.
+# The first subject that fits is chosen, so special subjects precede general ones.
 COLUMN_SUBJECTS = (
     ColumnSubject(
         "wheel speed",
@@ -115,7 +116,8 @@ COLUMN_SUBJECTS = (
             "apprate accel =acc ^beschl 加速"
         ),
         quantities=("mass",),
-    ),  # the g of an acceleration is no gram
+        # The g of an acceleration is no gram.
+    ),
     ColumnSubject(
         "gate",
         (
@@ -223,9 +225,9 @@ COLUMN_SUBJECTS = (
         )
     ),
 )
-# Words of targets and, below, of what was done: of rates in logs and maps alike (`find_rate_role`),
-# and of drives. English, German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian,
-# Chinese; Ag Leader's Rt_Tgt and Rt_Apd, Deere's ControlRate.
+# Words of targets and, below, of applied amounts: of rates in logs and maps alike
+# (`find_rate_role`), and of drives. They are English, German, French, Spanish, Italian, Portuguese,
+# Dutch, Polish, Russian and Chinese, and Ag Leader's Rt_Tgt and Rt_Apd, Deere's ControlRate.
 TARGET_WORDS = _split_words(
     "target =tgt ^tgt trgt =targ soll ziel desired demand wanted setpoint set_point =set "
     "prescri recomm "
@@ -244,22 +246,22 @@ COMMAND_WORDS = (
     *TARGET_WORDS,
     *_split_words("=cmd command =ref request =pwm =duty =esc =sp stellwert"),
 )
-# Words of a command even next to a word of reading.
+# Words of a command, even if the name also has a word of a reading.
 RAW_COMMAND_WORDS = _split_words("=pwm =duty =esc")
 READING_WORDS = (*APPLIED_WORDS, *_split_words("feedback =fb 反馈 sensor"))
-# A command with such a word counts no steps.
+# A command with one of these words is not a count of steps.
 QUANTITY_WORDS = _split_words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")
-# Words of a reading even next to a word of command.
+# Words of a reading, even if the name also has a word of a command.
 PLAIN_READING_WORDS = _split_words("actual =act =ist")
 
-# Words of times, the plain ones first.
+# Words of times, the plain words first.
 TIME_WORDS = _split_words(
     "=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed "
     "time millis "
     "=tiempo =tempo =temps =tijd =czas =время"
 )
 PLAIN_TIME_WORDS = TIME_WORDS[:6]
-# Words next to which a word of time is none.
+# Words that exclude a time despite a word of time.
 NO_TIME_WORDS = _split_words("lag zeitzone timezone")
 DATE_WORDS = _split_words("=date =datum 日期 =fecha =tag =day")
 UTC_WORDS = _split_words("utc gmt zulu")
@@ -274,7 +276,7 @@ ON_WORDS = _split_words(
 # Words of a harvester's log; the first word found is shown.
 HARVEST_WORDS = _split_words("yield ertrag 产量 crop_flow grain")
 
-# Names that need no guess: a log with them is read as it stands. A unit may follow.
+# Names that need no guess: a log with these names is read unchanged. A unit may follow.
 COLUMN_OF_WHOLE_NAME = {
     name: column
     for column, names in {
@@ -292,8 +294,8 @@ COLUMN_OF_WHOLE_NAME = {
 # Names of columns with seconds, dates or texts of dates.
 DATE_NAMES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")
 
-# Kinds of columns of a map by a word: the first that fits is taken. A rate is named by a word of
-# its own, unless another word, or the last, names something else.
+# Kinds of a map's columns by words; the first match decides. A rate needs a word of its own, and no
+# other or last word that names something else.
 MAP_COLUMN_KINDS: tuple[tuple[str, WordList], ...] = (
     (
         "a measurement",
@@ -357,8 +359,8 @@ MAP_COLUMN_KINDS: tuple[tuple[str, WordList], ...] = (
 
 @cache
 def fold_column_name(name: str) -> str:
-    """Returns a name in small letters without accents, parts joined by `_`: `targetRate` and
-    `Target-Rate` are `target_rate`."""
+    """Returns a name in small letters without accents, with parts joined by `_`: `targetRate` and
+    `Target-Rate` become `target_rate`."""
     plain = unicodedata.normalize("NFKC", name).replace("ß", "ss")
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", plain)
     letters = "".join(
@@ -368,7 +370,7 @@ def fold_column_name(name: str) -> str:
 
 
 def has_any_word(name: str, words: WordList) -> bool:
-    """Tells whether a folded name has one of the words."""
+    """Returns whether a folded name has one of the words."""
     parts = name.split("_")
     for word in words:
         start, rest = word[0], word[1:]
@@ -386,8 +388,8 @@ def has_any_word(name: str, words: WordList) -> bool:
 
 
 def find_rate_role(name: str) -> str:
-    """Returns which rate a column's name, as the file has it, means: `wanted`, `done`, or empty
-    where no word says it."""
+    """Returns the role of a rate by its column's unchanged name: `wanted`, `done`, or empty without
+    a word of a role."""
     plain = fold_column_name(name)
     if has_any_word(plain, TARGET_WORDS):
         return "done" if has_any_word(plain, PLAIN_READING_WORDS) else "wanted"
@@ -395,8 +397,8 @@ def find_rate_role(name: str) -> str:
 
 
 def find_subject(name: str, quantity: str | None) -> ColumnSubject | None:
-    """Returns the subject of a folded name. A unit of `quantity`, where given, outweighs words
-    that do not go with it: a speed in r/min is no ground speed."""
+    """Returns the subject of a folded name. A unit of `quantity`, where given, outweighs
+    contradicting words: a speed in r/min is no ground speed."""
     worded = [
         subject
         for subject in COLUMN_SUBJECTS
@@ -415,7 +417,7 @@ def find_subject(name: str, quantity: str | None) -> ColumnSubject | None:
 
 
 def has_time_column(names: Iterable[str]) -> bool:
-    """Tells whether one of a table's columns, as the file names them, is a time."""
+    """Returns whether one of a table's columns is a time, by the names in the file."""
     return any(
         has_any_word(fold_column_name(name), TIME_WORDS)
         and not has_any_word(fold_column_name(name), NO_TIME_WORDS)
@@ -424,7 +426,7 @@ def has_time_column(names: Iterable[str]) -> bool:
 
 
 def has_places_without_time(names: Collection[str]) -> bool:
-    """Tells whether columns hold places and no time: points of a map, not of a log."""
+    """Returns whether columns hold positions and no time: points of a map instead of a log."""
     subjects = {
         subject.reading
         for name in names
@@ -434,8 +436,8 @@ def has_places_without_time(names: Collection[str]) -> bool:
 
 
 def is_unit_fitting(column: str, quantity: str) -> bool:
-    """Tells whether a log column can be given in a unit of this quantity: a rate also as a flow
-    over the ground covered, or as a volume of known density."""
+    """Returns whether a log column can be given in a unit of this quantity: a rate also as a flow
+    over the covered area, or as a volume of known density."""
     own = find_quantity(column)
     return (
         own is None or own == quantity or (own, quantity) in (("rate", "flow"), ("rate", "volume"))

@@ -1,5 +1,6 @@
-"""What do the words of a column's name say about it: a rate, an id, a size, a measurement, a
-unit; and which unit is its own?"""
+"""What do the words of a column's name mean? They may mean a rate, an id, a size, a measurement or
+a unit; the column's own unit is separated.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ _NUMBER = re.compile(
 
 
 class Cell(NamedTuple):
-    """Holds a cell's number. `value`: NaN for an empty cell. `unit`: behind the number, as
-    written."""
+    """Holds a cell's number. `value` is NaN for an empty cell. `unit` is the text after the number,
+    as written."""
 
     value: float
     unit: str = ""
@@ -52,8 +53,8 @@ def parse_cell(value: Any) -> Cell | None:
 
 
 def _parse_number(text: str) -> float | None:
-    """Returns the number of a text. Of a point and a comma the last is the decimal sign and the
-    other groups digits; a comma alone is the decimal sign."""
+    """Returns the number of a text. If it has a point and a comma, the last of them is the decimal
+    mark and the other groups digits; a comma alone is the decimal mark."""
     if "," in text and "." in text:
         group = "," if text.rfind(".") > text.rfind(",") else "."
         text = text.replace(group, "")
@@ -65,11 +66,11 @@ def _parse_number(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-# Words of columns that hold no rate to be spread.
+# Words of columns that hold no rate to be applied.
 BOUND_WORDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())
 # Whole words that name a rate, to complete a name that a shapefile has cut.
 RATE_WORDS = sorted(word[1:] for word in dict(MAP_COLUMN_KINDS)["rate"] if word[0] == "=")
-# Words of nutrients and how a message names them.
+# Words for nutrients with their names in messages.
 NUTRIENT_NAMES = {
     "n": "nitrogen",
     "nitrogen": "nitrogen",
@@ -82,13 +83,13 @@ NUTRIENT_NAMES = {
     "potash": "K2O",
 }
 
-# A unit of a rate that the table of units does not know, at the end of a name.
+# A unit at the end of a name that resembles the unit of a rate but is not in the table of units.
 _UNKNOWN_UNIT = re.compile(
     r"[(\[{]\s*([^()\[\]{}]*/[^()\[\]{}]*?)\s*[)\]}]\s*$"
     r"|[\s_]([^\W_]+[\s_/](?:ha|ac|acre|hectare|mu))$",
     re.IGNORECASE,
 )
-# Quantities with a unit of a single letter, as tonnes (Rate_t); no rate is in A or V.
+# Quantities with a unit of a single letter, such as tonnes (Rate_t); a rate is never in A or V.
 _SINGLE_LETTER_QUANTITIES = ("mass", "share")
 
 
@@ -97,7 +98,8 @@ def split_own_unit(name: str) -> tuple[str, str | None]:
     without a unit."""
     plain, text = split_unit_name(name)
     if text is None and is_rate_unit(name):
-        return "", name  # `l/ha` is all its name
+        # The name `l/ha` consists of the unit alone.
+        return "", name
     if text is None or not is_rate_unit(text):
         unread = _UNKNOWN_UNIT.search(name)
         if unread is not None:
@@ -109,7 +111,8 @@ def split_own_unit(name: str) -> tuple[str, str | None]:
         or found.quantity
         not in ("rate", "volume", "nitrogen", "count", "mass", "share", "flow", "other")
     ):
-        return plain, None  # `Rate_min` is no minute
+        # The end of `Rate_min` is no minute.
+        return plain, None
     return (
         (plain, text)
         if len(text) > 1 or found.quantity in _SINGLE_LETTER_QUANTITIES or found.name == "l"
@@ -118,13 +121,14 @@ def split_own_unit(name: str) -> tuple[str, str | None]:
 
 
 def find_word_kind(word: str) -> str:
-    """Returns what a word of a name says that the column is; empty: nothing."""
+    """Returns the kind of column that a word of a name means; empty for a word without a
+    meaning."""
     return next((kind for kind, words in MAP_COLUMN_KINDS if has_any_word(word, words)), "")
 
 
 def split_name_words(name: str) -> list[str]:
-    """Returns the words of a name: `Tgt_Rate1`, `tgtRate` and `TGT RATE` are tgt and rate; so is
-    `TARGET_RAT`, which a shapefile has cut."""
+    """Returns the words of a name: `Tgt_Rate1`, `tgtRate` and `TGT RATE` give tgt and rate. A name
+    cut by a shapefile, such as `TARGET_RAT`, is completed."""
     plain = unicodedata.normalize("NFKC", name)
     parted = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", plain).casefold()
     whole = [word for word in re.split(r"[\W_]+", parted) if word]
@@ -134,7 +138,8 @@ def split_name_words(name: str) -> list[str]:
     words = [word for word in words if not word.isdigit()] or words
     words = [
         part
-        for word in words  # `nrate` is n and rate
+        # The word `nrate` consists of n and rate.
+        for word in words
         for part in (["n", word[1:]] if word in ("nrate", "ndose", "nmenge", "ngabe") else [word])
     ]
     # A shapefile cuts names after ten letters.
@@ -148,17 +153,17 @@ def split_name_words(name: str) -> list[str]:
     return words
 
 
-# Different texts in a column of units: more are no units.
+# Largest number of different texts in a column of units; a column with more has no units.
 MAX_UNIT_TEXTS = 20
 
 
 def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
-    """Returns units by the column that they belong to, in small letters; ANY where the table does
-    not say.
+    """Returns units by the column that they belong to, in small letters; ANY_COLUMN where the table
+    does not assign them.
 
-    A column holds units by its name, where its cells are units or a single word throughout, or by
-    its cells, where all are units of rates. A column that names ground (Mgmt_Unit: North, South)
-    holds none.
+    A column holds units in two cases: its name says so and its cells are units or a single word
+    throughout, or all its cells are units of rates. A column whose name means ground (Mgmt_Unit:
+    North, South) holds none.
 
     Parameters
     ----------
@@ -191,7 +196,7 @@ def find_unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedU
 
 
 def _is_unit_column_of(column: str, unit_column: str) -> bool:
-    """Tells whether a column of units belongs to a column: `Rate_Unit` and `rateUnit` to `Rate`,
+    """Returns whether a column of units belongs to a column: `Rate_Unit` and `rateUnit` to `Rate`,
     `Unit2` to `Rate2`."""
     parts = re.sub(r"(?<=\D)(?=\d+$)", "_", fold_column_name(unit_column)).split("_")
     left = "_".join(part for part in parts if not is_unit_name(part))

@@ -1,5 +1,6 @@
-"""How is a CSV read that has a polygon in a cell of each row (WKT, as QGIS and PostGIS write it)
-and attributes next to it?"""
+"""How is a CSV read that has a polygon in a cell of each row? QGIS and PostGIS write polygons as
+WKT, with attributes in the other cells.
+"""
 
 from __future__ import annotations
 
@@ -22,20 +23,20 @@ from topdress.drivers.files.prescriptions.words import ImportedMap, Prescription
 from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import PlaceInFile
 
-# Bytes at the begin of a file that are searched for a polygon.
+# Number of bytes at the beginning of a file that are searched for a polygon.
 SEARCHED_BYTES = 65_536
-# Letters of a cell: a field's outline of 400 000 corners.
+# Largest number of letters of a cell: a field's outline of 400 000 corners.
 MAX_CELL_LENGTH = 1 << 24
 _POLYGON_TEXT = re.compile(r"^\s*(SRID=(?P<srid>\d+)\s*;)?\s*(MULTI)?POLYGON\b", re.IGNORECASE)
 _POLYGON_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
 
 
 def has_polygon_text(path: Path) -> bool:
-    """Tells whether a text file begins as a table of polygons rather than as a log. Raises
+    """Returns whether a text file begins as a table of polygons instead of a log. Raises
     BeyondLimits, OSError."""
     check_file(path)
     with path.open("rb") as file:
-        # UTF-16 has a zero next to each letter.
+        # UTF-16 has a zero byte next to each ASCII letter.
         return _POLYGON_BYTES.search(file.read(SEARCHED_BYTES).replace(b"\0", b"")) is not None
 
 
@@ -45,9 +46,9 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     # A byte order mark is no part of the first name.
     text = data.decode(find_encoding(data), errors="replace").lstrip("\ufeff")
     header = text.partition("\n")[0]
-    # The sign that the header has most often separates cells.
+    # The separator is the sign that occurs most often in the header.
     sign = max(";\t|,", key=lambda one: header.count(one))
-    # The limit is the module's own, so it is set back.
+    # The limit is global to the csv module, so it is restored.
     before = csv.field_size_limit(MAX_CELL_LENGTH)
     try:
         rows = list(csv.reader(text.splitlines(keepends=True), delimiter=sign, strict=True))
@@ -65,7 +66,7 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
         (
             k
             for k in range(len(names))
-            # The first rows show which column it is.
+            # The first rows show which column has the polygon.
             for _, row in numbered[:50]
             if len(row) > k and _POLYGON_TEXT.match(row[k])
         ),
@@ -105,13 +106,14 @@ def read_csv_zones(path: Path, choice: RateChoice) -> ImportedMap:
     return build_imported_map(path, "csv", features, choice, findings, title=path.stem, units=units)
 
 
-# Returns the place of a row, for messages.
 def _locate_row(path: Path, number: int) -> PlaceInFile:
+    """Returns the place of a row, for messages."""
     return PlaceInFile(str(path)).go_down("row {row}", row=number)
 
 
-# Returns the polygons of a cell, each its outline, then holes, (k, 2) latitude and longitude.
 def _parse_polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
+    """Returns the polygons of a cell, each as its outline, then holes, (k, 2) latitude and
+    longitude."""
     found = _POLYGON_TEXT.match(text)
     if found is not None and found["srid"] not in (None, "4326"):
         raise PrescriptionError(

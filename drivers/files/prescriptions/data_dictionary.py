@@ -1,8 +1,10 @@
-"""What do identifiers of the data dictionary (ISO 11783-11) mean, in words?"""
+"""What do identifiers of the data dictionary (ISO 11783-11) mean? They are described in words for
+messages.
+"""
 
 from __future__ import annotations
 
-# Quantities that a machine is set to: five identifiers each, from the set-point on.
+# Quantities to which a machine can be set; each has five identifiers, from the set-point on.
 _QUANTITIES = {
     1: "volume per area",
     6: "mass per area",
@@ -21,7 +23,7 @@ _QUANTITIES = {
 }
 # The order of those five identifiers.
 _KINDS = ("wanted", "applied", "by default", "at least", "at most")
-# Identifiers that task files often hold besides.
+# Further identifiers that task files often contain.
 _OTHERS = {
     80: "total volume",
     81: "total mass",

@@ -1,5 +1,6 @@
-"""How do polygons with attributes, as shapefile and GeoJSON have them, become zones: which
-column is the rate, in which unit?"""
+"""How do polygons with attributes become zones? The column of the rate and its unit are determined
+for shapefile and GeoJSON.
+"""
 
 from __future__ import annotations
 
@@ -50,36 +51,34 @@ from topdress.drivers.files.stated_units import (
 )
 from topdress.drivers.plain_text import PlaceInFile
 
-# Which column of a map's attributes is the rate, and in which unit: by name, by type, by range.
-#
-# A wrong column is a wrong dose on a whole field. So only a column whose name says that it is a
-# rate is taken, and that is said; all else is a question to the operator.
-# The unit of a rate where nothing names a unit.
+# A wrong column is a wrong dose on a whole field. Therefore only a column whose name means a rate
+# is chosen by name, type and range, and the choice is reported; all other cases are a question to
+# the operator. This is the unit of a rate where neither file nor operator names a unit.
 DEFAULT_RATE_UNIT = "kg/ha"
-# Columns listed in a message.
+# Largest number of columns listed in a message.
 MAX_SHOWN_COLUMNS = 12
 # Units of a rate of nitrogen, by the unit that its column names.
 NITROGEN_UNIT_OF: dict[str | None, str] = {None: "kg N/ha", "kg/ha": "kg N/ha", "lb/ac": "lb N/ac"}
-# 1, 2, 3 may be numbers of classes; 1 and 2 alone do not show it.
+# Number of consecutive integers that may be numbers of classes; 1 and 2 alone do not show classes.
 MIN_CLASS_LEVELS = 3
 
 
 class RateColumn(NamedTuple):
-    """Holds the column of the rate. `cells`: of every row, a number or nothing. `unit`: of the
-    numbers; `unit_from`: who names it. `why`: why this column was taken."""
+    """Holds the column of the rate. `cells` are numbers or empty, one for each row. `unit` is the
+    unit of the numbers, `unit_from` its source. `why` is the reason of the choice."""
 
     name: str
     cells: tuple[Cell, ...]
     unit: str
     unit_from: str
     why: str
-    # The column that holds the unit; empty: the unit stands elsewhere.
+    # The column that holds the unit; empty for a unit outside of the table.
     unit_column: str = ""
 
 
 class _NumberColumn(NamedTuple):
-    """Holds a column of numbers. `is_rate`: its name says so. `doubt`: why it may be something
-    else all the same."""
+    """Holds a column of numbers. `is_rate` tells whether its name means a rate. `doubt` is the
+    reason why it may nevertheless be another quantity."""
 
     name: str
     cells: tuple[Cell, ...]
@@ -87,7 +86,7 @@ class _NumberColumn(NamedTuple):
     is_rate: bool
     doubt: str
     unit: str | None
-    # units that it names, of which none, or not one alone, is one of a rate
+    # Units in the name, none or more than one of which is a unit of a rate.
     unread: str
 
     @property
@@ -111,13 +110,13 @@ def find_rate_column(
     Parameters
     ----------
     path : the file, for messages.
-    numbered : rows with the numbers by which people find them.
-    choice : the operator's.
+    numbered : rows with the numbers by which people count them.
+    choice : the operator's choice.
     side_units : units by column, in small letters.
 
     Raises
     ------
-    RateQuestion : the file does not say which column it is.
+    RateQuestion : the file does not show which column it is.
     PrescriptionError : no column can be the rate.
     """
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
@@ -174,7 +173,7 @@ def find_rate_column(
 
 
 def _find_index_column(path: Path, names: Sequence[str], index: str) -> str:
-    """Returns the column of an index: by its name in whatever letters, else the only one. Raises
+    """Returns the column of an index: by its name regardless of case, else the only column. Raises
     RateQuestion."""
     named_so = [name for name in names if name.casefold() == index.casefold()]
     found = named_so or [name for name in names if index.casefold() in name.casefold()] or names
@@ -189,8 +188,6 @@ def _find_index_column(path: Path, names: Sequence[str], index: str) -> str:
     return found[0]
 
 
-# Returns the column that the operator chose. Raises PrescriptionError where it is missing or holds
-# a text.
 def _take_chosen_column(
     path: Path,
     numbered: Sequence[tuple[int, Mapping[str, Any]]],
@@ -199,6 +196,8 @@ def _take_chosen_column(
     column: str,
     side_units: Mapping[str, StatedUnit],
 ) -> RateColumn:
+    """Returns the column that the operator chose. Raises PrescriptionError where it is missing or
+    holds a text."""
     if column not in names:
         raise PrescriptionError(
             path,
@@ -219,8 +218,8 @@ def _take_chosen_column(
 
 
 def _find_only_rate(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
-    """Returns the only rate; of a target rate next to applied ones or bounds, the target. None:
-    several are possible."""
+    """Returns the only rate; among a target rate and applied rates or bounds, the target. None
+    where several are possible."""
     if any(one.doubt for one in rates):
         return None
     no_target = [
@@ -269,13 +268,13 @@ def _classify_column(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
 
 
 def _find_rate_unit(text: str) -> str | None:
-    """Returns the unit of a rate that a text names; None: no such unit."""
+    """Returns the unit of a rate that a text names; None for another text."""
     found = find_named_unit(text)
     return found.name if found is not None and found.name in RATE_UNITS else None
 
 
 def _describe_doubt(cells: Sequence[Cell]) -> str:
-    """Returns what the numbers are rather than a rate; empty: nothing else."""
+    """Returns a description of what the numbers may be instead of a rate; empty without a doubt."""
     known = sorted({cell.value for cell in cells if not math.isnan(cell.value)})
     if not known:
         return ""
@@ -290,16 +289,16 @@ def _describe_doubt(cells: Sequence[Cell]) -> str:
     return ""
 
 
-# Returns the place of a column, for messages.
 def _locate_column(path: Path, one: _NumberColumn) -> PlaceInFile:
+    """Returns the place of a column, for messages."""
     return PlaceInFile(str(path)).go_down("column {column}", column=one.name)
 
 
 def _assign_unit(
     path: Path, one: _NumberColumn, choice: RateChoice, why: str, stated: Mapping[str, StatedUnit]
 ) -> RateColumn:
-    """Returns the column with the operator's unit, else with the unit that the file or a file
-    next to it names. A nutrient's rate is no rate of the product. Raises RateQuestion."""
+    """Returns the column with the operator's unit, else with the unit from the file or its
+    companion files. A rate of a nutrient is no rate of the product. Raises RateQuestion."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
     unit, source, unit_column = one.unit, "the file", ""
@@ -353,13 +352,13 @@ def _ask_for_unit(
     )
 
 
-# Columns of our own files that are no rate.
+# Columns of topdress's own files that are no rate.
 KNOWN_EXTRA_COLUMNS = ("title",)
 
 
 class Feature(NamedTuple):
-    """Holds a shape. `number` counts from 1 as people do. polygons_deg: for each polygon its
-    outline, then holes, latitude and longitude."""
+    """Holds a shape. `number` counts from 1. `polygons_deg` has for each polygon its outline, then
+    holes, in latitude and longitude."""
 
     number: int
     attributes: Mapping[str, Any]
@@ -383,16 +382,16 @@ def build_imported_map(
 
     Parameters
     ----------
-    path : the file; units in files next to it are read too.
-    format_name : as reports name it.
-    features : with the attributes of each.
-    choice : the operator's.
-    findings : those of the reading so far; more are added.
-    fallbacks : rates of the file where no zone lies, kg/ha.
+    path : the file; units in its companion files are read too.
+    format_name : name of the format in reports.
+    features : shapes with the attributes of each.
+    choice : the operator's choice.
+    findings : findings of the reading so far; more are added.
+    fallbacks : rates of the file outside of all zones, kg/ha.
     fields_deg : outlines of fields, (k, 2) latitude and longitude.
-    title : of the map.
-    product : that the file names.
-    units : of columns, as the file says besides their names.
+    title : title of the map.
+    product : product that the file names.
+    units : units of columns that the file states outside of their names.
 
     Returns
     -------
@@ -401,7 +400,7 @@ def build_imported_map(
     Raises
     ------
     RefusedInput : the map cannot be used, or a question is open.
-    OSError : a file next to it cannot be read.
+    OSError : a companion file cannot be read.
     """
     if not features:
         raise NoPolygonsError(path, "no polygons: allowed is at least one")
@@ -479,7 +478,7 @@ def _check_number(choice: RateChoice, value: float, where: PlaceInFile) -> float
 
 
 def convert_ring_deg(corners: Sequence[Sequence[float]] | Floats) -> Floats:
-    """Returns a ring (k, 2) in latitude and longitude, not closed, of corners in longitude and
+    """Returns a ring (k, 2) in latitude and longitude, not closed, from corners in longitude and
     latitude."""
     lon_lat = np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
     if len(lon_lat) > 1 and (lon_lat[0] == lon_lat[-1]).all():

@@ -1,5 +1,6 @@
-"""Which map, plant list, index map and worked ground does a job name, and how do they lie on the
-plane of its loop?"""
+"""Which map, plant list, index map and worked ground does a job name? They are read and placed on
+the plane of the job's loop.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +27,21 @@ from topdress.drivers.files.prescriptions.words import ZONE_FACTOR, Prescription
 from topdress.drivers.plain_text import PlaceInFile
 
 Made = TypeVar("Made")
-# Speed of a machine that gives single doses, m/s; a speed in km/h is beyond it.
+# Largest speed of a machine that gives single doses, m/s; a speed in km/h exceeds it.
 MAX_DOSE_SPEED_MPS = 10.0
 
 
 def read_plant_places(path: Path) -> Floats:
-    """Reads a plant list: CSV with lat_deg and lon_deg, or GeoJSON points.
+    """Returns a plant list: CSV with lat_deg and lon_deg, or GeoJSON points.
 
     Returns
     -------
-    places (n, 2), latitude and longitude, in the file's order.
+    positions (n, 2), latitude and longitude, in the file's order.
 
     Raises
     ------
     RefusedInput : the file cannot be used, in one line.
-    OSError : it cannot be opened.
+    OSError : the file cannot be opened.
     """
     if not path.exists():
         raise PrescriptionError(
@@ -68,8 +69,8 @@ def read_plant_places(path: Path) -> Floats:
 
 
 def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
-    """Reads a CSV with error_m (late positive), speed_mps and, where it was not 0, threshold_m.
-    Raises PrescriptionError in one line, OSError."""
+    """Returns the dose errors of a CSV with error_m (late positive), speed_mps and, where it was
+    not 0, threshold_m. Raises PrescriptionError in one line, OSError."""
     if not path.exists():
         raise PrescriptionError(
             path, "not there", ": allowed is a table with error_m and speed_mps"
@@ -101,7 +102,7 @@ def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
 def _read_csv_rows(
     path: Path, needed: tuple[str, ...] = ("lat_deg", "lon_deg"), more: tuple[str, ...] = ()
 ) -> list[tuple[float, ...]]:
-    """Returns the columns `needed`, and of `more` those that are there, in the file's order."""
+    """Returns the columns `needed`, and the existing columns of `more`, in the file's order."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         reader = csv.DictReader(file)
         names = reader.fieldnames or []
@@ -129,22 +130,23 @@ def _read_csv_rows(
 
 
 def _read_geojson_points(path: Path) -> list[tuple[float, ...]]:
-    from topdress.drivers.files.layers import read_geojson  # most jobs name no plants
+    # This import is local, because most jobs name no plants.
+    from topdress.drivers.files.layers import read_geojson
 
     points = read_geojson(path, ["Point"]).shapes
     return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
 
 
 def read_job_map(job: Job, folder: Path) -> MapProfile | None:
-    """Reads the prescription of `target.map`, a path next to the job file.
+    """Returns the prescription of `target.map`, a path relative to the job file.
 
-    The file's rates are taken as kg/ha; a file that needs a choice is converted with `topdress map`
+    The file's rates are read as kg/ha; a file that needs a choice is converted with `topdress map`
     first.
 
     Parameters
     ----------
-    job : names the map.
-    folder : that of the job file.
+    job : job that names the map.
+    folder : folder of the job file.
 
     Returns
     -------
@@ -153,7 +155,7 @@ def read_job_map(job: Job, folder: Path) -> MapProfile | None:
     Raises
     ------
     PrescriptionError : the map cannot be used, in one line.
-    OSError : it cannot be opened.
+    OSError : the map cannot be opened.
     """
     return _convert_job_map(
         job, folder, lambda data, plane: MapProfile(project_prescription(data, plane), plane)
@@ -161,13 +163,13 @@ def read_job_map(job: Job, folder: Path) -> MapProfile | None:
 
 
 def find_map_check(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
-    """Returns which parts of the job's map will not be applied as they stand.
+    """Returns which parts of the job's map will not be applied unchanged.
 
     Parameters
     ----------
-    job : names the map and the field.
-    limit_kg_ha : the crop's.
-    folder : that of the job file.
+    job : job that names the map and the field.
+    limit_kg_ha : limit of the crop, kg/ha.
+    folder : folder of the job file.
 
     Returns
     -------
@@ -176,7 +178,7 @@ def find_map_check(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | Non
     Raises
     ------
     PrescriptionError : the map cannot be used, in one line.
-    OSError : it cannot be opened.
+    OSError : the map cannot be opened.
     """
     return _convert_job_map(
         job,
@@ -186,13 +188,13 @@ def find_map_check(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | Non
 
 
 def find_map_rates(job: Job, folder: Path) -> list[float]:
-    """Returns the different rates above 0 of the job's map, kg/ha, the lowest first; none without a
-    map.
+    """Returns the different rates above 0 of the job's map, kg/ha, in increasing order; none
+    without a map.
 
     Raises
     ------
     PrescriptionError : the map cannot be used, in one line.
-    OSError : it cannot be opened.
+    OSError : the map cannot be opened.
     """
     return _convert_job_map(job, folder, lambda data, _: data.rates_kg_ha) or []
 
@@ -200,11 +202,12 @@ def find_map_rates(job: Job, folder: Path) -> list[float]:
 def _convert_job_map(
     job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made]
 ) -> Made | None:
-    """Makes something of the job's map, as the file alone says it, on the field's plane, else on
-    its own. Raises PrescriptionError, OSError."""
+    """Returns the result of `make` for the job's map, unchanged, on the field's plane, else on its
+    own. Raises PrescriptionError, OSError."""
     if job.target.map is None:
         return None
-    from topdress.drivers.files.prescriptions.read import read_prescription  # most jobs have no map
+    # This import is local, because most jobs have no map.
+    from topdress.drivers.files.prescriptions.read import read_prescription
 
     try:
         read = read_prescription(folder / job.target.map)
@@ -219,7 +222,7 @@ def _convert_job_map(
 
 
 def read_job_plants(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
-    """Returns the plants of `target.plants`, a path next to the job file, on the field's plane,
+    """Returns the plants of `target.plants`, a path relative to the job file, on the field's plane,
     else on `plane`, else on their own. Raises PrescriptionError, OSError."""
     if job.target.plants is None:
         return None
@@ -238,7 +241,7 @@ def list_job_files(job: Job, folder: Path) -> tuple[Path, ...]:
 
 
 class LoopTargets(TypedDict):
-    """Holds what a job's loop takes, by the names of its parameters."""
+    """Holds the target data of a job's loop, by the names of the loop's parameters."""
 
     prescription: MapProfile | None
     plants: PlantList | None
@@ -253,14 +256,14 @@ def read_loop_targets(job: Job, folder: Path, machine: Machine, index: str) -> L
 
     Parameters
     ----------
-    job : names the files.
-    folder : that of the job file.
-    machine : gives the working width.
-    index : of the crop's rule.
+    job : job that names the files.
+    folder : folder of the job file.
+    machine : machine that defines the working width.
+    index : index of the crop's rule.
 
     Returns
     -------
-    by the names of the loop's parameters.
+    the data by the names of the loop's parameters.
 
     Raises
     ------
@@ -270,7 +273,7 @@ def read_loop_targets(job: Job, folder: Path, machine: Machine, index: str) -> L
     """
     prescription = read_job_map(job, folder)
     plants = read_job_plants(job, folder, None if prescription is None else prescription.plane)
-    # Plants need the exact place, so their plane comes first.
+    # Plants need the exact position, so their plane comes first.
     plane = (
         plants.plane if plants is not None else None if prescription is None else prescription.plane
     )
@@ -297,10 +300,10 @@ def _read_index_map(
     job: Job, name: str | None, folder: Path, width_m: float, index: str, plane: TangentPlane | None
 ) -> IndexMap | None:
     """Returns a map of an index, or of zones, on the field's plane, else on `plane`, else on its
-    own; None where none is named. Raises PrescriptionError in one line, OSError."""
+    own; None where the job names none. Raises PrescriptionError in one line, OSError."""
     if name is None:
         return None
-    # Most jobs have no such map.
+    # This import is local, because most jobs have no such map.
     from topdress.drivers.files.prescriptions.read import read_index_map
 
     data = read_index_map(folder / name, index).data
@@ -309,18 +312,19 @@ def _read_index_map(
 
 
 def read_job_worked_area(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGround | None:
-    """Returns the ground of `field.done`, on the field's plane, else on `plane`. Raises
-    FieldError in one line, OSError."""
+    """Returns the ground of `field.done`, on the field's plane, else on `plane`. Raises FieldError
+    in one line, OSError."""
     if job.field.done is None:
         return None
-    # Most jobs have no worked ground.
+    # This import is local, because most jobs have no worked ground.
     from topdress.drivers.files.fields.worked_area import read_worked_area
 
     return read_worked_area(folder / job.field.done, _find_field_plane(job) or plane)
 
 
 def _find_field_plane(job: Job) -> TangentPlane | None:
-    """Returns the plane of the job's field, where it has one: fence and map then share it."""
+    """Returns the plane of the job's field, so that boundary and map share it; None without a
+    field."""
     return (
         TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
         if job.field.boundary_m

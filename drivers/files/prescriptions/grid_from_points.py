@@ -1,8 +1,8 @@
-"""How do points, the middles of even cells with a rate each, become a prescription?
+"""How do points with a rate each, the centres of equal cells, become a prescription?
 
-The cells follow from the points alone: rows and columns at a right angle, at any heading, even in
-metres or in degrees. Points without a lattice are refused, for a point without its cell covers no
-ground.
+The cells follow from the points alone: rows and columns at a right angle, at any heading, regular
+in metres or in degrees. Points that form no grid are refused, because a point without its cell
+covers no ground.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from topdress.drivers.files.prescriptions.words import (
 from topdress.drivers.files.stated_units import StatedUnit
 from topdress.drivers.plain_text import Reason
 
-# Two rows of two show both spacings.
+# Four points, two rows of two, show both spacings.
 MIN_POINT_COUNT = 4
-# Names of columns of places in metres, as kriging programs write them.
+# Names of columns of positions in metres, as kriging programs write them.
 EAST_NAMES = frozenset("x easting east x_utm utm_x utm_e x_m east_m x_coord xcoord point_x".split())
 NORTH_NAMES = frozenset(
     "y northing north y_utm utm_y utm_n y_m north_m y_coord ycoord point_y".split()
@@ -54,40 +54,40 @@ NORTH_NAMES = frozenset(
 _UTM_ZONE = re.compile(r"^\s*(\d{1,2})\s*([NS])\s*$", re.IGNORECASE)
 # A number such as 1.234, which means 1234 next to decimal commas.
 _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
-# Points nearer than this, m, are at the same place.
+# Distance below which points are at the same position, m.
 SAME_PLACE_M = 0.01
-# Share of a cell by which a point may lie off its middle: degrees are rounded.
+# Share of a cell by which a point may deviate from its centre, because degrees are rounded.
 MAX_OFF_CELLS = 0.25
-# Share of the nearest points' distance: a larger step leads to the next row.
+# Share of the nearest points' distance above which a step leads to the next row.
 ROW_STEP_SHARE = 0.3
-# Share of the points that have a neighbour in their row, and in their column.
+# Share of the points that must have a neighbour in their row, and in their column.
 NEIGHBOUR_SHARE = 0.8
-# Cells around the middle on which the lattice is fitted first; then over twice the distance each
-# time.
+# Radius in cells around the middle on which the grid is fitted first; the radius doubles in each
+# round.
 FIRST_FIT_CELLS = 4.0
-# Length of a cell in widths; longer cells are tracks with their points.
+# Ratio of length to width of a cell above which the points are tracks of a machine.
 MAX_CELL_RATIO = 10.0
 
 
 class PointGrid(NamedTuple):
-    """Holds a lattice: cell (i, j) has its middle at origin + i along + j aside, m; cells: (n,
-    2) whole numbers, for each point."""
+    """Holds a grid: cell (i, j) has its centre at origin + i along + j aside, m. `cells` (n, 2) are
+    the integers (i, j) of each point."""
 
     origin: Floats
     along: Floats
     aside: Floats
     cells: NDArray[np.int64]
-    # of a cell, the farthest that a point lies off its cell's middle
+    # Largest deviation of a point from its cell's centre, as a share of a cell.
     off: float
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Returns length and width of a cell, m."""
+        """Length and width of a cell, m."""
         return float(np.hypot(*self.along)), float(np.hypot(*self.aside))
 
 
 class NoGridError(ValueError):
-    """Says why the points form no lattice, as part of a sentence."""
+    """Reports why the points form no grid, as part of a sentence."""
 
     def __init__(self, text: str, **values: object) -> None:
         self.reason = Reason(text, values)
@@ -152,8 +152,8 @@ def read_point_grid(path: Path, choice: RateChoice) -> ImportedMap:
     )
 
 
-# Returns the numbers (n,) of the column of latitudes or longitudes.
 def _read_place_column(raw: RawTable, column: str) -> Floats:
+    """Returns the numbers (n,) of the column of latitudes or longitudes."""
     name = next(
         name
         for name in raw.names
@@ -164,8 +164,8 @@ def _read_place_column(raw: RawTable, column: str) -> Floats:
 
 
 def find_metre_columns(names: Collection[str]) -> tuple[str, str] | None:
-    """Returns the columns of places in metres, east and north, of a table without degrees and
-    without times; None where there are none."""
+    """Returns the columns of positions in metres, east and north, of a table without degrees and
+    without times; None without such columns."""
     if has_places_without_time(names) or has_time_column(names):
         return None
     found = [
@@ -179,7 +179,7 @@ def find_metre_columns(names: Collection[str]) -> tuple[str, str] | None:
 def _convert_utm_places(
     path: Path, raw: RawTable, metres: tuple[str, str], zone: str | None
 ) -> tuple[Floats, Floats]:
-    """Returns latitude and longitude (n,) of places in UTM. Raises RateQuestion without a zone,
+    """Returns latitude and longitude (n,) of positions in UTM. Raises RateQuestion without a zone,
     PrescriptionError for an unknown zone."""
     if zone is None:
         others = [name for name in raw.names if name not in metres]
@@ -198,7 +198,7 @@ def _convert_utm_places(
         )
     utm = TransverseMercator(
         f"UTM zone {zone}",
-        # UTM: zones of 6 degrees from 180 W, scale 0.9996, false origins that keep numbers
+        # UTM has zones of 6 degrees from 180 W, scale 0.9996, and false origins that keep numbers
         # positive.
         6.0 * int(found[1]) - 183.0,
         scale=0.9996,
@@ -212,7 +212,8 @@ def _convert_utm_places(
 
 
 def _read_attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object]]:
-    """Returns the attributes of each point. With decimal commas a point groups digits."""
+    """Returns the attributes of each point. In a table with decimal commas a point groups
+    digits."""
     attributes = {
         name: list_known_or_none(column)
         for name, column in raw.columns.items()
@@ -238,8 +239,8 @@ def _read_attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, o
 
 
 def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]:
-    """Returns the lattice, and each point's cell as (4, 2) latitude and longitude. Degrees or
-    metres are taken, whichever fits better. Raises NoGridError."""
+    """Returns the grid, and each point's cell as (4, 2) latitude and longitude. The grid is regular
+    in degrees or in metres, whichever fits better. Raises NoGridError."""
     plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
     east, north = (
         np.array(plane.project_to_m(plane.lat_deg, plane.lon_deg + 1e-4)),
@@ -272,7 +273,7 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
         raise trouble
     best, to_deg = min(found, key=lambda one: one[0].off)
     halves = np.concatenate([best.cells + half for half in ((0, 0), (1, 0), (1, 1), (0, 1))])
-    # each corner once: cells meet exactly
+    # Each corner is computed once, so that cells meet exactly.
     corners, which = np.unique(halves, axis=0, return_inverse=True)
     at = to_deg(
         best.origin + (corners[:, :1] - 0.5) * best.along + (corners[:, 1:] - 0.5) * best.aside
@@ -281,7 +282,7 @@ def _build_cells_deg(lat: Floats, lon: Floats) -> tuple[PointGrid, list[Floats]]
 
 
 def fit_point_grid(places: Floats) -> PointGrid:
-    """Returns the lattice of places (n, 2), m. Raises NoGridError."""
+    """Returns the grid of positions (n, 2), m. Raises NoGridError."""
     if len(places) < MIN_POINT_COUNT:
         raise NoGridError(
             "{count} points: {least} are the least", count=len(places), least=MIN_POINT_COUNT
@@ -295,7 +296,7 @@ def fit_point_grid(places: Floats) -> PointGrid:
         raise NoGridError("{count} points share their place with another", count=twice)
     apart = float(np.median(near))
     way = places[nearest] - places[of]
-    # A right angle is a full turn of this angle, so all four neighbours agree.
+    # Four times a right angle is a full turn, so all four directions to neighbours agree.
     turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])
     angle = 0.25 * float(np.arctan2(np.sin(turned).sum(), np.cos(turned).sum()))
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
@@ -303,7 +304,8 @@ def fit_point_grid(places: Floats) -> PointGrid:
     middle = places[np.argmin(np.hypot(*(places - np.median(places, axis=0)).T))]
     away = np.hypot(*(places - middle).T)
     reach, origin = FIRST_FIT_CELLS * max(np.hypot(*along), np.hypot(*aside)), middle
-    # From the middle outwards: far points get the right cell only from a well-fitted spacing.
+    # The fit begins in the middle, because far points get the right cell only from a well-fitted
+    # spacing.
     while True:
         inside = away <= reach
         origin, along, aside = _fit_grid_axes(places[inside], origin, along, aside)
@@ -327,7 +329,7 @@ def fit_point_grid(places: Floats) -> PointGrid:
 
 
 def _find_row_spacing(along: Floats, apart: float) -> float:
-    """Returns the step from row to row, m, of places (n,) along an axis."""
+    """Returns the distance between rows, m, of positions (n,) along an axis."""
     steps = np.diff(np.sort(along))
     rows = steps[steps > ROW_STEP_SHARE * apart]
     if not len(rows):
@@ -338,7 +340,7 @@ def _find_row_spacing(along: Floats, apart: float) -> float:
 def _fit_grid_axes(
     places: Floats, origin: Floats, along: Floats, aside: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Returns origin and axes fitted by least squares, with each place in its nearest cell."""
+    """Returns origin and axes fitted by least squares, with each position in its nearest cell."""
     cells = np.rint((places - origin) @ np.linalg.inv(np.array([along, aside])))
     if np.linalg.matrix_rank(cells - cells[0]) < 2:
         raise NoGridError("no rows and columns")
@@ -346,8 +348,8 @@ def _fit_grid_axes(
     return found[0], found[1], found[2]
 
 
-# Refuses cells that are long, shared or scattered. Raises NoGridError.
 def _check_grid_cells(cells: NDArray[np.int64], wide: float, high: float) -> None:
+    """Refuses cells that are long, shared or scattered. Raises NoGridError."""
     if max(wide, high) > MAX_CELL_RATIO * min(wide, high):
         raise NoGridError("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)
     there = {(i, j) for i, j in cells.tolist()}

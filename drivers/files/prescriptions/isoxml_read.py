@@ -1,5 +1,6 @@
-"""How are ISO 11783-10 task files, versions 3 and 4, read: treatment zones, grids of type 1 and
-2, fallback zones?"""
+"""How are ISO 11783-10 task files, versions 3 and 4, read? Treatment zones, grids of type 1 and 2,
+and fallback zones are supported.
+"""
 
 from __future__ import annotations
 
@@ -28,16 +29,16 @@ from topdress.drivers.files.prescriptions.words import (
 from topdress.drivers.files.shape_sets import sort_rings
 from topdress.drivers.plain_text import PlaceInFile, Reason
 
-# ISO 11783-11: unit of an identifier's numbers, and the size of a step in it.
+# Unit of an identifier's numbers, and the size of a step in this unit (ISO 11783-11).
 SETPOINT_STEPS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
-# The same identifiers in words, for messages.
+# Quantities of the same identifiers, for messages.
 SETPOINT_QUANTITIES = {1: "volume per area", 6: "mass per area"}
 # Types of a polygon's lines (LSG): outline and hole.
 EXTERIOR_LINE, INTERIOR_LINE = "1", "2"
 
 
 class _TaskLayer(NamedTuple):
-    """Holds a layer: a task's process data of an identifier and a product."""
+    """Holds a layer: a task's process data of one identifier and one product."""
 
     task: Element
     ddi: int
@@ -45,13 +46,13 @@ class _TaskLayer(NamedTuple):
 
     @property
     def id(self) -> str:
-        """Returns the layer's id, as --layer takes it: TASK/DDI or TASK/DDI/PRODUCT."""
+        """The layer's id, as --layer accepts it: TASK/DDI or TASK/DDI/PRODUCT."""
         return "/".join(
             part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part
         )
 
     def find_process_data(self, zone: Element) -> Element | None:
-        """Returns its process data (PDV) in a zone; None: it has none."""
+        """Returns its process data (PDV) in a zone; None for a zone without them."""
         return next(
             (
                 one
@@ -108,11 +109,11 @@ def read_isoxml_map(files: TaskSet, path: Path, choice: RateChoice) -> ImportedM
     return ImportedMap(path, "isoxml", data, unit, factor, ids, tuple(findings))
 
 
-# Returns the layer that the operator chose, or the only one, and the ids of all. Raises
-# PrescriptionError.
 def _choose_layer(
     root: Element, label: str, choice: RateChoice
 ) -> tuple[_TaskLayer, tuple[str, ...]]:
+    """Returns the layer that the operator chose, or the only layer, and the ids of all. Raises
+    PrescriptionError."""
     layers: list[_TaskLayer] = []
     others: set[int] = set()
     for task in root.findall("TSK"):
@@ -155,11 +156,10 @@ def _choose_layer(
 def _find_number_meaning(
     root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice
 ) -> tuple[str, float, float, list[Finding]]:
-    """Returns the unit of the numbers, kg/ha for a step, what is added to each number before, and
-    findings.
+    """Returns the unit of the numbers, kg/ha for a step, the offset of each number, and findings.
 
-    The data dictionary defines a number's worth; the file's own presentation (VPN) should agree.
-    Where it does not, a wrong guess is a wrong dose: the operator says which holds.
+    The data dictionary defines the value of a number, and the file's own presentation (VPN) should
+    agree. Where they contradict, a wrong guess is a wrong dose, so the operator must choose.
     """
     unit, step = SETPOINT_STEPS[layer.ddi]
     by_ddi = calc_factor_kg_ha(choice, unit, where) * step
@@ -175,7 +175,7 @@ def _find_number_meaning(
         scale = _parse_attribute(presentation, "C", where)
         offset = _parse_attribute(presentation, "B", where) if presentation.get("B") else 0.0
         by_shown = calc_factor_kg_ha(choice, shown.name, where) * scale
-        # Presentations are rounded: a percent is no contradiction.
+        # Presentations are rounded, so a difference of 1 % is no contradiction.
         if abs(by_shown - by_ddi) <= 0.01 * by_ddi and offset == 0.0:
             continue
         differs = Reason(
@@ -235,8 +235,8 @@ def _report_unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> l
     return found
 
 
-# Returns the layer's number in a zone; None: it has none.
 def _read_zone_value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
+    """Returns the layer's number in a zone; None for a zone without a number."""
     found = layer.find_process_data(zone)
     return (
         None
@@ -247,10 +247,10 @@ def _read_zone_value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> in
     )
 
 
-# Returns the rates where no zone lies, by the zones that the task names for it.
 def _read_fallbacks(
     task: Element, rates: dict[int, float | None], where: PlaceInFile, findings: list[Finding]
 ) -> Fallbacks:
+    """Returns the rates outside of all zones, by the zones that the task names for them."""
     found = {}
     for field, attribute, name in (
         # Attributes of a task (TSK) that name those zones.
@@ -275,10 +275,11 @@ def _read_fallbacks(
     return Fallbacks(**found)
 
 
-# Returns the zones with a polygon and a rate. Raises PrescriptionError where there are none.
 def _read_zones_deg(
     task: Element, rates: dict[int, float | None], where: PlaceInFile
 ) -> tuple[Zone, ...]:
+    """Returns the zones with a polygon and a rate. Raises PrescriptionError for a task without such
+    zones."""
     zones = []
     for zone in task.findall("TZN"):
         code = int(zone.get("A", "0"))
@@ -295,8 +296,8 @@ def _read_zones_deg(
 def _read_field_outlines(
     root: Element, task: Element, label: str, findings: list[Finding]
 ) -> tuple[tuple[Floats, ...], ...]:
-    """Returns outlines of the task's field; unusable ones are left out with a finding."""
-    # Imported here: most files hold no field.
+    """Returns outlines of the task's field; unusable outlines are omitted with a finding."""
+    # This import is local, because most files contain no field.
     from topdress.control.field.boundary import Boundary
 
     outlines: list[tuple[Floats, ...]] = []
@@ -323,8 +324,8 @@ def _read_field_outlines(
     return tuple(usable)
 
 
-# Returns a polygon's rings: outlines, each with its holes.
 def _read_rings_deg(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, ...]]:
+    """Returns a polygon's rings: outlines, each with its holes."""
     outer: list[Floats] = []
     inner: list[Floats] = []
     for line in polygon.findall("LSG"):
@@ -333,8 +334,8 @@ def _read_rings_deg(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, 
     return sort_rings(outer, inner)
 
 
-# Returns a line's corners (k, 2), latitude and longitude, not closed.
 def _read_ring_deg(line: Element, where: PlaceInFile) -> Floats:
+    """Returns a line's corners (k, 2), latitude and longitude, not closed."""
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
         raise PrescriptionError(
@@ -355,7 +356,6 @@ def _read_ring_deg(line: Element, where: PlaceInFile) -> Floats:
     return corners
 
 
-# Returns the grid with its rates, from its binary file.
 def _read_grid_deg(
     files: TaskSet,
     grid: Element,
@@ -367,6 +367,7 @@ def _read_grid_deg(
     where: PlaceInFile,
     findings: list[Finding],
 ) -> GridDeg:
+    """Returns the grid with its rates, from its binary file."""
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (
         _parse_whole_number(grid.get(key, ""), 10, where.go_down("grid {key}", key=key))
@@ -416,8 +417,6 @@ def _read_grid_deg(
     )
 
 
-# Returns the numbers of a binary file (rows, columns, depth). Raises PrescriptionError where its
-# size is wrong.
 def _decode_cells(
     data: bytes,
     rows: int,
@@ -427,6 +426,8 @@ def _decode_cells(
     name: str,
     where: PlaceInFile,
 ) -> Floats:
+    """Returns the numbers of a binary file (rows, columns, depth). Raises PrescriptionError where
+    its size is wrong."""
     wanted = rows * columns * depth * kind.itemsize
     if len(data) != wanted:
         raise PrescriptionError(
@@ -445,11 +446,11 @@ def _decode_cells(
     return np.frombuffer(data, dtype=kind).reshape(rows, columns, depth).astype(np.float64)
 
 
-# Returns the rates of a grid of codes; NaN where the code has none.
 def _apply_code_table(
     codes: Floats, rates: dict[int, float | None], findings: list[Finding]
 ) -> Floats:
-    # A code is a byte.
+    """Returns the rates of a grid of codes; NaN for a code without a rate."""
+    # A code is one byte.
     table = np.full(256, np.nan)
     for code, rate in rates.items():
         if rate is not None and 0 <= code < 256:
@@ -471,7 +472,7 @@ def _apply_code_table(
 def _read_cell_template(
     layer: _TaskLayer, grid: Element, where: PlaceInFile
 ) -> list[tuple[int, str]]:
-    """Returns which process data a cell of a type 2 grid holds, in order."""
+    """Returns the process data that a cell of a type 2 grid holds, in order."""
     code = grid.get("J")
     for zone in layer.task.findall("TZN"):
         if zone.get("A") == code and layer.find_process_data(zone) is not None:
@@ -483,14 +484,14 @@ def _read_cell_template(
     )
 
 
-# Returns the first zones' codes, for a message.
 def _list_zone_codes(rates: dict[int, float | None]) -> str:
+    """Returns the codes of the first zones, for a message."""
     codes = sorted(rates)
     return ", ".join(map(str, codes[:8])) + (", ..." if len(codes) > 8 else "")
 
 
-# Returns a whole number. Raises PrescriptionError.
 def _parse_whole_number(text: str, base: int, where: PlaceInFile) -> int:
+    """Returns an integer. Raises PrescriptionError."""
     try:
         return int(text, base)
     except ValueError:
@@ -499,8 +500,8 @@ def _parse_whole_number(text: str, base: int, where: PlaceInFile) -> int:
         ) from None
 
 
-# Returns a number within its attribute's range. Raises PrescriptionError.
 def _parse_attribute(element: Element, attribute: str, where: PlaceInFile) -> float:
+    """Returns a number within its attribute's range. Raises PrescriptionError."""
     text = element.get(attribute, "")
     try:
         value = float(text)

@@ -1,9 +1,9 @@
 """How are metres of a transverse Mercator projection (UTM, Gauss-Krueger) converted to degrees, and
-what does a `.prj` file say about them?
+how is a projection read from a `.prj` file?
 
-Krueger's series in the third flattening, to its fifth power: right to a tenth of a millimetre
-within 10 degrees of the central meridian (Karney 2011, "Transverse Mercator with an accuracy of a
-few nanometers", eq 10-12, 35, 36).
+The conversion is Krueger's series in the third flattening up to its fifth power. It is exact to a
+tenth of a millimetre within 10 degrees of the central meridian (Karney 2011, "Transverse Mercator
+with an accuracy of a few nanometers", eq 10-12, 35, 36).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from topdress.control.targets.rate_map import Floats
 
-# Spheroids WGS84 and GRS80; datums on them lie within 2 m of each other.
+# Spheroids WGS84 and GRS80; datums on them differ by less than 2 m.
 SEMI_MAJOR_M = 6_378_137.0
 INVERSE_FLATTENING = (298.2572, 298.2573)
 # A quoted text, a word, a number or a bracket.
@@ -28,7 +28,8 @@ _TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class TransverseMercator:
-    """Describes a projection as a `.prj` does; lengths of the file times `unit_m` are metres."""
+    """Describes a projection with the parameters of a `.prj`; lengths of the file times `unit_m`
+    are metres."""
 
     name: str
     lon0_deg: float
@@ -41,7 +42,7 @@ class TransverseMercator:
     how = ""
 
     def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
-        """Returns latitude and longitude (n,) of places in the file's own unit."""
+        """Returns latitude and longitude (n,) of positions in the file's own unit."""
         n = self.flattening / (2.0 - self.flattening)
         radius = SEMI_MAJOR_M / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0) * self.scale
         xi = (np.asarray(north) - self.false_north) * self.unit_m / radius + self._calc_origin_xi(n)
@@ -78,14 +79,14 @@ class TransverseMercator:
 
 
 class NationalGrid(NamedTuple):
-    """Holds coordinates that PROJ knows. how: the accuracy of their degrees, as text."""
+    """Holds coordinates that PROJ knows. `how` is the accuracy of their degrees, as text."""
 
     name: str
     how: str
     transformer: Any
 
     def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
-        """Returns latitude and longitude (n,) of places in the file's own unit."""
+        """Returns latitude and longitude (n,) of positions in the file's own unit."""
         lon, lat = self.transformer.transform(east, north)
         return lat, lon
 
@@ -96,17 +97,17 @@ Projection = TransverseMercator | NationalGrid
 def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
     """Returns the coordinate system of a well-known text by the EPSG register.
 
-    It needs pyproj, and takes the most accurate way to WGS84 that holds where the places lie. The
-    numbers are the register's.
+    The function needs pyproj, and uses the most accurate transformation to WGS84 for the area of
+    the positions. All parameters come from the register.
 
     Parameters
     ----------
     text : well-known text of a `.prj`.
-    places : (n, 2) in the file's own unit.
+    places : (n, 2) positions in the file's own unit.
 
     Returns
     -------
-    None without pyproj, or where the register does not know the text.
+    None without pyproj, or for a text that the register does not know.
     """
     try:
         from pyproj import CRS, Transformer
@@ -120,10 +121,10 @@ def find_national_grid(text: str, places: Floats) -> NationalGrid | None:
         if code is None or not len(places):
             return None
         crs = CRS.from_epsg(code)
-        # Right to 1 km at most, which suffices to choose the area.
+        # This transformation is accurate to 1 km, which is sufficient for the choice of the area.
         roughly = Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(*places.T)
         (west, south), (east, north) = np.min(roughly, axis=1), np.max(roughly, axis=1)
-        # that a better way needs a file: its accuracy is said instead
+        # PROJ warns that a better transformation needs a file; its accuracy is reported instead.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             ways = TransformerGroup(
@@ -178,16 +179,17 @@ class _Node:
     children: tuple[_Node, ...] = field(default=())
 
     def find_child(self, key: str) -> _Node | None:
-        """Returns the first child of a key; None: there is none."""
+        """Returns the first child of a key; None for a missing child."""
         return next((child for child in self.children if child.key == key), None)
 
 
 def parse_projection(text: str) -> TransverseMercator | None:
-    """Returns the projection that a `.prj` describes; None for degrees on WGS84 or the like.
+    """Returns the projection that a `.prj` describes; None for degrees on WGS84 or an equivalent
+    datum.
 
     Raises
     ------
-    ValueError : names the coordinates and says why they cannot be used.
+    ValueError : the coordinates cannot be used; the message names them and the reason.
     """
     try:
         node = _parse_node([match.groups() for match in _TOKEN.finditer(text)], 0)[0]
@@ -244,8 +246,8 @@ def _check_spheroid(geographic: _Node, name: str) -> float:
     return 1.0 / inverse
 
 
-# Returns the node at a token, and the token after it.
 def _parse_node(tokens: list[tuple[str | None, ...]], at: int) -> tuple[_Node, int]:
+    """Returns the node at a token, and the position after it."""
     key = tokens[at][1]
     if key is None or tokens[at + 1][3] not in ("[", "("):
         raise ValueError("no node")

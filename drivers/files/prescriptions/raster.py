@@ -1,5 +1,6 @@
-"""How do rasters (GeoTIFF, Cloud Optimized GeoTIFF) become prescriptions: a zone for each cell
-with a value? (extra raster)"""
+"""How do rasters (GeoTIFF, Cloud Optimized GeoTIFF) become prescriptions? Each cell with a value
+becomes a zone (extra raster).
+"""
 
 from __future__ import annotations
 
@@ -30,13 +31,13 @@ from topdress.drivers.plain_text import PlaceInFile
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # Cells with a value, a zone each: a field of 100 ha in cells of 3 m.
 MAX_CELL_COUNT = 100_000
-# Different values of a band that may hold classes.
+# Largest number of different values of a band that may hold classes.
 MAX_CLASS_LEVELS = 12
 
 
 def read_raster(path: Path, choice: RateChoice) -> ImportedMap:
-    """Returns the prescription of a GeoTIFF. Its bands are the columns: by their description,
-    else `band 1`, `band 2`. Raises PrescriptionError, OSError."""
+    """Returns the prescription of a GeoTIFF. Its bands are the columns: by their description, else
+    `band 1`, `band 2`. Raises PrescriptionError, OSError."""
     try:
         # An extra: few machines get rasters.
         import rasterio

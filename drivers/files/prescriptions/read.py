@@ -1,4 +1,4 @@
-"""How is a prescription of any known format read?"""
+"""How is a prescription of any known format read? The suffix and the content select the reader."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from topdress.drivers.files.prescriptions.words import (
 from topdress.drivers.files.shape_sets import ShapeSet, find_shape_sets, read_shape_layer
 from topdress.drivers.plugins import has_format_plugin
 
-# Formats of even cells, none over another.
+# Formats of equal cells that never overlap.
 EVEN_FORMATS = ("raster", "points")
-# Endings by the library that reads them: pyogrio, rasterio.
+# Suffixes by the library that reads them: pyogrio, rasterio.
 LAYER_ENDINGS, RASTER_ENDINGS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
 # Formats in a message to the operator.
 KNOWN_FORMATS = (
@@ -42,12 +42,12 @@ KNOWN_FORMATS = (
 
 
 def read_prescription(path: str | Path, choice: RateChoice | None = None) -> ImportedMap:
-    """Reads a prescription of any known format.
+    """Returns a prescription of any known format.
 
     Parameters
     ----------
     path : a file, folder or zip.
-    choice : the operator's; None: everything as the file says.
+    choice : the operator's choice; None means everything as the file states it.
 
     Returns
     -------
@@ -55,7 +55,8 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
 
     Raises
     ------
-    RefusedInput : in one line; PrescriptionError and its kinds come from the map's contents.
+    RefusedInput : the file cannot be used, in one line; PrescriptionError and its kinds refer to
+    the map's contents.
     OSError : the file cannot be opened.
     """
     path, choice = Path(path), choice or RateChoice()
@@ -64,7 +65,7 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
     check_file(path)
     read = _read_by_ending(path, choice)
     if (
-        # Checking takes long, and even cells never overlap.
+        # The check is slow, and equal cells never overlap.
         read.format not in EVEN_FORMATS
         and read.data.grid is None
         and (crossed := check_zones([zone.rings_deg for zone in read.data.zones], path))
@@ -75,8 +76,8 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
 
 
 def merge_map_zones(read: ImportedMap, step_kg_ha: float) -> ImportedMap:
-    """Returns the prescription with zones merged by a step of rate, kg/ha, and a finding about
-    the change. Raises PrescriptionError."""
+    """Returns the prescription with zones merged by a step of rate, kg/ha, and a finding about the
+    change. Raises PrescriptionError."""
     if not step_kg_ha > 0.0 or not read.data.zones:
         raise PrescriptionError(
             read.path,
@@ -100,7 +101,7 @@ def merge_map_zones(read: ImportedMap, step_kg_ha: float) -> ImportedMap:
 def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
-        # Imports by format: each brings its own library.
+        # Each format imports its own library only when it is needed.
         from topdress.drivers.files.prescriptions.shapes import read_geojson_map
 
         return _read_areas_or_points(partial(read_geojson_map, path, choice), path, choice)
@@ -125,8 +126,8 @@ def _read_by_ending(path: Path, choice: RateChoice) -> ImportedMap:
 
 
 def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
-    """Reads from a folder or zip its task set, else its shapefile. Next to a task set shapefiles
-    do not count."""
+    """Returns the task set of a folder or zip, else its shapefile. Shapefiles next to a task set
+    are ignored."""
     shapes = [] if path.suffix.lower() == ".xml" else find_shape_sets(path)
     if choice.inside is not None:
         named = choose_names([one.name for one in shapes], choice.inside)
@@ -172,7 +173,8 @@ def _read_from_folder(path: Path, choice: RateChoice) -> ImportedMap:
 def _read_areas_or_points(
     areas: Callable[[], ImportedMap], path: Path, choice: RateChoice
 ) -> ImportedMap:
-    """Reads areas; where the file has none, its points. Raises PrescriptionError, OSError."""
+    """Returns the areas of a file, or its points if it has no areas. Raises PrescriptionError,
+    OSError."""
     try:
         return areas()
     except NoPolygonsError:
@@ -206,12 +208,13 @@ def choose_index_column(choice: RateChoice, rule: Rule, where: str) -> RateChoic
             "the rule waits for its strips: allowed is a job with ndvi_nrich (and, by the "
             "field's response, ndvi_check)",
         )
-    # This unit has the factor 1, so numbers stay as they are.
+    # This unit has the factor 1, so numbers are unchanged.
     return replace(choice, index=rule.crop.index.upper(), unit="kg/ha")
 
 
 def read_index_map(path: Path, index: str) -> ImportedMap:
-    """Reads a map of the canopy's index, or of zones, for the loop, its numbers in place of rates.
+    """Returns a map of the canopy's index, or of zones, for the loop, with these numbers in place
+    of rates.
 
     Parameters
     ----------
@@ -234,8 +237,8 @@ def read_index_map(path: Path, index: str) -> ImportedMap:
     return read
 
 
-# Refuses a grid, which holds rates. Raises PrescriptionError.
 def _require_zones(read: ImportedMap) -> None:
+    """Refuses a grid, which holds rates. Raises PrescriptionError."""
     if read.data.grid is not None:
         raise PrescriptionError(
             read.path, "a grid of rates: allowed is a map of the canopy's index"

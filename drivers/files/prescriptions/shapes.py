@@ -1,5 +1,6 @@
-"""How are prescriptions read and written as polygons with attributes: GeoPackage, KML, KMZ; and
-GeoJSON (RFC 7946), where our own files also hold fallbacks and the field?"""
+"""How are prescriptions read and written as polygons with attributes? Formats are GeoPackage, KML,
+KMZ, and GeoJSON (RFC 7946), where topdress's own files also hold fallbacks and the field.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ from topdress.drivers.files.prescriptions.words import (
 )
 from topdress.drivers.plain_text import PlaceInFile
 
-# Types of shapes that are zones, in GeoJSON's words.
+# Types of shapes that are zones, as GeoJSON names them.
 POLYGON_TYPES = ("Polygon", "MultiPolygon")
 
 
@@ -77,10 +78,10 @@ def convert_map_layer(
     Parameters
     ----------
     path : the file.
-    format_name : as reports name it.
+    format_name : name of the format in reports.
     layer : shapes with their attributes.
-    choice : the operator's.
-    more : as `imported` takes it.
+    choice : the operator's choice.
+    more : further arguments of `build_imported_map`.
 
     Returns
     -------
@@ -89,7 +90,7 @@ def convert_map_layer(
     Raises
     ------
     RefusedInput : the map cannot be used.
-    OSError : a file next to it cannot be read.
+    OSError : a companion file cannot be read.
     """
     features = _list_features(layer)
     findings = list(layer.findings)
@@ -117,8 +118,8 @@ def _is_polygon_shape(shape: shapely.Geometry | None) -> bool:
     return shape is not None and shape.geom_type in POLYGON_TYPES and not shape.is_empty
 
 
-# Returns the layer's polygons, numbered as its shapes.
 def _list_features(layer: Layer) -> list[Feature]:
+    """Returns the layer's polygons, numbered as its shapes."""
     found = []
     for number, (row, shape) in enumerate(zip(layer.rows, layer.shapes, strict=True), start=1):
         if not _is_polygon_shape(shape):
@@ -138,7 +139,7 @@ def _list_features(layer: Layer) -> list[Feature]:
 def write_map_layers(data: MapData, path: Path) -> None:
     """Writes a polygon for each zone, or for each cell of a grid; fallbacks and field are lost.
     Raises RefusedInput, OSError."""
-    # Imported here: `write` imports this module.
+    # This import is local, because `write` imports this module.
     from topdress.drivers.files.prescriptions.write import list_map_zones
 
     zones = list_map_zones(data)
@@ -155,7 +156,7 @@ def write_map_layers(data: MapData, path: Path) -> None:
     )
 
 
-# Foreign member for what GeoJSON has no place for.
+# Foreign member for content that GeoJSON cannot express.
 OWN_MEMBER = "topdress"
 
 
@@ -179,10 +180,10 @@ def read_geojson_map(path: Path, choice: RateChoice) -> ImportedMap:
     )
 
 
-# Returns fallbacks and fields of the foreign member. Raises PrescriptionError.
 def _read_own_member(
     ours: dict[str, Any], path: Path
 ) -> tuple[Fallbacks, tuple[tuple[Floats, ...], ...]]:
+    """Returns fallbacks and fields of the foreign member. Raises PrescriptionError."""
     values = ours.get("fallbacks") or {}
     try:
         fallbacks = Fallbacks(**{name: float(value) for name, value in values.items()})

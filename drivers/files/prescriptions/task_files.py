@@ -1,5 +1,6 @@
-"""Which files does an ISO 11783-10 data transfer hold, and how are they read and written: in a
-folder or a zip, whatever the case of their names?"""
+"""Which files does an ISO 11783-10 data transfer contain, and how are they read and written? They
+are in a folder or a zip, and the case of their names does not matter.
+"""
 
 from __future__ import annotations
 
@@ -30,27 +31,27 @@ from topdress.drivers.files.xml_text import XmlError, XmlTotal, parse_xml_root
 
 @dataclass(frozen=True)
 class TaskSet:
-    """Names a task set. `inside`: the folder of the task file within `files`, with its slash;
-    empty: the top. `label`: for messages."""
+    """Names a task set. `inside` is the folder of the task file within `files`, with its slash;
+    empty for the top. `label` is the name in messages."""
 
     files: Files
     inside: str
     label: str
 
     def read(self, name: str) -> bytes | None:
-        """Returns the file's bytes; None where it is not there. Raises RefusedInput, OSError."""
+        """Returns the file's bytes; None for a missing file. Raises RefusedInput, OSError."""
         there = self._by_name.get((self.inside + name).casefold())
         return None if there is None else self.files.read(there)
 
     @cached_property
     def _by_name(self) -> dict[str, str]:
-        """Returns names by their small letters, the first of equal ones."""
+        """Names by their small letters, the first of equal names."""
         return {name.casefold(): name for name in reversed(self.files.names)}
 
 
 def find_task_sets(path: Path) -> list[TaskSet]:
-    """Returns the task sets at a path: a TASKDATA.XML, or a folder or zip that holds some,
-    however deep. Raises RefusedInput for a zip that cannot be opened, OSError."""
+    """Returns the task sets at a path: a TASKDATA.XML, or all task sets of a folder or zip at any
+    depth. Raises RefusedInput for a zip that cannot be opened, OSError."""
     if path.suffix.lower() == ".xml" and not path.is_dir():
         return [TaskSet(Folder(path.parent, deep=False), "", str(path))] if path.is_file() else []
     if not path.is_dir() and path.suffix.lower() != ".zip":
@@ -69,15 +70,15 @@ def choose_task_set(path: Path, inside: str | None = None) -> TaskSet | None:
     Parameters
     ----------
     path : a TASKDATA.XML, folder or zip.
-    inside : names a task set where there are several.
+    inside : name of a task set where the path has several.
 
     Returns
     -------
-    None : there is none.
+    the task set, or None without a task set.
 
     Raises
     ------
-    RateQuestion : there are several.
+    RateQuestion : the path has several task sets.
     RefusedInput : a zip cannot be opened.
     OSError : a file cannot be opened.
     """
@@ -119,8 +120,8 @@ def read_task_tree(files: TaskSet) -> ElementTree.Element:
     return root
 
 
-# Returns the root of an XML file, within the limits of the whole set. Raises RefusedInput.
 def _parse_limited_xml(data: bytes, label: str, total: XmlTotal) -> ElementTree.Element:
+    """Returns the root of an XML file, within the limits of the whole set. Raises RefusedInput."""
     total.bytes += len(data)
     check_limit(XML, total.bytes, total.label)
     try:
@@ -129,7 +130,7 @@ def _parse_limited_xml(data: bytes, label: str, total: XmlTotal) -> ElementTree.
         raise PrescriptionError(label, "not readable as XML: {why}", why=error) from None
 
 
-# Letters of a name (designator) in the public schema of version 4.3.
+# Largest number of letters of a name (designator) in the public schema of version 4.3.
 MAX_NAME_LENGTH = 32
 # Well-known text (ESRI) of degrees on WGS84, as a `.prj` holds it.
 WGS84_PRJ = (
@@ -139,8 +140,8 @@ WGS84_PRJ = (
 
 
 def make_task_root(from_terminal: bool) -> Element:
-    """Returns the root element, version 4.3. `from_terminal`: written after the work, not before
-    it."""
+    """Returns the root element, version 4.3. `from_terminal` means that the file is written after
+    the work instead of before it."""
     version = find_software_version()
     root = Element(
         "ISO11783_TaskData",
@@ -148,7 +149,7 @@ def make_task_root(from_terminal: bool) -> Element:
         VersionMinor="3",
         ManagementSoftwareManufacturer="topdress",
         ManagementSoftwareVersion=version,
-        # 1: management software (FMIS); 2: terminal (MICS).
+        # 1 is management software (FMIS), 2 a terminal (MICS).
         DataTransferOrigin="2" if from_terminal else "1",
     )
     if from_terminal:
@@ -158,14 +159,14 @@ def make_task_root(from_terminal: bool) -> Element:
 
 
 def format_degrees(value: float) -> str:
-    """Returns a place's degrees: nine decimals at most, as the public schema has them (0.1 mm),
-    never with an exponent."""
+    """Returns degrees with at most nine decimals, as in the public schema (0.1 mm), never with an
+    exponent."""
     return np.format_float_positional(round(value, 9), trim="-")
 
 
 def format_cell_degrees(value: float) -> str:
-    """Returns the size of a grid's cell: the shortest decimal that reads back the same, because
-    its error adds up cell by cell."""
+    """Returns the size of a grid's cell as the shortest decimal that reads back the same, because
+    its error accumulates from cell to cell."""
     return np.format_float_positional(value, trim="-")
 
 
@@ -180,13 +181,13 @@ def add_polygon_element(parent: Element, rings: Sequence[Floats], kind: str) -> 
 
 
 def clean_task_name(text: str) -> str:
-    """Returns a name as the public schema allows it: at most 32 letters, none that XML has no
-    place for."""
+    """Returns a name that the public schema allows: at most 32 letters, without characters that XML
+    cannot hold."""
     return "".join(letter for letter in text if letter.isprintable())[:MAX_NAME_LENGTH].strip()
 
 
 def write_task_files(path: Path, root: Element, files: Mapping[str, bytes]) -> None:
-    """Writes a zip where the path ends in .zip, else a folder (that of a path that ends in
+    """Writes a zip for a path that ends in .zip, else a folder (the folder of a path that ends in
     .xml). Raises OSError."""
     ElementTree.indent(root)
     text = bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True))

@@ -1,5 +1,6 @@
-"""What can an operator choose at an import of a prescription, what is the result, and which
-errors may occur?"""
+"""Which choices does an operator have at the import of a prescription, which result does it give,
+and which errors may occur?
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from topdress.control.recordings.finding import Finding
 from topdress.control.targets.prescription import Fallbacks, MapData
 from topdress.drivers.plain_text import PlaceInFile, RefusedInput
 
-# Highest rate of a map, kg/ha: 20 t/ha of lime; more is a wrong unit.
+# Highest rate of a map, kg/ha: 20 t/ha of lime; a higher rate has a wrong unit.
 MAX_RATE_KG_HA = 20_000.0
 # Column of a rule by zones of yield or soil, and the largest factor: double the rate.
 ZONE_FACTOR, MAX_ZONE_FACTOR = "factor", 2.0
@@ -26,18 +27,18 @@ LB_AC_KG_HA = 0.45359237 / ACRE_HA
 # A US gallon per acre, l/ha; the gallon is 3.785411784 l.
 GAL_AC_L_HA = 3.785411784 / ACRE_HA
 
-# kg/ha for one of each unit.
+# Factors from each unit to kg/ha.
 MASS_UNITS: dict[str, float] = {
     "kg/ha": 1.0,
     "t/ha": 1000.0,
     "g/m2": 10.0,
     "mg/m2": 0.01,
     "lb/ac": LB_AC_KG_HA,
-    # a mu is a fifteenth of a hectare
+    # A mu is a fifteenth of a hectare.
     "kg/ac": 1.0 / ACRE_HA,
     "kg/mu": 15.0,
 }
-# l/ha for one of each unit.
+# Factors from each unit to l/ha.
 VOLUME_UNITS: dict[str, float] = {
     "l/ha": 1.0,
     "mm3/m2": 0.01,
@@ -45,29 +46,29 @@ VOLUME_UNITS: dict[str, float] = {
     "gal/ac": GAL_AC_L_HA,
     "l/ac": 1.0 / ACRE_HA,
 }
-# kg of nitrogen per ha for one of each unit.
+# Factors from each unit to kg of nitrogen per ha.
 NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 RATE_UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
-# Source of the unit where no file names it: plain kg/ha.
+# Source of the unit where the file names none: plain kg/ha.
 UNIT_NOT_NAMED = "as the file names no unit"
 
 
 class PrescriptionError(RefusedInput):
-    """The file cannot be used: file, place, value and what is allowed."""
+    """Reports an unusable file with file, place, value and the permitted values."""
 
 
 class NotAMapError(PrescriptionError):
-    """Nothing in the file says that it is a prescription map."""
+    """Reports that the content shows no prescription map."""
 
 
 class NoPolygonsError(PrescriptionError):
-    """There is no polygon in the file; it may hold points."""
+    """Reports that the file has no polygon; it may contain points."""
 
 
 class RateQuestion(PrescriptionError):
-    """The file can be used once the operator has chosen between several readings. columns: those
-    of numbers, where the question is for a column."""
+    """Reports that the operator must choose between several readings of the file. `columns` lists
+    the columns of numbers, where the question is about a column."""
 
     def __init__(
         self,
@@ -83,26 +84,30 @@ class RateQuestion(PrescriptionError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateChoice:
-    """Holds what the operator chose; None: what the file says, or the plain default."""
+    """Holds the operator's choices; None means the file's own statement, or the default."""
 
-    # of a shapefile or GeoJSON; None: the one numeric column, or a known name
+    # Column of a shapefile or GeoJSON; None means the only numeric column, or a known name.
     column: str | None = None
-    unit: str | None = None  # one of UNITS; None: kg/ha
-    scale: float = 1.0  # on top of the unit
-    density_kg_l: float | None = None  # of the product; needed for volumes
-    n_fraction: float | None = None  # N in the product; needed for rates of nitrogen
+    # One of `RATE_UNITS`; None means kg/ha.
+    unit: str | None = None
+    # Factor in addition to the unit.
+    scale: float = 1.0
+    # Density of the product, needed for volumes.
+    density_kg_l: float | None = None
+    # Share of nitrogen in the product, needed for rates of nitrogen.
+    n_fraction: float | None = None
     default_kg_ha: float | None = None
     outside_kg_ha: float | None = None
     lost_kg_ha: float | None = None
-    # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
+    # Layer of a task file with several layers: TASK/DDI or TASK/DDI/PRODUCT.
     layer: str | None = None
-    # of a table of places in metres: 32N
+    # UTM zone of a table of positions in metres: 32N.
     zone: str | None = None
-    # of a folder or zip with several: the task set or shapefile
+    # Task set or shapefile in a folder or zip with several.
     inside: str | None = None
-    # where a task file contradicts itself
+    # Source of the rate where a task file contradicts itself.
     rate_from: Literal["ddi", "presentation"] | None = None
-    # the numbers are the canopy's index of this name, or ZONE_FACTOR, not rates
+    # Name of the canopy's index, or ZONE_FACTOR, that the numbers hold instead of rates.
     index: str | None = None
     # Working width, m, to which a raster of too many cells is averaged.
     width_m: float | None = None
@@ -110,19 +115,22 @@ class RateChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedMap:
-    """Holds a prescription as read. `unit`: of the file's numbers; `factor`: from it to kg of
-    product per ha."""
+    """Holds a prescription as read. `unit` is the unit of the file's numbers, `factor` converts
+    them to kg of product per ha."""
 
     path: Path
-    format: str  # isoxml, shapefile, geojson
+    # Name of the format: isoxml, shapefile, geojson.
+    format: str
     data: MapData
     unit: str
     factor: float
-    layers: tuple[str, ...] = ()  # all that the file holds
+    # Names of all layers in the file.
+    layers: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
-    # which column the rates are, and why that one
+    # The column of the rates, and the reason of its choice.
     rate_from: str = "the task's process data"
-    unit_from: str = "by the data dictionary"  # who says what they are in
+    # The source of the unit.
+    unit_from: str = "by the data dictionary"
 
 
 def calc_factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
@@ -130,8 +138,9 @@ def calc_factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> floa
 
     Parameters
     ----------
-    choice : the operator's, with density (kg/l) or share of nitrogen where the unit needs it.
-    unit : one of UNITS.
+    choice : the operator's choice, with density (kg/l) or share of nitrogen where the unit needs
+    it.
+    unit : one of `RATE_UNITS`.
     where : place in the file, for messages.
 
     Returns
@@ -177,7 +186,7 @@ def _choose_error_class(given: float | None) -> type[PrescriptionError]:
 
 
 def check_degrees(path: Path, places: NDArray[np.float64]) -> None:
-    """Refuses places (n, 2) that are no latitude and longitude. Raises PrescriptionError."""
+    """Refuses positions (n, 2) that are no latitude and longitude. Raises PrescriptionError."""
     lat_deg, lon_deg = np.abs(places).max(axis=0).tolist()
     if not (isfinite(lat_deg) and isfinite(lon_deg)):
         raise PrescriptionError(path, "a corner is not finite: allowed are degrees")
@@ -202,7 +211,7 @@ def check_degrees(path: Path, places: NDArray[np.float64]) -> None:
 
 
 def check_rate_kg_ha(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:
-    """Returns the rate, kg/ha, where it is possible. Raises PrescriptionError."""
+    """Returns the rate, kg/ha, if it is possible. Raises PrescriptionError otherwise."""
     if not 0.0 <= rate_kg_ha <= MAX_RATE_KG_HA:
         raise PrescriptionError(
             where(),
@@ -214,7 +223,7 @@ def check_rate_kg_ha(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> flo
 
 
 def check_index_value(value: float, name: str, where: Callable[[], PlaceInFile]) -> float:
-    """Returns an index of the canopy: water and bare ground below 0 count as 0. Raises
+    """Returns an index of the canopy; values of water and bare ground below 0 count as 0. Raises
     PrescriptionError for a number out of range."""
     if name == ZONE_FACTOR:
         if not 0.0 <= value <= MAX_ZONE_FACTOR:
@@ -237,7 +246,7 @@ def check_index_value(value: float, name: str, where: Callable[[], PlaceInFile])
 
 
 def apply_fallback_choice(found: Fallbacks, choice: RateChoice, where: PlaceInFile) -> Fallbacks:
-    """Returns the file's fallbacks, replaced by those that the operator chose. Raises
+    """Returns the file's fallbacks, replaced by the fallbacks that the operator chose. Raises
     PrescriptionError."""
     picked = {
         name: value

@@ -1,5 +1,6 @@
-"""How is a prescription written: ISO 11783-10 task (zones, grid of type 1 or 2), GeoJSON,
-shapefile?"""
+"""How is a prescription written? Formats are ISO 11783-10 task (zones, grid of type 1 or 2),
+GeoJSON and shapefile.
+"""
 
 from __future__ import annotations
 
@@ -31,26 +32,26 @@ from topdress.drivers.files.prescriptions.task_files import (
 )
 from topdress.drivers.files.prescriptions.words import PrescriptionError
 
-# Steps of DDI 6 are mg/m2: 100 of them are 1 kg/ha.
+# Steps of DDI 6 are mg/m2; 100 of them are 1 kg/ha.
 MG_M2_PER_KG_HA = 100.0
 # Codes of the task's zones.
 DEFAULT_ZONE, LOST_ZONE, OUTSIDE_ZONE, CELL_ZONE = "0", "1", "2", "3"
 # Codes after the three fallbacks belong to rates.
 FIRST_RATE_CODE = 3
-# Codes 0 to 254 less the three fallbacks.
+# Number of codes 0 to 254 minus the three fallbacks.
 MAX_RATE_LEVELS = 252
 
 
 def write_prescription(data: MapData, path: Path) -> None:
-    """Writes a prescription by the path's ending: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip
+    """Writes a prescription by the path's suffix: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip
     (task), else a folder for a task.
 
-    Task files hold whole mg/m2 (0.01 kg/ha). A shapefile has no place for fallbacks and field.
+    Task files hold integers in mg/m2 (0.01 kg/ha). A shapefile cannot hold fallbacks and field.
 
     Raises
     ------
-    PrescriptionError : a task file has no room for so many rates.
-    ValueError : an unusable map.
+    PrescriptionError : the map has more rates than a task file can hold.
+    ValueError : the map is unusable.
     OSError : the file cannot be written.
     """
     path = Path(path)
@@ -72,7 +73,8 @@ def write_prescription(data: MapData, path: Path) -> None:
 
 
 def describe_losses(data: MapData, path: Path) -> str:
-    """Returns what the format has no place for, in a sentence; empty: it holds all."""
+    """Returns the content that the format cannot hold, in a sentence; empty where it holds
+    everything."""
     lost = (
         [
             f"rates where the map says nothing ({data.fallbacks.default_kg_ha:g} in the field, "
@@ -89,14 +91,14 @@ def describe_losses(data: MapData, path: Path) -> str:
 
 
 def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
-    """Returns the task file's tree and the files next to it, valid against the public schema of
-    version 4.3.
+    """Returns the task file's tree and its other files, valid against the public schema of version
+    4.3.
 
     Zones of the same rate share a code.
 
     Raises
     ------
-    PrescriptionError : more than MAX_RATE_LEVELS rates of zones.
+    PrescriptionError : the zones have more than MAX_RATE_LEVELS rates.
     """
     root = make_task_root(from_terminal=False)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
@@ -107,7 +109,7 @@ def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
         A="TSK1",
         B=clean_task_name(data.title) or "prescription",
         G="1",
-        # H, I, J name the zones where nothing else holds.
+        # H, I and J name the zones for places outside of all others.
         H=DEFAULT_ZONE,
         I=LOST_ZONE,
         J=OUTSIDE_ZONE,
@@ -138,8 +140,8 @@ def build_prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
 
 
 def _add_rate_zones(task: Element, data: MapData) -> None:
-    """Adds a zone for each rate, with the polygons of that rate; where zones overlap, only the
-    ground where each holds."""
+    """Adds a zone for each rate, with the polygons of that rate; of overlapping zones only the
+    ground where each applies is written."""
     by_rate: dict[int, list[Zone]] = {}
     for zone in separate_zones(data.zones):
         by_rate.setdefault(round(zone.rate_kg_ha * MG_M2_PER_KG_HA), []).append(zone)
@@ -162,9 +164,9 @@ def _add_rate_zones(task: Element, data: MapData) -> None:
         _add_rate_value(element, steps / MG_M2_PER_KG_HA, data)
 
 
-# Adds the grid and its zones, and returns the bytes of its cells: codes (type 1) where they
-# suffice, else rates (type 2).
+# The cells hold codes (type 1) if those are sufficient, else rates (type 2).
 def _add_rate_grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
+    """Adds the grid and its zones, and returns the bytes of its cells."""
     rows, columns = grid.rate_kg_ha.shape
     steps = np.round(grid.rate_kg_ha * MG_M2_PER_KG_HA)
     levels = np.unique(steps[np.isfinite(steps)])
@@ -211,8 +213,8 @@ def _add_rate_grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
     return cells
 
 
-# Adds a zone's rate as process data (DDI 6).
 def _add_rate_value(zone: Element, rate_kg_ha: float, data: MapData) -> None:
+    """Adds a zone's rate as process data (DDI 6)."""
     variable = SubElement(
         zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1"
     )
@@ -220,8 +222,8 @@ def _add_rate_value(zone: Element, rate_kg_ha: float, data: MapData) -> None:
         variable.set("C", "PDT1")
 
 
-# Writes GeoJSON, with fallbacks and fields in a foreign member.
 def _write_geojson(data: MapData, path: Path) -> None:
+    """Writes GeoJSON, with fallbacks and fields in a foreign member."""
     features = [
         {
             "type": "Feature",
@@ -255,7 +257,7 @@ def _write_geojson(data: MapData, path: Path) -> None:
 
 def _write_shapefile(data: MapData, path: Path) -> None:
     with shapefile.Writer(str(path), shapeType=shapefile.POLYGON, encoding="utf-8") as writer:
-        # dBASE: 18 digits, 8 of them decimals.
+        # A dBASE number has 18 digits, 8 of them decimals.
         writer.field("rate_kg_ha", "N", 18, 8)
         writer.field("title", "C", 60)
         for zone in list_map_zones(data):
@@ -288,8 +290,8 @@ def _close_ring_lon_lat(ring: Floats) -> list[list[float]]:
 
 
 def _orient_rings(rings: tuple[Floats, ...]) -> list[list[tuple[float, float]]]:
-    """Returns rings of longitude and latitude; the outline clockwise, holes the other way, as a
-    shapefile wants."""
+    """Returns rings of longitude and latitude, the outline clockwise and holes counter-clockwise,
+    as a shapefile requires."""
     found = []
     for k, corners in enumerate(rings):
         lat, lon = corners[:, 0] - corners[0, 0], corners[:, 1] - corners[0, 1]
